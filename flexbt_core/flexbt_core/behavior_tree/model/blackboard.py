@@ -44,16 +44,16 @@ class Entry:
 
     @classmethod
     def constant(cls, value: Any) -> Entry:
-        """Return an entry of no blackboard, that holds a value for good."""
+        """Return an entry with a constant value that belongs to no blackboard."""
         entry = cls(None)
         entry.value = value
         return entry
 
     def write(self, value: Any) -> None:
-        """Take the value as it is. The caller has checked the type.
+        """Store the value unchanged. The caller has checked the type.
 
-        Two stores, and no call between them: no other thread comes between a value and its number. So who does not need
-        what the entry held before needs no lock; and may write these two lines out where a call would take too long.
+        Two stores without a call between them, so no other thread runs between them. A caller that does not need the
+        previous value needs no lock, and may inline these two lines where a call would take too long.
         """
         self.value = value
         self.sequence += 1
@@ -79,9 +79,9 @@ class Blackboard:
         self._autoremap = False
 
     def with_own(self, keys: Iterable[str]) -> Blackboard:
-        """Return a topmost scope with all entries of this one, but those of ``keys``: of these it has its own.
+        """Return a topmost scope that shares all entries of this one, except private ones for ``keys``.
 
-        So several trees share what they hand to each other, and each has to itself what belongs to one run of it.
+        So several trees share the data that they exchange, and each keeps the data of its run private.
         """
         board = Blackboard()
         board.lock = self.lock
@@ -108,7 +108,7 @@ class Blackboard:
     # -- access ------------------------------------------------------------------------------------------------------
 
     def entry(self, key: str) -> Entry | None:
-        """Return the entry that ``key`` means in this scope, wherever it lives; None when there is none."""
+        """Return the entry that ``key`` means in this scope, in any scope; None if it does not exist."""
         board: Blackboard | None = self
         while board is not None:
             if key.startswith('@'):
@@ -135,7 +135,7 @@ class Blackboard:
         return (board._root, key[1:]) if key.startswith('@') else (board, key)
 
     def get(self, key: str) -> Any:
-        """Return the value of ``key``. Raises BlackboardError when there is none, or when it was never written."""
+        """Return the value of ``key``. Raises BlackboardError if it is missing or was never written."""
         entry = self.entry(key)
         if entry is None:
             raise BlackboardError(f'missing key [{key}]', is_absent=True)
@@ -221,7 +221,7 @@ class Blackboard:
             entry.write(value)
 
     def unset(self, key: str) -> None:
-        """Remove the entry from this scope; neither remapping nor ``@`` apply. Harmless when there is none."""
+        """Remove the entry from this scope; neither remapping nor ``@`` apply. No error if it is missing."""
         if key not in self._entries:
             return
         with self.lock:
@@ -243,7 +243,7 @@ class Blackboard:
             return dict(self._entries)
 
     def snapshot(self) -> dict[str, Any]:
-        """Keys and values of this scope at one moment, without those that were never written."""
+        """Return keys and values of this scope at one moment, without entries that were never written."""
         with self.lock:
             return {key: entry.value for key, entry in self._entries.items() if entry.value is not EMPTY}
 

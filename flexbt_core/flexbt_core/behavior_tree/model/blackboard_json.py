@@ -70,7 +70,7 @@ class JsonTypes:
         to_json: Callable[[_Object], dict[str, Any]],
         from_json: Callable[[dict[str, Any]], _Object],
     ) -> None:
-        """Make the objects of a class known. Raises ValueError when the name or the class is."""
+        """Register a class. Raises ValueError if its name or the class is registered already."""
         if name in self._by_name or python_type in self._by_class or name in _BUILTIN_VALUES:
             raise ValueError(f'the JSON type {name!r}, or its class {python_type.__qualname__}, is registered already')
         entry = JsonObject(name, PortType(python_type.__qualname__, python_type), to_json, from_json)
@@ -83,7 +83,7 @@ class JsonTypes:
         return self._by_name.get(name)
 
     def port_type(self, name: str) -> PortType | None:
-        """Return the type of entries that has this name; None when it is not known."""
+        """Return the entry type of this name; None if it is unknown."""
         known = _SCALARS.get(name)
         if known is None and name.startswith('std::vector<') and name.endswith('>'):
             element = self.port_type(name.removeprefix('std::vector<')[:-1])
@@ -203,7 +203,7 @@ def _encode_entry(kind: PortType | None, value: Any, types: JsonTypes) -> Any:
 
 
 def _is_told(kind: PortType | None, value: Any, types: JsonTypes) -> bool:
-    """Return whether the value alone says that its entry has this type."""
+    """Return whether the value alone implies this type of its entry."""
     told = _natural_type(value, types)
     if kind is None or told is None:
         return kind is told
@@ -211,7 +211,7 @@ def _is_told(kind: PortType | None, value: Any, types: JsonTypes) -> bool:
 
 
 def _natural_type(value: Any, types: JsonTypes) -> PortType | None:
-    """Return the type of an entry that is made for a value of which nothing else is known."""
+    """Return the type of a new entry for a value without further information."""
     if isinstance(value, str | int | float) and not isinstance(value, Enum):
         return None
     known = types.of_class(value.__class__)
@@ -248,7 +248,7 @@ def _decode_entry(item: Any, types: JsonTypes, present: Entry | None) -> tuple[P
 
 
 def _encode(value: Any, types: JsonTypes, depth: int) -> Any:
-    """Return the JSON of a value. Raises ConversionError when it has none that :func:`_decode` could read."""
+    """Return the JSON of a value. Raises ConversionError if :func:`_decode` could not read it back."""
     if depth > _MAX_DEPTH:
         raise ConversionError(f'a value is nested more than {_MAX_DEPTH} deep')
     if value is None or value is True or value is False or value.__class__ is str:
@@ -282,7 +282,7 @@ def _checked(fields: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def _decode(item: Any, types: JsonTypes, depth: int) -> Any:
-    """Return the value of which this is the JSON. Raises ConversionError."""
+    """Return the value that this JSON represents. Raises ConversionError."""
     if depth > _MAX_DEPTH:
         raise ConversionError(f'a value is nested more than {_MAX_DEPTH} deep')
     if isinstance(item, list):

@@ -109,7 +109,7 @@ class NodeDefinition(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The node as an error names it."""
+        """Name of the node in errors."""
         id = self.tree_id or self.manifest.id
         return f'<{self.manifest.id} {self.name!r}>' if self.name != id or self.tree_id else f'<{id}>'
 
@@ -276,7 +276,7 @@ class _Checker:
         self._own_nodes[key] = count
 
     def _check_order(self) -> Iterator[LoadError]:
-        """Visits trees after those that they refer to: finds recursion, and counts the nodes of each as expanded."""
+        """Visit trees after those that they refer to; find recursion, and count the nodes of each expanded tree."""
         sizes: dict[TreeKey, int] = {}
         for start in self._references:
             path: dict[TreeKey, Iterator[tuple[NodeDefinition, TreeKey]]] = {}
@@ -309,7 +309,7 @@ class _Checker:
         return tree.error(tree.root, message)
 
 
-# What nodes, trees and ports may be called.
+# Valid names of nodes, trees and ports.
 
 # Attributes that any node may have, and which no port can be named after (reference: BehaviorTree.CPP 4).
 PRE_POST_ATTRIBUTES: Final = frozenset(
@@ -321,7 +321,7 @@ FORBIDDEN_IN_NAMES: Final = frozenset(' \t\r\n<>&"\'/\\:*?|.')
 
 @functools.lru_cache(1024)
 def port_name_problem(name: str) -> str:
-    """Why ``name`` cannot name a port; '' when it can."""
+    """Return why ``name`` is not valid for a port; '' if it is valid."""
     if not name:
         return 'a port name cannot be empty'
     if name in RESERVED_ATTRIBUTES:
@@ -341,7 +341,7 @@ def model_name_problem(name: str, allowed: str = '') -> str:
 
 
 def tree_name_problem(name: str) -> str:
-    """Why ``name`` cannot be the ID of a tree; '' when it can.
+    """Return why ``name`` is not valid as the ID of a tree; '' if it is valid.
 
     It may have blanks between its words: BehaviorTree.CPP up to 4.8 takes them, and MoveIt Pro's trees have them.
     """

@@ -150,7 +150,7 @@ class NodeExecutionError(BehaviorTreeError):
 
 
 class TickAbandoned(NodeExecutionError):
-    """A callback has ended a tick: the tree is to be stopped, and the rest of the tick must not begin anything."""
+    """A callback ended a tick to stop the tree; the rest of the tick must not start any work."""
 
 
 def _text_of(cause: BaseException | str) -> str:
@@ -159,7 +159,7 @@ def _text_of(cause: BaseException | str) -> str:
     name = type(cause).__name__
     try:
         text = str(cause)
-    except Exception:  # code of others as well
+    except Exception:  # also from user code
         text = 'its text cannot be made'
     return f'{name}: {text}' if text else name
 
@@ -226,7 +226,7 @@ class Source:
         self._line_starts: list[int] | None = None
 
     def position(self, offset: int) -> tuple[int, int]:
-        """Line and column, from 1, of the character at ``offset``."""
+        """Return line and column, from 1, of the character at ``offset``."""
         if self._line_starts is None:
             self._line_starts = [0, *(match.end() for match in re.finditer('\n', self.text))]
         line = bisect.bisect_right(self._line_starts, offset)

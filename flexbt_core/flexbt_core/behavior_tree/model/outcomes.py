@@ -54,7 +54,7 @@ def _at_once(results: Iterable[NodeStatus]) -> dict[NodeStatus, float]:
 
 
 def _earlier(results: dict[NodeStatus, float], result: NodeStatus, time: float) -> None:
-    """Take note that a result may come at this time."""
+    """Record that a result is possible at this time."""
     if time < results.get(result, math.inf):
         results[result] = time
 
@@ -288,7 +288,7 @@ class Recovered(Outcomes):
         return None if self._count(values) == 0 else Outcomes.deciding(self, values, child)
 
     def _count(self, values: Mapping[str, PortValue]) -> int | None:
-        """None when it is not known before a run."""
+        """Return the number of retries; None if it is unknown before a run."""
         count = values[self.port].literal if self.port in values else None
         return count if isinstance(count, int) else None
 

@@ -244,7 +244,7 @@ def real_from_text(text: str) -> float:
 
 
 def number_from_text(text: str) -> float | None:
-    """Return the decimal number that ``text`` is as a whole; None when it is none."""
+    """Return the whole ``text`` as a decimal number; None if it is not one."""
     try:
         return decimal(text) if _REAL_PREFIX.fullmatch(text) else None
     except ConversionError:
@@ -252,7 +252,7 @@ def number_from_text(text: str) -> float | None:
 
 
 def bool_from_text(text: str) -> bool:
-    """``0 1 true True TRUE false False FALSE``, and nothing else."""
+    """Return a bool for ``0 1 true True TRUE false False FALSE``; raise ConversionError for other text."""
     try:
         return _BOOLEANS[text]
     except KeyError:
@@ -378,7 +378,7 @@ def fits(value: int, kind: PortType) -> bool:
 
 
 def cast(value: Any, wanted: PortType) -> Any:
-    """``value``, read as ``wanted``. Raises ConversionError when that would lose or guess something."""
+    """Return ``value`` converted to ``wanted``. Raises ConversionError if that would lose or guess data."""
     category = wanted.category
     if category == 'object':
         if isinstance(value, wanted.python_type):

@@ -44,7 +44,7 @@ class Variable(NamedTuple):
 
 
 class NotSpecializable(Exception):
-    """The script, with these kinds, is for the closures."""
+    """The script has no code for these kinds; the closures run it."""
 
 
 def variable_of(entry: Entry) -> Variable | None:
@@ -144,7 +144,7 @@ class _CodeWriter:
         self._depth = 0
 
     def statements(self, statements: Sequence[Expression]) -> _Code:
-        """Add the lines of a script; gives the code of the value of its last statement."""
+        """Add the lines of a script; return the code of the value of its last statement."""
         result = _Code('False', 'bool')
         for statement in statements:
             result = self._assign(statement) if isinstance(statement, Assignment) else self._expression(statement)
@@ -364,7 +364,7 @@ def _text(code: _Code) -> str:
 
 
 def _compared(symbol: str, left: _Code, right: _Code) -> str:
-    """See compare() in script_values."""
+    """Return the code of a comparison, see compare() in ``values``."""
     if (left.kind == 'text') is not (right.kind == 'text'):
         raise NotSpecializable
     if 'real' not in (left.kind, right.kind):

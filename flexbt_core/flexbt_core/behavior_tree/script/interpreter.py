@@ -68,7 +68,7 @@ class CompiledScript:
         return ScriptScope(board, len(self.names))
 
     def evaluate(self, scope: ScriptScope) -> Value:
-        """Run the closures; gives the value of the last statement, EMPTY when there is none."""
+        """Run the closures; return the value of the last statement, EMPTY if the script has none."""
         value: Value = EMPTY
         for closure in self._closures:
             value = closure(scope)
@@ -171,7 +171,7 @@ class ScriptLibrary:
         """Return the script of this text, shared by all its users. Raises ScriptError if the text is not a script."""
         script = self._scripts.get(text)
         if script is None:
-            # Not all at the same moment: to make code takes time.
+            # Spread out, since making code takes time.
             warm_up = self._warm_up and self._warm_up + len(self._scripts) % self._warm_up
             script = self._scripts[text] = CompiledScript(text, dict(self._enums), warm_up)
         return script

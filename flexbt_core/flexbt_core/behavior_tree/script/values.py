@@ -25,7 +25,7 @@ MAX_TEXTS: Final = 10_000_000
 """Characters of all texts on a blackboard, for an assignment of a text that is larger than SMALL_TEXT."""
 
 SMALL_TEXT: Final = 10_000
-"""Texts of more characters are looked at more closely."""
+"""Texts of more characters are checked against MAX_TEXTS."""
 
 Value = Any
 Operation = Callable[[Value, Value], Value]
@@ -258,9 +258,9 @@ def choose(value: Value) -> bool:
 
 
 def check_room(board: Blackboard, text: str) -> None:
-    """Whether a large text, which is about to be assigned, has room beside the others of the blackboard.
+    """Check that a large text to be assigned keeps all texts of the blackboard within MAX_TEXTS.
 
-    Raises ConversionError when it has not.
+    Raises ConversionError if it does not.
     """
     values = [*board.snapshot().values(), *(board.root.snapshot().values() if board.root is not board else ()), text]
     length = sum(map(len, {id(value): value for value in values if isinstance(value, str)}.values()))
@@ -304,7 +304,7 @@ class OutOfBounds(int):
 
 
 def _copied(entry: Entry, value: Value) -> Value:
-    """``value`` in the kind of number that the entry holds."""
+    """Return ``value`` as the kind of number that the entry holds."""
     current, kind = entry.value, entry.type
     if current.__class__ is value.__class__ is float:
         return value

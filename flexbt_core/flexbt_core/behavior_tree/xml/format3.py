@@ -47,7 +47,7 @@ def is_format_3(root: Element) -> bool:
 
 
 def make_format_4(root: Element) -> None:
-    """Rewrites the document in place. What is wrong with it is left for the reader of format 4 to report."""
+    """Rewrite the document in place. The reader of format 4 reports any errors in it."""
     for tree in root.children:
         if tree.tag == 'BehaviorTree':
             for element in list(_all(tree)):

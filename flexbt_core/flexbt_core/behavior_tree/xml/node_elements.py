@@ -42,7 +42,7 @@ class NodeTypes(Protocol):
     def get(self, id: str) -> NodeManifest | None: ...
 
     def suggestions(self, id: str) -> list[str]:
-        """Known IDs that look like ``id``, best first."""
+        """Return known IDs similar to ``id``, best first."""
 
     def __contains__(self, id: str) -> bool: ...
 
@@ -295,7 +295,7 @@ class NodeReader:
         return PortValue(text, None, value if kind.immutable else NO_DEFAULT)
 
     def _add_absent(self, element: Element, manifest: NodeManifest, values: dict[str, PortValue]) -> None:
-        """Defaults of the ports that are not given; those that have none and are needed are reported."""
+        """Add the defaults of absent ports; report required ports without a default."""
         for name, port in manifest.ports.items():
             if name in values or name in element.attributes:
                 continue

@@ -56,7 +56,7 @@ def load_xml(
 
 @contextlib.contextmanager
 def _without_collector() -> Iterator[None]:
-    """Nothing of what a document becomes is garbage, and the collector would go over all of it again and again."""
+    """Disable the garbage collector: a document makes no garbage, and each collection would scan all of it."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -97,7 +97,7 @@ class _Loader:
         )
 
     def _load_one(self, text: str | bytes, file: str) -> str | None:
-        """Add what one file defines; gives the tree that it names as the main one."""
+        """Add the definitions of one file; return the tree that it names as the main one."""
         self._open_files.append(file)
         try:
             if isinstance(text, bytes):
