@@ -26,7 +26,7 @@ class NavigationError(SimulationError):
 
 
 class GoalCanceled(Exception):
-    """The client has canceled a goal that is worked on."""
+    """The client has canceled an active goal."""
 
 
 class GraphError(FileError):

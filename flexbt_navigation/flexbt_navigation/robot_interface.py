@@ -64,7 +64,7 @@ class PoseWatch:
         self._look_after(timeout)
 
     def cancel(self) -> None:
-        """No pose is needed any more."""
+        """Stop the watch."""
         self._timer.cancel()
 
     def _look_after(self, seconds: float) -> None:
@@ -184,17 +184,17 @@ class RobotInterface:
 
     @property
     def silence(self) -> float:
-        """Time for which nobody has sent a pose, s of ``NodeRuntime.listening_time``; infinite before the first."""
+        """Time since the last pose, s of ``NodeRuntime.listening_time``; infinite before the first."""
         self._demand.take()
         return self._runtime.listening_time.handled - self._pose_heard
 
     def watch_pose(self, on_lost: Callable[[GoalEnd], None]) -> PoseWatch:
-        """Have ``on_lost`` called when no pose has come for the pose timeout, from now on."""
+        """Call ``on_lost`` when no pose arrives for the pose timeout, from now on."""
         return PoseWatch(self._runtime, self.parameters.pose_timeout, lambda: self.silence, on_lost)
 
     def forget_pose(self) -> None:
-        """Forget the pose, whose source is gone."""
-        self._demand.take_all()  # nothing that it has said before is news
+        """Forget the pose, because its source is gone."""
+        self._demand.take_all()  # earlier poses of that source are not new
         self._pose, self._pose_heard, self._was_gone = None, -math.inf, True
 
     def drive(self, linear: float, angular: float) -> None:

@@ -46,7 +46,7 @@ SAME_HEADING: Final = 0.02
 
 
 class Track:
-    """The straight lines between the positions of poses, however far apart these are. ``length`` in m."""
+    """A polyline through the positions of poses, at any spacing. ``length`` in m."""
 
     def __init__(self, poses: Sequence[Pose]) -> None:
         """``poses`` has at least one."""
@@ -55,7 +55,7 @@ class Track:
         self.length = self._at[-1]
 
     def moved(self, by: Pose) -> Track:
-        """Return the same one where it comes to when its frame, which was that of the map, moves to ``by``."""
+        """Return the track moved with its frame, which was the map frame and is now at ``by``."""
         moved = copy(self)
         moved._corners = [compose(by, Pose(*corner, 0.0))[:2] for corner in self._corners]
         return moved
@@ -76,7 +76,7 @@ class Track:
         return max(0, bisect_right(self._at, at) - 1)
 
     def heading(self, at: float) -> float:
-        """Return where it leads at a distance from the beginning, rad; 0 for a track without length."""
+        """Return the direction at a distance from the beginning, rad; 0 for a track without length."""
         index = min(max(bisect_right(self._at, at), 1), len(self._at) - 1)
         while index > 1 and self._at[index] == self._at[index - 1]:
             index -= 1
@@ -84,7 +84,7 @@ class Track:
         return math.atan2(to_y - y, to_x - x)
 
     def nearest(self, pose: Pose, begin: float, end: float) -> float:
-        """Where, between two distances from the beginning, the track comes nearest to a position."""
+        """Return the distance from the beginning, between two bounds, at which the track is nearest to a position."""
         best, least = begin, math.dist(self.point(begin), pose[:2])
         for (at, (x, y)), (next_at, (to_x, to_y)) in pairwise(self._part(begin, end)):
             dx, dy = to_x - x, to_y - y
@@ -108,7 +108,7 @@ class Track:
                 square = dx * dx + dy * dy
                 if square == 0.0:
                     return to_x, to_y
-                # Where a circle round the position cuts the line that leaves it.
+                # The intersection of a circle around the position with the line that leaves it.
                 half = (dx * (x - pose.x) + dy * (y - pose.y)) / square
                 share = -half + math.sqrt(max(0.0, half * half + (reach * reach - gap * gap) / square))
                 return x + share * dx, y + share * dy
@@ -128,7 +128,7 @@ class Track:
 
 @dataclass(frozen=True)
 class Leg:
-    """A part of a path that is driven in one direction."""
+    """A part of a path to drive in one direction."""
 
     track: Track
     backward: bool = False
@@ -202,7 +202,7 @@ class FollowerLimits:
     The look-ahead distance is ``lookahead_time`` of driving, within its bounds. Within ``approach_distance`` of the end
     the robot slows down to ``approach_speed``; where the path bends more than ``curvature_radius`` it slows down to no
     less than ``curve_speed``, and so it does where an obstacle is nearer than ``proximity_distance`` to its centre.
-    A turn of more than ``rotate_angle`` is made on the spot. Where the last one, to the heading of the goal, would
+    A turn of more than ``rotate_angle`` is made in place. Where the last one, to the heading of the goal, would
     collide within ``xy_tolerance`` of the goal, the robot drives on, and after ``patience`` turns at the goal only.
     No progress means less than ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle
     ahead is waited for, too. Collisions are looked for ``collision_time`` ahead, with the accelerations of the robot.
@@ -258,7 +258,7 @@ class FollowerLimits:
 
     @classmethod
     def of(cls, drive: DriveModel) -> FollowerLimits:
-        """For a robot of the simulated world. A car goes faster than a small robot, and brakes earlier."""
+        """Return the limits for a robot of the simulated world. A car is faster, and brakes earlier."""
         limits = cls(
             speed=min(cls.speed, drive.linear_speed),
             linear_acceleration=drive.linear_acceleration,
@@ -280,7 +280,7 @@ class ProgressChecker:
     """A checker that notices when the robot makes no progress. It outlives a change of the path.
 
     Only the time in which the robot was driven counts: if time runs away from a busy machine, a long delay of the
-    controller between two checks says nothing about the robot. It was held up when it took more than twice as long as
+    controller between two checks is no evidence about the robot. It was held up when it took more than twice as long as
     the shortest time between two checks before, and more than ``HELD_UP``.
     """
 
@@ -361,9 +361,9 @@ class PathFollower(Motion):
         before: PathFollower | None = None,
         drift: Callable[[], Pose] = lambda: STILL,
     ) -> None:
-        """``before`` followed the path that this one replaces: it is gone over to without a stop, and progress checker
-        and patience go on, as in Nav2. ``drift()``, asked at each step, tells where in the map the frame that the path
-        is fixed to has come to since the path was given, if it was that of the map then; it may raise NavigationError.
+        """``before`` followed the path that this one replaces. The robot does not stop for the change, and progress
+        checker and patience continue, as in Nav2. ``drift()``, called at each step, returns the motion in the map of
+        the path's frame since the path was sent. It may raise NavigationError.
 
         Raises:
             NavigationError: INVALID_PATH for one without poses, or with one that is not finite.
@@ -401,7 +401,7 @@ class PathFollower(Motion):
 
     @property
     def _track(self) -> Track:
-        """The part of the path that is driven now."""
+        """The part of the path that the robot is driving."""
         return self._legs[0].track
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
@@ -443,10 +443,10 @@ class PathFollower(Motion):
                     'turn on the spot: give a goal with another heading, or a greater yaw_goal_tolerance',
                 )
             is_beside = pose.distance(self._goal) > least
-            # Who had no room for it has to have room for all of it, so as not to go to and fro.
+            # After a turn without room, require room for the whole turn, so that the robot does not oscillate.
             velocity = self._last_turn(angle, pose, now, is_beside and self._no_room_since < math.inf)
             if velocity is None and is_beside:
-                # There may be room at the goal itself: soon nothing less will do.
+                # Drive on: the goal itself may have room. After the patience the robot turns only there.
                 self._no_room_since = min(self._no_room_since, now)
                 self._at_goal = False
                 velocity = self._pursue(pose, now)
@@ -469,7 +469,7 @@ class PathFollower(Motion):
         return velocity
 
     def _last_turn(self, angle: float, pose: Pose, now: float, is_whole: bool) -> Velocity | None:
-        """To the heading of the goal; None where that would collide, soon or, if ``is_whole``, at any time."""
+        """Return the turn to the heading of the goal; None if it collides soon or, if ``is_whole``, at any time."""
         turn = self._turn_by(angle)
         seconds = abs(angle / turn.angular)
         if not is_whole:
@@ -485,12 +485,12 @@ class PathFollower(Motion):
             self._goal, self._legs, self._drifted = compose(drifted, goal), left, drifted
 
     def _nearest(self, pose: Pose) -> float:
-        """Return where on the path the robot is: not much farther than it was, unless this is its first step on the
+        """Return the robot's distance along the path: not much farther than before, except at its first step on the
         path."""
         track = self._track
         near = track.nearest(pose, self._at, self._at + SEARCH_DISTANCE)
         if not self._has_begun:
-            # It was planned from where the robot was, which may have driven on for long meanwhile.
+            # The plan starts at an earlier position: the robot may have driven far since then.
             self._has_begun = True
             anywhere = track.nearest(pose, 0.0, track.length)
             gaps = [math.dist(track.point(at), pose[:2]) for at in (near, anywhere)]
@@ -511,7 +511,7 @@ class PathFollower(Motion):
         )
 
     def _pursue(self, pose: Pose, now: float) -> Velocity | None:
-        """Towards a point ahead on the path; where only the short cut to that is blocked, towards a nearer one."""
+        """Steer to a point ahead on the path, or to a nearer one where only the short cut is blocked."""
         limits = self._limits
         if self._is_close:
             return self._pursue_closely(pose, now)
@@ -529,11 +529,11 @@ class PathFollower(Motion):
         return None
 
     def _pursue_closely(self, pose: Pose, now: float) -> Velocity | None:
-        """Along a path that the robot can drive, and on straight beyond its end; slower where something is ahead."""
+        """Follow a drivable path closely, and straight beyond its end. Slow down for obstacles ahead."""
         limits, track, backward = self._limits, self._track, self._legs[0].backward
         heading = track.heading(self._at) + (math.pi if backward else 0.0)
         beside = math.dist(pose[:2], track.point(self._at)) + limits.turning_radius * abs(wrap(heading - pose.yaw))
-        # Who is not on the path, as where it was planned from another heading, gets there in a wide bend.
+        # A robot off the path, for example after planning from another heading, joins it in a wide bend.
         reach = max(CLOSE * limits.turning_radius, CLOSE_TIME * abs(self.speed), min(limits.turning_radius, beside))
         beyond = max(0.0, self._at + reach - track.length)
         heading = track.heading(track.length)
@@ -555,7 +555,7 @@ class PathFollower(Motion):
         return not any(map(self._costmap.in_collision, poses))
 
     def _led(self, pose: Pose, carrot: Pose, backward: bool) -> Velocity:
-        """Towards a point, with the front or with the back."""
+        """Steer to a point, forward or backward."""
         if not backward:
             return self._towards(pose, carrot)
         velocity = self._towards(pose._replace(yaw=wrap(pose.yaw + math.pi)), carrot)
@@ -587,7 +587,7 @@ class PathFollower(Motion):
         return Velocity(0.0, math.copysign(self._turn.speed(angle), angle))
 
     def _is_blocked(self, pose: Pose, carrot: Pose, velocity: Velocity) -> bool:
-        """By an obstacle before the carrot, where the way bends, as in Nav2. For a turn so does the way after it."""
+        """Return whether an obstacle blocks the arc before the carrot, as in Nav2. A turn includes the way after it."""
         limits = self._limits
         if velocity.linear:
             return self._collides(pose, velocity, min(limits.collision_time, pose.distance(carrot) / velocity.linear))
@@ -598,7 +598,7 @@ class PathFollower(Motion):
         return collides(self._costmap, pose._replace(yaw=pose.yaw + bearing), Velocity(limits.speed, 0.0), seconds)
 
     def _collides(self, pose: Pose, velocity: Velocity, seconds: float) -> bool:
-        """On the way from where the robot is when this takes effect."""
+        """Return whether the robot collides with this velocity, from its pose when the command takes effect."""
         coming, inertia = self._drive.foreseen(pose)
         return collides(self._costmap, coming, velocity, seconds, inertia)
 

@@ -42,7 +42,7 @@ class Inflation:
 
     @classmethod
     def of(cls, footprint: Shape, radius: float = 0.70, scaling: float = 3.0) -> Inflation:
-        """For the footprint of a robot.
+        """Return the inflation for the footprint of a robot.
 
         Raises:
             SimulationError: its centre is not inside of it.
@@ -76,7 +76,7 @@ class CellBox:
 
     @property
     def cells(self) -> tuple[slice, slice]:
-        """To index an array with."""
+        """Index of the box in an array."""
         return slice(self.bottom, self.top), slice(self.left, self.right)
 
     def grown(self, by: int, shape: Sequence[int]) -> CellBox:
@@ -105,7 +105,7 @@ class Costmap:
         self.squares, self.costs = self._inflated(CellBox(0, world.height, 0, world.width))
 
     def copy(self) -> Costmap:
-        """As it is now; for another thread, or for separate obstacles."""
+        """Return a copy, for another thread or for separate obstacles."""
         other = object.__new__(Costmap)
         other.world, other.inflation, other._reach = self.world, self.inflation, self._reach
         other.obstacles, other.squares, other.costs = self.obstacles.copy(), self.squares.copy(), self.costs.copy()
@@ -136,12 +136,12 @@ class Costmap:
 
     @cached_property
     def regions(self) -> NDArray[numpy.int32]:
-        """A number for each cell, the same where the robot can get from one to the other, 0 where it cannot be."""
+        """Region number of each cell: equal for cells connected for the robot, 0 where the robot cannot be."""
         labels: NDArray[numpy.int32] = scipy.ndimage.label(self.costs < INSCRIBED)[0]
         return labels
 
     def in_collision(self, pose: Pose) -> bool:
-        """Return whether the robot would overlap an obstacle there, or its centre be outside of the map."""
+        """Return whether the robot would overlap an obstacle at a pose, or its centre be outside the map."""
         return not self.world.contains(*self.world.cell(pose.x, pose.y)) or self.overlap(pose) > 0.0
 
     def overlap(self, pose: Pose) -> float:

@@ -63,7 +63,7 @@ class Observation:
 
 
 class LayeredCostmap:
-    """A costmap that follows what is seen. Only changes are recomputed.
+    """A costmap that is updated from scans. Only changed parts are recomputed.
 
     ``costmap`` is changed in place; another thread uses a copy of it.
     """
@@ -85,7 +85,7 @@ class LayeredCostmap:
         self.changes = 0
 
     def observe(self, observation: Observation, robot: Pose) -> None:
-        """Take over what a lidar has seen. Nothing is marked where the robot itself is."""
+        """Add an observation of a lidar. Cells under the robot are never marked."""
         world = self.costmap.world
         self._newest = observation, robot
         old, self._window = self._window, self.window(robot)
@@ -101,29 +101,29 @@ class LayeredCostmap:
         self._take_over(touched, before)
 
     def continue_from(self, before: LayeredCostmap) -> None:
-        """Take over what ``before``, on another map, has seen last."""
+        """Add the last observation of ``before``, a costmap on another map."""
         if before._newest is not None:
             self.observe(*before._newest)
 
     def window(self, robot: Pose) -> CellBox:
-        """Return the part of the grid round the robot whose obstacles are not forgotten."""
+        """Return the part of the grid around the robot in which obstacles are kept."""
         world = self.costmap.world
         if math.isinf(self._window_size):
             return CellBox(0, world.height, 0, world.width)
         return _square(world, robot, self._window_size)
 
     def clear(self) -> None:
-        """Forget all that was seen: Nav2's clear_entirely. The static map stays."""
+        """Clear all observed obstacles: Nav2's clear_entirely. The static map stays."""
         height, width = self._marks.shape
         self._forget(numpy.ones(self._marks.shape, bool), CellBox(0, height, 0, width))
 
     def clear_square(self, centre: Pose, size: float) -> None:
-        """Forget what was seen in a square, ``size`` m wide: Nav2's clear_around_robot and clear_around_pose."""
+        """Clear observed obstacles in a square, ``size`` m wide: Nav2's clear_around_robot and clear_around_pose."""
         box = _square(self.costmap.world, centre, size)
         self._forget(numpy.ones(self._marks[box.cells].shape, bool), box)
 
     def clear_except_square(self, centre: Pose, size: float) -> None:
-        """Forget what was seen outside of a square, ``size`` m wide: Nav2's clear_except_region."""
+        """Clear observed obstacles outside a square, ``size`` m wide: Nav2's clear_except_region."""
         outside = numpy.ones(self._marks.shape, bool)
         outside[_square(self.costmap.world, centre, size).cells] = False
         height, width = self._marks.shape

@@ -146,7 +146,7 @@ class CostmapServer:
         robot_pose: Callable[[], Pose],
         demand: Demand,
     ) -> None:
-        """``robot_pose()`` gives the pose of the robot, or raises NavigationError."""
+        """``robot_pose()`` returns the pose of the robot, or raises NavigationError."""
         self._demand = demand
         self._runtime = runtime
         self._parameters = parameters
@@ -220,7 +220,7 @@ class CostmapServer:
     # -- what comes in -----------------------------------------------------------------------------------------------
 
     def set_map(self, world: OccupancyMap) -> None:
-        """There is a new map. Of what was seen only the newest scan counts on."""
+        """Use a new map. Of earlier observations keep only the newest scan."""
         static = Costmap(world, self._parameters.inflation)
         before = self._kept
         # The local one keeps obstacles in a square around the robot: a rolling window as in Nav2.
@@ -232,7 +232,7 @@ class CostmapServer:
             self._publish(name)
 
     def add_pose(self, time: float, pose: Pose) -> None:
-        """Note where the robot was at a time, s."""
+        """Record the pose of the robot at a time, s."""
         if self._poses and (time <= self._poses[-1][0] or pose.distance(self._poses[-1][1]) > GREATEST_STEP):
             self._poses.clear()
         self._poses.append((time, pose))
@@ -263,8 +263,8 @@ class CostmapServer:
         self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
 
     def _observe(self) -> None:
-        """Take a scan over as soon as a pose is known that is not older, and the frame of the lidar: they come by
-        different topics."""
+        """Add a scan once the frame of the lidar and a pose at least as new are known: they arrive on different
+        topics."""
         scan = self._scan
         if scan is None or not self._poses or not self._kept:
             return
@@ -274,7 +274,7 @@ class CostmapServer:
             return
         self._scan = None
         if after == 0 and self._poses[0][0] > time:
-            return  # from before it was put there
+            return  # the scan is from before the robot was put there
         robot = _between(self._poses[max(0, after - 1)], self._poses[after], time)
         try:
             mounted = self._mounted(scan.header.frame_id)
@@ -316,7 +316,7 @@ class CostmapServer:
         return any(shown.get_subscription_count() for publishers in self._publishers.values() for shown in publishers)
 
     def _publish(self, name: str) -> None:
-        """For current subscribers; a later one gets the last message."""
+        """Publish for current subscribers. A later subscriber gets the last message."""
         shown, raw, footprint = self._publishers[name]
         if shown.get_subscription_count():
             box, info = self._shown_part(name)
@@ -408,14 +408,14 @@ class CostmapServer:
         return response
 
     def _get_cost(self, name: str, request: Any, response: Any) -> Any:
-        """As Nav2's of jazzy: -1 beside the costmap."""
+        """Return the cost as Nav2 jazzy does: -1 outside the costmap."""
         pose = Pose(request.x, request.y, request.theta)
         cost = self._cost_of(name, pose, use_footprint=request.use_footprint) if pose.is_place else None
         response.cost = -1.0 if cost is None else cost
         return response
 
     async def _get_costs(self, name: str, request: Any, response: Any) -> Any:
-        """As Nav2's of main: lethal beside the costmap, without success."""
+        """Return the costs as Nav2 main does: lethal outside the costmap, without success."""
         try:
             check_limits(request)
             poses = await self._map_frame.known([asked_pose(one, 'a pose', 'INVALID_INPUT') for one in request.poses])

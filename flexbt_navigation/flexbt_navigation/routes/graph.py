@@ -52,7 +52,7 @@ class RouteNode:
 
 @dataclass(frozen=True, eq=False)
 class RouteEdge:
-    """A way from one node to another. ``metadata`` may be written: ``abs_time_taken``, which was learnt on the way.
+    """A directed edge between two nodes. ``metadata`` is writable, for the learned ``abs_time_taken``.
 
     When it is not ``overridable``, ``cost`` is what it costs; otherwise the edge scorers say that.
     """
@@ -118,7 +118,7 @@ class EdgeLinks:
 
 
 class RouteGraph:
-    """Nodes by their ids, at least one, and edges. Edges may share an id: what is said of it is said of all of them."""
+    """Nodes by their ids, at least one, and edges. Edges may share an id, which then stands for all of them."""
 
     def __init__(self, nodes: Mapping[int, RouteNode], edges: Iterable[RouteEdge]) -> None:
         self.nodes = nodes
@@ -133,7 +133,7 @@ class RouteGraph:
         return self._leaving[node.id]
 
     def of_edges(self, value: Callable[[RouteEdge], float]) -> NDArray[numpy.float64]:
-        """Return a value of each edge that never changes, in their order. It is kept; not to be written to."""
+        """Return a constant value of each edge, in order. The array is cached: do not modify it."""
         found = self._of_edges.get(value)
         if found is None:
             found = self._of_edges[value] = numpy.array([value(edge) for edge in self.edges], float)
@@ -145,7 +145,7 @@ class RouteGraph:
         return EdgeLinks(self)
 
     def nearest(self, pose: Pose, count: int) -> list[RouteNode]:
-        """So many nodes, or all there are, the nearest one first."""
+        """Return this many nodes, or all if fewer, nearest first."""
         _, found = self._tree.query(pose[:2], k=range(1, min(count, len(self.nodes)) + 1))
         nodes = list(self.nodes.values())
         return [nodes[index] for index in found]
@@ -228,7 +228,7 @@ def load_graph(file: Path) -> RouteGraph:
 
 
 class _Feature:
-    """A feature of the file, for what is said of it and for its geometry."""
+    """A feature of the file: its geometry, and the errors about it."""
 
     def __init__(self, file: Path, index: int, geometry: Mapping[str, Any]) -> None:
         self.file = file

@@ -135,7 +135,7 @@ def _arc(start: Point, corner: Point, end: Point, shape: PathShape) -> list[Poin
     ax, ay = (start[0] - corner[0]) / before, (start[1] - corner[1]) / before
     bx, by = (end[0] - corner[0]) / after, (end[1] - corner[1]) / after
     angle = math.atan2(abs(ax * by - ay * bx), ax * bx + ay * by)
-    if angle < 1e-6 or math.pi - angle < 1e-6:  # back where it came from, or straight on
+    if angle < 1e-6 or math.pi - angle < 1e-6:  # straight back, or straight ahead
         return [corner]
     tangent = shape.radius / math.tan(angle / 2.0)
     if not (tangent < before and tangent < after):
@@ -322,7 +322,7 @@ def _is_beside(place: Point, start: Point, end: Point, node: Point, least: float
 
 @dataclass(frozen=True)
 class AchievedRadii:
-    """Within how many m of a node it may be achieved: on the way, and at the ends of the route."""
+    """Distances, m, within which a node counts as achieved: on the way, and at the ends of the route."""
 
     node: float = parameter('radius_to_achieve_node', 2.0, 'how near to a node it may be achieved, m', 0.01, 100.0)
     boundary: float = parameter(
@@ -368,7 +368,7 @@ class RouteTracker:
         return self.route.edges[self._index + 1 :]
 
     def operations(self) -> list[Operation]:
-        """Return those of the graph at the place where a node was just achieved."""
+        """Return the operations of the graph at the node that was just achieved."""
         places = ((self.last_node, 'NODE'), (self.edge, 'ON_ENTER'), (self.left, 'ON_EXIT'))
         return [
             operation
@@ -401,7 +401,7 @@ class RouteTracker:
 def blocked_edge(tracker: RouteTracker, pose: Pose, costmap: Costmap, distance: float) -> RouteEdge | None:
     """Return the first edge within this distance ahead, m, on which the robot would collide: Nav2's CollisionMonitor.
 
-    The map ends that: what is beyond cannot be known.
+    The check ends at the border of the map.
     """
     edge = tracker.edge
     if edge is None:

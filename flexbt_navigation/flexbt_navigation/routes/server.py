@@ -248,8 +248,8 @@ class RouteOperations:
         self.begin()
 
     def begin(self) -> None:
-        """There is a new goal."""
-        self._run += 1  # what was triggered before does not concern it
+        """Start the operations of a new goal."""
+        self._run += 1  # ignore earlier triggers
         self._is_reroute_wanted = False
         self._is_limited = False
         self._checked_at = self._entered_at = -math.inf
@@ -396,7 +396,7 @@ class RouteServer:
             GoalServer(runtime, action_type, name, serve, cancel)
 
     def end_all(self, end: GoalEnd) -> None:
-        """End what goes on."""
+        """End all active goals."""
         if self._tracking is not None:
             self._tracking.end(end)
 
@@ -414,7 +414,7 @@ class RouteServer:
         return response
 
     async def _use_graph(self, graph: RouteGraph) -> None:
-        """Use a graph when all of it is known in the frame of the map."""
+        """Use a graph once all its frames can be transformed to the map frame."""
         frame = self.robot.parameters.map_frame
         frames = sorted(graph.frames - {frame})
         origins = [PoseStamped() for _ in frames]
@@ -544,7 +544,7 @@ def graph_markers(graph: RouteGraph, frame: str, stamp: Time) -> MarkerArray:
     nodes.color = ColorRGBA(r=1.0, a=1.0)
     nodes.points = [point_message(node.point) for node in graph.nodes.values()]
     edges = Marker(ns='route_graph_edges', type=Marker.LINE_LIST, scale=Vector3(x=0.05))
-    edges.color = ColorRGBA(g=1.0, a=0.5)  # half, so that a way in both directions stands out
+    edges.color = ColorRGBA(g=1.0, a=0.5)  # half-transparent, so that a two-way edge stands out
     edges.points = [point_message(end.point) for edge in graph.edges for end in (edge.start, edge.end)]
     texts = []
     for number, node in enumerate(graph.nodes.values()):
