@@ -28,7 +28,7 @@ SIMULATED: Final[Mapping[str, ParameterValue]] = {'use_sim_time': True}
 class DemoSettings:
     """Settings of the processes.
 
-    `map` is a ROS map YAML file, empty for the one that comes along; `start` the pose (m, m, rad) at which the robot
+    `map` is a ROS map YAML file, empty for the built-in one; `start` the pose (m, m, rad) at which the robot
     begins on it, None for that of the built-in map; `places` the YAML file of the places that the robot knows
     by name; `speed` how many seconds of the simulated world pass in one second.
     """
@@ -86,7 +86,7 @@ def first_place(places: str) -> tuple[float, float, float]:
 def console_command(leaving: str = 'the demonstration ends', namespace: str = '', page: str = '') -> list[str]:
     """Return the command line of the operator's console, which runs in the terminal: the screen, where its toolkit is.
 
-    ``leaving`` is what it tells of leaving it, ``namespace`` that of its robot, ``page`` the address of the page.
+    ``leaving`` is its help text on leaving, ``namespace`` that of its robot, ``page`` the address of the page.
     """
     executable, *parameters = Process('flexbt_console', 'console', namespace=namespace).command()
     mode = 'screen' if importlib.util.find_spec('textual') is not None else 'prompt'
@@ -118,7 +118,7 @@ def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
 def mission_processes(
     places: str, server: Mapping[str, ParameterValue] | None = None, namespace: str = ''
 ) -> tuple[Process, ...]:
-    """Return what carries out missions on a robot: BT server, with further parameters, stop guard and executive."""
+    """Return the processes that run missions on a robot: BT server, with further parameters, stop guard, executive."""
     return (
         Process('flexbt_server', 'bt_server', {**SIMULATED, **(server or {})}, namespace),
         Process('flexbt_onboard', 'stop_guard', namespace=namespace),

@@ -39,10 +39,10 @@ def text(context: LaunchContext, argument: str) -> str:
 
 
 def numbers(context: LaunchContext, argument: str, count: int = 1) -> list[float]:
-    """So many numbers, separated by commas, in brackets or not.
+    """Return this many numbers, separated by commas, with or without brackets.
 
     Raises:
-        ValueError: it is something else; names the argument, which `launch` prints.
+        ValueError: the text does not match; the message, which `launch` prints, names the argument.
     """
     given = text(context, argument)
     try:

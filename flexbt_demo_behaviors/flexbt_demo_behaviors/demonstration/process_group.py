@@ -71,7 +71,7 @@ class ProcessGroup:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __enter__(self) -> ProcessGroup:
-        """Make the place for the logs. Raises DemoError when nothing can be written there."""
+        """Create the log directory. Raises DemoError if it is not writable."""
         try:
             self.log_directory.mkdir(parents=True, exist_ok=True)
             tempfile.TemporaryFile(dir=self.log_directory).close()
@@ -119,7 +119,7 @@ class ProcessGroup:
         watcher.start()
 
     def watch(self, listener: Callable[[EndedProcess], None]) -> None:
-        """Tell `listener`, on another thread, of each process that ends untold; of those that have already, at once."""
+        """Notify `listener`, on another thread, of each unexpected end; at once of those that happened before."""
         with self._lock:
             self._listener = listener
             ended = list(self._ended)
@@ -127,7 +127,7 @@ class ProcessGroup:
             listener(process)
 
     def take_ended(self) -> list[EndedProcess]:
-        """Return the processes that have ended untold since the last call: of each its last end, or its last crash."""
+        """Return the processes that ended unexpectedly since the last call, each with its last end or crash."""
         with self._lock:
             ended, self._taken = self._ended[self._taken :], len(self._ended)
         return list({process.name: process for process in sorted(ended, key=lambda one: one.exit_code != 0)}.values())
@@ -137,17 +137,14 @@ class ProcessGroup:
         return self._processes[name].pid
 
     def kill(self, *names: str) -> None:
-        """Kill processes, as when their computer loses its power: they are not started again, and it is not
-        reported."""
+        """Kill processes, as in a power failure of their computer: no respawn and no report."""
         with self._lock:
             self._killed.update(names)
             for name in names:
                 _signal(self._processes[name], signal.SIGKILL)
 
     def end(self) -> list[str]:
-        """End every process: SIGINT, and SIGKILL for those that do not obey in time. Gives the names of the
-        latter.
-        """
+        """End every process by SIGINT, or by SIGKILL after the time limit. Return the names of the killed ones."""
         with self._lock:
             self._ending.set()
         deadline = time.monotonic() + END_TIMEOUT_S
@@ -192,7 +189,7 @@ class ProcessGroup:
 
 
 def _signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    """Signal the process and what it started; each one leads its own session, and so its own process group."""
+    """Signal the process and its children; each one leads its own session, and so its own process group."""
     if process.poll() is not None:
         return
     with contextlib.suppress(ProcessLookupError):

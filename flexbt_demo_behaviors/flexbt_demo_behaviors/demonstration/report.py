@@ -34,7 +34,7 @@ from flexbt_sim.world import OccupancyMap, Point, Pose, Trace, TraceFrame, World
 # A new point of the driven path is kept when the robot has moved this far, in metres.
 POINT_DISTANCE = 0.02
 
-# Slower than this the robot is at rest: m/s and rad/s.
+# Below these speeds the robot is standing still: m/s and rad/s.
 REST_SPEED = 0.005
 REST_TURN = 0.01
 
@@ -47,7 +47,7 @@ def pose_text(pose: Pose | None) -> str:
 class RobotTrack:
     """The robot's track. Written by the subscriptions, read by the scripted operator, each on its own thread.
 
-    ``map`` and ``pose`` are None until they have come; ``time`` is the simulated time of the pose, s. ``way`` are the
+    ``map`` and ``pose`` are None until they arrive; ``time`` is the simulated time of the pose, s. ``way`` are the
     places of the robot with their times, ``length`` is that of the way, m, and ``plans`` are the first plan for each
     place that was planned to, in order. `on_change` is called after every change, on the writer's thread.
     """
@@ -74,12 +74,12 @@ class RobotTrack:
             self._begun.clear()
 
     def set_map(self, grid: OccupancyMap) -> None:
-        """Take the map."""
+        """Set the map."""
         self.map = grid
         self.on_change()
 
     def add_pose(self, pose: Pose, time: float) -> None:
-        """Take the true pose of the robot at a simulated time, in seconds."""
+        """Add the true pose of the robot at a simulated time, in seconds."""
         with self._lock:
             before, passed = self.pose, time - self.time
             if before is not None and passed > 0.0:
@@ -95,7 +95,7 @@ class RobotTrack:
         self.on_change()
 
     def add_plan(self, points: list[Point]) -> None:
-        """Take a planned path. A plan to the same end as the last one is a replan on the way and is not kept."""
+        """Add a planned path, unless it ends where the last one does: that is a replan on the way."""
         if len(points) < 2:
             return
         with self._lock:
@@ -142,7 +142,7 @@ POSE_BYTES = 2_000
 def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     """Subscribe to map, true pose, plans, and what trees do, for as long as the node lives.
 
-    Not to the odometry: while it has a subscriber, the simulator publishes as often as in a drive.
+    Not to the odometry: with a subscriber, the simulator always publishes it at the rate of a moving robot.
     """
 
     def on_pose(received: Received) -> None:
@@ -182,7 +182,7 @@ GOAL_TOLERANCE = 0.25
 
 
 class DemoError(RuntimeError):
-    """A demonstration did not do what it shall show; the message says what, and what was there instead."""
+    """A demonstration did not do what it should show. The message has the expected and the actual result."""
 
 
 class Timeline:
@@ -246,7 +246,7 @@ class DemoReport:
     problem: str = ''
 
     def take(self, branch: str) -> None:
-        """Note that a branch which the demonstration shall take was taken."""
+        """Record that a required branch of the demonstration was taken."""
         if branch not in self.branches:
             raise KeyError(f'{self.title} does not promise the branch {branch!r}')
         self.taken.add(branch)
@@ -282,7 +282,7 @@ class DemoReport:
         return 0 if self.passed else 1
 
 
-# The picture of a demonstration: a world, and what its robots have planned and driven.
+# The picture of a demonstration: a world with the plans and the driven paths of its robots.
 
 
 def write_picture(world: World, tracks: Mapping[str, RobotTrack], file: Path) -> None:

@@ -69,7 +69,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class DemoOptions(RunOptions):
-    """Options of the demonstration Navigate. `map` and `places` are empty for the ones that come along."""
+    """Options of the demonstration Navigate. `map` and `places` are empty for the built-in ones."""
 
     demos: tuple[int, ...]
     map: str
@@ -161,14 +161,14 @@ class DemoSession:
 
 
 def set_environment() -> None:
-    """Have the processes find each other quickly, and on this computer only, unless the user has it otherwise.
+    """Set discovery to be quick and on this computer only, unless the user has set it.
 
-    Raises OSError when they cannot, see :func:`check_loopback`.
+    Raises OSError if that is impossible, see :func:`check_loopback`.
     """
     if not os.environ.get(discovery.RANGE) and not os.environ.get(discovery.PROFILE):
         discovery.only_this_computer()
     discovery.check_loopback()
-    # The arithmetic of the processes is small; threads of it would only take the cores from each other.
+    # Each process computes little: extra threads would only compete for the cores.
     os.environ.setdefault('OMP_NUM_THREADS', '1')
 
 
@@ -193,7 +193,7 @@ def open_session(
 def join_robot(
     operator: str, timeline: Timeline, namespace: str | None = None, *, is_on_call: bool = False
 ) -> Iterator[DemoSession]:
-    """Sit down at the link of the robot in a namespace, and watch the robot, for the time of the context.
+    """Attach an operator to the robot in a namespace, and watch the robot, for the time of the context.
 
     ``is_on_call``: another program starts the behaviors, so that the end of one is expected.
     """
@@ -251,7 +251,7 @@ class Narrator:
 
 
 class Interrupted(BaseException):
-    """The user, or the system, wants the demonstration to end."""
+    """The user or the system asked the demonstration to end."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -289,7 +289,7 @@ def run_demonstration(program: str, options: Options, run: Callable[[Options, Pr
 
 def _raise_on_signals() -> None:
     def interrupt(number: int, _frame: FrameType | None) -> None:
-        _ignore_signals()  # the end has begun; a second signal must not break it off
+        _ignore_signals()  # a second signal must not interrupt the shutdown
         raise Interrupted(number)
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -322,7 +322,7 @@ def page_line(page: str) -> str:
 
 
 def run_console(group: ProcessGroup, command: Sequence[str]) -> int:
-    """Hand the terminal to a console until the operator leaves it, then report what has died; gives its exit code."""
+    """Run a console until the operator leaves it, then report dead processes. Return the console's exit code."""
     with _restored_terminal(), subprocess.Popen(command) as console:  # noqa: S603 - it comes from the process table
         try:
             exit_code = console.wait()
@@ -341,7 +341,7 @@ def tell_ended(group: ProcessGroup) -> None:
 
 @contextlib.contextmanager
 def _restored_terminal() -> Iterator[None]:
-    """Give the terminal back as it was, however the console ends."""
+    """Restore the terminal, however the console ends."""
     before = termios.tcgetattr(sys.stdin)
     try:
         yield
@@ -362,12 +362,12 @@ DISCOVERY_PORT_STEP = 250
 
 
 class NoFreeDomainError(RuntimeError):
-    """Every domain is taken on this computer."""
+    """All ROS domains on this computer are in use."""
 
 
 @contextlib.contextmanager
 def own_domain(candidates: Iterable[int] | None = None) -> Iterator[int]:
-    """Keep a ROS domain for the time of the context, in ROS_DOMAIN_ID, and give its number.
+    """Reserve a ROS domain in ROS_DOMAIN_ID for the time of the context, and yield its number.
 
     An explicit ROS_DOMAIN_ID is respected and not reserved: then the user wants to meet other nodes there.
     Otherwise a domain is taken that nobody has reserved and in which no participant runs on this computer.

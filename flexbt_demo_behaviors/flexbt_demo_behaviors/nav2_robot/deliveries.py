@@ -43,7 +43,7 @@ class Deliveries:
         self._operator = ActionClient(navigator, ExecuteBehavior, names.EXECUTE_BEHAVIOR)
 
     def run(self) -> bool:
-        """Fetch, bring, go home; whether the robot is there."""
+        """Fetch, bring and go home. Return whether the robot is home."""
         navigator = self._navigator
         navigator.setInitialPose(self._pose('dock'))
         navigator.waitUntilNav2Active()
@@ -74,7 +74,7 @@ class Deliveries:
         return result
 
     def _ask(self, question: str) -> bool:
-        """Ask the operator; whether the program shall go on."""
+        """Ask the operator. Return whether to continue."""
         if not self._operator.wait_for_server(timeout_sec=SERVER_S):
             raise RuntimeError(f'no executive takes the question {question!r} within {SERVER_S:g} s')
         goal = ExecuteBehavior.Goal(behavior='Ask Operator', autonomy=HIGH)
@@ -91,7 +91,7 @@ class Deliveries:
 
 
 def main() -> int:
-    """Run the program; 0 when the robot is home at the end."""
+    """Run the program. Return 0 if the robot is home at the end."""
     rclpy.init()
     places = load_places(resolve_file('flexbt_demo_behaviors/nav2_robot/places.yaml'))
     navigator = BasicNavigator()

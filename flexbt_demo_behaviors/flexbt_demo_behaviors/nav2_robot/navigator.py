@@ -43,7 +43,7 @@ _RESULTS: Final = {
 
 
 class Navigator(Node):
-    """A node that gives one task after the other, and is spun while its program waits."""
+    """A node that sends one task at a time, and spins while its program waits."""
 
     def __init__(self, node_name: str = 'basic_navigator', namespace: str = '') -> None:
         super().__init__(node_name=node_name, namespace=namespace)
@@ -65,7 +65,7 @@ class Navigator(Node):
         self._feedback: Any = None
 
     def setInitialPose(self, initial_pose: PoseStamped) -> None:
-        """Tell the localization where the robot is."""
+        """Set the pose of the robot for the localization."""
         self._is_localized = False
         self._start = initial_pose
         self._publish_start()
@@ -79,24 +79,24 @@ class Navigator(Node):
         self._wait_active(navigator)
 
     def goToPose(self, pose: PoseStamped, behavior_tree: str = '') -> bool:
-        """Begin to drive to a pose; whether the goal was accepted."""
+        """Start to drive to a pose. Return whether the goal was accepted."""
         return self._begin(NavigateToPose.Goal(pose=pose, behavior_tree=behavior_tree))
 
     def goThroughPoses(self, poses: list[PoseStamped], behavior_tree: str = '') -> bool:
-        """Begin to drive through poses; whether the goal was accepted."""
+        """Start to drive through poses. Return whether the goal was accepted."""
         return self._begin(NavigateThroughPoses.Goal(poses=poses, behavior_tree=behavior_tree))
 
     def followWaypoints(self, poses: list[PoseStamped]) -> bool:
-        """Begin to drive from pose to pose; whether the goal was accepted."""
+        """Start to drive from pose to pose. Return whether the goal was accepted."""
         return self._begin(FollowWaypoints.Goal(poses=poses))
 
     def cancelTask(self) -> None:
-        """Give the task up, and wait until that is answered."""
+        """Cancel the task, and wait for the answer."""
         if self._goal is not None:
             rclpy.spin_until_future_complete(self, self._goal.cancel_goal_async())
 
     def isTaskComplete(self) -> bool:
-        """Return whether the task has ended; waits for that for a tenth of a second."""
+        """Return whether the task has ended, after waiting up to 0.1 s for its end."""
         if self._result is None:
             return True
         rclpy.spin_until_future_complete(self, self._result, timeout_sec=POLL_S)
@@ -113,7 +113,7 @@ class Navigator(Node):
         return _RESULTS.get(self._result.result().status, TaskResult.UNKNOWN)
 
     def destroy_node(self) -> None:
-        """Take the action clients back, too."""
+        """Destroy the action clients and the node."""
         for client in self._navigators.values():
             client.destroy()
         super().destroy_node()

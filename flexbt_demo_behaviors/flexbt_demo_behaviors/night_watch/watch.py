@@ -89,7 +89,7 @@ def robot_processes(robot: str) -> tuple[Process, ...]:
 
 
 def log_name(process: Process) -> str:
-    """Under which name a process is started, and its log file is written."""
+    """Return the name of a process, which its log file has too."""
     return f'{process.namespace}_{process.name}' if process.namespace else process.name
 
 
@@ -123,17 +123,17 @@ class Watch:
             self.operator(robot).start('Night Watch', AutonomyLevel.HIGH, **ROUNDS[robot])
 
     def lose(self, robot: str) -> None:
-        """Let the computer of a robot die at once, with all that runs on it."""
+        """Kill all processes of a robot at once, as if its computer failed."""
         self.timeline.tell('building', f'{robot} is lost')
         self.group.kill(*(log_name(process) for process in robot_processes(robot)))
 
     def notify(self) -> None:
-        """Have the operators look again at what they wait for."""
+        """Notify the operators to check their conditions again."""
         for session in self.sessions.values():
             session.operator.notify()
 
     def on_end(self, ended: EndedProcess) -> None:
-        """Note that a process has ended by itself: a script waits for nothing any more."""
+        """Abandon the scripts, because a process has ended by itself."""
         for session in self.sessions.values():
             session.operator.abandon(ended.report())
 
@@ -188,12 +188,12 @@ class Building:
         runtime.call(lambda: self._subscribe(runtime, robots))
 
     def lower_battery(self, robot: str) -> None:
-        """Leave little in the battery of a robot."""
+        """Drain the battery of a robot to a low level."""
         self._simulation.set_fault(robot, 'battery_low', 'level: 0.1')
         self._timeline.tell('building', f'the battery of {robot} runs low')
 
     def mend_door(self) -> None:
-        """Have the jammed door mended."""
+        """Repair the jammed door."""
         self._simulation.set_fault(DOOR, 'door_jammed', clear=True)
         self._timeline.tell('building', f'{DOOR} is mended')
 
@@ -312,7 +312,7 @@ NEAR: Final = 1.0
 
 
 def night_watch(watch: Watch, report: DemoReport) -> None:
-    """Run a night in which everything happens that can."""
+    """Run a night in which every event of the script happens."""
     alpha, beta, building = watch.operator('alpha'), watch.operator('beta'), watch.building
     watch.start()
 
