@@ -94,15 +94,15 @@ class Blackboard:
 
     @property
     def root(self) -> Blackboard:
-        """The topmost scope, the one that ``@key`` addresses."""
+        """Topmost scope, which ``@key`` addresses."""
         return self._root
 
     def remap(self, key: str, parent_key: str) -> None:
-        """Make ``key`` stand for ``parent_key`` of the parent, unless it is an entry of this scope."""
+        """Map ``key`` to ``parent_key`` of the parent, unless this scope has an entry ``key``."""
         self._remaps[key] = parent_key
 
     def enable_autoremap(self, enable: bool = True) -> None:
-        """Make every key that is not private (``_``) stand for the same key of the parent."""
+        """Map every key that is not private (``_``) to the same key of the parent."""
         self._autoremap = enable
 
     # -- access ------------------------------------------------------------------------------------------------------
@@ -125,7 +125,7 @@ class Blackboard:
         return None
 
     def outermost(self, key: str) -> tuple[Blackboard, str]:
-        """Return the scope that has the entry of ``key``, or would get it by a write; and what it is called there."""
+        """Return the scope that has the entry of ``key``, or where a write would create it, and its key there."""
         board = self
         while not key.startswith('@') and key not in board._entries and board._parent is not None:
             remapped = board._remaps.get(key)
@@ -237,7 +237,7 @@ class Blackboard:
             return list(self._entries)
 
     def entries(self) -> dict[str, Entry]:
-        """Return the entries of this scope itself at one moment, by their keys: they are those that it has, no
+        """Return the entries of this scope itself at one moment, by their keys: the entries themselves, not
         copies."""
         with self.lock:
             return dict(self._entries)
@@ -304,7 +304,7 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
             except ConversionError as error:
                 raise BlackboardError(f'entry [{key}]: {error}') from error
         else:
-            # A bool entry takes no number, and an entry of text or objects takes nothing else.
+            # A bool entry rejects numbers, and an entry of text or objects rejects all other types.
             if kind.category not in _NUMBERS or declared.category not in _NUMBERS or declared is BOOL:
                 raise _type_clash(key, declared, kind)
             try:

@@ -56,7 +56,7 @@ class RunnableScript(Protocol):
 
     @property
     def run(self) -> Callable[[], bool | None]:
-        """Function that runs the script and returns the truth of a condition, otherwise None. Raises ScriptError."""
+        """Function that runs the script; it returns the truth of a condition, else None. Raises ScriptError."""
 
 
 class ParsedScript(Protocol):
@@ -160,7 +160,7 @@ class TreeDocument(NamedTuple):
 # Documents that are loaded together, with their references to sub-trees resolved.
 
 MAX_NODES: Final = 65_535
-"""Nodes of one running tree, sub-trees included: the number of a node has 16 bits in the formats of the tools."""
+"""Maximum number of nodes of a running tree with its sub-trees: the formats of the tools have 16 bits for a uid."""
 
 
 class TreeKey(NamedTuple):
@@ -234,7 +234,7 @@ class TreeLibrary:
         return self._documents[key.file].trees[key.id]
 
     def model(self, id: str) -> Mapping[str, SubTreeModelPort]:
-        """Return the ports that models declare for the tree of this ID; empty when there is no model."""
+        """Return the ports that models declare for the tree of this ID; empty without a model."""
         return self._models.get(id, {})
 
 
@@ -298,7 +298,7 @@ class _Checker:
                     size = self._own_nodes[key]
                     size += sum(sizes.get(target, 0) for _, target in self._references[key])
                     sizes[key] = size
-                    # A tree that is too large only because of one that was reported is not reported again.
+                    # Do not report a tree that is too large only because of a reported one.
                     largest = max((sizes.get(target, 0) for _, target in self._references[key]), default=0)
                     if size > self._library.max_nodes >= largest:
                         yield self._too_large(key, size)

@@ -80,7 +80,7 @@ class Outcomes(ABC):
 
 
 def _milliseconds(values: Mapping[str, PortValue], port: str) -> float | None:
-    """Return the time that a port of milliseconds has in the file, s; None when it is not known before a run."""
+    """Return the time of a port in milliseconds, in s; None if it is unknown before a run."""
     value = values[port].literal if port in values else None
     return value / 1000.0 if isinstance(value, int) else None
 
@@ -174,7 +174,7 @@ class InOrder(Outcomes):
 
 @dataclass(frozen=True, slots=True)
 class Choice(Outcomes):
-    """The first child decides between the second and the third, if there is one; without it, FAILURE is the result."""
+    """A condition, the first child, that selects the second or third child; FAILURE without a third."""
 
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
         condition, then, *others = children
@@ -310,7 +310,7 @@ class TimeLimit(Outcomes):
         return Earliest(results, (0.0,))
 
     def limit(self, values: Mapping[str, PortValue], child: Times) -> float | None:
-        """Return the time after which the child never goes on, s; None when it may.
+        """Return the time after which the child never continues, s; None if it may.
 
         That is so when the time is not known before a run, and when the child may be skipped before: in such a
         tick the limit no longer applies.

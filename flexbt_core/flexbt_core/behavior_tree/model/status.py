@@ -29,7 +29,7 @@ class NodeKind(Enum):
     SUBTREE = 'SubTree'
 
 
-# The engine compares statuses by identity, and many times a microsecond: module globals are what Python reads fastest.
+# The engine compares statuses by identity, many times a microsecond, and Python reads module globals fastest.
 IDLE = NodeStatus.IDLE
 RUNNING = NodeStatus.RUNNING
 SUCCESS = NodeStatus.SUCCESS

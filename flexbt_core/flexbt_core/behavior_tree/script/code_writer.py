@@ -48,7 +48,7 @@ class NotSpecializable(Exception):
 
 
 def variable_of(entry: Entry) -> Variable | None:
-    """Return the kind of an entry; None when there is no code for such values."""
+    """Return the kind of an entry; None if its values have no code."""
     kind = _KINDS.get(entry.value.__class__)
     if kind is None:
         return None
@@ -85,12 +85,12 @@ def specialize(
     *,
     condition: bool,
 ) -> Factory:
-    """Return what makes the code of a script for entries of these kinds, in this order.
+    """Return a factory of the code of a script, for entries of these kinds, in this order.
 
     The code returns the truth of the last statement when the script is a ``condition``, otherwise None.
 
     Raises:
-        NotSpecializable: there is no such code.
+        NotSpecializable: these kinds have no code.
     """
     writer = _CodeWriter(variables, enums)
     result = writer.statements(statements)

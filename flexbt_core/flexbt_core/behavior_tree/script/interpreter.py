@@ -25,7 +25,7 @@ from .parser import Assignment, Binary, Comparison, Conditional, Constant, Expre
 from .values import BINARY, SMALL_TEXT, UNARY, Value, assigned, check_room, choose, compare, truth
 
 WARM_UP: Final = 0 if os.environ.get('FLEXBT_ACCELERATION') == '0' else 8
-"""Runs of a script on a blackboard before code is made for it; 0: none is."""
+"""Number of runs of a script on a blackboard before code is made for it; 0: never."""
 _MOST_FACTORIES: Final = 16
 _ENUM_NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 
@@ -82,7 +82,7 @@ class CompiledScript:
             raise ScriptError(self.text, _offset(self._statements[-1]), str(error), is_absent=error.is_absent) from None
 
     def factory(self, variables: Mapping[str, Variable], condition: bool) -> Factory | None:
-        """Return what makes the code for entries of these kinds; None when the closures are to run the script."""
+        """Return a factory of code for entries of these kinds; None if the closures have to run the script."""
         key = (condition, *variables.values())
         if key not in self._factories:
             if len(self._factories) >= _MOST_FACTORIES:
@@ -117,7 +117,7 @@ class BoundScript:
         self.run: Callable[[], bool | None] = self._evaluate
 
     def _evaluate(self) -> bool | None:
-        """Run the closures; also in the place of code that does not fit."""
+        """Run the closures, also as the fallback for code that does not fit."""
         if self._countdown:
             self._countdown -= 1
             if not self._countdown:
@@ -127,12 +127,12 @@ class BoundScript:
         return self._script.truth(value) if self._condition else None
 
     def _specialize(self) -> None:
-        """Make the code for what the entries hold now, if there is such code."""
+        """Make code for the current kinds of values of the entries, if possible."""
         self.run = self._evaluate
         entries = self._scope.entries
         variables = [variable_of(entry) for entry in entries]
         known = {name: one for name, one in zip(self._script.names, variables, strict=True) if one is not None}
-        # Two names of one entry: a local variable of the code could not stand for it.
+        # Two names of one entry: separate local variables of the code would differ.
         if len(known) == len(set(map(id, entries))) == len(entries):
             factory = self._script.factory(known, self._condition)
             if factory is not None:

@@ -30,7 +30,7 @@ from .parser import Element, value_offset
 _CONTROL_CHARACTER: Final = re.compile(r'[^\t\r\n -\U0010ffff]')
 EXPLICIT_TAGS: Final = frozenset(kind.value for kind in NodeKind)
 OPTIONAL_TYPES: Final = {'ReachGoal': 'flexbt_formal'}
-"""Packages of FlexBT that a robot may do without, by the node types that they add."""
+"""Optional packages of FlexBT, by the node types that they add."""
 
 
 class NodeTypes(Protocol):
@@ -55,7 +55,7 @@ class DocumentTypes(NodeTypes, Protocol):
 
 
 def elements_of(root: Element) -> Iterator[tuple[str, Mapping[str, str]]]:
-    """Yield the elements of a file that say for whom it was written: the root, its trees and their nodes."""
+    """Yield the elements that show for which software a file was written: the root, its trees and nodes."""
     yield root.tag, root.attributes
     pending = [element for element in root.children if element.tag == 'BehaviorTree']
     while pending:

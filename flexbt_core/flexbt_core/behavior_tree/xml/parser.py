@@ -46,7 +46,7 @@ class Element:
         self.children: list[Element] = []
 
     def offset_of(self, attribute: str | None) -> int:
-        """Return where an attribute is written; where the element is, for None and for what is not written."""
+        """Return the offset of an attribute; that of the element for None and for an absent attribute."""
         return self.offset if attribute is None else self.offset + self.places.get(attribute, 0)
 
     @property
@@ -182,7 +182,7 @@ class _Parser:
         return root
 
     def _read_tag(self, tag: re.Match[str]) -> _Tag:
-        """Return what a tag says, from now on for all that are written just so."""
+        """Return the parsed tag, and cache it for identical tags."""
         attributes: dict[str, str] | None = None
         places: dict[str, int] = {}
         if tag.re is _TAG:
@@ -272,7 +272,7 @@ def _entity(match: re.Match[str]) -> str:
     if name is not None:
         return _NAMED_ENTITIES[name]
     code = int(decimal) if decimal is not None else int(hexadecimal, 16)
-    # References to what no XML may hold stay as they are, as unknown entities do.
+    # References to characters not allowed in XML stay unchanged, as unknown entities do.
     if code > 0x10FFFF or _BAD_CHARACTER.match(chr(code)):
         return match.group()
     return chr(code)
