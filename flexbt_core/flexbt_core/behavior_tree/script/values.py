@@ -37,7 +37,7 @@ SAME_NUMBER: Final = 2.0**-23
 
 
 def kind_of(value: Value) -> str:
-    """Return the kind of the value, for errors."""
+    """Return a description of the value, for errors."""
     if value is EMPTY:
         return 'an entry that was never written'
     if isinstance(value, str):
