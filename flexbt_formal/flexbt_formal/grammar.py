@@ -26,14 +26,14 @@ class GrammarError(ValueError):
 
 
 class Grammar:
-    """A grammar in the notation of lark, with what its error messages need to know.
+    """A grammar in the notation of lark, with the words for its error messages.
 
     Args:
         rules: the grammar; a text is parsed by its rule ``start``.
         operands: what is missing where a terminal is expected, by the terminal; the first that fits is reported.
         operator: what is missing between two operands.
-        longest: the most characters of a text.
-        deepest: the most nodes of a tree from its root to a leaf, so that recursive readers are safe.
+        longest: maximum number of characters in a text.
+        deepest: maximum number of nodes from the root of a tree to a leaf, so that recursive readers are safe.
     """
 
     def __init__(self, rules: str, operands: Mapping[str, str], operator: str, *, longest: int, deepest: int) -> None:

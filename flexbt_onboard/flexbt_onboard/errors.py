@@ -3,7 +3,7 @@
 
 OnboardError
 ├── BehaviorError               a behavior cannot be used
-│   ├── ManifestError           what a behavior says of itself is wrong
+│   ├── ManifestError           the manifest of a behavior is wrong
 │   ├── UnknownBehaviorError    no installed behavior has that name
 │   └── BrokenBehaviorError     the behavior is installed, but could not be loaded
 ├── ParameterError              a value for a behavior's parameter, or an input, is not acceptable

@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executables of the package, by their names: each loads its module when it is run."""
+"""Entry points of the package's executables; each imports its module when it runs."""
 
 from flexbt_common.executables import NODE_BYTES, run_main
 
 
 def onboard_executive() -> int:
-    """See :mod:`flexbt_onboard.node.onboard_executive`; gives the exit code."""
+    """Run :mod:`flexbt_onboard.node.onboard_executive`; return its exit code."""
     return run_main('flexbt_onboard.node.onboard_executive', address_space=NODE_BYTES)
 
 
 def stop_guard() -> int:
-    """See :mod:`flexbt_onboard.node.stop_guard`; gives the exit code."""
+    """Run :mod:`flexbt_onboard.node.stop_guard`; return its exit code."""
     return run_main('flexbt_onboard.node.stop_guard', address_space=NODE_BYTES)
 
 
 def run_report() -> int:
-    """See :mod:`flexbt_onboard.persistence.run_report`; gives the exit code."""
+    """Run :mod:`flexbt_onboard.persistence.run_report`; return its exit code."""
     return run_main('flexbt_onboard.persistence.run_report')

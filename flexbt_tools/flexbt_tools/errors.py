@@ -52,7 +52,7 @@ def missing_package(wanted: str) -> UsageError:
 
 
 class RefusedError(ToolError):
-    """Files that are needed cannot be used; ``errors`` say why, and where."""
+    """A required file cannot be used; ``errors`` contain the reasons and their places."""
 
     exit_code = ExitCode.REFUSED
 

@@ -26,7 +26,7 @@ def read_text_file(file: str, most: int) -> str:
 
 
 def write_text_file(file: str, text: str) -> None:
-    """Write a file as a whole. Raises UsageError when that cannot be; the one that was there stays then."""
+    """Write a file as a whole. Raises UsageError if that fails; an existing file then stays unchanged."""
     try:
         text_files.write_text(file, text)
     except OSError as error:
@@ -36,14 +36,14 @@ def write_text_file(file: str, text: str) -> None:
 # Files of manifests on this computer.
 
 _MOST_BYTES: Final = 4_000_000
-"""As much as a scene of some thousand skills and objects needs; YAML is slow to read."""
+"""Enough for a scene of some thousand skills and objects. The limit exists because YAML is slow to read."""
 
 
 def read_skill_files(files: Sequence[str], base: SkillLibrary) -> SkillLibrary:
-    """Return what ``base`` has, and what the files add, one after the other.
+    """Return the library ``base`` with the skills of the files added, in order.
 
     Raises:
-        RefusedError: with all that is wrong with a file.
+        RefusedError: a file cannot be read, or has errors; contains all problems of that file.
     """
     library = base
     for file in files:

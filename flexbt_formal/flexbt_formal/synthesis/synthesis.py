@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The way from a problem to a machine: solve, extract, check, minimize."""
+"""Synthesis of a machine from a problem: solve, extract, check, minimize."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _REPORT_SECONDS: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Synthesis:
-    """The answer to a problem: a machine with its strategy, whose certificate holds; or why there is none.
+    """The answer to a problem: a machine with its checked strategy, or an explanation why none exists.
 
     ``figures`` are about the work: rounds of the outer fixpoint, layers by guarantee, nodes of the strategy.
     """
@@ -34,7 +34,7 @@ class Synthesis:
 
 
 def time_limited(limit: float, remedy: str, report: Callable[[str, float], None]) -> Watch:
-    """Return a watch that reports twice a second what is being done, with the seconds so far.
+    """Return a watch that reports the current step and the elapsed seconds, at most twice a second.
 
     It raises SynthesisTimeout after ``limit`` seconds.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of YAML, read with all that is wrong in them, each with its line."""
+"""Reader of YAML files that collects all problems, each with its line."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class YamlFile(YamlParts):
         return self.entries(root, what, known)
 
     def end(self) -> None:
-        """Raise SynthesisError with all problems, if there are any."""
+        """Raise SynthesisError with all problems, if any."""
         if self.problems:
             raise SynthesisError(self.problems)
 
@@ -49,7 +49,7 @@ class YamlFile(YamlParts):
         return found
 
     def words(self, node: yaml.Node | None, what: str) -> tuple[YamlEntry, ...]:
-        """Return the texts of a list; of one text by itself."""
+        """Return the texts of a list. A single text counts as a list of one; a null, as an empty list."""
         if node is None or is_null(node):
             return ()
         nodes = [node] if isinstance(node, yaml.ScalarNode) else self.sequence(node, what)
@@ -74,10 +74,10 @@ class YamlFile(YamlParts):
         return bool(value)
 
     def note(self, line: int, text: str) -> None:
-        """Something is wrong in a line."""
+        """Record a problem with its line (from 1)."""
         self.problems.append(f'{self.source}:{line}: {text}')
 
 
 def is_null(node: yaml.Node) -> bool:
-    """Return whether nothing is written there."""
+    """Return whether the node is null."""
     return isinstance(node, yaml.ScalarNode) and node.tag.endswith(':null')
