@@ -5,7 +5,7 @@ FlexbtError
 └── SimulationError
     ├── FileError           a file that cannot be used; names file, field and remedy
     │   └── MapError        of a map
-    └── WorldError          a world file that cannot be used; all that is wrong with it, with places and remedies
+    └── WorldError          a world file that cannot be used; lists all problems with positions and remedies
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class SimulationError(FlexbtError):
 
 
 class FileError(SimulationError):
-    """A file cannot be used. ``field`` is what in it is wrong, or nothing when it is the whole."""
+    """A file cannot be used. ``field`` is the wrong field, or empty for the whole file."""
 
     def __init__(self, file: Path, field: str, message: str) -> None:
         super().__init__(f'{file}: {field}: {message}' if field else f'{file}: {message}')
@@ -32,7 +32,7 @@ class FileError(SimulationError):
 
     @classmethod
     def unreadable(cls, file: Path, error: Exception, wanted: str) -> Self:
-        """Return the whole cannot be read, for an ``error``; ``wanted`` is what to give."""
+        """Return the error of an unreadable file, from ``error``; ``wanted`` describes the expected file."""
         reason = one_line(str(error), 200) or type(error).__name__
         return cls(file, '', f'cannot be read: {reason}; give {wanted}')
 

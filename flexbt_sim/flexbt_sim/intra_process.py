@@ -50,15 +50,15 @@ class IntraProcessTopics:
         return IntraProcessPublisher(publisher, lambda: self._receivers.get(key))
 
     def withdraw(self, publisher: IntraProcessPublisher) -> None:
-        """Take back :meth:`publisher`."""
+        """Undo :meth:`publisher`."""
         self._offered.discard(publisher.key)
 
     def is_offered(self, topic: str, message_type: type[Any]) -> bool:
-        """Return whether there is a publisher for a topic, by its full name, that hands over."""
+        """Return whether a topic, by its full name, has an intra-process publisher."""
         return (topic, message_type) in self._offered
 
     def receive(self, topic: str, message_type: type[Any], receive: Callable[[Any], object]) -> None:
-        """Have ``receive`` called with what is published on a topic, by its full name, on the thread of its sender."""
+        """Call ``receive`` with each message of a topic, by its full name, on the thread of the sender."""
         self._receivers[topic, message_type] = _Receiver(receive, is_subscribed=False)
 
     def receive_instead(self, subscription: Subscription, receive: Callable[[Any], object]) -> None:
@@ -66,7 +66,7 @@ class IntraProcessTopics:
         self._receivers[subscription.topic_name, subscription.msg_type] = _Receiver(receive, is_subscribed=True)
 
     def forget(self, subscription: Subscription) -> None:
-        """Take back :meth:`receive_instead`."""
+        """Undo :meth:`receive_instead`."""
         self._receivers.pop((subscription.topic_name, subscription.msg_type), None)
 
 
@@ -84,13 +84,13 @@ class IntraProcessPublisher:
         return self._publisher.topic_name, self._publisher.msg_type
 
     def get_subscription_count(self) -> int:
-        """Return how many receive, in this process or another one."""
+        """Return the number of subscribers, in this process and in others."""
         receiver = self._receiver()
         counted: int = self._publisher.get_subscription_count()
         return counted + (receiver is not None and not receiver.is_subscribed)
 
     def publish(self, message: Any) -> None:
-        """Hand a message over, and send it if anybody else listens."""
+        """Hand a message over, and send it if it has other subscribers."""
         receiver, counted = self._receiver(), self._publisher.get_subscription_count()
         is_subscribed = receiver is not None and receiver.is_subscribed
         is_sent = counted > is_subscribed
@@ -120,14 +120,14 @@ class IntraProcessMessages:
         self._is_called = False
 
     def put(self, data: bytes) -> None:
-        """Put a message in. From any thread."""
+        """Add a message. From any thread."""
         self._messages.append(Received(data, len(data), UNKNOWN_WRITER, time.time()))
         if not self._is_called:
             self._is_called = True
             self._runtime.run_or_post(self._heed)
 
     def take(self) -> None:
-        """Hear what has come by now."""
+        """Handle the messages received so far."""
         while self._messages:
             self._on_message(self._messages.popleft())
 

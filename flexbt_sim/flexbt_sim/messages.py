@@ -31,12 +31,12 @@ from .errors import SimulationError
 
 
 def quaternion(yaw: float) -> Quaternion:
-    """Return a heading, rad."""
+    """Return the quaternion of a heading, rad."""
     return Quaternion(z=math.sin(yaw / 2.0), w=math.cos(yaw / 2.0))
 
 
 def pose_message(pose: Pose) -> PoseMessage:
-    """Return a pose in the plane."""
+    """Return the message of a pose in the plane."""
     message = PoseMessage()
     message.position.x, message.position.y = float(pose.x), float(pose.y)
     message.orientation = quaternion(pose.yaw)
@@ -52,7 +52,7 @@ def stamped(pose: Pose, frame: str, stamp: Time) -> PoseStamped:
 
 
 def transform(parent: str, child: str, pose: Pose, stamp: Time) -> TransformStamped:
-    """Return where a frame is in another at a time."""
+    """Return the transform from one frame to another at a time."""
     message = TransformStamped(child_frame_id=child)
     message.header.frame_id, message.header.stamp = parent, stamp
     message.transform.translation.x, message.transform.translation.y = float(pose.x), float(pose.y)
@@ -61,8 +61,7 @@ def transform(parent: str, child: str, pose: Pose, stamp: Time) -> TransformStam
 
 
 def pose_of(message: PoseMessage) -> Pose:
-    """Return a pose in the plane, from a message. A quaternion of any length will do; one of all zeros means heading
-    0."""
+    """Return a pose in the plane, from a message. The quaternion need not be normalized; all zeros mean heading 0."""
     q = message.orientation
     yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
     return Pose(float(message.position.x), float(message.position.y), wrap(yaw))
@@ -125,10 +124,10 @@ def action_type(server: str) -> Any:
 
 
 def check_fault(parameters: FaultModel) -> None:
-    """Look whether a fault of a server can be carried out; others always can, as far as this goes.
+    """Check that a server can execute a fault. Faults of others always pass.
 
     Raises:
-        SimulationError: its action does not know the error code.
+        SimulationError: its action does not define the error code.
     """
     if not isinstance(parameters, ServerFails):
         return
@@ -149,7 +148,7 @@ def faults_message(faults: Iterable[ServerFault]) -> String:
 
 
 def faults_of(message: String) -> list[ServerFault]:
-    """Return the faults that there are.
+    """Return the faults in a message.
 
     Raises:
         FlexbtError, YamlError: the message has no faults, or invalid ones.

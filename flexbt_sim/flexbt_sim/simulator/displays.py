@@ -79,7 +79,7 @@ _IN_GRIPPER: Final = Pose(0.0, 0.0, 0.0)
 
 
 class Scene:
-    """The caller that changes the world notifies it, under the lock of the world."""
+    """The topics of doors and things. The caller that changes the world notifies it, under the lock of the world."""
 
     def __init__(self, runtime: NodeRuntime, frame: str) -> None:
         """``frame`` is that of the map."""
@@ -90,7 +90,7 @@ class Scene:
         self._told_things: dict[str, tuple[str, Pose]] | None = None
 
     def tell(self, world: World, stamp: Time) -> None:
-        """Say what is not as it was said before."""
+        """Publish what has changed since the last call."""
         doors = {name: door.opening for name, door in world.doors.items()}
         if doors != self._told_doors:
             self._told_doors = doors

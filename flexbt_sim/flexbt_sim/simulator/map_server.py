@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The map as Nav2's map_server has it: a latched topic, and the services ``map_server/map`` and ``load_map``.
+"""The map as Nav2's map_server provides it: a latched topic, and the services ``map_server/map`` and ``load_map``.
 
 It is the robot's knowledge of the world, not the world: another map changes plans, but no wall.
 """
@@ -38,9 +38,9 @@ class MapServer:
         world: OccupancyMap | None,
         allowed_directories: Sequence[Path],
     ) -> None:
-        """``world`` is None if there is no map: then none is available until one is loaded.
+        """``world`` is None if there is no map. Then a service call must load one.
 
-        ``allowed_directories`` are those, beside the shares of packages, from which the service loads one.
+        The service loads maps from ``allowed_directories`` and from the shares of packages only.
         """
         node = self._node = runtime.node
         self._allowed = allowed_directories
@@ -57,7 +57,7 @@ class MapServer:
             self._publish(world)
 
     def close(self) -> None:
-        """Take everything back."""
+        """Destroy the topic and the services."""
         self._part.close()
         for service in self._services:
             self._node.destroy_service(service)

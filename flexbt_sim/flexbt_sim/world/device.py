@@ -59,7 +59,7 @@ class Carrier(Body):
 
 
 class Device:
-    """Base of what a robot carries. ``model`` is its description; ``is_read`` may be false while nobody reads it.
+    """Base of the devices of a robot. ``model`` is its description; ``is_read`` may be false while nobody reads it.
 
     Each message has the fixed values :meth:`constants`, and at ``fields`` the values :meth:`values`. A field is a code
     of ``struct`` ('d', 'f'), or '' for a value that is not a number of this kind, and the path to it in the message.
@@ -95,7 +95,7 @@ class Device:
 
     @property
     def news(self) -> Any:
-        """A value that changes with each message to send; None for none yet."""
+        """A value that changes with each message to send; None before the first."""
         return None
 
     @property
@@ -112,13 +112,13 @@ class Device:
         return ()
 
     def array_values(self) -> Any:
-        """Return the values of the ``array`` for the next message, float32; of equal number each time."""
+        """Return the values of the ``array`` for the next message, float32; always the same number of values."""
 
 
 class Sensor(Device):
     """A device that measures ``rate`` times a second, in steps of the world, with its own noise.
 
-    A reading that is due always draws its noise, also if nobody reads it, the robot has no power or a fault hides it.
+    Each due reading draws its noise, even if nobody reads it, the robot has no power or a fault hides it.
     So neither readers nor faults change the noise of later readings.
     """
 
@@ -169,7 +169,7 @@ class Sensor(Device):
         return False
 
     def take(self, now: float, ranges: Floats | None = None) -> None:
-        """Take a reading. ``ranges`` are the exact distances along :meth:`beams`, m, infinite where nothing is met."""
+        """Take a reading. ``ranges`` are the exact distances along :meth:`beams`, m, infinite without a hit."""
         drawn = self.draw()
         if self.faults and any(one.silences for one in self.faults.values()):
             return
@@ -186,4 +186,4 @@ class Sensor(Device):
         raise NotImplementedError
 
     def measure(self, drawn: Any, ranges: Any) -> None:
-        """Keep a reading, from the numbers that :meth:`draw` returned and the ranges along the beams, if any."""
+        """Store a reading, from the numbers that :meth:`draw` returned and the ranges along the beams, if any."""

@@ -108,7 +108,7 @@ class Battery(Sensor):
 
 
 class Bumper(Device):
-    """A bumper, which feels contacts."""
+    """A bumper, which detects contacts."""
 
     name = 'bumper'
     topics = ('bumper',)

@@ -23,7 +23,7 @@ EDGE: Final = 0.01
 
 
 class Obstacle(Body):
-    """Something in the way, at rest or moving. ``velocity`` is in m/s, in the map."""
+    """A static or moving obstacle. ``velocity`` is in m/s, in the map."""
 
     def __init__(self, name: str, model: ObstacleModel, seed: int = 0) -> None:
         super().__init__(name, model.shape, model.pose)
@@ -40,7 +40,7 @@ class Obstacle(Body):
         self._heading, self._left = 0.0, 0.0
 
     def place(self, pose: Pose) -> None:
-        """Put it somewhere. Its route goes on from there to the first point."""
+        """Move it to a pose. Its route continues from there to the first point."""
         self.pose = pose
         self.velocity = (0.0, 0.0)
         self._next: int | None = 0
@@ -48,7 +48,7 @@ class Obstacle(Body):
         self._blocked = 0.0
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
-        """Go on along the route, or walk about."""
+        """Follow the route, or walk at random."""
         if self.model.route is not None:
             self._follow(self.model.route, surroundings, duration)
         elif self.model.random_walk is not None:
@@ -73,7 +73,7 @@ class Obstacle(Body):
                 self._next = self._after(self._next, route)
 
     def _wait(self, index: int, route: RouteModel, duration: float) -> None:
-        """Blocked on the way to a point; in the end it turns back to the one before."""
+        """Wait on the way to a blocked point, and finally turn back to the one before."""
         self._blocked += duration
         back = index - self._step
         if route.order == 'loop':
@@ -132,11 +132,11 @@ class Door(Body):
         self._set(float(self.model.open))
 
     def place(self, pose: Pose) -> None:
-        """Put it somewhere, as open as it is: as :meth:`DoorModel.at`."""
+        """Move it to a pose, as :meth:`DoorModel.at`. Its opening stays."""
         self.pose, self.model = pose, self.model.at(pose)
 
     def command(self, open_it: bool) -> None:
-        """Tell it to open or to close. An automatic one closes again by itself."""
+        """Command it to open or to close. An automatic door closes again by itself."""
         self.wants_open = open_it
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
@@ -173,7 +173,7 @@ M = TypeVar('M', StationModel, ZoneModel)
 
 @dataclass
 class Marking(Generic[M]):
-    """Something on the ground, which takes up no room."""
+    """A marking on the ground, which does not block anything."""
 
     name: str
     model: M
@@ -186,7 +186,7 @@ class Marking(Generic[M]):
         self.model = self._start
 
     def place(self, pose: Pose) -> None:
-        """Put it somewhere."""
+        """Move it to a pose."""
         self.model = replace(self.model, pose=pose)
 
     @property
@@ -196,11 +196,11 @@ class Marking(Generic[M]):
 
 
 class Station(Marking[StationModel]):
-    """A charging station: its pose is where a robot has to be to be charged."""
+    """A charging station: it charges a robot at its pose."""
 
     @property
     def shape(self) -> Shape:
-        """The area, round its pose, for positions of a robot."""
+        """The area around its pose in which a robot is charged."""
         return Circle(self.model.reach)
 
 

@@ -55,7 +55,7 @@ class WorldProblem:
 
     @property
     def where(self) -> str:
-        """The path as text, harmless for a terminal: ``robots.alpha.pose``."""
+        """The path as text, safe to print in a terminal: ``robots.alpha.pose``."""
         return one_line('.'.join(map(str, self.path)), _WIDTH)
 
 
@@ -66,7 +66,7 @@ def key(text: str, default: Any = dataclasses.MISSING, **details: Any) -> Any:
 
 @dataclass(frozen=True)
 class ModelSpecification:
-    """Base of what a mapping in a world file says. Values are checked however it is made.
+    """Base of the mappings in a world file. The values are checked, however an instance is made.
 
     Raises:
         SimulationError: a value is out of its bounds; the message names it.
@@ -85,7 +85,7 @@ class ModelSpecification:
             raise SimulationError('; '.join(f'{p.where}: {p.message}' if p.path else p.message for p in problems))
 
     def conflicts(self) -> Iterable[str]:
-        """Return what is wrong with values that are right each by itself."""
+        """Return the conflicts between values that are each valid alone."""
         return ()
 
 
@@ -101,7 +101,7 @@ def types_of(specification: type[ModelSpecification]) -> Mapping[str, Any]:
 
 
 def written(name: str) -> str:
-    """Return a key as it is written in a file: ``from_`` is ``from``, a word that Python keeps for itself."""
+    """Return a key as in a file: ``from_`` is ``from``, which is a keyword of Python."""
     return name.rstrip('_')
 
 
@@ -195,7 +195,7 @@ def _numbers(value: Any, count: int, path: Path, problems: list[WorldProblem], w
 
 
 def _shape(value: Any, path: Path, problems: list[WorldProblem]) -> Shape | None:
-    """Return a number is the radius of a circle, two are length and width of a box, a list of points is a polygon."""
+    """Return a shape: a circle for a radius, a box for length and width, a polygon for a list of points."""
     radius = finite_number(value)
     try:
         if radius is not None:
@@ -231,7 +231,7 @@ def _bounded(value: Any, one: ModelKey, path: Path, problems: list[WorldProblem]
 
 
 def names(words: Iterable[Any]) -> str:
-    """Words in a line."""
+    """Return words as a line, separated by commas."""
     return ', '.join(map(str, words))
 
 
@@ -256,6 +256,6 @@ class FaultModel(ModelSpecification):
         return self.name
 
     def __str__(self) -> str:
-        """For people, on one line: ``stuck_wheel (side: 'left')``."""
+        """Return the fault on one line, for people: ``stuck_wheel (side: 'left')``."""
         values = names(f'{name}: {short_repr(getattr(self, name))}' for name in keys_of(type(self)))
         return f'{self.name} ({values})' if values else self.name
