@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executive's side of the operator link: topics to the consoles, and a bounded intake of commands from anybody.
+"""The executive's side of the operator link: topics to the consoles, and a bounded intake of commands from any sender.
 
-A console that joins late or has lost messages is complete again with the next message: status, structure and behaviors
-are complete and latched.
+Status, structure and behaviors are complete and latched: a console that joins late or has lost messages is up to date
+with the next message.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ PING_BURST: Final = 100
 
 
 class ConsoleLink:
-    """The topics of one executive; nothing is heard before :meth:`listen`."""
+    """The topics of one executive. It receives no commands before :meth:`listen`."""
 
     def __init__(self, runtime: Runtime, executive_id: str, heartbeat_period: float) -> None:
         self._runtime = runtime
@@ -67,7 +67,7 @@ class ConsoleLink:
         }
         self._subjects_sent: list[tuple[str, int]] | None = None
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.transient_local_qos(names.LOG_DEPTH))
-        # The time of sending of the echo, with that of the ping, tells a console how late a status may be.
+        # From the times when ping and echo were sent, a console estimates how late a status may be.
         self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.best_effort_qos())
         ReceivedMessages(
             node,
@@ -90,15 +90,15 @@ class ConsoleLink:
             )
 
     def listen(self, on_command: OnCommand) -> None:
-        """Take commands from now on; ``on_command`` is called on the executor thread."""
+        """Start to receive commands; ``on_command`` is called on the executor thread."""
         CommandIntake(self._runtime, on_command, self.log)
 
     def node_of(self, participant: bytes) -> str:
-        """Return the node of a participant that can command; '' when there is none (any more)."""
+        """Return the node of a participant that can send commands; '' if none is known, or it is gone."""
         return writer_name(self._runtime.node, names.EXECUTIVE_COMMAND, participant)
 
     def publish_status(self, status: ExecutiveStatus) -> None:
-        """Send a status; fills in sender, sequence, time and heartbeat period. On the executor thread."""
+        """Send a status; fill in sender, sequence, time and heartbeat period. On the executor thread."""
         self._status_sequence += 1
         status.stamp = self._runtime.clock.stamp()
         status.sequence = self._status_sequence
@@ -106,8 +106,8 @@ class ConsoleLink:
         self.publish(status)
 
     def publish_subjects(self, subjects: DecisionSubjects) -> bool:
-        """Send what the decisions of the next status are about, if it has changed; whether it has. On the executor
-        thread."""
+        """Send the subjects of the decisions in the next status if they changed; return whether they did.
+        On the executor thread."""
         sent = [(subject.id, subject.number) for subject in subjects.subjects]
         if sent == self._subjects_sent:
             return False
@@ -128,9 +128,9 @@ class ConsoleLink:
         self.publish(PlaceList(places=known))
 
     def log(self, severity: int, text: str, path: str = '', run_id: str = '') -> None:
-        """Tell the operator a line, and the node's own log as well; from any thread."""
+        """Send a line to the operators, and write it to the node's log. From any thread."""
         text = sanitize_for_message(text, LONG_TEXT)
-        stamp = self._runtime.clock.stamp()  # without the lock: to ask for the time may call others
+        stamp = self._runtime.clock.stamp()  # without the lock: reading the clock may call other code
         try:
             with self._log_lock:  # numbers are published in their order
                 self._log_sequence += 1
@@ -180,10 +180,10 @@ def log_to_node(node: Node, severity: int, line: str) -> None:
 # middleware ignores a participant that continues to exceed them. A console sends a command again until it is answered.
 
 COMMAND_RATE: Final = 50.0
-"""Commands a second that are taken from one process on average, and as many stops."""
+"""Maximum average commands per second from one process; the same limit applies to stops."""
 
 COMMAND_BURST: Final = 100
-"""Commands that are taken from one process at once after a quiet time."""
+"""Maximum commands from one process at once after a quiet time."""
 
 COMMAND_BYTES: Final = 2_000_000
 """Maximum bytes of a command."""
@@ -246,7 +246,7 @@ class CommandIntake:
             self._drop(topic, received, f'kind {command.kind} is no STOP, and belongs on {names.EXECUTIVE_COMMAND}')
 
     def _drop(self, topic: str, received: Received, why: str) -> None:
-        """Tell it, once in a while."""
+        """Report a dropped command, at most once in ``_TELL_SECONDS`` for each process."""
         now, process = self._runtime.steady.now(), received.process
         if now < self._told.get(process, now):
             return

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The stream of transitions and commands, numbered and latched, for the logs of the consoles.
 
-A state machine may make thousands of transitions a second, of which a person reads none: the number of transitions and
+A state machine may make thousands of transitions a second, more than a person can read: the number of transitions and
 of messages sent is limited. Omitted events show as a gap in the numbers.
 """
 
@@ -20,10 +20,10 @@ from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import ExecutiveEvent, ExecutiveEvents
 
 EVENTS_OF_MESSAGE: Final = 50
-"""Events of a message at most; of more that come meanwhile, the oldest are left out."""
+"""Maximum events in a message; if more arrive before it is sent, the oldest are left out."""
 
 PERIOD: Final = 0.2
-"""Seconds of wall time from one message to the next, at least."""
+"""Minimum wall time between two messages, s."""
 
 TEXT_LENGTH: Final = 1000
 
@@ -45,13 +45,13 @@ class EventStream:
         self._next = 0.0
 
     def add(self, event: str, fields: Mapping[str, Any]) -> None:
-        """Take an event of the event log; those that are neither transitions nor decided commands are none here."""
+        """Queue an event of the event log. Only transitions and decided commands are sent."""
         if event in ('started', 'resumed', 'switched'):
             with self._lock:
                 self._run, self._behavior = str(fields['run']), str(fields['behavior'])
         if event != 'left' and not (event == 'command' and fields.get('effect') in ('applied', 'refused')):
             return
-        stamp = self._runtime.clock.stamp()  # without the lock: to ask for the time may call others
+        stamp = self._runtime.clock.stamp()  # without the lock: reading the clock may call other code
         with self._lock:
             if event == 'command' and fields.get('run') == self._run and not fields.get('path'):
                 fields = {'of': self._behavior, **fields}
