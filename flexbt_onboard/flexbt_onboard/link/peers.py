@@ -38,15 +38,15 @@ class _Peer:
 class PeersWatch:
     """A watch over nodes by name. Used on the executor thread, except where noted.
 
-    Operators are told when one has come or gone, or has become ready or is not any more (not when it was late
-    meanwhile), and why one is late, once in a spell of LATE_SECONDS. ``timeout``: how long one may be late, s of wall
-    time.
+    It reports to the operators when a node appears or disappears, and when it becomes ready or unready (not if it was
+    late meanwhile). It reports once why a node is late, after LATE_SECONDS. ``timeout``: maximum lateness of a node,
+    s of wall time.
     """
 
     def __init__(
         self, runtime: Runtime, names: Sequence[str], report: Reporter, timeout: float, *, are_expected: bool = True
     ) -> None:
-        """``are_expected``: that one was not seen yet is a fault already."""
+        """``are_expected``: a node that has not been seen yet counts as a fault."""
         self._runtime = runtime
         self._are_expected = are_expected
         self._report = report
@@ -71,7 +71,7 @@ class PeersWatch:
         self._listeners.append(changed)
 
     def statuses(self) -> list[PeerStatus]:
-        """Return what is known of each, in the order of the names; one that was never seen is not alive."""
+        """Return the status of each node, in the order of the names. A node that was never seen is not alive."""
         return [
             PeerStatus(
                 name=peer.name,
@@ -87,11 +87,11 @@ class PeersWatch:
         ]
 
     def gone(self) -> list[str]:
-        """Return the names of those that were alive, and are not any more."""
+        """Return the names of the nodes that were alive and have disappeared."""
         return [peer.name for peer in self._peers if peer.alive is False]
 
     def has_ended(self, writer: bytes) -> bool:
-        """Return whether this is a writer of one of them whose process has ended for certain."""
+        """Return whether the writer belongs to a watched node whose process has certainly ended."""
         return any(peer.watch.has_ended(writer) for peer in self._peers)
 
     def _absence(self, peer: _Peer) -> str:
@@ -103,7 +103,7 @@ class PeersWatch:
         return f'its process ended, or is out of reach, since {seconds:.0f} s; restart it'
 
     def unready(self) -> list[str]:
-        """Return the names of those that are alive, and not ready: they are starting, or late. From any thread."""
+        """Return the names of the nodes that are alive but not ready: starting, or late. From any thread."""
         return [peer.name for peer in self._peers if peer.alive and not peer.ready]
 
     def _alive_changed(self, peer: _Peer, alive: bool) -> None:

@@ -15,7 +15,7 @@ from .event_stream import EventStream
 class StorageProblems:
     """The problems of the files that the executive writes, logged when they begin and end. From any thread.
 
-    ``texts`` has it by what the file is; '' for nothing. ``changed`` is called when it changes.
+    ``texts`` maps the kind of file to its problem, '' for none. ``changed`` is called when a problem changes.
     """
 
     def __init__(self, log: Callable[..., None], changed: Callable[[], None] = lambda: None) -> None:
@@ -25,11 +25,11 @@ class StorageProblems:
 
     @property
     def text(self) -> str:
-        """All that is wrong; '' for nothing."""
+        """All problems in one line; '' for none."""
         return '; '.join(filter(None, self.texts.values()))
 
     def of(self, file: str, severity: int) -> Callable[[str], None]:
-        """Take what is wrong with a file, such as 'event log'; '' when it can be written again."""
+        """Return a receiver of the problems of a file, such as 'event log'; '' means that it can be written again."""
 
         def tell(text: str) -> None:
             self.texts[file] = text
@@ -55,18 +55,18 @@ class Reporter:
     ) -> None:
         self.log = log
         self.run_id = ''
-        """ID of the run that goes on, for lines that concern it."""
+        """ID of the current run, for lines that concern it."""
         self._event_log = event_log
         self._stream = stream
 
     def event(self, event: str, **fields: Any) -> None:
-        """Write an event."""
+        """Write an event to the event log, and send it to the stream."""
         self._event_log.add(event, **fields)
         if self._stream is not None:
             self._stream.add(event, fields)
 
     def command(self, fields: Mapping[str, Any], effect: str, why: str = '') -> None:
-        """Report what became of a command: applied, refused or ignored."""
+        """Report the effect of a command: applied, refused or ignored."""
         self.event('command', **fields, effect=effect, why=why)
 
     def operators(self, text: str, is_warning: bool) -> None:

@@ -263,7 +263,7 @@ def _is_cut(file: Path) -> bool:
 
 
 def newest_log(directory: Path) -> Path | None:
-    """Return the event log below a directory to which something was added last; None when there is none."""
+    """Return the most recently written event log below a directory; None if it contains none."""
     logs = [file for file in directory.rglob('*.jsonl') if not Path(file.stem).suffix.removeprefix('.').isdigit()]
     return max(logs, key=lambda file: file.stat().st_mtime_ns, default=None)
 
