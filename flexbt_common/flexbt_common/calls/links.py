@@ -168,6 +168,10 @@ class ServerLink:
         settling = SETTLE_SECONDS if gone else 0.0
         return any(now - self._seen[end.writer] >= (settling if end.node else NAME_SECONDS) for end in ends - gone)
 
+    def is_gone(self) -> bool:
+        """Return whether the servers of this name are all known to be gone."""
+        return Servers(self._nodes, self._ends()).are_gone
+
     def servers(self) -> Servers:
         """Return the servers that exist now and are not known to be gone."""
         servers = Servers(self._nodes, self._ends())

@@ -323,7 +323,7 @@ class ActionLeaf(ServerNode, StatefulAction):
         timeout = host.server_timeout if milliseconds is None else milliseconds / 1000.0
         link = host.actions.link(self.action_type, self.action_name)
         self.acts()
-        self._goal = _LeafGoal(self, link, goal, host.appear_timeout(timeout), timeout)
+        self._goal = _LeafGoal(self, link, goal, host.appear_timeout(timeout, link), timeout)
 
     def _cancel_all(self) -> None:
         self._stop_waiting()

@@ -17,6 +17,7 @@ from geometry_msgs.msg import PoseStamped
 from std_srvs.srv import Trigger
 
 from flexbt_common.calls.action_call import ActionLinks
+from flexbt_common.calls.links import ServerLink
 from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.errors import TransformError
 from flexbt_common.lifecycle.liveliness import STARTED
@@ -58,12 +59,16 @@ class LeafServices:
     goal_reached_tol: float = 0.25
     _told: set[str] = field(default_factory=set)
 
-    def appear_timeout(self, timeout: float) -> float:
+    def appear_timeout(self, timeout: float, link: ServerLink | None = None) -> float:
         """Return how long to wait for a server to appear, at least ``timeout``, s of wall time.
 
-        The processes of a robot start together, in any order. While this process is young, the server may be starting.
+        The processes of a robot start together, in any order. While this process is young, the server may be starting,
+        unless it is known to be gone.
         """
-        return max(timeout, self.start_timeout - (time.monotonic() - STARTED))
+        left = self.start_timeout - (time.monotonic() - STARTED)
+        if left <= timeout or (link is not None and self.runtime.call(link.is_gone)):
+            return timeout
+        return left
 
     @property
     def first_timeout(self) -> float:

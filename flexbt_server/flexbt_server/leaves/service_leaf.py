@@ -76,11 +76,12 @@ class ServiceNode(ServerNode, LeafNode):
 
     def ask(self, request: Any) -> NodeStatus:
         """Send a request and return RUNNING. :meth:`on_response` may call it again for another request."""
+        link = self.host.services.link(self.service_type, self.service_name)
         self._call = ServiceCall(
-            self.host.services.link(self.service_type, self.service_name),
+            link,
             request,
             on_done=lambda outcome: self._on_done(),
-            server_timeout=self.host.appear_timeout(self.timeout),
+            server_timeout=self.host.appear_timeout(self.timeout, link),
             response_timeout=self.timeout,
         )
         return NodeStatus.RUNNING

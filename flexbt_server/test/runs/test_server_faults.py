@@ -20,7 +20,7 @@ import pytest
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree.model.status import NodeStatus
@@ -73,6 +73,20 @@ def quickest_answer(world: ServerWorld) -> float:
         return uncontended_time() - began
 
     return min(measure() for _ in range(5))
+
+
+def test_a_server_that_is_known_to_be_gone_is_not_waited_for_as_one_that_starts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('flexbt_server.leaves.leaf_services.STARTED', time.monotonic())
+    with open_server_world(server_timeout=0.1, start_timeout=10.0 * DEADLINE) as world:
+        token = LivelinessToken(world.navigation_runtime)
+        token.set_ready(True)
+        world.client.load_tree('<Spin/>')
+        assert world.client.execute().result.code == Result.SUCCESS
+        token.remove_name('/navigation')
+        wait_until(lambda: world.client.execute().result.code == Result.FAILURE, 'the end of the server is known')
+        assert 'no action server' in world.client.execute().result.message
 
 
 @pytest.mark.parametrize('body', ['<HeldInTick/>', '<HeldInTick busy="1"/>', '<HeldThread/>'])

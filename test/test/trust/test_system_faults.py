@@ -29,8 +29,8 @@ BRAKING_SECONDS = 0.26 / 2.5
 REST_AFTER_STOP = 0.5 + BRAKING_SECONDS
 REST_AFTER_DEATH = 1.0
 SEEN_AFTER_DEATH = 3.0
-RECOVERY_SECONDS = {'bt_server': 0.0, 'navigation': 2 * 1.0}
-"""Of the tree that drives, before it fails: it asks two services of navigation to clear a costmap, and waits for each
+RECOVERY_SECONDS = {'bt_server': 0.0, 'navigation': 6 * 1.0}
+"""Of the tree that drives, before it fails: it asks up to six servers of navigation for a recovery, and waits for each
 to appear for the BT server's `server_timeout`."""
 
 SPEED = {'speed_factor': '3.0'}
