@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Blackboards as JSON: as BehaviorTree.CPP shows them, and so that an import gives back what was exported.
+"""Blackboards as JSON: in the form of BehaviorTree.CPP, and as an export that can be imported again.
 
-A document is an object with an item for each entry. Text, numbers, true and false stand for themselves, in entries
-without a fixed type, as scripts make them; lists in entries for lists. What JSON has no word for is an object with the
-name of its type, as in BehaviorTree.CPP, and fixes that type::
+A document is an object with one item for each entry. Text, numbers, true and false are written as they are; their
+entries have no fixed type, as if a script had made them. Lists are written as lists, for entries of list types. Any
+other value is an object with the name of its type, as in BehaviorTree.CPP; it fixes the type of the entry::
 
     {"speed": 0.5, "goal": {"__type": "geometry_msgs/msg/PoseStamped", "header": {...}, "pose": {...}}}
 
-An entry of another type is ``{"type": "double", "value": 0.5}``, without ``value`` when it was declared but never
-written; null is an entry that has neither.
+An entry with a different type is ``{"type": "double", "value": 0.5}``, without ``value`` if it was declared but never
+written. An entry with neither type nor value is null.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .status import NodeStatus
 
 TYPE_FIELD: Final = '__type'
 UNTYPED: Final = 'BT::AnyTypeAllowed'
-"""Name of the type that an entry has before one is fixed, in BehaviorTree.CPP."""
+"""Name that BehaviorTree.CPP gives to the type of an entry before it is fixed."""
 
 _MAX_DEPTH: Final = 100
 _SCALARS: Final = {
@@ -44,8 +44,10 @@ _Object = TypeVar('_Object')
 
 
 class JsonObject(NamedTuple):
-    """The JSON form of a class: its name, its type on a blackboard, and the two conversions. These work on data that
-    JSON can hold; ``from_json`` raises ConversionError, ValueError, TypeError or LookupError."""
+    """The JSON form of a class: its name, its type on a blackboard, and the two conversions.
+
+    The conversions work on JSON data. ``from_json`` raises ConversionError, ValueError, TypeError or LookupError.
+    """
 
     name: str
     type: PortType
@@ -54,9 +56,9 @@ class JsonObject(NamedTuple):
 
 
 class JsonTypes:
-    """The classes whose objects JSON may hold. A name in a document selects among them, and means nothing else.
+    """The classes whose objects JSON may hold. A name in a document can only select one of these classes.
 
-    Derive from it to add families of classes: override :meth:`of_class`, :meth:`of_name` and :meth:`port_type`.
+    To add families of classes, derive from it and override :meth:`of_class`, :meth:`of_name` and :meth:`port_type`.
     """
 
     def __init__(self) -> None:
@@ -70,7 +72,7 @@ class JsonTypes:
         to_json: Callable[[_Object], dict[str, Any]],
         from_json: Callable[[dict[str, Any]], _Object],
     ) -> None:
-        """Register a class. Raises ValueError if its name or the class is registered already."""
+        """Register a class. Raises ValueError if its name or the class is already registered."""
         if name in self._by_name or python_type in self._by_class or name in _BUILTIN_VALUES:
             raise ValueError(f'the JSON type {name!r}, or its class {python_type.__qualname__}, is registered already')
         entry = JsonObject(name, PortType(python_type.__qualname__, python_type), to_json, from_json)
@@ -100,9 +102,9 @@ class JsonTypes:
 
 
 def show_blackboard(board: Blackboard, types: JsonTypes) -> dict[str, Any]:
-    """Return the entries of this scope as BehaviorTree.CPP exports them, for tools that are made for it.
+    """Return the entries of this scope as BehaviorTree.CPP exports them, for its tools.
 
-    A bool is the integer 0 or 1, not-a-number and the infinities are floats, and what was never written, or has no JSON
+    A bool is the integer 0 or 1. NaN and the infinities are floats. An entry that was never written, or has no JSON
     form, is None.
     """
     return {key: _shown(value, types) for key, _, value in _entries(board)}
@@ -125,10 +127,10 @@ def _shown(value: Any, types: JsonTypes) -> Any:
 
 
 def export_blackboard(board: Blackboard, types: JsonTypes) -> tuple[dict[str, Any], list[str]]:
-    """Return the entries of this scope, with their types, at one moment; and why entries are missing that have no JSON
-    form.
+    """Return the typed entries of this scope at one moment, and the reasons why entries without JSON form are missing.
 
-    :func:`import_blackboard` gives them back. The document has only what ``json`` writes and reads without loss.
+    :func:`import_blackboard` restores them. The document contains only values that ``json`` writes and reads without
+    loss.
     """
     document: dict[str, Any] = {}
     problems: list[str] = []
@@ -141,11 +143,11 @@ def export_blackboard(board: Blackboard, types: JsonTypes) -> tuple[dict[str, An
 
 
 def import_blackboard(board: Blackboard, document: Mapping[str, Any], types: JsonTypes) -> None:
-    """Write all entries of a document, or none of them. Other entries stay as they are.
+    """Write all entries of a document, or none of them. Other entries do not change.
 
-    A new entry gets the type and the value of the document; one that has a type takes the value as
-    :meth:`Blackboard.set` does, by conversion without loss. (BehaviorTree.CPP overwrites an entry of any type,
-    and does not count that as a write.)
+    A new entry gets the type and the value of the document. An entry that has a type accepts the value as in
+    :meth:`Blackboard.set`, if it converts without loss. (BehaviorTree.CPP overwrites an entry of any type, and does not
+    count that as a write.)
 
     Raises:
         BlackboardError: names every entry that is not understood, or the one that does not fit.
@@ -160,7 +162,7 @@ def import_blackboard(board: Blackboard, document: Mapping[str, Any], types: Jso
                 problems.append(f'entry [{key}]: {error}')
         if problems:
             raise BlackboardError('; '.join(problems))
-        # A copy with the same types takes the values first: what it takes, the board takes.
+        # Write to a copy with the same types first: if the copy accepts all values, the board does too.
         rehearsal = Blackboard()
         for key, kind, value in writes:
             entry = board.entry(key)
@@ -230,7 +232,7 @@ def _decode_entry(item: Any, types: JsonTypes, present: Entry | None) -> tuple[P
             f'an object has to have {TYPE_FIELD!r} beside its fields, or only "type" and "value"; this one has '
             f'{", ".join(map(repr, item)) or "nothing"}'
         )
-    # Users' types are known where a tree that uses them has made the entry.
+    # A user's type is known only if a tree that uses it has created the entry.
     known = present.type if present is not None and present.type is not None and present.type.name == name else None
     kind = known or types.port_type(name)
     if kind is None and name != UNTYPED:
@@ -239,7 +241,7 @@ def _decode_entry(item: Any, types: JsonTypes, present: Entry | None) -> tuple[P
         return kind, EMPTY
     value = _decode(item['value'], types, 0)
     if kind is not None and not isinstance(value, str):
-        # Text stays as it is: its readers convert it. Of numbers, those of the other kind may be there as well.
+        # Text stays text: its readers convert it. An entry of numbers may also hold the other kind of number.
         cast(value, kind)
     return kind, value
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Definitions that running trees are made from: documents, trees, nodes, their names, and libraries of documents."""
+"""Definitions from which running trees are built: documents, trees, nodes, their names, and tree libraries."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ from .status import NodeKind
 
 @dataclass(frozen=True, slots=True)
 class NodeManifest:
-    """The declaration of a node type, known without an instance. ``children`` is their least and greatest number.
+    """The declaration of a node type, available without an instance.
 
-    ``node_class`` is the class of its nodes, which the engine makes.
+    ``children`` is the minimum and maximum number of children. ``node_class`` is the class that the engine
+    instantiates.
     """
 
     id: str
@@ -30,23 +31,23 @@ class NodeManifest:
     children: tuple[int, int | None]
     description: str
     nav2_branch: str = ''
-    """The branch of Nav2 (see ``NodeRegistry``) that alone has such nodes; '' if all have them."""
+    """Only branch of Nav2 (see ``NodeRegistry``) that has these nodes; '' if all branches have them."""
 
     @property
     def documentation(self) -> str:
-        """Description whose first paragraph names the only branch of Nav2 that has such nodes."""
+        """Description; its first paragraph gives the only branch of Nav2 that has these nodes."""
         summary, *rest = self.description.split('\n\n')
         return '\n\n'.join((with_branch(summary, self.nav2_branch), *rest))
 
     @property
     def example(self) -> Example | None:
-        """Example that exactly this class declares: a derived class has its own, or none."""
+        """Example declared by this class itself: a derived class does not inherit it."""
         example = vars(self.node_class).get('example')
         return example if isinstance(example, Example) else None
 
     @property
     def outcomes(self) -> Outcomes | None:
-        """Rule that exactly this class declares: a derived class may behave differently."""
+        """Rule declared by this class itself: a derived class may behave differently."""
         outcomes = vars(self.node_class).get('outcomes')
         return outcomes if isinstance(outcomes, Outcomes) else None
 
@@ -56,11 +57,11 @@ class RunnableScript(Protocol):
 
     @property
     def run(self) -> Callable[[], bool | None]:
-        """Function that runs the script; it returns the truth of a condition, else None. Raises ScriptError."""
+        """Function that runs the script. It returns the truth of a condition, otherwise None, and raises ScriptError."""
 
 
 class ParsedScript(Protocol):
-    """A script as a definition holds it: its text is valid."""
+    """A script in a definition; its text is valid."""
 
     @property
     def text(self) -> str: ...
@@ -70,8 +71,10 @@ class ParsedScript(Protocol):
         """True if the script does nothing."""
 
     def bind(self, board: Blackboard, *, condition: bool = False) -> RunnableScript:
-        """Return the script on ``board``; of a ``condition`` the truth is asked. Raises ScriptError when that is
-        empty."""
+        """Return the script on ``board``. A ``condition`` returns its truth when it runs.
+
+        Raises ScriptError if a condition is empty.
+        """
 
 
 class ScriptFactory(Protocol):
@@ -79,7 +82,7 @@ class ScriptFactory(Protocol):
 
     @property
     def enums(self) -> Mapping[str, int]:
-        """The enum constants that scripts know."""
+        """Enum constants available in scripts."""
 
     def script(self, text: str) -> ParsedScript:
         """Raise ScriptError if the text is not a script."""
@@ -89,11 +92,11 @@ NO_CONDITIONS: Final[Mapping[str, ParsedScript]] = {}
 
 
 class NodeDefinition(NamedTuple):
-    """One node of the XML. ``tree_id`` is set for sub-trees, whose ``values`` are the ports of the tree, as given.
+    """One node of the XML. For a sub-tree, ``tree_id`` is set and ``values`` are the ports of the tree, as given.
 
-    ``extra`` are the attributes that mean nothing to the engine (they begin with ``_``). ``offset`` is the place in
-    the source, and ``places`` are those of the attributes, counted from there. ``conditions`` are the pre- and
-    post-conditions, by attribute.
+    ``extra`` are the attributes that the engine ignores (they begin with ``_``). ``offset`` is the place in the source;
+    ``places`` are the places of the attributes, relative to it. ``conditions`` are the pre- and post-conditions, by
+    attribute.
     """
 
     manifest: NodeManifest
@@ -109,7 +112,7 @@ class NodeDefinition(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name of the node in errors."""
+        """Name of the node in error messages."""
         id = self.tree_id or self.manifest.id
         return f'<{self.manifest.id} {self.name!r}>' if self.name != id or self.tree_id else f'<{id}>'
 
@@ -131,22 +134,24 @@ class TreeDefinition(NamedTuple):
             stack.extend(reversed(node.children))
 
     def error(self, node: NodeDefinition, message: str, attribute: str | None = None) -> LoadError:
-        """Return an error at the place of the node, or of one of its attributes."""
+        """Return an error located at the node, or at one of its attributes."""
         offset = node.offset + (0 if attribute is None else node.places.get(attribute, 0))
         return self.source.error(offset, message, node.label)
 
 
 class SubTreeModelPort(NamedTuple):
-    """A port that a model (<TreeNodesModel>) declares for a tree. ``default`` None: it has to be given."""
+    """A port that a model (<TreeNodesModel>) declares for a tree. With ``default`` None it is required."""
 
     direction: PortDirection
     default: str | None
 
 
 class TreeDocument(NamedTuple):
-    """The definitions of one file. ``main`` is the tree to execute by default, if the file names it or has only one;
-    ``names_main`` is true if the file names it.
-    ``scripts`` are those of the registry with which it was read."""
+    """The definitions of one file.
+
+    ``main`` is the tree to run by default: the one that the file names as main, or its only tree. ``names_main`` is
+    true if the file names it. ``scripts`` is the script factory of the registry that the file was read with.
+    """
 
     file: str
     trees: Mapping[str, TreeDefinition]
@@ -157,14 +162,14 @@ class TreeDocument(NamedTuple):
     names_main: bool
 
 
-# Documents that are loaded together, with their references to sub-trees resolved.
+# Libraries: documents loaded together, with their references to sub-trees resolved.
 
 MAX_NODES: Final = 65_535
-"""Maximum number of nodes of a running tree with its sub-trees: the formats of the tools have 16 bits for a uid."""
+"""Maximum number of nodes of a running tree, sub-trees included: the tools' formats store a uid in 16 bits."""
 
 
 class TreeKey(NamedTuple):
-    """A tree: the file of its document, and its ID."""
+    """The identity of a tree: the file of its document, and its ID."""
 
     file: str
     id: str
@@ -173,7 +178,7 @@ class TreeKey(NamedTuple):
 class TreeLibrary:
     """Documents by file. Immutable: :meth:`stage` returns a new library, or raises and leaves this one unchanged.
 
-    A <SubTree> means the tree of that ID in its own document, otherwise the one that was staged last.
+    A <SubTree> refers to the tree with that ID in its own document, or else to the one staged last.
     """
 
     def __init__(self, documents: Iterable[TreeDocument] = (), *, max_nodes: int = MAX_NODES) -> None:
@@ -193,9 +198,9 @@ class TreeLibrary:
     def stage(
         self, documents: Iterable[TreeDocument], *, without: Collection[str] = (), in_place: bool = False
     ) -> TreeLibrary:
-        """Return a library with these documents added; replaces those of the same files, leaves out ``without``.
+        """Return a library with these documents added. They replace those of the same files; ``without`` are left out.
 
-        Those that are replaced ``in_place`` do not become the newest.
+        Documents replaced ``in_place`` keep their order; they do not become the newest.
         """
         merged = {file: document for file, document in self._documents.items() if file not in without}
         for document in documents:
@@ -223,8 +228,7 @@ class TreeLibrary:
                 yield TreeKey(document.file, id)
 
     def find(self, id: str, file: str | None = None) -> TreeKey | None:
-        """Return the tree of this ID: the one of the document ``file`` if that has it, otherwise the one staged
-        last."""
+        """Return the tree with this ID: from the document ``file`` if it has one, otherwise the one staged last."""
         document = self._documents.get(file) if file is not None else None
         if document is not None and id in document.trees:
             return TreeKey(document.file, id)
@@ -234,7 +238,7 @@ class TreeLibrary:
         return self._documents[key.file].trees[key.id]
 
     def model(self, id: str) -> Mapping[str, SubTreeModelPort]:
-        """Return the ports that models declare for the tree of this ID; empty without a model."""
+        """Return the ports that models declare for the tree with this ID; empty without a model."""
         return self._models.get(id, {})
 
 
@@ -276,7 +280,7 @@ class _Checker:
         self._own_nodes[key] = count
 
     def _check_order(self) -> Iterator[LoadError]:
-        """Visit trees after those that they refer to; find recursion, and count the nodes of each expanded tree."""
+        """Visit trees after the trees they refer to; find recursion, and count the nodes of each expanded tree."""
         sizes: dict[TreeKey, int] = {}
         for start in self._references:
             path: dict[TreeKey, Iterator[tuple[NodeDefinition, TreeKey]]] = {}
@@ -298,7 +302,7 @@ class _Checker:
                     size = self._own_nodes[key]
                     size += sum(sizes.get(target, 0) for _, target in self._references[key])
                     sizes[key] = size
-                    # Do not report a tree that is too large only because of a reported one.
+                    # Do not report a tree as too large if a reported tree makes it so.
                     largest = max((sizes.get(target, 0) for _, target in self._references[key]), default=0)
                     if size > self._library.max_nodes >= largest:
                         yield self._too_large(key, size)
@@ -311,7 +315,7 @@ class _Checker:
 
 # Valid names of nodes, trees and ports.
 
-# Attributes that any node may have, and which no port can be named after (reference: BehaviorTree.CPP 4).
+# Attributes that any node may have; ports cannot use these names (source: BehaviorTree.CPP 4).
 PRE_POST_ATTRIBUTES: Final = frozenset(
     ('_failureIf', '_successIf', '_skipIf', '_while', '_onHalted', '_onFailure', '_onSuccess', '_post')
 )
@@ -332,7 +336,7 @@ def port_name_problem(name: str) -> str:
 
 
 def model_name_problem(name: str, allowed: str = '') -> str:
-    """Why ``name`` cannot be the ID of a node type; '' when it can. The characters ``allowed`` may be in it."""
+    """Return why ``name`` cannot be the ID of a node type; '' if it can. It may contain the characters ``allowed``."""
     if not name:
         return 'the name of a tree or node type cannot be empty'
     if name in ('Root', 'root'):
@@ -343,7 +347,7 @@ def model_name_problem(name: str, allowed: str = '') -> str:
 def tree_name_problem(name: str) -> str:
     """Return why ``name`` is not valid as the ID of a tree; '' if it is valid.
 
-    It may have blanks between its words: BehaviorTree.CPP up to 4.8 takes them, and MoveIt Pro's trees have them.
+    Spaces between words are allowed: BehaviorTree.CPP up to 4.8 accepts them, and MoveIt Pro's trees use them.
     """
     return model_name_problem(name, allowed=' ' if name == name.strip(' ') else '')
 

@@ -51,11 +51,11 @@ class BlackboardError(BehaviorTreeError):
 
 @dataclass(frozen=True, slots=True)
 class LoadError:
-    """One reason why a document is refused (or, among the warnings of a document, one oddity).
+    """One reason why a document is rejected, or one warning about it.
 
-    ``line`` and ``column`` count from 1 in the text as the user wrote it; both are 0 when it is about the file.
-    ``node`` is the element: its tag, with its ``name`` when it has one; '' when there is none.
-    ``unknown`` is the node type that is not registered, where that is the reason and no other type is similar.
+    ``line`` and ``column`` count from 1 in the text as the user wrote it; both are 0 when the error concerns the whole
+    file. ``node`` is the element: its tag, and its ``name`` if it has one; '' without an element. ``unknown`` is the
+    node type that is not registered, if that is the reason and no similar type is known.
     """
 
     file: str
@@ -71,7 +71,7 @@ class LoadError:
 
 
 class TreeLoadError(BehaviorTreeError):
-    """XML, or a set of documents, that is refused. ``errors`` has everything that is wrong, in order of position."""
+    """XML, or a set of documents, that is rejected. ``errors`` lists every problem, in order of position."""
 
     def __init__(self, errors: Iterable[LoadError]) -> None:
         self.errors: tuple[LoadError, ...] = tuple(errors)
@@ -89,7 +89,7 @@ class ElementError(BehaviorTreeError):
 class PortError(BehaviorTreeError):
     """A port of a node cannot be read or written.
 
-    ``key`` is the blackboard key that the port points to, or None when it holds a literal or is not given.
+    ``key`` is the blackboard key that the port points to; None if it holds a literal or is not given.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class PortError(BehaviorTreeError):
 class ScriptError(BehaviorTreeError):
     """A script cannot be parsed, or fails when it runs.
 
-    ``script`` is its text, ``offset`` the place of the error, counted from 0, and ``reason`` its description.
+    ``script`` is its text, ``offset`` the position of the error, counted from 0, and ``reason`` the description.
     """
 
     def __init__(self, script: str, offset: int, reason: str, *, is_absent: bool = False) -> None:
@@ -133,10 +133,10 @@ class ScriptError(BehaviorTreeError):
 class NodeExecutionError(BehaviorTreeError):
     """A node raised, or broke the rules of ticking. The cause is in ``__cause__`` and ``cause``.
 
-    ``uid`` is that of the node, 0 when it is not known. ``trace`` has the nodes from there up to the root, once the
-    error has left the tree.
+    ``uid`` identifies the node; 0 if it is unknown. ``trace`` lists the nodes from the failing one up to the root. It
+    is set once the error has left the tree.
 
-    The tree is left as it was at that moment, as in BehaviorTree.CPP: halt it before anything else is done with it.
+    As in BehaviorTree.CPP, the tree stays in the state of that moment: halt it before you use it again.
     """
 
     def __init__(self, node_path: str, node_id: str, cause: BaseException | str, uid: int = 0) -> None:
@@ -164,16 +164,16 @@ def _text_of(cause: BaseException | str) -> str:
     return f'{name}: {text}' if text else name
 
 
-# Why a tree failed, or where in it something was raised: the nodes from the one at fault up to the root.
+# Traces: why a tree failed, or where a node raised. They list the nodes from the one at fault up to the root.
 #
-# Nothing of this is kept while a tree is ticked. A node knows which of its children made it fail, and its own part in
-# that, until it is ticked again; the chain is built on request.
+# Ticking records no trace. Until its next tick, a node knows which child made it fail and what it did itself; the trace
+# is built on request.
 
 MOST_LINES: Final = 100
 
 
 class FailureStep(NamedTuple):
-    """The path of a node, and its part in what happened."""
+    """The path of a node, and its part in the failure."""
 
     path: str
     reason: str
@@ -183,7 +183,7 @@ class FailureStep(NamedTuple):
 
 
 class FailureTrace(NamedTuple):
-    """The node at fault and its reason come first, then its parent and what that made of it, up to the root."""
+    """The nodes from the one at fault up to the root, each with its reason."""
 
     steps: tuple[FailureStep, ...]
 
@@ -203,8 +203,7 @@ class FailureTrace(NamedTuple):
         return tuple(step.path for step in reversed(self.steps))
 
     def lines(self, most: int = MOST_LINES) -> list[str]:
-        """Return the steps as ``path: reason``; of more than ``most``, those in the middle are left out, which a line
-        says."""
+        """Return the steps as ``path: reason``. Above ``most`` steps, one line replaces those in the middle."""
         steps = self.steps
         if len(steps) <= most:
             return [str(step) for step in steps]
@@ -214,11 +213,11 @@ class FailureTrace(NamedTuple):
         return [*map(str, steps[:head]), between, *map(str, steps[len(steps) - tail :])]
 
 
-# The text that definitions were read from, and where in it something is wrong.
+# The source text of definitions, and the positions of errors in it.
 
 
 class Source:
-    """The text of one file, and the lines and columns of its offsets."""
+    """The text of one file. It converts offsets to lines and columns."""
 
     def __init__(self, file: str, text: str) -> None:
         self.file = file
@@ -233,6 +232,6 @@ class Source:
         return line, offset - self._line_starts[line - 1] + 1
 
     def error(self, offset: int, message: str, node: str = '') -> LoadError:
-        """Return an error at this offset. ``node`` is the element, as it is named to users."""
+        """Return an error at this offset. ``node`` is the element, in the form shown to users."""
         line, column = self.position(offset)
         return LoadError(self.file, line, column, truncate_middle(node, 200), truncate_middle(message, 500))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Declarations of a node class about its ticks: which statuses it can return, when, and an example.
 
-A rule considers one node and the possible results of its children, not what they do. Every possible result of a run is
-included in the rule. So ``bt_tool check`` can warn of children that no run reaches, and of time limits that expire
-before anything can succeed.
+A rule looks at one node and the possible results of its children, not at what the children do. It includes every result
+that a run can have. This lets ``bt_tool check`` warn about children that no run reaches, and about time limits that
+expire before anything can succeed.
 """
 
 from __future__ import annotations
@@ -30,20 +30,21 @@ _SUCCESS: Final = frozenset((SUCCESS,))
 
 
 class PossibleTick(NamedTuple):
-    """The possibilities of a node: the ``results`` of its ticks, and for each child whether it may be ``ticked``."""
+    """The possible ``results`` of a node's ticks and, for each child, whether it may be ``ticked``."""
 
     results: Results
     ticked: Sequence[bool]
 
 
 Times = Mapping[NodeStatus, float]
-"""Shortest time until a node returns each of its results, s after the tick that begins it. It never returns a result
-that is missing here."""
+"""Minimum time until a node returns each result, s after its first tick. It never returns a missing result."""
 
 
 class Earliest(NamedTuple):
-    """The earliest times of the ``results`` of a node, and for each child the time at which it ``begins``, s after the
-    tick that begins the node; infinity: never."""
+    """The earliest times of the ``results`` of a node and, for each child, the time at which it ``begins``.
+
+    Times are in s after the tick that begins the node; infinity means never.
+    """
 
     results: Times
     begins: Sequence[float]
@@ -60,22 +61,20 @@ def _earlier(results: dict[NodeStatus, float], result: NodeStatus, time: float) 
 
 
 class Outcomes(ABC):
-    """The rule of a node class, for nodes that have the number of children with which they can be ticked."""
+    """The rule of a node class, for nodes with a valid number of children."""
 
     __slots__ = ()
 
     @abstractmethod
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
-        """Return what is possible with these ports, when the children may give ``children``, one for each."""
+        """Return what is possible with these ports, given the possible results of each child."""
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
-        """Return when something is possible with these ports, where children need ``children``; at once, if a rule does
-        not say it."""
+        """Return the earliest times with these ports, given those of the children; 0 if a rule does not define them."""
         return Earliest(_at_once((SUCCESS, FAILURE, SKIPPED)), (0.0,) * len(children))
 
     def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
-        """Return the child whose results decide whether ``child`` is ticked; None when it is these ports of the
-        node."""
+        """Return the child whose results decide whether ``child`` is ticked; None if the ports of the node decide."""
         return child - 1 if child else None
 
 
@@ -87,7 +86,7 @@ def _milliseconds(values: Mapping[str, PortValue], port: str) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class OneOf(Outcomes):
-    """One of several results, independent of those of the children, each of which may be ticked."""
+    """One of several results, independent of the results of the children. Each child may be ticked."""
 
     results: tuple[NodeStatus, ...]
 
@@ -100,7 +99,7 @@ class OneOf(Outcomes):
 
 @dataclass(frozen=True, slots=True)
 class Lasting(OneOf):
-    """A leaf that waits: it succeeds after the time that ``port`` says, in units of ``unit`` seconds."""
+    """A leaf that waits: it succeeds after the time in ``port``, in units of ``unit`` seconds."""
 
     port: str = ''
     unit: float = 1.0
@@ -115,7 +114,7 @@ class Lasting(OneOf):
 
 @dataclass(frozen=True, slots=True)
 class WithDefault(Outcomes):
-    """A leaf that ends at once, and fails only where ``port`` has no text: it is known before a run, or may lack."""
+    """A leaf that ends at once. It may fail unless ``port`` has a literal text."""
 
     port: str
 
@@ -130,10 +129,10 @@ class WithDefault(Outcomes):
 
 @dataclass(frozen=True, slots=True)
 class InOrder(Outcomes):
-    """The next child is ticked when one gives ``passing`` or is skipped; anything else is the result.
+    """Children in order: when one returns ``passing`` or is skipped, the next is ticked; else its status is the result.
 
-    A node that ``yields`` may be RUNNING between two children. One that ``remembers`` goes on, after a failure or a
-    halt, where it was.
+    A node that ``yields`` may be RUNNING between two children. A node that ``remembers`` continues at the same child
+    after a failure or a halt.
     """
 
     passing: NodeStatus
@@ -191,7 +190,7 @@ class Choice(Outcomes):
             for result, time in branch.items():
                 _earlier(results, result, begin + time)
         if len(branches) == 1 and FAILURE in condition:
-            _earlier(results, FAILURE, 0.0)  # the condition may keep a result of before
+            _earlier(results, FAILURE, 0.0)  # the condition may keep an earlier result
         return Earliest(results, (0.0, *decided))
 
     def deciding(self, values: Mapping[str, PortValue], child: int) -> int | None:
@@ -200,8 +199,10 @@ class Choice(Outcomes):
 
 @dataclass(frozen=True, slots=True)
 class Exchanged(Outcomes):
-    """A decorator that gives something else for some results of its child. One that ``waits`` may be RUNNING before:
-    for the milliseconds of the port ``delay``, if it has one."""
+    """A decorator that replaces some results of its child.
+
+    If it ``waits``, it may be RUNNING first, for the milliseconds of the port ``delay`` if it has one.
+    """
 
     success: NodeStatus = SUCCESS
     failure: NodeStatus = FAILURE
@@ -215,7 +216,7 @@ class Exchanged(Outcomes):
         return PossibleTick(results | _RUNNING if self.waits else results, (True,))
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
-        # After a child that was skipped the delay is over, also when the node begins anew.
+        # After the child was skipped the delay is over, even when the node starts again.
         delay = 0.0 if SKIPPED in children[0] else _milliseconds(values, self.delay) or 0.0
         results: dict[NodeStatus, float] = {}
         for result, time in children[0].items():
@@ -228,7 +229,7 @@ class Exchanged(Outcomes):
 
 @dataclass(frozen=True, slots=True)
 class Repeated(Outcomes):
-    """A decorator that begins its child anew after ``repeated``, as often as ``port`` says; -1: without end."""
+    """A decorator that restarts its child after ``repeated``, up to the number in ``port``; -1: without limit."""
 
     port: str
     repeated: NodeStatus
@@ -243,7 +244,7 @@ class Repeated(Outcomes):
             return PossibleTick(frozenset((self.repeated,)), (False,))
         if isinstance(count, int):
             return PossibleTick(children[0] | again, (True,))
-        # Not known: with 0 the result is as if it had been repeated enough.
+        # The count is unknown; with 0 the result is as if all repetitions were done.
         return PossibleTick(others | again | {self.repeated}, (True,))
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
@@ -253,16 +254,16 @@ class Repeated(Outcomes):
         if not isinstance(count, int) or count == 0 or count < -1:
             results[self.repeated] = 0.0
         elif self.repeated in child and count > 0:
-            # What was counted is kept where the child was skipped, also when the node begins anew.
+            # The node keeps its count when the child is skipped, even when the node starts again.
             results[self.repeated] = child[self.repeated] * (1 if SKIPPED in child else count)
         return Earliest(results, (0.0,))
 
 
 @dataclass(frozen=True, slots=True)
 class Recovered(Outcomes):
-    """The second child is ticked when the first fails, and then the first again, as often as ``port`` says.
+    """A retry: when the first child fails, the second is ticked, then the first again, up to the number in ``port``.
 
-    0: never the second. Less than 0: no child is ever ticked.
+    0: the second child is never ticked. Less than 0: no child is ever ticked.
     """
 
     port: str
@@ -310,16 +311,16 @@ class TimeLimit(Outcomes):
         return Earliest(results, (0.0,))
 
     def limit(self, values: Mapping[str, PortValue], child: Times) -> float | None:
-        """Return the time after which the child never continues, s; None if it may.
+        """Return the time after which the child never continues, s; None if it may continue.
 
-        That is so when the time is not known before a run, and when the child may be skipped before: in such a
-        tick the limit no longer applies.
+        It may continue if the time is unknown before a run, or if the child may be skipped earlier: in such a tick the
+        limit no longer applies.
         """
         limit = _milliseconds(values, self.port)
         return limit if limit and limit <= child.get(SKIPPED, math.inf) else None
 
 
-# The example of a node type, which its class declares.
+# The example that the class of a node type declares.
 
 _NO_ENTRIES: Final[Mapping[str, Any]] = {}
 
@@ -327,9 +328,9 @@ _NO_ENTRIES: Final[Mapping[str, Any]] = {}
 class Example(NamedTuple):
     """A tree that shows a node type: the reference page prints it, and a test runs it.
 
-    ``xml`` is the content of the main tree, ``trees`` has the other trees; both may be indented as docstrings are.
-    ``ticks`` is what the ticks give, one after the other, each at the time that the tree asks for. ``before`` and
-    ``after`` are entries of the blackboard. A node that needs servers has no ticks: its example is only loaded.
+    ``xml`` is the content of the main tree, ``trees`` contains the other trees. Both may be indented like docstrings.
+    ``ticks`` are the results of the ticks, in order, each at the time that the tree asks for. ``before`` and ``after``
+    are blackboard entries. The example of a node that needs servers has no ticks; the test only loads it.
     """
 
     xml: str

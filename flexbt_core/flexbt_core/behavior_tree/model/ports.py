@@ -33,7 +33,7 @@ NO_DEFAULT: Final = _NoDefault.NO_DEFAULT
 
 
 def with_branch(text: str, nav2_branch: str) -> str:
-    """Return the text, and the branch of Nav2 that alone has what it describes; '' if all have it."""
+    """Return the text with a note that only this branch of Nav2 has the feature; unchanged for ''."""
     return f'{text} (Nav2 {nav2_branch} only)'.lstrip() if nav2_branch else text
 
 
@@ -41,12 +41,15 @@ def with_branch(text: str, nav2_branch: str) -> str:
 class Port:
     """A port of a node class.
 
-    ``type`` None accepts every type. ``default`` is used when the XML does not give the port: text as it could stand in
-    the XML (a literal, or a ``{pointer}``), or a value. A required port that is not given is an error at load.
-    ``literal`` is the type of a literal where that is more than ``type`` says, such as when a pointer may be to an
-    entry of any type. Its values have to be immutable. ``nav2_branch`` is the branch of Nav2 for which a file that
-    gives the port has to be written (see ``NodeRegistry``); '' where it may be any. A port that does not ``declare`` is
-    one of whose type nothing is known: the entry that it points to is made, and gets its type, by others.
+    ``type`` None accepts every type. ``default`` is used when the XML does not give the port. It is either text as
+    written in the XML (a literal or a ``{pointer}``), or a value. If a required port is missing, loading fails.
+
+    ``literal`` is the type of a literal, for ports where ``type`` is not enough: for example, a port whose pointer may
+    lead to an entry of any type. Values of that type must be immutable.
+
+    ``nav2_branch`` is the branch of Nav2 for which a file must be written to use the port (see ``NodeRegistry``); ''
+    for any branch. A port with ``declares`` false has an unknown type: other nodes create the entry that it points to,
+    and set its type.
     """
 
     direction: PortDirection
@@ -60,7 +63,7 @@ class Port:
 
     @property
     def documentation(self) -> str:
-        """The description, and the branch of Nav2 that alone has the port."""
+        """The description, with the only branch of Nav2 that has the port."""
         return with_branch(self.description, self.nav2_branch)
 
     @property
@@ -81,7 +84,7 @@ def input_port(
     literal: PortType | None = None,
     nav2_branch: str = '',
 ) -> Port:
-    """Return a port that the node reads. It has to be given in the XML, unless it has a default or is optional."""
+    """Return a port that the node reads. The XML must give it, unless it has a default or is optional."""
     return Port(
         PortDirection.INPUT, type, default, description, default is NO_DEFAULT and not optional, literal, nav2_branch
     )
@@ -90,7 +93,7 @@ def input_port(
 def output_port(
     type: PortType | None = None, *, default: str | None = None, description: str = '', nav2_branch: str = ''
 ) -> Port:
-    """Return a port that the node writes. It need not be given; a default has to be a ``{pointer}``."""
+    """Return a port that the node writes. The XML may omit it; a default must be a ``{pointer}``."""
     written = NO_DEFAULT if default is None else default
     return Port(PortDirection.OUTPUT, type, written, description, nav2_branch=nav2_branch)
 
@@ -111,10 +114,10 @@ def inout_port(
 
 
 class PortValue(NamedTuple):
-    """The value of one port in the XML (or by default): a literal, or a pointer to a blackboard key.
+    """The value of one port in the XML, or its default: a literal, or a pointer to a blackboard key.
 
-    ``literal`` is the value of the literal where it can be shared (or the default that is not text); otherwise the
-    text is converted at each read.
+    ``literal`` is the converted value if nodes can share it, or a default that is not text. Without it, each read
+    converts the text.
     """
 
     text: str
@@ -125,8 +128,8 @@ class PortValue(NamedTuple):
 def pointer_key(text: str, port_name: str) -> str | None:
     """Return the blackboard key that ``text`` points to, or None when it is a literal.
 
-    Spaces around the braces do not count; those inside are part of the key. ``{=}`` and ``=`` mean the key of the same
-    name as the port.
+    Spaces around the braces are ignored; spaces inside are part of the key. ``{=}`` and ``=`` mean the key with the
+    name of the port.
     """
     stripped = text.strip(' ')
     if stripped == '=':
@@ -139,9 +142,9 @@ def pointer_key(text: str, port_name: str) -> str | None:
 
 # Types of ports and blackboard entries, and the conversions between them.
 #
-# The rules are those of BehaviorTree.CPP 4: numbers convert to each other when nothing is lost, text converts to what
-# a port wants by a *prefix* parse (``7.5`` read as an integer is 7), and nothing else converts silently.
-# Other layers add their own types, such as ROS messages: a :class:`PortType` with the Python class of the values.
+# The rules are those of BehaviorTree.CPP 4. Numbers convert to each other when nothing is lost. Text converts to the
+# type of the port by a *prefix* parse (``7.5`` read as an integer is 7). Nothing else converts silently. Other layers
+# add types, such as ROS messages: a :class:`PortType` with the Python class of the values.
 
 Category = Literal['integer', 'real', 'bool', 'text', 'object']
 
@@ -160,9 +163,9 @@ _BOOLEANS = {
 class PortType:
     """The type of a port or of a blackboard entry.
 
-    ``name`` is what errors and models show. ``python_type`` is the class of the values. ``from_text`` converts a
-    literal of an XML file and raises ConversionError; None when the type cannot be written as text.
-    ``minimum`` and ``maximum`` bound integers, both inclusive.
+    Errors and models show ``name``. ``python_type`` is the class of the values. ``from_text`` converts a literal of an
+    XML file and raises ConversionError; it is None when text cannot express a value. ``minimum`` and ``maximum`` bound
+    integers, both inclusive.
     """
 
     name: str
@@ -171,11 +174,11 @@ class PortType:
     from_text: Callable[[str], Any] | None = None
     minimum: int | None = None
     maximum: int | None = None
-    # Values that cannot be changed may be converted once, at load, and shared by all reads.
+    # Immutable values are converted once, at load, and shared by all reads.
     immutable: bool = field(default=False)
 
     def parse(self, text: str) -> Any:
-        """Return the value that ``text`` means. Raises ConversionError for every exception of ``from_text``."""
+        """Return the value that ``text`` means. Turn exceptions of ``from_text`` into ConversionError."""
         if self.from_text is None:
             raise ConversionError(f'{self.name} cannot be written as text')
         try:
@@ -184,7 +187,7 @@ class PortType:
             raise ConversionError(f"can't convert text {short_repr(text)} to {self.name}: {error}") from error
 
     def same(self, other: PortType) -> bool:
-        """Return whether both are one type: equal names, or objects of the same Python class."""
+        """Return whether both are the same type: equal names, or objects of the same Python class."""
         if self is other or self.name == other.name:
             return True
         return self.category == other.category == 'object' and self.python_type is other.python_type
@@ -192,8 +195,8 @@ class PortType:
     def may_read(self, entry: PortType) -> bool:
         """Return whether an input of this type can read some values of an ``entry``.
 
-        That is one of the same type, of text, or of objects of a class that derives from its own or the other way
-        round, as in BehaviorTree.CPP since 4.9 (there the classes have to be registered).
+        It can if the types are the same, if the entry holds text, or if one Python class derives from the other.
+        BehaviorTree.CPP has the last rule since 4.9, for registered classes.
         """
         if entry is STRING or self.same(entry):
             return True
@@ -217,7 +220,7 @@ def _integer_type(name: str, bits: int, signed: bool) -> PortType:
     def from_text(text: str) -> int:
         match = _INTEGER_PREFIX.match(text)
         digits = match.group(2) if match is not None else ''
-        # 20 digits hold every 64-bit integer; int() refuses, or takes long for, very many of them.
+        # 20 digits hold every 64-bit integer; int() rejects very long numbers, or is slow on them.
         if match is None or len(digits) > 20:
             raise ConversionError(f"can't convert text {short_repr(text)} to {name}")
         value = int(digits or '0')
@@ -227,8 +230,10 @@ def _integer_type(name: str, bits: int, signed: bool) -> PortType:
 
 
 def decimal(text: str) -> float:
-    """Return the double nearest to a decimal number. Raises ConversionError when there is none but infinity, or
-    zero."""
+    """Return the double nearest to a decimal number.
+
+    Raises ConversionError if a finite number would become infinite, or a number other than zero would become zero.
+    """
     value = float(text)
     if (math.isinf(value) and 'n' not in text.lower()) or (value == 0.0 and _NOT_ZERO.match(text)):
         raise ConversionError(f'the number {text[:40]} does not fit into a double')
@@ -290,14 +295,14 @@ def _key_from_text(text: str) -> str:
 
 
 KEY = PortType('key', str, 'text', _key_from_text, immutable=True)
-"""The type of a literal that is the key of an entry: of a port that reads that entry, or of one that writes it."""
+"""Type of a literal that is the key of an entry, for ports that read or write that entry."""
 
 KEYS = PortType('keys', str, 'text', str, immutable=True)
-"""As KEY, for any number of entries: their keys, :func:`separated` by ``;``."""
+"""Like KEY, for any number of entries: their keys, :func:`separated` by ``;``."""
 
 
 def separated(text: str) -> list[str]:
-    """Return the pieces of a text between ``;``, without the spaces around them; empty ones do not count."""
+    """Return the parts of a text between ``;``, without surrounding spaces. Empty parts are dropped."""
     return [piece.strip() for piece in text.split(';') if piece.strip()]
 
 
@@ -306,8 +311,11 @@ def _no_text(text: str) -> Any:
 
 
 ANY = PortType('BT::Any', object, from_text=_no_text)
-"""The type of an entry that may hold anything, and of the ports that read such. As with no type at all (None), what is
-written next fixes it; but text is refused where it would have to be converted."""
+"""Type of an entry that may hold anything, and of the ports that read such an entry.
+
+As with an entry without a type (None), the next write fixes the type. Text is rejected where it would have to be
+converted.
+"""
 
 
 def is_fixed(type: PortType | None) -> TypeGuard[PortType]:
@@ -319,7 +327,7 @@ NODE_STATUS = PortType('BT::NodeStatus', NodeStatus, from_text=_status_from_text
 
 
 def list_of(element: PortType) -> PortType:
-    """Return a list, whose text form is its elements :func:`between_semicolons`, or ``json:[...]``."""
+    """Return a list type. Its text form is the elements :func:`between_semicolons`, or ``json:[...]``."""
     name = f'std::vector<{element.name}>'
     if element.from_text is None:
         return PortType(name, list)
@@ -333,7 +341,7 @@ def list_of(element: PortType) -> PortType:
 
 
 def between_semicolons(text: str, element: PortType) -> list[Any]:
-    """Return the elements that ``text`` has, separated by ``;``. One empty piece at the end is dropped."""
+    """Return the elements of ``text``, separated by ``;``. One empty part at the end is dropped."""
     pieces = text.split(';')
     if not pieces[-1]:
         pieces.pop()
@@ -354,7 +362,7 @@ def _elements_of_json(text: str, element: PortType) -> list[Any]:
 
 
 def type_of(value: object) -> PortType:
-    """Return the type of an entry that is first written with ``value``."""
+    """Return the type that an entry gets when ``value`` is the first value written to it."""
     if isinstance(value, bool):
         return BOOL
     if isinstance(value, int):

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Python code for scripts, for the kinds of values that their entries hold at the moment.
+"""Python code for scripts, specialized to the kinds of values that their entries currently hold.
 
 The code first checks that the entries still hold values of these kinds. It then computes with local variables, and
-writes the entries last. For anything else (another kind, an error, a number that is too large, a division by zero) it
-calls ``slow`` *before it has written anything*: the closures then run the whole script, and raise what there is to
-raise. So the code never decides what a script means. It is only several times as fast.
+writes the entries last. In any other case (another kind, an error, a number that is too large, a division by zero) it
+calls ``slow`` *before it writes anything*. The closures then run the whole script, and raise the errors. So the code
+never defines what a script means; it only runs several times as fast.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .parser import Assignment, Binary, Comparison, Conditional, Constant, Expre
 from .values import SAME_NUMBER, SMALL_TEXT
 
 Factory = Callable[[Sequence[Entry], Callable[[], 'bool | None']], Callable[[], 'bool | None']]
-"""A function that makes the code for the entries of one node; it also gets the fallback for values that do not fit."""
+"""A function that creates the code for the entries of one node, given the fallback for values that do not fit."""
 
 Kind = Literal['integer', 'bool', 'real', 'text']
 
@@ -29,10 +29,10 @@ _CLASSES: Final[Mapping[Kind, str]] = {kind: python_type.__name__ for python_typ
 _INTEGERS: Final[tuple[Kind, ...]] = ('integer', 'bool')
 
 _LARGEST: Final = 2**30 - 1
-"""Integers of entries are taken up to this size; the sums of a few of them are exact as doubles, too."""
+"""Largest integer in an entry that the code handles: sums of a few of these are still exact as doubles."""
 _EXACT: Final = 2**53 - 1
 _MAX_DEPTH: Final = 40
-"""Nesting of expressions, since Python's own parser has a limit."""
+"""Maximum nesting of expressions, because Python's parser has a limit."""
 
 
 class Variable(NamedTuple):
@@ -44,11 +44,11 @@ class Variable(NamedTuple):
 
 
 class NotSpecializable(Exception):
-    """The script has no code for these kinds; the closures run it."""
+    """The script has no code for these kinds. The closures run it."""
 
 
 def variable_of(entry: Entry) -> Variable | None:
-    """Return the kind of an entry; None if its values have no code."""
+    """Return the kind of an entry; None if no code can handle its values."""
     kind = _KINDS.get(entry.value.__class__)
     if kind is None:
         return None
@@ -59,11 +59,11 @@ def variable_of(entry: Entry) -> Variable | None:
 
 
 class _Code(NamedTuple):
-    """Python code for an expression, and what it gives.
+    """Python code for an expression, and the properties of its value.
 
-    ``bound`` is the greatest absolute value of an integer or bool. ``integral`` says that the language calls it an
-    integer; the others of these kinds are doubles that are kept as int, or as bool (0.0 and 1.0), because that is
-    faster. ``simple`` code is a name or a literal, and may be repeated.
+    ``bound`` is the maximum absolute value of an integer or bool. If ``integral`` is true, the scripting language
+    treats the value as an integer. Otherwise it is a double, which the code keeps as int or bool (0.0 and 1.0) because
+    that is faster. ``simple`` code is a name or a literal, and may be repeated.
     """
 
     text: str
@@ -74,7 +74,7 @@ class _Code(NamedTuple):
 
     @property
     def real(self) -> str:
-        """The code of the number as float."""
+        """Code of the number as a float."""
         return self.text if self.kind == 'real' else f'({self.text} * 1.0)'
 
 
@@ -127,10 +127,10 @@ def specialize(
 class _CodeWriter:
     """A writer of the code of scripts, in parts.
 
-    First come the :meth:`guards` of the entries; then ``lines``, which raise ArithmeticError or ValueError for what the
-    code is not made for; then the :meth:`commits`. The entries are called e0, e1 and so on, in the order of
-    ``variables``, their types t0, t1; local variables v and x. Of the text of a script nothing gets into the code but
-    numbers and texts, by their repr().
+    First come the :meth:`guards` of the entries. Then come the ``lines``, which raise ArithmeticError or ValueError in
+    cases that the code does not handle. The :meth:`commits` come last. The entries are named e0, e1 and so on, in the
+    order of ``variables``, and their types t0, t1. Local variables are v and x. The only parts of a script's text that
+    enter the code are numbers and texts, written with repr().
     """
 
     def __init__(self, variables: Mapping[str, Variable], enums: Mapping[str, int]) -> None:
@@ -151,7 +151,7 @@ class _CodeWriter:
         return result
 
     def guards(self) -> list[str]:
-        """Return the lines that read the entries, and call ``slow`` unless they are as expected."""
+        """Return the lines that read the entries, and call ``slow`` unless kinds and bounds are as expected."""
         lines = []
         for place, (name, variable) in enumerate(self._variables.items()):
             if name not in self._used:
@@ -161,14 +161,14 @@ class _CodeWriter:
             if variable.kind == 'integer':
                 wrong += f' or not {-_LARGEST} <= v{place} <= {_LARGEST}'
                 if name in self._writes:
-                    # The bounds of the type are a part of the code.
+                    # The code contains the bounds of the type.
                     wrong += f' or e{place}.type is not t{place}'
             lines.append(f'if {wrong}: return slow()')
         return lines
 
     def commits(self) -> list[str]:
         """Write the entries."""
-        # Two stores, and no call between them: no other thread comes between a value and its number.
+        # Two stores without a call in between: no other thread runs between the value and its sequence number.
         lines = []
         for name, count in self._writes.items():
             place = self._locals[name][1:]
@@ -188,8 +188,7 @@ class _CodeWriter:
         return name
 
     def _small_text(self, joined: str) -> _Code:
-        """Return a text that an operator has made. Large ones are for the closures, which know how many there may
-        be."""
+        """Return a text that an operator made. Leave large ones to the closures, which enforce the limit on texts."""
         text = self._name(_Code(joined, 'text'))
         self._check(f'len({text}) <= {SMALL_TEXT}')
         return _Code(text, 'text')
@@ -261,7 +260,7 @@ class _CodeWriter:
                 return self._comparison(expression)
             case Conditional(_, condition, then, otherwise):
                 return self._conditional(condition, then, otherwise)
-        raise NotSpecializable  # an assignment within an expression
+        raise NotSpecializable  # an assignment inside an expression
 
     def _variable(self, name: str) -> _Code:
         self._used.add(name)
@@ -281,13 +280,13 @@ class _CodeWriter:
             case '-' if isinstance(operand, Constant) and code.kind == 'integer' and operand.value:
                 return _Code(f'(-{code.text})', 'integer', code.bound, simple=True)
             case '-':
-                # Of doubles: there is a negative zero.
+                # Negate as a double, because of the negative zero.
                 return _Code(f'(-{code.real})', 'real')
         raise NotSpecializable
 
     def _operate(self, symbol: str, left: _Code, right: _Code) -> _Code:
         if symbol in ('&&', '||'):
-            # Both are computed, as there; and neither can do anything.
+            # Compute both operands, as BehaviorTree.CPP does; neither has side effects.
             first, second = self.truth(left), self.truth(right)
             return _truth_value(f'({first} {"and" if symbol == "&&" else "or"} {second})')
         texts = (left.kind == 'text') + (right.kind == 'text')
@@ -313,7 +312,7 @@ class _CodeWriter:
 
     def _comparison(self, expression: Comparison) -> _Code:
         codes = [self._expression(operand) for operand in expression.operands]
-        # An operand between two operators is compared twice, but computed once.
+        # An operand between two operators is compared twice, so compute it once.
         codes[1:-1] = [code._replace(text=self._name(code)) for code in codes[1:-1]]
         links = map(_compared, expression.operators, codes, codes[1:])
         return _truth_value(f'({" and ".join(links)})')
@@ -357,7 +356,7 @@ def _constant(value: int | float | str) -> _Code:
 
 
 def _text(code: _Code) -> str:
-    """Return a number or text as text, see text_of."""
+    """Return a number or text as text, see text_of()."""
     if code.kind == 'text':
         return code.text
     return f"format({code.text}, '{'d' if code.integral else 'f'}')"

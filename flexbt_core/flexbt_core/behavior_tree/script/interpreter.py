@@ -25,7 +25,7 @@ from .parser import Assignment, Binary, Comparison, Conditional, Constant, Expre
 from .values import BINARY, SMALL_TEXT, UNARY, Value, assigned, check_room, choose, compare, truth
 
 WARM_UP: Final = 0 if os.environ.get('FLEXBT_ACCELERATION') == '0' else 8
-"""Number of runs of a script on a blackboard before code is made for it; 0: never."""
+"""Number of runs of a script on a blackboard before code is generated for it; 0: never."""
 _MOST_FACTORIES: Final = 16
 _ENUM_NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 
@@ -39,7 +39,7 @@ class CompiledScript:
     __slots__ = ('__weakref__', '_closures', '_enums', '_factories', '_statements', 'names', 'text', 'warm_up')
 
     def __init__(self, text: str, enums: Mapping[str, int], warm_up: int) -> None:
-        """Raise ScriptError if the text is not a script. The empty text is one that does nothing."""
+        """Compile the text. Raises ScriptError if it is not a script; an empty text does nothing."""
         self.text = text
         self.warm_up = warm_up
         self._enums = enums
@@ -58,13 +58,13 @@ class CompiledScript:
         return not self._statements
 
     def bind(self, board: Blackboard, *, condition: bool = False) -> BoundScript:
-        """Return the script on ``board``. Raises ScriptError when it is to be a ``condition``, and is empty."""
+        """Return the script on ``board``. Raises ScriptError for an empty ``condition``."""
         if condition and self.empty:
             raise ScriptError(self.text, 0, 'the script is empty, and so is no condition')
         return BoundScript(self, board, condition=condition)
 
     def scope(self, board: Blackboard) -> ScriptScope:
-        """Return the place of the script on ``board``."""
+        """Return the entries of the script on ``board``."""
         return ScriptScope(board, len(self.names))
 
     def evaluate(self, scope: ScriptScope) -> Value:
@@ -75,14 +75,14 @@ class CompiledScript:
         return value
 
     def truth(self, value: Value) -> bool:
-        """Return whether the value of the last statement is true. Raises ScriptError when it is neither."""
+        """Return whether the value of the last statement is true. Raises ScriptError if it is neither true nor false."""
         try:
             return truth(value)
         except ConversionError as error:
             raise ScriptError(self.text, _offset(self._statements[-1]), str(error), is_absent=error.is_absent) from None
 
     def factory(self, variables: Mapping[str, Variable], condition: bool) -> Factory | None:
-        """Return a factory of code for entries of these kinds; None if the closures have to run the script."""
+        """Return a factory of code for entries of these kinds; None if only closures can run the script."""
         key = (condition, *variables.values())
         if key not in self._factories:
             if len(self._factories) >= _MOST_FACTORIES:
@@ -95,16 +95,16 @@ class CompiledScript:
 
 
 SCRIPT: Final = PortType('script', CompiledScript)
-"""The type of a literal that is a script. Only the reader of a file can make it, since it knows the enum constants."""
+"""Type of a literal that is a script. Only the file reader can make it, because it knows the enum constants."""
 CONDITION: Final = PortType('condition', CompiledScript)
-"""As SCRIPT, for scripts of which the truth is asked, and that cannot be empty."""
+"""Like SCRIPT, for conditions: a condition cannot be empty."""
 
 
 class BoundScript:
     """A script on a blackboard.
 
-    ``run()`` runs it. Of a condition it returns the truth, otherwise None. It raises ScriptError, and what the script
-    has done before that stays done. At first the closures run the script, later the code for what the entries hold.
+    ``run()`` runs it. It returns the truth of a condition, otherwise None. If it raises ScriptError, earlier writes of
+    the script remain. At first closures run the script, later code for the kinds of values that the entries hold.
     """
 
     __slots__ = ('_condition', '_countdown', '_scope', '_script', 'run')
@@ -117,7 +117,7 @@ class BoundScript:
         self.run: Callable[[], bool | None] = self._evaluate
 
     def _evaluate(self) -> bool | None:
-        """Run the closures, also as the fallback for code that does not fit."""
+        """Run the closures. Also the fallback when the code does not fit the values."""
         if self._countdown:
             self._countdown -= 1
             if not self._countdown:
@@ -127,12 +127,12 @@ class BoundScript:
         return self._script.truth(value) if self._condition else None
 
     def _specialize(self) -> None:
-        """Make code for the current kinds of values of the entries, if possible."""
+        """Generate code for the current kinds of values of the entries, if possible."""
         self.run = self._evaluate
         entries = self._scope.entries
         variables = [variable_of(entry) for entry in entries]
         known = {name: one for name, one in zip(self._script.names, variables, strict=True) if one is not None}
-        # Two names of one entry: separate local variables of the code would differ.
+        # If two names mean the same entry, their local variables in the code would diverge.
         if len(known) == len(set(map(id, entries))) == len(entries):
             factory = self._script.factory(known, self._condition)
             if factory is not None:
@@ -140,16 +140,18 @@ class BoundScript:
 
 
 class ScriptLibrary:
-    """The enum constants that scripts know, and the scripts that are in use.
+    """The enum constants of scripts, and the scripts in use.
 
-    In a script the name of a constant means its number, not a blackboard entry. A script knows the constants that
-    existed when it was made.
+    In a script the name of a constant means its number, not a blackboard entry. A script uses the constants that
+    existed when it was compiled.
     """
 
     def __init__(self, warm_up: int = WARM_UP) -> None:
-        """``warm_up`` is the number of runs of a script on a blackboard before code is made for what the script finds
-        there, and of runs for which the code did not fit before it is made anew: many scripts run only a few times. 0:
-        no code is made."""
+        """Make an empty library.
+
+        ``warm_up`` is the number of runs of a script on a blackboard before code is generated for it, and the number of
+        runs that do not fit the code before it is generated again. Many scripts run only a few times. 0: no code.
+        """
         self._warm_up = warm_up
         self._enums: dict[str, int] = {}
         self._scripts: weakref.WeakValueDictionary[str, CompiledScript] = weakref.WeakValueDictionary()
@@ -171,7 +173,7 @@ class ScriptLibrary:
         """Return the script of this text, shared by all its users. Raises ScriptError if the text is not a script."""
         script = self._scripts.get(text)
         if script is None:
-            # Spread out, since making code takes time.
+            # Spread the warm-ups, because generating code takes time.
             warm_up = self._warm_up and self._warm_up + len(self._scripts) % self._warm_up
             script = self._scripts[text] = CompiledScript(text, dict(self._enums), warm_up)
         return script
@@ -181,14 +183,14 @@ def _offset(statement: Expression) -> int:
     return statement.offsets[0] if isinstance(statement, Comparison) else statement.offset
 
 
-# Scripts as nested closures: the meaning of every expression, for all values, and every error.
+# Scripts as nested closures. They define the meaning of every expression for all values, and every error.
 #
-# A closure takes the :class:`Scope` in which it is to be evaluated, so one set of closures serves all nodes with the
-# same script. ``code_writer`` has a faster form for the values that are met most.
+# The argument of a closure is the :class:`ScriptScope` to evaluate it in, so one set of closures serves all nodes with
+# the same script. ``code_writer`` has a faster form for the most frequent kinds of values.
 
 
 class ScriptScope:
-    """The entries that the names of a script mean on one blackboard; found when they are needed, and remembered."""
+    """The entries that the names of a script refer to on one blackboard. They are looked up on demand and cached."""
 
     __slots__ = ('board', 'entries')
 
@@ -214,7 +216,7 @@ class ClosureCompiler:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The keys of the entries that the closures use, in the order of their place in a Scope."""
+        """Keys of the entries that the closures use, in the order of the entries in a ScriptScope."""
         return tuple(self._indices)
 
     def compile(self, expression: Expression) -> Closure:
@@ -331,7 +333,7 @@ class ClosureCompiler:
 
         def assign(scope: ScriptScope) -> Value:
             board = scope.board
-            # The entry first: a new one is there, and empty, while the value is computed, and stays if that fails.
+            # Create the entry first: it exists, empty, while the value is computed, and remains if that fails.
             entry = scope.entries[index]
             if not entry.present:
                 scope.entries[index] = entry = self._target(board, expression)
@@ -349,7 +351,7 @@ class ClosureCompiler:
         return assign
 
     def _target(self, board: Blackboard, expression: Assignment) -> Entry:
-        """Return the entry that is assigned to; ``:=`` makes it when it is missing."""
+        """Return the entry to assign to; ``:=`` creates it if it is missing."""
         offset, symbol, key, _ = expression
         entry = board.entry(key)
         if entry is not None:

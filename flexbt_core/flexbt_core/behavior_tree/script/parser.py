@@ -26,12 +26,14 @@ from flexbt_core.behavior_tree.model.errors import ConversionError, ScriptError
 from flexbt_core.behavior_tree.model.ports import decimal
 
 MAX_SCRIPT_DEPTH: Final = 200
-"""Nesting of expressions. A script is evaluated by as many nested calls."""
+"""Maximum nesting of expressions: each level is one nested call when a script runs."""
 
 
 MAX_TOKENS: Final = 10_000
-"""Length of a script. It has no loops, so that this bounds its operations: a tick ends, and with it a run that is
-stopped."""
+"""Maximum number of tokens of a script.
+
+Scripts have no loops, so this bounds their operations: each tick ends, and a stopped run ends too.
+"""
 
 
 class Constant(NamedTuple):
@@ -42,7 +44,7 @@ class Constant(NamedTuple):
 
 
 class Name(NamedTuple):
-    """The value of an enum constant, or else of a blackboard entry."""
+    """The value of an enum constant or, if none has this name, of a blackboard entry."""
 
     offset: int
     name: str
@@ -91,7 +93,7 @@ _ASSIGNMENT: Final = 2
 _CONDITIONAL: Final = 4
 _COMPARISON: Final = 10
 _UNARY: Final = 20
-# How tightly each operator binds, when it stands between two operands.
+# Precedence of each operator between two operands.
 _BINDING: Final = {
     **dict.fromkeys((':=', '=', '+=', '-=', '*=', '/='), _ASSIGNMENT),
     '?': _CONDITIONAL,
@@ -106,9 +108,9 @@ _BINDING: Final = {
 
 
 def parse_script(script: str) -> tuple[Expression, ...]:
-    """Return the statements of a script; none when it is the empty string.
+    """Return the statements of a script; none for the empty string.
 
-    Raises ScriptError at the first place that is wrong, and when there is nothing but blanks.
+    Raises ScriptError at the first error, and for a script of blanks only.
     """
     return _Parser(script).parse() if script else ()
 
@@ -161,7 +163,7 @@ class _Parser:
     # -- expressions -------------------------------------------------------------------------------------------------
 
     def _expression(self, least: int) -> Expression:
-        """Return an expression whose operators bind at least as tightly as ``least``."""
+        """Return an expression whose operators have at least the precedence ``least``."""
         outer = self._depth
         self._deepen()
         left = self._operand()
@@ -170,7 +172,7 @@ class _Parser:
             binding = _BINDING.get(str(token.value)) if token.kind is TokenKind.OPERATOR else None
             if binding is None or binding < least:
                 break
-            # What is on the left becomes a part of what is made now, so every operator is a level.
+            # The left side becomes part of the new expression, so every operator adds a level.
             self._deepen()
             if binding == _ASSIGNMENT:
                 left = self._assignment(left)
@@ -266,7 +268,8 @@ _TOKEN = re.compile(
     """,
     re.VERBOSE,
 )
-# What cannot follow a number directly. Two dots are an operator, but not after a hexadecimal number, as there.
+# Characters that cannot follow a number directly. Two dots are an operator, but not after a hexadecimal number, as in
+# BehaviorTree.CPP.
 _AFTER_DECIMAL = re.compile(r'[A-Za-z0-9_@]|\.(?!\.)')
 _AFTER_REAL = re.compile(r'[A-Za-z0-9_@]')
 _AFTER_HEXADECIMAL = re.compile(r'[A-Za-z0-9_@.]')
@@ -277,9 +280,9 @@ _BOOLEANS: Final = {'true': 1.0, 'false': 0.0}
 
 
 def tokenize(script: str) -> list[Token]:
-    """Return the tokens of a script, the last of which is its end.
+    """Return the tokens of a script, the end token last.
 
-    Raises ScriptError at the first place where there is no token.
+    Raises ScriptError at the first position without a valid token.
     """
     tokens: list[Token] = []
     position = 0
@@ -331,7 +334,7 @@ def _check_end(script: str, match: re.Match[str], forbidden: re.Pattern[str]) ->
 
 
 def _integer(script: str, match: re.Match[str], digits: str, base: int) -> int:
-    # int() refuses, or takes long for, very many digits.
+    # int() rejects numbers with very many digits, or is slow on them.
     significant = digits.lstrip('0') or '0'
     value = int(significant, base) if len(significant) <= 20 else _LARGEST + 1
     if value > _LARGEST:

@@ -56,7 +56,7 @@ def is_number(value: Value) -> bool:
 
 
 def real(value: Value) -> float:
-    """Return a number as double. An integer that no double is equal to is an error."""
+    """Return a number as double. Raises ConversionError for an integer that no double represents exactly."""
     if value.__class__ is float:
         return value
     if value.__class__ is int and -_SMALL <= value <= _SMALL:
@@ -190,7 +190,7 @@ def _logic(symbol: str, compute: Callable[[bool, bool], bool]) -> Operation:
 
 
 def join(left: Value, right: Value) -> Value:
-    """Texts, or a text and a number, one after the other. Two numbers give nothing (EMPTY), as there."""
+    """Return two texts, or a text and a number, joined. Two numbers give EMPTY, as in BehaviorTree.CPP."""
     if is_number(left) and is_number(right):
         real(left), real(right)
         return EMPTY
@@ -225,7 +225,7 @@ BINARY: Final[Mapping[str, Operation]] = {
 }
 
 
-# What holds is said by what does not, so that a comparison with "not a number" gives what it gives there.
+# Each comparison negates its opposite, so that NaN gives the same result as in BehaviorTree.CPP.
 _COMPARE: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
     '<': lambda left, right: not left >= right,
     '>': lambda left, right: not left <= right,
@@ -235,7 +235,7 @@ _COMPARE: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
 
 
 def compare(symbol: str, left: Value, right: Value, enums: Mapping[str, int]) -> bool:
-    """Return whether ``left symbol right`` holds. A text that is compared with a number is turned into one."""
+    """Return whether ``left symbol right`` holds. A text compared with a number is converted to a number."""
     left_text, right_text = isinstance(left, str), isinstance(right, str)
     if not (left_text or is_number(left)) or not (right_text or is_number(right)):
         raise _mismatch(left, right, symbol)
@@ -251,7 +251,7 @@ def compare(symbol: str, left: Value, right: Value, enums: Mapping[str, int]) ->
 
 
 def choose(value: Value) -> bool:
-    """Return whether the condition of ``a ? b : c`` holds: any number but 0; a text is turned into a number."""
+    """Return whether the condition of ``a ? b : c`` holds: any number but 0. A text is converted to a number."""
     if isinstance(value, str):
         return DOUBLE.parse(value) != 0.0
     return real(value) != 0.0
@@ -274,7 +274,7 @@ def check_room(board: Blackboard, text: str) -> None:
 
 
 def assigned(entry: Entry, symbol: str, value: Value, enums: Mapping[str, int]) -> Value:
-    """Return what ``entry`` holds after ``entry symbol value``: the value, in the form that fits the entry."""
+    """Return the new value of ``entry`` after ``entry symbol value``, in the form that fits the entry."""
     if value is EMPTY:
         raise _refused(f'the right operand of [{symbol}] is {kind_of(value)}', value)
     if symbol in (':=', '='):
@@ -299,8 +299,10 @@ def _fitted(entry: Entry, value: Value, enums: Mapping[str, int]) -> Value:
 
 
 class OutOfBounds(int):
-    """An integer that a script has assigned to an entry whose type is too narrow for it. Readers detect it, also
-    those that skip the conversion of an ``int``, since its class is another."""
+    """An integer that a script assigned to an entry whose type is too narrow for it.
+
+    Readers detect it by its class, including those that skip the conversion of an ``int``.
+    """
 
 
 def _copied(entry: Entry, value: Value) -> Value:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Conversion of documents from format 3 (BehaviorTree.CPP 3) to format 4, by element; places in the file are kept.
+"""Conversion of documents from format 3 (BehaviorTree.CPP 3) to format 4. Positions in the file are kept.
 
-The rewrites are those of BehaviorTree.CPP's own converter, and those that it misses: nodes in the explicit
-form, <remap> children, and the misspelt RetryUntilSuccesful.
+It makes the same changes as the converter of BehaviorTree.CPP, and also covers what that converter misses: nodes in
+explicit form, <remap> children, and the misspelt RetryUntilSuccesful.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _NUMBER: Final = re.compile(r'[+-]?\d+(\.\d+)?([eE][+-]?\d+)?')
 
 
 def is_format_3(root: Element) -> bool:
-    """Return whether the document says so; or says nothing, and has what format 4 knows nothing of."""
+    """Return whether the document declares format 3, or declares no format and uses features unknown to format 4."""
     format = root.attributes.get('BTCPP_format')
     if format is not None:
         return format.strip() == '3'
@@ -65,14 +65,14 @@ def _convert(element: Element) -> None:
         if id in _RENAMED_NODES:
             _rename_node(element, _RENAMED_NODES[id])
         if id == 'Parallel' and 'threshold' in element.attributes:
-            # Up to 3.5: it fails when it cannot succeed any more, and the number of failures has no separate limit.
+            # Up to 3.5 it fails as soon as it cannot succeed any more; the number of failures has no separate limit.
             element.attributes.setdefault('failure_threshold', '-1')
             element.places.setdefault('failure_threshold', element.places['threshold'])
         _rename_attributes(element, _RENAMED_PORTS.get(id, {}))
 
 
 def _convert_subtree(element: Element) -> None:
-    """<SubTree> names entries of the parent without braces; <SubTreePlus> has the values of format 4."""
+    """Convert <SubTree>, which names parent entries without braces, and <SubTreePlus>, which has format 4 values."""
     if element.tag == 'SubTreePlus':
         element.tag = 'SubTree'
         _rename_attributes(element, {'__autoremap': '_autoremap'})

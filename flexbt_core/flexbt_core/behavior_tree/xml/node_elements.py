@@ -48,14 +48,14 @@ class NodeTypes(Protocol):
 
 
 class DocumentTypes(NodeTypes, Protocol):
-    """The node types of all documents; what an ID means may depend on the file."""
+    """The node types of all documents; the meaning of an ID may depend on the file."""
 
     def types_for(self, elements: Iterable[tuple[str, Mapping[str, str]]]) -> NodeTypes:
-        """Return those of a file, by the ID of each element, or its tag if it is not a node, and its attributes."""
+        """Return the node types for a file, from the ID (or else the tag) and the attributes of each element."""
 
 
 def elements_of(root: Element) -> Iterator[tuple[str, Mapping[str, str]]]:
-    """Yield the elements that show for which software a file was written: the root, its trees and nodes."""
+    """Yield the elements that show which software a file was written for: the root, its trees and nodes."""
     yield root.tag, root.attributes
     pending = [element for element in root.children if element.tag == 'BehaviorTree']
     while pending:
@@ -74,10 +74,10 @@ class NodeReader:
         self._errors = errors
 
     def read(self, root: Element) -> NodeDefinition | None:
-        """Return the definition of ``root`` and all below; None when something is wrong with it."""
+        """Return the definition of ``root`` with all descendants; None if something is wrong with it."""
         before = len(self._errors)
         read: list[tuple[Element, NodeDefinition | None]] = []
-        # Elements that are written alike share their attributes, and are read once.
+        # Elements with identical text share their attributes, and are read once.
         known: dict[tuple[str, int, int], NodeDefinition] = {}
         stack = [root]
         while stack:
@@ -95,7 +95,8 @@ class NodeReader:
         self._errors[before:] = sorted(self._errors[before:], key=lambda error: (error.line, error.column))
         if len(self._errors) > before:
             return None
-        # From the end of the list: of the nodes that have no parent yet, the last ones are the children of the next.
+        # Built from the end of the list: of the nodes without a parent so far, the last ones are the children of the
+        # next.
         built: list[NodeDefinition] = []
         for element, node in reversed(read):
             assert node is not None
@@ -112,7 +113,7 @@ class NodeReader:
         return built[0]
 
     def _read_alone(self, element: Element) -> NodeDefinition | None:
-        """Return the definition of an element without its children; None when something is wrong with it."""
+        """Return the definition of an element without its children; None if something is wrong with it."""
         manifest = self._manifest(element)
         if manifest is None:
             return None
@@ -131,7 +132,7 @@ class NodeReader:
     # -- node type and structure -------------------------------------------------------------------------------------
 
     def _manifest(self, element: Element) -> NodeManifest | None:
-        """Return the registered node type that the element names; None when there is none, which is reported."""
+        """Return the registered node type of the element. Report an unknown type and return None."""
         tag = element.tag
         id = element.attributes.get('ID')
         if tag == 'SubTree':
@@ -319,8 +320,7 @@ class NodeReader:
 
 
 def _origin(manifest: NodeManifest) -> str:
-    """Whose node type it is: another one of the same name may be meant, of a package that is not
-    installed."""
+    """Return the origin of a node type: the user may mean one of the same name from a missing package."""
     module = manifest.node_class.__module__
     return '' if module.startswith('flexbt_core.') else f' (the [{manifest.id}] of {module})'
 

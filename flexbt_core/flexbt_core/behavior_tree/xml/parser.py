@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A small XML parser: elements and attributes with their places in the file, and as lenient as the files are.
+"""A small, lenient XML parser: elements and attributes with their positions in the file.
 
-Behavior-tree files in the wild hold ``&&`` and ``<`` in attribute values, which strict XML refuses and the parser of
-BehaviorTree.CPP (tinyxml2) accepts; line breaks in values are kept. What could harm is refused: DOCTYPE (entities that
-expand), too large or too deep documents, control characters, text that is not UTF-8.
+Real behavior-tree files contain ``&&`` and ``<`` in attribute values. Strict XML forbids these, but the parser of
+BehaviorTree.CPP (tinyxml2) accepts them. Line breaks in values are kept. Dangerous input is rejected: DOCTYPE (entities
+that expand), documents that are too large or too deep, control characters, and text that is not UTF-8.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from flexbt_core.behavior_tree.model.errors import LoadError, Source, TreeLoadEr
 
 MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 256
-"""Nesting of elements below <BehaviorTree>, the limit of BehaviorTree.CPP."""
+"""Maximum nesting of elements below <BehaviorTree>, as in BehaviorTree.CPP."""
 
 _NAME = r'[A-Za-z_:\u0080-\U0010ffff][\w:.\-\u00b7\u0080-\U0010ffff]*'
 _START = re.compile(rf'<({_NAME})')
@@ -32,7 +32,7 @@ _NAMED_ENTITIES = {'lt': '<', 'gt': '>', 'amp': '&', 'quot': '"', 'apos': "'"}
 class Element:
     """An element: tag, attributes in document order, children, and offsets into the source.
 
-    Elements that are written alike share their attributes: make a copy before you change them.
+    Elements with identical text share their attributes: copy them before you change them.
     """
 
     __slots__ = ('attributes', 'children', 'offset', 'places', 'tag')
@@ -60,9 +60,9 @@ class Element:
 
 
 def value_offset(source: Source, attribute: int, value: str, index: int) -> int:
-    """Return where the character ``index`` of the value is written of the attribute that begins at ``attribute``.
+    """Return the source offset of the character ``index`` in the value of the attribute at ``attribute``.
 
-    The attribute itself when its value is not the one that is written there.
+    Return the offset of the attribute if its value differs from the text in the source.
     """
     match = _ATTRIBUTE.match(source.text, attribute)
     if match is None:
@@ -79,21 +79,21 @@ def value_offset(source: Source, attribute: int, value: str, index: int) -> int:
 
 
 def decode(data: bytes, file: str, max_bytes: int = MAX_BYTES) -> str:
-    """Return the text of a file. Raises TreeLoadError when it is too large, or not UTF-8."""
+    """Return the text of a file. Raises TreeLoadError if it is too large or not UTF-8."""
     _check_size(len(data), file, max_bytes)
     try:
         return data.decode('utf-8-sig')
     except UnicodeDecodeError as error:
         before = data[: error.start]
         line = before.count(b'\n') + 1
-        # What precedes the first bad byte is valid, so the column can be counted in characters.
+        # The bytes before the first bad one are valid, so the column can count characters.
         column = len(before[before.rfind(b'\n') + 1 :].decode('utf-8', 'replace')) + 1
         message = f'byte 0x{data[error.start]:02x} is not UTF-8; save the file in the encoding UTF-8'
         raise TreeLoadError([LoadError(file, line, column, '', message)]) from error
 
 
 def parse(source: Source, *, max_bytes: int = MAX_BYTES, max_depth: int = MAX_DEPTH) -> Element:
-    """Return the root element. Raises TreeLoadError at the first place where the text is not XML, or is refused."""
+    """Return the root element. Raises TreeLoadError at the first position that is not valid XML or is rejected."""
     text = source.text
     _check_size(len(text), source.file, max_bytes)
     bad = _BAD_CHARACTER.search(text)
@@ -112,16 +112,16 @@ def _check_size(size: int, file: str, max_bytes: int) -> None:
 
 
 _Tag = tuple[str, 'dict[str, str] | None', dict[str, int], bool]
-"""Name, attributes (None: it is an end tag), their places, and whether the element is empty."""
+"""Name, attributes (None for an end tag), their positions, and whether the element is empty."""
 
 
 class _Parser:
     def __init__(self, source: Source, max_depth: int) -> None:
         self._source = source
         self._text = source.text
-        # <root> and <BehaviorTree> come on top of the nesting that is allowed below <BehaviorTree>.
+        # <root> and <BehaviorTree> add to the nesting allowed below <BehaviorTree>.
         self._most_open = max_depth + 2
-        # By how they are written: most tags of a file are written several times.
+        # Cached by text: most tags of a file occur several times.
         self._tags: dict[str, _Tag] = {}
 
     def _fail(self, offset: int, message: str, node: str = '') -> TreeLoadError:
@@ -198,7 +198,7 @@ class _Parser:
         return read
 
     def _skip_other(self, start: int) -> int:
-        """Return the end of the markup at ``start`` that is not a tag."""
+        """Return the end of the markup at ``start``, which is not a tag."""
         text = self._text
         for begin, end, what in (
             ('<!--', '-->', 'comment'),
@@ -219,7 +219,7 @@ class _Parser:
         raise self._bad_element(start)
 
     def _bad_element(self, start: int) -> TreeLoadError:
-        """Return what is wrong with the element that begins at ``start``."""
+        """Return the error for the element that begins at ``start``."""
         text = self._text
         match = _START.match(text, start)
         if match is None:
@@ -239,7 +239,7 @@ class _Parser:
             position = match.end()
 
     def _bad_tag(self, element: Element, position: int) -> TreeLoadError:
-        """Return what is wrong at ``position``, where neither an attribute nor the end of the tag follows."""
+        """Return the error at ``position``, where neither an attribute nor the end of the tag follows."""
         text = self._text
         match = _SPACE.match(text, position)
         assert match is not None

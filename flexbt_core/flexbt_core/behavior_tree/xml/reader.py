@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A reader of behavior-tree XML, formats 4 and 3, into definitions; all errors of a file are reported at once.
+"""A reader of behavior-tree XML, formats 4 and 3. It reports all errors of a file at once.
 
-The rules are those of BehaviorTree.CPP 4.10 (its VerifyXML and node creation); on top of them a port that a node cannot
-do without has to be given, which there shows only when the node is ticked.
+The rules are those of BehaviorTree.CPP 4.10 (its VerifyXML and node creation). In addition, required ports must be
+given; BehaviorTree.CPP reports a missing one only when it ticks the node.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def load_xml(
     max_bytes: int = MAX_BYTES,
     max_depth: int = MAX_DEPTH,
 ) -> TreeDocument:
-    """Read a document. ``file`` names it in errors.
+    """Return the definitions of a document. ``file`` is its name in errors.
 
     References to sub-trees are not followed here, see TreeLibrary. Raises TreeLoadError with all errors.
     """
@@ -56,7 +56,7 @@ def load_xml(
 
 @contextlib.contextmanager
 def _without_collector() -> Iterator[None]:
-    """Disable the garbage collector: a document makes no garbage, and each collection would scan all of it."""
+    """Disable the garbage collector: loading makes no garbage, and each collection would scan the whole document."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -120,7 +120,7 @@ class _Loader:
             make_format_4(root)
         else:
             self._check_format(source, root)
-        # Included trees first: those of the file itself replace them.
+        # Read included trees first: trees of the file itself replace them.
         for element in root.children:
             if element.tag == 'include':
                 self._read_include(source, element)
@@ -179,7 +179,7 @@ class _Loader:
 
     def _read_models(self, source: Source, models: Element) -> None:
         for element in models.children:
-            # Models of nodes are for editors; those of trees declare ports that the engine has to know.
+            # Models of nodes are for editors. Models of trees declare ports that the engine needs to know.
             if element.tag != 'SubTree':
                 continue
             id = element.attributes.get('ID')
