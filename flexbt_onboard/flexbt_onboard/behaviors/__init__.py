@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Installed behaviors, how one is built, and what its states get from their host."""
+"""Installed behaviors, the construction of their runs, and the services that states get from their host."""

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An installed behavior: a manifest, parameters, and a state machine that it builds.
+"""An installed behavior: a manifest, parameters, and the state machine that it builds.
 
-A package makes a behavior known by an entry point in its ``setup.py``::
+A package registers a behavior with an entry point in its ``setup.py``::
 
     entry_points={'flexbt.behaviors': ['patrol = my_package.patrol:Patrol']}
 """
@@ -42,14 +42,14 @@ _FALSE: Final = frozenset({'false', 'no', 'off', '0'})
 
 @dataclass(frozen=True)
 class BehaviorParameter:
-    """A parameter that can be set when a behavior is started.
+    """A parameter that an operator can set when starting a behavior.
 
-    The type is that of ``default``: bool, int, float, str, list or dict; an operator writes the last two in YAML.
-    ``choices`` limits the values; it is empty when any value of the type will do. ``minimum`` and ``maximum`` limit a
-    number, None for no limit. An operator reads ``label`` (or else the name), ``unit`` and ``description``.
+    ``default`` determines the type: bool, int, float, str, list or dict. An operator writes lists and dicts in YAML.
+    ``choices`` lists the allowed values; if it is empty, any value of the type is allowed. ``minimum`` and ``maximum``
+    limit a number; None means no limit. Consoles show ``label`` (or else the name), ``unit`` and ``description``.
 
     Raises:
-        ManifestError: the name is not a Python identifier, or default and choices do not fit together.
+        ManifestError: the name is not a public Python identifier, or the default does not fit a type or the choices.
     """
 
     name: str
@@ -86,10 +86,10 @@ class BehaviorParameter:
         return _TYPE_NAMES[type(self.default)]
 
     def from_text(self, text: str) -> ParameterValue:
-        """Convert what an operator wrote.
+        """Convert the text that an operator wrote to a value.
 
         Raises:
-            ParameterError: it is not a value of the type, or not one of the choices.
+            ParameterError: the text is not a value of the type, or not one of the choices, or beyond the limits.
         """
         try:
             return self.checked(_CONVERTERS[self.type](text))
@@ -99,10 +99,10 @@ class BehaviorParameter:
             ) from None
 
     def checked(self, value: ParameterValue) -> ParameterValue:
-        """Check a value that has a type already; an int is taken for a float.
+        """Check a value and return it. An int is converted where the parameter is a float.
 
         Raises:
-            ParameterError: another type, none of the choices, or beyond the limits.
+            ParameterError: the value has another type, is not one of the choices, or is beyond the limits.
         """
         if self.type == 'float' and type(value) is int:
             value = float(value)
@@ -125,10 +125,10 @@ class BehaviorParameter:
 
 @dataclass(frozen=True)
 class BehaviorInput:
-    """An input userdata key of a behavior, for the form in which an operator starts it.
+    """An input userdata key of a behavior, for the form with which an operator starts it.
 
-    ``type`` is as in BlackboardEntry (``string``, ``geometry_msgs/PoseStamped``); empty for any. ``needed``: the
-    machine has no default for it.
+    ``type`` is as in BlackboardEntry (``string``, ``geometry_msgs/PoseStamped``), or empty for any type. ``needed`` is
+    True if the machine has no default for the key.
     """
 
     key: str
@@ -139,12 +139,12 @@ class BehaviorInput:
 
 @dataclass(frozen=True)
 class BehaviorManifest:
-    """The manifest of a behavior: the unique name by which it is started, and what the operator should know.
+    """The manifest of a behavior: its unique name, and the information that consoles show to the operator.
 
-    ``inputs`` declares the input userdata of its machine, so that consoles can ask for each.
+    ``inputs`` declares the input userdata of its machine, so that consoles can ask the operator for each.
 
     Raises:
-        ManifestError: no name, or two parameters of the same name.
+        ManifestError: the name is empty or contains "/", or two parameters have the same name.
     """
 
     name: str
@@ -165,7 +165,7 @@ class BehaviorManifest:
 
 
 class OperatorGone(Enum):
-    """The action for a run when no console of an operator has been there for some time."""
+    """The reaction of a run after no operator has been connected for some time."""
 
     CONTINUE = 'continue'
     HOLD = 'hold'
@@ -175,18 +175,18 @@ class OperatorGone(Enum):
 class Behavior:
     """Base of the behaviors: derive, set :attr:`manifest`, and implement :meth:`create`.
 
-    Each parameter is an attribute of the instance with the value that the operator gave, or its default. The
-    constructor takes no arguments and is called when behaviors are listed, too: it declares parameters, no more.
-    States are made in :meth:`create`, which is called once for each run.
+    Each parameter is an attribute of the instance, with the operator's value or the default. The constructor takes no
+    arguments. It also runs when behaviors are listed, so it should only declare parameters. Make states in
+    :meth:`create`, which is called once for each run.
     """
 
     manifest: BehaviorManifest
 
     operator_gone: OperatorGone = OperatorGone.CONTINUE
-    """Reaction when no operator has been connected for :attr:`operator_gone_after`: go on, pause, or stop."""
+    """Reaction when no operator has been connected for :attr:`operator_gone_after`: continue, pause, or stop."""
 
     operator_gone_after: float = 10.0
-    """Seconds of wall time."""
+    """Seconds of wall time without an operator, after which the run reacts."""
 
     def __init__(self) -> None:
         manifest = getattr(self, 'manifest', None)
@@ -199,7 +199,7 @@ class Behavior:
 
     @property
     def parameters(self) -> Mapping[str, BehaviorParameter]:
-        """The declared parameters by name."""
+        """Declared parameters by name."""
         return self._parameters
 
     def add_parameter(
@@ -209,10 +209,12 @@ class Behavior:
         description: str = '',
         choices: Sequence[ParameterValue] = (),
     ) -> None:
-        """Declare a parameter, as FlexBE behaviors do in their constructor. Repeating the manifest's is allowed.
+        """Declare a parameter, as FlexBE behaviors do in their constructor.
+
+        A parameter of the manifest may be declared again with the same default.
 
         Raises:
-            ManifestError: bad declaration, or one that contradicts the manifest's.
+            ManifestError: the declaration is invalid, or contradicts the one in the manifest.
         """
         known = self._parameters.get(name)
         if known is None:
@@ -224,7 +226,7 @@ class Behavior:
             )
 
     def set_parameter(self, name: str, value: ParameterValue) -> None:
-        """Give a parameter a value of its type.
+        """Set a parameter to a value of its type.
 
         Raises:
             ParameterError: the parameter does not exist, or does not accept the value.
@@ -232,10 +234,10 @@ class Behavior:
         setattr(self, name, self._parameter(name).checked(value))
 
     def set_arguments(self, arguments: Sequence[tuple[str, str]]) -> None:
-        """Give parameters the values that an operator wrote, as pairs of name and text: all of them, or none.
+        """Set parameters from pairs of name and text, as an operator wrote them: all of them, or none.
 
         Raises:
-            ParameterError: a name that is not declared or given twice, or a text that is not a value of the type.
+            ParameterError: a name is not declared or occurs twice, or a parameter does not accept its text.
         """
         values: dict[str, ParameterValue] = {}
         for name, text in arguments:
@@ -246,10 +248,10 @@ class Behavior:
             setattr(self, name, value)
 
     def create(self) -> OperatableStateMachine | MachineDefinition:
-        """Build the state machine from the parameters' values. Called on the thread of the run.
+        """Build the state machine from the values of the parameters. Called on the thread of the run.
 
-        A definition is what :func:`read_machine` makes of YAML. It has the state objects of one run, so each call makes
-        a new one.
+        A definition, such as :func:`read_machine` makes from YAML, contains the state objects of one run. Each call
+        must therefore make a new one.
         """
         raise NotImplementedError(f'behavior {self.name!r} does not implement create()')
 
@@ -271,7 +273,7 @@ class Behavior:
 
 
 def parameter_text(value: ParameterValue) -> str:
-    """Return a parameter's value as text; :meth:`BehaviorParameter.from_text` gives back the same value."""
+    """Return a parameter's value as text. :meth:`BehaviorParameter.from_text` converts it back to the same value."""
     if isinstance(value, list | dict):
         text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True)
         return text.strip()
@@ -286,7 +288,7 @@ def _is_plain(value: list[Any] | dict[Any, Any]) -> bool:
 
 
 def to_bool(text: str) -> bool:
-    """Return what an operator wrote for true or false. Raises ValueError."""
+    """Convert true or false, as an operator wrote it, to a bool. Raise ValueError for any other text."""
     word = text.strip().lower()
     if word in _TRUE:
         return True

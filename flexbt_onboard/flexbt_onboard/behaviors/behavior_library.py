@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The installed behaviors, found through the entry points of Python packages.
 
-A behavior that cannot be loaded is listed with its error: the operator needs to know it, and the other behaviors still
-work.
+A behavior that cannot be loaded is listed with its error, so that the operator sees the reason. The other behaviors
+still work.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ ENTRY_POINT_GROUP: Final = 'flexbt.behaviors'
 """Entry point group under which packages list their behaviors."""
 
 SOURCES_GROUP: Final = 'flexbt.behavior_sources'
-"""Entry point group of functions that find behaviors which are listed otherwise: they give ``BehaviorEntry`` s."""
+"""Entry point group of functions that find behaviors without entry points. They yield ``BehaviorEntry`` objects."""
 
 
 @dataclass(frozen=True)
 class BehaviorEntry:
     """One installed behavior, usable when ``error`` is empty.
 
-    ``name`` is the manifest's, or ``package/name`` where two packages use the same one. ``make`` makes a new behavior.
-    ``machine`` is the text of one that was synthesized.
+    ``name`` is the name in the manifest, or ``package/name`` if several entries use the same name. ``make`` makes a
+    new behavior. ``machine`` is the YAML text of a synthesized behavior.
     """
 
     name: str
@@ -51,14 +51,14 @@ class BehaviorEntry:
         """Make a new behavior.
 
         Raises:
-            BrokenBehaviorError: it could not be loaded.
+            BrokenBehaviorError: the behavior could not be loaded.
         """
         if self.make is None:
             raise BrokenBehaviorError(f'behavior {self.name!r} of package {self.package!r} is broken: {self.error}')
         return self.make()
 
     def to_message(self) -> BehaviorManifestMessage:
-        """Return the entry as it is shown to the operator."""
+        """Return the message that consoles show for the entry."""
         return BehaviorManifestMessage(
             name=self.name,
             package=self.package,
@@ -83,7 +83,7 @@ class BehaviorEntry:
                 for known in self.manifest.inputs
             ],
             error=self.error,
-            machine=self.machine if len(self.machine) <= MACHINE_TEXT else '',  # what is cut cannot be judged
+            machine=self.machine if len(self.machine) <= MACHINE_TEXT else '',  # nobody can judge a truncated machine
         )
 
 
@@ -106,22 +106,22 @@ class BehaviorLibrary:
 
     @classmethod
     def discover(cls) -> BehaviorLibrary:
-        """Find the behaviors of all installed packages; never raises because of one of them."""
+        """Find the behaviors of all installed packages. A broken package raises no error here."""
         listed = [load_entry(point) for point in entry_points(group=ENTRY_POINT_GROUP)]
         found = [entry for point in entry_points(group=SOURCES_GROUP) for entry in _entries_of_source(point)]
         return cls([*listed, *found])
 
     @property
     def entries(self) -> Mapping[str, BehaviorEntry]:
-        """All of them, sorted by name."""
+        """All behaviors, sorted by name."""
         return self._entries
 
     def to_message(self) -> BehaviorList:
-        """Return all of them as they are shown to the operator."""
+        """Return the message that lists all behaviors for the consoles."""
         return BehaviorList(behaviors=[entry.to_message() for entry in self._entries.values()])
 
     def add(self, entry: BehaviorEntry) -> None:
-        """Have one more, which was made since, in place of one of its name that was added before.
+        """Add a behavior, or replace the one that was added before under the same name.
 
         Raises:
             BehaviorError: an installed behavior has this name.
@@ -131,12 +131,12 @@ class BehaviorLibrary:
         self._entries = dict(sorted({**self._entries, entry.name: entry}.items()))
 
     def check_free(self, name: str) -> None:
-        """Check that a behavior of this name can be added. Raises BehaviorError as :meth:`add`."""
+        """Check that a behavior of this name can be added. Raise BehaviorError like :meth:`add`."""
         if name in self._entries and name not in self._added:
             raise BehaviorError(f'an installed behavior is called {name!r}; choose another name')
 
     def remove(self, name: str) -> None:
-        """Take one out again that was added."""
+        """Remove a behavior that was added. Installed behaviors stay."""
         if name in self._added:
             self._added.remove(name)
             del self._entries[name]
@@ -145,7 +145,7 @@ class BehaviorLibrary:
         """Return the behavior called ``name``, or ``package/name``.
 
         Raises:
-            UnknownBehaviorError: there is none, or several packages have one.
+            UnknownBehaviorError: no behavior has this name, or several packages have one.
         """
         entry = self._entries.get(name)
         if entry is not None:
@@ -162,7 +162,7 @@ class BehaviorLibrary:
 
 
 def load_entry(point: EntryPoint) -> BehaviorEntry:
-    """Load one behavior; what goes wrong becomes the entry's error."""
+    """Load one behavior. If that fails, the entry contains the error."""
     package = point.dist.name.replace('-', '_') if point.dist is not None else point.module.partition('.')[0]
     try:
         loaded = point.load()
@@ -174,7 +174,7 @@ def load_entry(point: EntryPoint) -> BehaviorEntry:
         return BehaviorEntry(
             loaded.manifest.name, package, loaded.manifest, tuple(behavior.parameters.values()), loaded
         )
-    except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
+    except (Exception, SystemExit) as error:  # importing foreign code may raise anything
         name = point.name.replace('/', '_')
         return BehaviorEntry(name, package, BehaviorManifest(name), (), None, described(error))
 
@@ -188,9 +188,9 @@ def _entries_of_source(point: EntryPoint) -> Iterator[BehaviorEntry]:
 
 
 def described(error: BaseException) -> str:
-    """Return the error with the place in the behavior's own files, on one line."""
+    """Return the error on one line, with file and line if the code of the behavior raised it."""
     text = ' '.join(f'{type(error).__name__}: {error}'.split())
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if 'importlib' not in frame.filename]
-    if len(frames) <= 1:  # not raised in the behavior's code
+    if len(frames) <= 1:  # the code of the behavior did not raise it
         return text
     return f'{text} ({frames[-1].filename}:{frames[-1].lineno})'

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviors that are data: state machines as YAML, and the directory where synthesized ones are kept.
+"""Behaviors as data: state machines in YAML, and the directory that stores the synthesized ones.
 
-A package registers its states for these machines by an entry point in its ``setup.py``, which names a module::
+A package registers states for these machines with an entry point in its ``setup.py`` that names a module::
 
     entry_points={'flexbt.states': ['my_states = my_package.states']}
 """
@@ -28,16 +28,16 @@ from .behavior import Behavior, BehaviorManifest
 from .behavior_library import BehaviorEntry
 
 STATES_GROUP: Final = 'flexbt.states'
-"""Entry point group under which packages list modules of states that machines in YAML may have."""
+"""Entry point group under which packages list modules of states for machines in YAML."""
 
 
 def state_modules() -> list[str]:
-    """Return the names of the modules that packages list, sorted."""
+    """Return the names of the modules that packages list as modules of states, sorted."""
     return sorted({point.value for point in entry_points(group=STATES_GROUP)})
 
 
 def states_of(modules: Iterable[str]) -> dict[str, type[EventState]]:
-    """Return the states of modules by their names; those of the last module count.
+    """Return the state classes of modules by name. If several modules have the same name, the last one counts.
 
     Raises:
         BrokenBehaviorError: a module cannot be imported.
@@ -46,7 +46,7 @@ def states_of(modules: Iterable[str]) -> dict[str, type[EventState]]:
     for module in modules:
         try:
             values = vars(importlib.import_module(module))
-        except Exception as error:  # code of the module
+        except Exception as error:  # the module may raise anything
             raise BrokenBehaviorError(
                 f'the states of module {module!r} cannot be had: {type(error).__name__}: {error}'
             ) from error
@@ -57,7 +57,7 @@ def states_of(modules: Iterable[str]) -> dict[str, type[EventState]]:
 
 
 class MachineBehavior(Behavior):
-    """A behavior that is the text of a machine."""
+    """A behavior made from the YAML text of a machine."""
 
     def __init__(self, manifest: BehaviorManifest, text: str) -> None:
         self.manifest = manifest
@@ -65,35 +65,39 @@ class MachineBehavior(Behavior):
         super().__init__()
 
     def create(self) -> MachineDefinition:
-        """Return the machine. Raises MachineError with every problem of the text, BrokenBehaviorError for missing
-        states."""
+        """Return the machine.
+
+        Raises:
+            MachineError: the text has problems; the error lists all of them.
+            BrokenBehaviorError: a module of states cannot be imported.
+        """
         return read_machine(self._text, states_of(state_modules()), self.name)
 
 
 def machine_entry(name: str, text: str) -> BehaviorEntry:
-    """Return what the library has of a machine; its description is the comment with which the text begins."""
+    """Return the library entry of a machine. A comment on the first line of the text becomes the description."""
     first = text.partition('\n')[0]
     manifest = BehaviorManifest(name, one_line(first.removeprefix('#').strip()) if first.startswith('#') else '')
     make = functools.partial(MachineBehavior, manifest, text)
     return BehaviorEntry(name, BehaviorManifestMessage.SYNTHESIZED, manifest, (), make, machine=text)
 
 
-# The machines that were synthesized, as files: what an operator had made is there after a restart, too.
+# Synthesized machines are stored as files, so that they survive a restart.
 
 MOST_MACHINES: Final = 100
-"""Machines that are kept; the oldest is removed."""
+"""Maximum number of stored machines. Beyond it, the oldest is removed."""
 
 MACHINE_LENGTH: Final = 1_000_000
 """Maximum characters of a machine."""
 
 _MACHINE: Final = re.compile(r'^(machine|concurrency|priority):', re.MULTILINE)
-"""Pattern of a key that the text of a machine has and other YAML, such as a file of capabilities, does not."""
+"""Pattern of a key that only machines have, and other YAML, such as a capability file, has not."""
 
 _NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_ -]{0,79}')
 
 
 def check_name(name: str) -> None:
-    """Check that a machine may have this name. Raises BehaviorError."""
+    """Check that a machine may have this name. Raise BehaviorError if not."""
     if not _NAME.fullmatch(name) or name != name.strip():
         raise BehaviorError(
             f'{short_repr(name)} is no name of a behavior: a letter, then letters, digits, blanks, _ and -, 80 in all'
@@ -101,26 +105,32 @@ def check_name(name: str) -> None:
 
 
 class MachineStore:
-    """The files ``NAME.yaml`` of a directory; with None nothing outlasts the process. For one thread at a time."""
+    """A store of machines in the files ``NAME.yaml`` of a directory. With None it stores nothing.
+
+    Use it from one thread at a time.
+    """
 
     def __init__(self, directory: Path | None) -> None:
         self._directory = directory
 
     def entries(self) -> tuple[list[BehaviorEntry], list[str]]:
-        """Return those that are there, and why other files are none. Raises OSError when the directory cannot be
-        read."""
+        """Return the stored machines, and the reasons why other files in the directory are not machines.
+
+        Raises:
+            OSError: the directory cannot be read.
+        """
         machines, problems = self._machines()
         return [machine_entry(file.stem, text) for file, text in sorted(machines[:MOST_MACHINES])], problems[
             :MOST_MACHINES
         ]
 
     def keep(self, name: str, text: str, in_use: Collection[str]) -> list[str]:
-        """Write a machine, in place of one of its name; the names of those that gave way, none of which is in use.
+        """Store a machine, replacing one of the same name. Return the names of the machines removed to make room.
 
-        Only machines are removed, not other files in the directory.
+        It removes neither machines ``in_use`` nor other files in the directory.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: the machine cannot be written.
         """
         if self._directory is None:
             return []
@@ -135,7 +145,7 @@ class MachineStore:
         return [file.stem for file in gone]
 
     def _machines(self) -> tuple[list[tuple[Path, str]], list[str]]:
-        """Files and texts, the newest first; and why other files are none."""
+        """Return files and texts, newest first, and the reasons why other files are not machines."""
         if self._directory is None or not self._directory.is_dir():
             return [], []
         found: list[tuple[Path, str]] = []
@@ -149,7 +159,7 @@ class MachineStore:
 
 
 def _text_of(file: Path) -> str:
-    """Return the text of a machine. Raises BehaviorError, OSError and ValueError where a file is none."""
+    """Return the text of a machine. Raise BehaviorError, OSError or ValueError if the file is not one."""
     check_name(file.stem)
     if not file.is_file():
         raise ValueError('it is no file')

@@ -25,12 +25,12 @@ _HIGHEST_AUTONOMY: Final = 3
 
 @dataclass(frozen=True)
 class RunRequest:
-    """A request for a run: arguments are pairs of parameter name and text, inputs go to the userdata of the root
-    machine.
+    """A request for a run.
 
-    ``by`` is who wants it, an operator or a program; ``command_id`` is the operator's command. ``at`` is the position
-    at which it continues after a crash. One that is not ``is_durable`` does not: nobody would wait for its result any
-    more.
+    ``arguments`` are pairs of parameter name and text. ``inputs`` go to the userdata of the root machine. ``by`` is
+    the operator or program that asks for the run, and ``command_id`` the command of an operator. ``at`` is the
+    position from which the run resumes after a crash. A run that is not ``is_durable`` does not resume, since nobody
+    waits for its result any more.
     """
 
     entry: BehaviorEntry
@@ -54,10 +54,10 @@ def run_request(
     *,
     is_durable: bool = True,
 ) -> RunRequest:
-    """Return the run for a request.
+    """Return the request for a run of a behavior of the library.
 
     Raises:
-        CommandRefusedError: the behavior does not exist or is broken, or the level of autonomy does not exist.
+        CommandRefusedError: the behavior is unknown or broken, or the autonomy level does not exist.
     """
     try:
         entry = library.find(behavior)
@@ -70,7 +70,7 @@ def run_request(
 
 
 def checked_autonomy(level: int) -> int:
-    """Return a level of autonomy.
+    """Check an autonomy level and return it.
 
     Raises:
         CommandRefusedError: the level does not exist.
@@ -81,12 +81,12 @@ def checked_autonomy(level: int) -> int:
 
 
 def build(request: RunRequest) -> tuple[Behavior, MachineDefinition]:
-    """Make the behavior and its machine, and check it. Code of the behavior may raise anything.
+    """Make the behavior and its checked machine. The code of the behavior may raise any exception.
 
     Raises:
-        ParameterError: an argument does not fit, or the result is not a machine.
-        ManifestError: what the behavior wants when the operator is gone is none of what there is.
-        MachineError: the machine is wrong.
+        ParameterError: an argument is not valid, or the result is not a machine.
+        ManifestError: ``operator_gone`` or ``operator_gone_after`` of the behavior is not valid.
+        MachineError: the machine has errors.
     """
     behavior = request.entry.instantiate()
     behavior.set_arguments(request.arguments)
@@ -100,15 +100,15 @@ def build(request: RunRequest) -> tuple[Behavior, MachineDefinition]:
 
 
 def definition_of(behavior: Behavior) -> MachineDefinition:
-    """Return the checked machine that a behavior creates. Its code may raise anything.
+    """Return the checked machine that a behavior creates. The code of the behavior may raise any exception.
 
     Raises:
         ParameterError: the result is not a machine.
-        MachineError: the machine is wrong.
+        MachineError: the machine has errors.
     """
     machine: Any = behavior.create()
     if isinstance(machine, MachineDefinition):
-        return machine  # has been checked when it was made
+        return machine  # checked when it was made
     if not isinstance(machine, OperatableStateMachine):
         raise ParameterError(
             f'create() has to return an OperatableStateMachine or a MachineDefinition, not {short_repr(machine)}'
@@ -137,11 +137,12 @@ def structure_message(definition: MachineDefinition, run_id: str, behavior: str)
 
 
 def checked_inputs(definition: MachineDefinition, inputs: Sequence[BlackboardEntry]) -> dict[str, Any]:
-    """Return the values of the inputs by userdata key; all that something reads and that have no default, and no
-    unknown ones.
+    """Return the values of the inputs by userdata key.
+
+    Every key that the machine reads and has no default for must be among them.
 
     Raises:
-        ParameterError: one is missing, unknown or given twice.
+        ParameterError: an input is missing, unknown or given twice.
         FlexbtError: a value cannot be converted.
     """
     accepted = {*definition.input_keys, *definition.defaults}

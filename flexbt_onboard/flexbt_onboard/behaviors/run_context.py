@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The things that the host of a run gives to its states: services to reach ROS, the goals it tracks, and the run of a
-thread."""
+"""Access to ROS for the states of a run: services, the goals that they have sent, and the run of a thread."""
 
 from __future__ import annotations
 
@@ -24,8 +23,8 @@ from flexbt_core.values.text import short_repr
 from flexbt_onboard.errors import OnboardError
 
 _MOST_REMEMBERED: Final = 256
-"""Maximum number of lines, the latest, that are remembered as reported to the operator. An older line that recurs is
-reported again."""
+"""Number of latest lines that are remembered as reported to the operator. An older line is reported again if it
+recurs."""
 
 
 def _goes_on() -> Sequence[str]:
@@ -41,9 +40,9 @@ class _Sent:
 
 
 class RunGoals:
-    """The goals that the states of a run have sent. From any thread.
+    """The action goals that the states of a run have sent. From any thread.
 
-    A stop cancels them all on the thread that tells it: even if a state does not return from a callback, its goals and
+    A stop cancels all of them on the calling thread. So even if a callback of a state does not return, its goals and
     those of concurrent states are canceled.
     """
 
@@ -56,8 +55,11 @@ class RunGoals:
     def add(
         self, state: EventState | None, topic: str, call: ActionCall, not_paused: Callable[[], Sequence[str]] = _goes_on
     ) -> None:
-        """Add a goal that a state has sent. ``not_paused`` says why it goes on while the state is paused, or what of it
-        does; nothing if it does not."""
+        """Add a goal that a state has sent.
+
+        ``not_paused`` returns the parts of the goal that continue while the state is paused, or the reasons why it
+        continues; an empty sequence if it pauses.
+        """
         with self._lock:
             self._sent = [sent for sent in self._sent if not sent.call.done]
             self._sent.append(_Sent(state, topic, call, not_paused))
@@ -66,28 +68,30 @@ class RunGoals:
             call.cancel(None)
 
     def stop(self) -> None:
-        """Cancel all goals, and each that is sent from now on."""
+        """Cancel all goals, and each goal that is sent from now on."""
         with self._lock:
             self._is_stopped = True
         for sent in self._going_on():
             sent.call.cancel(None)
 
     def __bool__(self) -> bool:
-        """Return whether a goal is not known to have ended."""
+        """Return whether any goal is not known to have ended."""
         return bool(self._going_on())
 
     def halting(self, state: EventState) -> str | None:
-        """Return which goals of a state were canceled, and are not confirmed to have ended; None when there is none."""
+        """Return a text with the goals of a state whose cancel is not confirmed yet; None for no such goal."""
         waiting = [sent.topic for sent in self._going_on(state) if sent.call.cancel_requested]
         return f'goal of {", ".join(waiting)} not confirmed canceled' if waiting else None
 
     def not_paused(self, state: EventState) -> list[str]:
-        """Return which goals of a state go on while it is paused, as "goal of TOPIC: why"; a line for each reason."""
+        """Return a line "goal of TOPIC: why" for each reason why a goal continues while its state is paused."""
         return [f'goal of {sent.topic}: {why}' for sent in self._going_on(state) for why in sent.not_paused()]
 
     def untold(self, topic: str, lines: Sequence[str]) -> list[str]:
-        """Return those of ``lines`` from the server of an action that no state of the run was given yet, in their
-        order: the operator gets each once, whichever states receive it, and however often."""
+        """Return the ``lines`` from an action server that were not returned before in this run, in their order.
+
+        So the operator gets each line once, no matter which states receive it and how often.
+        """
         with self._lock:
             new = [line for line in dict.fromkeys(lines) if (topic, line) not in self._told]
             self._told += [(topic, line) for line in new]
@@ -99,11 +103,11 @@ class RunGoals:
         return [one for one in sent if not one.call.done and (state is None or one.state is state)]
 
 
-# What the host of a state machine gives to its states: their way to ROS.
+# The services with which the states of a machine access ROS.
 
 READY_SECONDS: Final = 15.0
-"""Time for which a node that is alive may take to become ready, s of wall time. Starting takes seconds, and several
-times as long on a busy machine."""
+"""Time that a live node may take to become ready, s of wall time. Starting takes seconds, and several times as long
+on a busy computer."""
 
 
 def _nothing() -> None:
@@ -112,14 +116,16 @@ def _nothing() -> None:
 
 @dataclass(frozen=True)
 class StateServices:
-    """The services of a run; a state gets it with :func:`state_services`.
+    """The services of a run. A state gets them with :func:`state_services`.
 
-    ``runtime`` owns the node and the thread on which everything of rclpy happens, ``actions`` and ``services`` are
-    the shared clients, and ``node_name`` is the fully qualified name of the node that runs the states: what
-    happens on its behalf elsewhere ends when it dies. ``changed`` tells the host, from any thread, that something
-    that the operator is shown has changed: the state's activity. ``unready`` names the nodes that are alive but not
-    ready yet: the servers that a state wants may be among them. ``goals`` are those that the states of the run have
-    sent.
+    - ``runtime`` owns the node, and the thread on which all calls of rclpy happen.
+    - ``actions`` and ``services`` are the shared clients.
+    - ``node_name`` is the fully qualified name of the node that runs the states. Activities on its behalf in other
+      nodes end when it dies.
+    - ``changed`` notifies the host that the activity of a state, which operators see, has changed. From any thread.
+    - ``unready`` returns the names of nodes that are alive but not ready yet. The servers that a state needs may be
+      among them.
+    - ``goals`` are the goals that the states of the run have sent.
     """
 
     runtime: Runtime
@@ -132,14 +138,14 @@ class StateServices:
 
     @classmethod
     def of(cls, runtime: Runtime) -> StateServices:
-        """Return those of a node that knows nothing of others."""
+        """Return the services of a node that does not watch other nodes."""
         return runtime.call(
             lambda: cls(runtime, ActionLinks(runtime), ServiceLinks(runtime), runtime.node.get_fully_qualified_name())
         )
 
 
 def state_services(state: EventState) -> StateServices:
-    """Return the services that a state was given by its host.
+    """Return the services that a state got from its host.
 
     Raises:
         TypeError: the state machine runs without ROS.
@@ -153,23 +159,23 @@ def state_services(state: EventState) -> StateServices:
     return services
 
 
-# The run on whose thread some code is, for code of behaviors that is handed neither a state nor services.
+# The run that a thread belongs to, for code of behaviors that gets neither a state nor services.
 #
-# A behavior is built and run on one thread, so that what is set there holds for its constructors and callbacks, and for
-# no other run. The thread that spins the node belongs to the same run, for callbacks of topics and timers. FlexBE's
-# interfaces need it: they find their node by themselves.
+# A behavior is built and run on one thread. A value that is set there is valid for its constructors and callbacks, and
+# for no other run. The thread that spins the node belongs to the same run, because of callbacks of topics and timers.
+# FlexBE's interfaces need this, since they look up their node themselves.
 
 T = TypeVar('T')
 
 
 class RunContext:
-    """One run, as seen by what its behavior is made of.
+    """The context of one run for the code of its behavior.
 
     ``log`` takes severity, path of a state ('' for none) and text.
     """
 
     def __init__(self, services: Callable[[], StateServices], log: Callable[[Severity, str, str], None]) -> None:
-        """``services`` is called when the services of the states are asked for first."""
+        """``services`` is called on first use of :attr:`services`."""
         self.log = log
         self._make_services = services
         self._shared: dict[Any, Any] = {}
@@ -177,7 +183,7 @@ class RunContext:
 
     @cached_property
     def services(self) -> StateServices:
-        """The services of the states."""
+        """Services of the states."""
         services = self._make_services()
         runtime = services.runtime
         runtime.post(lambda: _current.set(self))
@@ -185,19 +191,19 @@ class RunContext:
         return services
 
     def shared(self, make: Callable[[RunContext], T]) -> T:
-        """Return what ``make`` gave when it was asked for first: one for the whole run."""
+        """Return the object that ``make`` creates on first use. The whole run shares it."""
         if make not in self._shared:
             self._shared[make] = make(self)
         made: T = self._shared[make]
         return made
 
     def at_end(self, close: Callable[[], object]) -> None:
-        """Have something closed when the run is over, in reverse order."""
+        """Register a function to call at the end of the run. The last one registered is called first."""
         self._at_end.append(close)
 
     @contextmanager
     def entered(self) -> Iterator[None]:
-        """For the length of the block, :func:`current_run` gives this run on this thread; then it is over."""
+        """Make :func:`current_run` return this run on this thread within the block. The run is over at its end."""
         token = _current.set(self)
         _entered.append(self)
         try:
@@ -215,7 +221,7 @@ class RunContext:
             _current.set(None)
 
     def _close(self, close: Callable[[], object]) -> None:
-        """Close one, and log what it raises, so that the others are closed as well."""
+        """Call one of the closing functions, and log its exception, so that the others are still called."""
         try:
             close()
         except BaseException:  # code of the behavior; the run has ended
@@ -226,14 +232,14 @@ _current: ContextVar[RunContext | None] = ContextVar('run', default=None)
 
 
 _entered: Final[list[RunContext]] = []
-"""Contexts whose block has not ended, for threads that users' code has started."""
+"""Contexts whose block has not ended, for threads that the code of users has started."""
 
 
 def current_run() -> RunContext:
-    """Return the run on whose thread this is; on a thread of nobody's, the only run of the process.
+    """Return the run of the calling thread. If the thread belongs to no run, return the only run of the process.
 
     Raises:
-        OnboardError: the thread belongs to no run, and there is none or there are several.
+        OnboardError: the thread belongs to no run, and the process has no run or several.
     """
     run = _current.get()
     if run is not None:
@@ -246,15 +252,15 @@ def current_run() -> RunContext:
     )
 
 
-# Behaviors that are built and never run: for tools that inspect their state machines.
+# Behaviors that are built and not run, for tools that inspect their state machines.
 
 
 @contextmanager
 def building() -> Iterator[None]:
-    """For the length of the block behaviors can be built whose constructors want ROS, as FlexBE's do.
+    """Within the block, allow building behaviors whose constructors need ROS, as those of FlexBE do.
 
-    They get a node when they ask for one, and rclpy's default context. Their nodes discover nobody and are discovered
-    by nobody.
+    They get a node when they ask for one, and rclpy's default context. Their nodes neither discover other nodes nor
+    are discovered.
     """
     run = RunContext(lambda: _services(run), _say_nothing)
     with offline_default_context(), run.entered():
@@ -269,4 +275,4 @@ def _services(run: RunContext) -> StateServices:
 
 
 def _say_nothing(severity: Severity, path: str, text: str) -> None:
-    """Ignore what states log in their constructors: it is for the operator of a run."""
+    """Ignore messages that states log in their constructors, since no operator is there to read them."""

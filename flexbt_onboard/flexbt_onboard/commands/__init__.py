@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Commands of operators: who may give them, what each requires and does, and its result."""
+"""Commands of operators: the authority to send them, their requirements, effects and results."""

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The authority to command: any number of operators watch, one holds the authority, and a name belongs to one
-participant.
+"""The authority to command, and the names of operators.
 
-- While nobody holds it, every operator may command.
-- An operator who claims it gets it if it is free. Otherwise the operator becomes a requester, whom the holder sees.
-- The holder gives it back, or hands it over to somebody, or refuses a requester, who may ask again. A returned
-  authority goes to the oldest requester.
-- It is lost when the holder was gone for a set time: no console of theirs, and no command. That goes on to the oldest
-  requester, too.
-- It goes only to a requester who is connected. A requester who is gone for as long as a holder may be is dropped. The
-  number of requesters is limited: those who are connected come first.
-- Stopping the robot needs no authority: anybody may do that at any time.
+Any number of operators watch, at most one holds the authority, and each name belongs to one DDS participant.
 
-Goals of the action ``execute_behavior`` come from programs, not from operators; they need no authority either.
+- While nobody holds the authority, every operator may send commands.
+- An operator who claims a free authority gets it. Otherwise the operator becomes a requester, and the holder sees
+  the request.
+- The holder can release the authority, hand it over to another operator, or refuse a requester, who may ask again.
+- The holder loses the authority after a timeout without a connected console and without a command.
+- A released or lost authority passes to the oldest requester who is connected.
+- A requester who is disconnected for the same timeout is dropped. The number of requesters is limited; connected
+  operators take precedence.
+- STOP needs no authority. Every operator may stop the robot at any time.
+
+Goals of the action ``execute_behavior`` come from programs, not from operators. They need no authority either.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.link.status_publisher import StatusPublisher
 
 REQUESTS: Final = 16
-"""Maximum number of operators that may request the authority at a time: every status lists them."""
+"""Maximum number of operators that may request the authority at a time, since every status lists them."""
 
 
 class Authority:
     """The authority over one executive. Used on the executor thread only.
 
-    ``holder`` is the operator who has it, '' for nobody. ``presence`` reports the connected operators, ``timeout`` is
-    in seconds of wall time.
+    ``holder`` is the operator who has the authority, '' for nobody. ``presence`` reports the connected operators.
+    ``timeout`` is in seconds of wall time.
     """
 
     def __init__(
@@ -63,21 +64,21 @@ class Authority:
         presence.add_listener(self._presence_changed)
 
     def _on_change(self, text: str) -> None:
-        """Report who has it now, and why."""
+        """Report the current holder and requesters; ``text`` has the reason."""
         self._report.log(ExecutiveLog.INFO, text)
         self._report.event('authority', holder=self.holder, requests=self.requests, text=text)
         self._status.changed()
 
     @property
     def requests(self) -> list[str]:
-        """The operators who ask for it, the oldest request first."""
+        """Operators who ask for the authority, oldest request first."""
         return list(self._requests)
 
     def check(self, operator: str) -> None:
-        """Take note that an operator commands.
+        """Check that an operator may send commands, and count the command as a sign of life of the holder.
 
         Raises:
-            CommandRefusedError: another one has the authority.
+            CommandRefusedError: another operator has the authority.
         """
         if self.holder and operator != self.holder:
             raise CommandRefusedError(
@@ -86,10 +87,10 @@ class Authority:
         self._seen()
 
     def claim(self, operator: str) -> None:
-        """Give the authority to an operator, or put their request on the list.
+        """Give the free authority to an operator, or add the operator to the requesters.
 
         Raises:
-            CommandRefusedError: the operator has no name, or too many ask for it.
+            CommandRefusedError: the operator has no name, or too many operators ask for the authority.
         """
         if not operator:
             raise CommandRefusedError('only an operator with a name can claim the authority; set operator_id')
@@ -101,10 +102,10 @@ class Authority:
             self._request(operator)
 
     def release(self, operator: str) -> None:
-        """Take the authority back from its holder, or a requester from the list.
+        """Release the authority of its holder, or withdraw the request of a requester.
 
         Raises:
-            CommandRefusedError: the operator is neither.
+            CommandRefusedError: the operator is neither holder nor requester.
         """
         if operator and operator == self.holder:
             self._pass_on(f'{operator!r} released it')
@@ -115,10 +116,10 @@ class Authority:
             raise CommandRefusedError(f'{operator!r} does not have the authority to command, and did not ask for it')
 
     def hand_over(self, operator: str, grantee: str) -> None:
-        """Give the authority of ``operator`` to another operator.
+        """Hand the authority of ``operator`` over to ``grantee``.
 
         Raises:
-            CommandRefusedError: the operator does not have it.
+            CommandRefusedError: ``operator`` does not have the authority.
         """
         self._check_holder(operator)
         if grantee != operator:
@@ -127,10 +128,10 @@ class Authority:
             self._give(grantee, f'{operator!r} handed it over{absent}')
 
     def refuse(self, operator: str, requester: str) -> None:
-        """Take a requester from the list, who asks for the authority of ``operator``.
+        """Remove a requester who asks for the authority of ``operator``.
 
         Raises:
-            CommandRefusedError: the operator does not have it, or the other one does not ask for it.
+            CommandRefusedError: ``operator`` does not have the authority, or ``requester`` does not ask for it.
         """
         self._check_holder(operator)
         if requester not in self._requests:
@@ -161,7 +162,7 @@ class Authority:
         self._expire_requests()
 
     def _expire_requests(self) -> None:
-        """Forget the requests of those who are gone, now and when the time of the next one is over."""
+        """Drop the requests of operators who are gone for too long, now and whenever the next one times out."""
         now, there = self._runtime.steady.now(), self._presence.present
         for operator, seen in list(self._requests.items()):
             if operator in there:
@@ -186,7 +187,7 @@ class Authority:
             self._on_change(f'nobody has the authority to command: {why}; every operator may')
 
     def _first_there(self) -> str:
-        """Return the first requester who is connected; '' for nobody."""
+        """Return the oldest requester who is connected; '' for nobody."""
         return next((operator for operator in self._requests if operator in self._presence.present), '')
 
     def _give(self, operator: str, why: str) -> None:
@@ -206,7 +207,7 @@ class Authority:
             self._give(there, 'asked for it, and is there again')
 
     def _seen(self) -> None:
-        """Count the time from now: the holder gave a sign of life, or their last console went."""
+        """Restart the timeout: the holder gave a sign of life, or their last console has disconnected."""
         self._last_seen = self._runtime.steady.now()
         self._was_present = self._is_present
         if self._timer is not None:
@@ -222,24 +223,25 @@ class Authority:
 
     def _time_is_over(self) -> None:
         is_late = self._runtime.steady.now() >= self._last_seen + self._timeout
-        if self.holder and is_late and not self._is_present:  # nothing happened since this was posted
+        if self.holder and is_late and not self._is_present:  # nothing has happened since the timer was set
             self._pass_on(f'{self.holder!r} was gone for {self._timeout:g} s')
 
 
-# Whose an operator's name is: of the participant that commands under it, as long as that is there.
+# The owner of an operator's name is the participant that sends commands under it, as long as it exists.
 #
-# The name says who has the authority and who did what, and anybody can write any name into a command. But the
-# middleware tells which participant has sent it, so that a name which is in use is nobody else's. It is free again when
-# its console has ended, or the middleware misses it. (Which participants may command at all is for DDS security.)
+# The authority and the logs refer to the name, but any program can write any name into a command. The middleware
+# reports which participant has sent a command, so no other participant can use a name that is in use. A name is free
+# again when its console has ended, or when the middleware considers it dead. (DDS security controls which participants
+# may send commands at all.)
 
 NAMES_OF_PARTICIPANT: Final = 16
-"""Maximum number of names of one participant: a program may act for several operators."""
+"""Maximum number of names of one participant. It may have several, since a program may act for several operators."""
 
 _TOLD: Final = 256
 
 
 class OperatorNames:
-    """The names that are in use. Used on the executor thread only."""
+    """The names of operators that are in use. Used on the executor thread only."""
 
     def __init__(self, link: ConsoleLink, presence: PresenceWatch, report: Reporter) -> None:
         self._link = link
@@ -249,10 +251,10 @@ class OperatorNames:
         self._told: OrderedDict[tuple[str, bytes], None] = OrderedDict()
 
     def check(self, operator: str, participant: bytes) -> None:
-        """Note that a participant commands under a name.
+        """Note that a participant sends commands under a name.
 
         Raises:
-            CommandRefusedError: another one does, and is there.
+            CommandRefusedError: another participant that still exists uses the name.
         """
         if not operator or participant == UNKNOWN_WRITER:
             return
@@ -266,7 +268,7 @@ class OperatorNames:
         self._owners[operator] = participant
         self._owners.move_to_end(operator)
         own = [name for name, owner in self._owners.items() if owner == participant]
-        if len(own) > NAMES_OF_PARTICIPANT:  # a participant that uses many names loses only its own ones
+        if len(own) > NAMES_OF_PARTICIPANT:  # a participant that uses many names loses only its own
             del self._owners[own[0]]
 
     def _tell_once(self, operator: str, participant: bytes, owner: str) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The largest commands, and the most input requests: checked before anything is kept, logged or journaled."""
+"""Limits for commands and input requests, checked before anything is stored, logged or journaled."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ COMMAND_LENGTHS: Final[Mapping[str, int]] = {
     'text': ExecutiveCommand.NOTE_LENGTH,
     'reason': 1000,
 }
-"""Maximum characters of each text of an ExecutiveCommand."""
+"""Maximum characters of each string field of an ExecutiveCommand."""
 
 ARGUMENTS: Final = 100
 ARGUMENT_LENGTHS: Final[Mapping[str, int]] = {'name': 256, 'value': 10_000}
-"""Arguments of a START or SWITCH, and the characters of each."""
+"""Maximum characters of each field of the arguments of a START or SWITCH."""
 
 INPUTS: Final = 100
 INPUT_LENGTHS: Final[Mapping[str, int]] = {'key': 256, 'type': 256, 'text': 100_000, 'data': 1_000_000}
 """Maximum characters of each field of the inputs of a START or ANSWER, and maximum bytes of their data."""
 
 OPEN_REQUESTS: Final = 32
-"""Input requests that may wait at a time: every status has them. How large each may be is one of the bounds of all
-messages (:mod:`flexbt_common.values.limits`)."""
+"""Maximum number of input requests that may wait at a time, since every status lists them. The limits of all messages
+apply to their size (:mod:`flexbt_common.values.limits`)."""
 
 
 def excess_of_command(command: ExecutiveCommand) -> str:
-    """Return what of a command is too large; '' for nothing."""
+    """Return a text about the part of a command that is too large; '' if every part fits."""
     for name, limit in (('arguments', ARGUMENTS), ('inputs', INPUTS)):
         if (count := len(getattr(command, name))) > limit:
             return f'{name} has at most {limit} entries, not {count}'

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The ledger of commands: each lives here from its arrival until its result is forgotten.
+"""The ledger of commands, which knows each command from its arrival until its result is dropped.
 
-A command is admitted once, however often it is sent, and has its effect at most once. It is decided when the effect has
-come or it is refused; that is journaled before it is written to the event log and reported in the status. Decisions
-before a restart of the executive are remembered from the journal.
+A command is admitted once, no matter how often it is sent, and has its effect at most once. It is decided when it has
+had its effect or is refused. The decision is journaled first, and then written to the event log and reported in the
+status. After a restart of the executive, the journal provides earlier decisions.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from flexbt_onboard.runs.run_events import RunBuilt, RunRefused
 from .command_bounds import COMMAND_LENGTHS, excess_of_command
 
 REPORTED_RESULTS: Final = 32
-"""Results that are part of a status at most (ExecutiveStatus.results)."""
+"""Maximum number of results in a status (ExecutiveStatus.results)."""
 
 OPEN_COMMANDS: Final = 100
-"""Maximum number of commands of one writer that may wait for their effect: a behavior that is held up applies none."""
+"""Maximum number of commands of one writer that may wait for their effect. A blocked behavior applies none."""
 
 REPORT_TIME: Final = 5.0
-"""Seconds for which a result is part of every status. A console that has lost it sends the command again, and so has it
-reported again; without this limit most of a quiet link's traffic would be old results."""
+"""Seconds for which a result is part of every status. A console that has missed it resends the command, and the result
+is reported again. Without this limit, old results would be most of the traffic of a quiet link."""
 
 
 @dataclass(frozen=True)
@@ -49,24 +49,26 @@ class _Open:
 
 
 class CommandHandling:
-    """The handling of the commands. This one refuses each of them, with a reason."""
+    """Base of the handlers of commands. It refuses every command, with the same reason."""
 
     def __init__(self, refusal: str = '') -> None:
         self._refusal = refusal
 
     def is_addressed(self, _command: ExecutiveCommand) -> bool:
-        """Return whether a command is for this executive, which cannot know what another one made of it."""
+        """Return whether a command is for this executive. The results of another executive are unknown here."""
         return True
 
     def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
-        """Return what the command says, for the event log."""
+        """Return the fields of the command for the event log."""
         return {}
 
     def apply(self, _command: ExecutiveCommand, _writer: bytes) -> bool:
-        """Return whether it has had its effect; otherwise :class:`CommandDecided` or the begin of a run follows.
+        """Apply a command. Return True if it has had its effect.
+
+        After False, :class:`CommandDecided`, :class:`RunBuilt` or :class:`RunRefused` follows.
 
         Raises:
-            CommandRefusedError: it has no effect; the text is the reason.
+            CommandRefusedError: the command has no effect; the text is the reason.
         """
         raise CommandRefusedError(self._refusal)
 
@@ -74,8 +76,8 @@ class CommandHandling:
 class CommandLedger(RunReader):
     """The commands of one executive. Used on the executor thread, except :meth:`read`.
 
-    As a reader of the runs it is notified when a command has taken effect. ``status`` is sent when a result is to be
-    reported, or a sender has to be notified that this is another executive.
+    The runs notify it, as one of their readers, when a command has taken effect. It triggers ``status`` when a result
+    is to be reported, or when a sender meant another executive.
     """
 
     def __init__(
@@ -95,10 +97,10 @@ class CommandLedger(RunReader):
         self._status = status
         self._remembered = remembered
         self._now = now
-        # A command without a result is open: admitted, and not decided. The entry says who has written it.
+        # A command without a result is open: admitted, but not decided. Its entry has the writer.
         self._entries: OrderedDict[str, CommandResult | _Open] = OrderedDict()
         self._nameless = RepeatedReports(COMPLAINT_SECONDS, now)
-        self._reported: OrderedDict[str, float] = OrderedDict()  # results, and when each was reported last
+        self._reported: OrderedDict[str, float] = OrderedDict()  # ids, and the time of the last report of each result
         for result in journal.results:
             self._entries[result.command_id] = result
         self._forget_old()
@@ -113,12 +115,12 @@ class CommandLedger(RunReader):
                 self._post(partial(self._decide, request.command_id, reason))
 
     def receive(self, command: ExecutiveCommand, writer: bytes = b'') -> None:
-        """Take a command in, whatever it is; its result is part of the status. ``writer`` has sent it, b'': unknown."""
+        """Handle a command. The status reports its result. ``writer`` has sent it; b'' if unknown."""
         if not 0 < len(command.id) <= COMMAND_LENGTHS['id']:
             if command.kind != ExecutiveCommand.STOP:
                 self._ignore_nameless(command)
                 return
-            command.id = uuid.uuid4().hex  # it stops anyway, but its result cannot be reported
+            command.id = uuid.uuid4().hex  # apply the STOP anyway, although its result cannot be reported
         known = self._entries.get(command.id)
         excess = excess_of_command(command)
         if known is None and self._handling.is_addressed(command):
@@ -127,18 +129,18 @@ class CommandLedger(RunReader):
             elif excess:
                 self._refuse_unkept(command, excess)
             else:
-                self._admit(command, writer)  # a status now would only hold up its effect
+                self._admit(command, writer)  # sending a status first would only delay the effect
             return
         if excess:
             return
         if known is None:
             self._report.command(self._handling.fields(command), 'ignored', 'meant for another executive')
-        elif isinstance(known, CommandResult):  # a resend: answered again, applied once
+        elif isinstance(known, CommandResult):  # a resend is answered again, but not applied again
             self._report_result(command.id)
         self._status.changed()
 
     def results(self) -> list[CommandResult]:
-        """Return the results that are to be reported, oldest first."""
+        """Return the results for the status, oldest first."""
         oldest = self._now() - REPORT_TIME
         while self._reported and next(iter(self._reported.values())) < oldest:
             self._reported.popitem(last=False)
@@ -146,7 +148,7 @@ class CommandLedger(RunReader):
         return [entry for entry in entries if isinstance(entry, CommandResult)]
 
     def _ignore_nameless(self, command: ExecutiveCommand) -> None:
-        """Ignore a command that cannot be answered."""
+        """Ignore a command without a valid id, which cannot be answered, and log it."""
         if self._nameless.held_before('') is None:
             return
         length = len(command.id)
@@ -156,7 +158,7 @@ class CommandLedger(RunReader):
         self._report.command({'operator': operator, 'kind': command.kind}, 'ignored', why)
 
     def _refuse_unkept(self, command: ExecutiveCommand, reason: str) -> None:
-        """Nothing of it is kept but its id."""
+        """Refuse a command that is too large, and keep only its id."""
         operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
         self._settle(command.id, reason, {'id': command.id, 'operator': operator, 'kind': command.kind})
 
@@ -181,7 +183,7 @@ class CommandLedger(RunReader):
                 self._decide(command_id, None)
 
     def _decide(self, command_id: str | None, reason: str | None) -> None:
-        """Note that a command had its effect (None), or is refused; the first decision counts."""
+        """Note that a command had its effect (``reason`` None) or is refused. Only the first decision counts."""
         entry = self._entries.get(command_id) if command_id is not None else None
         if command_id is not None and isinstance(entry, _Open):
             self._settle(command_id, reason, self._handling.fields(entry.command))
@@ -192,7 +194,7 @@ class CommandLedger(RunReader):
         try:
             self._journal.decide(command_id, reason)
             self._report.command(fields, 'applied' if reason is None else 'refused', told)
-        finally:  # whatever cannot be written: who gave it is answered
+        finally:  # answer the sender even if the decision cannot be written
             self._entries[command_id] = CommandResult(command_id=command_id, code=code, reason=told)
             self._forget_old()
             self._report_result(command_id)
@@ -206,7 +208,7 @@ class CommandLedger(RunReader):
 
     def _forget_old(self) -> None:
         while len(self._entries) > self._remembered:
-            # A command that is not decided yet is never the oldest by far: only a START takes longer than a moment.
+            # Skip open commands. They are rarely old, since only a START takes longer than a moment.
             oldest = next((key for key, entry in self._entries.items() if isinstance(entry, CommandResult)), None)
             if oldest is None:
                 return
@@ -214,6 +216,6 @@ class CommandLedger(RunReader):
 
 
 def _bare_stop(command: ExecutiveCommand, excess: str) -> ExecutiveCommand:
-    """Return a STOP with a field that is too large: it stops anyway, and its other fields are left out."""
+    """Return a STOP without the fields that may be too large, so that an oversized STOP still stops the robot."""
     operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
     return ExecutiveCommand(id=command.id, stamp=command.stamp, kind=command.kind, operator_id=operator, reason=excess)

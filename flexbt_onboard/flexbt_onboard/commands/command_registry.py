@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The commands of an operator: what each requires, when it is refused, and what it does.
+"""The commands of operators: the requirements and the effect of each.
 
-A new command is a constant and its fields in flexbt_msgs/msg/ExecutiveCommand, and an entry in
+To add a command, add a constant and its fields to flexbt_msgs/msg/ExecutiveCommand, and an entry to
 :attr:`CommandRegistry.COMMANDS`.
 """
 
@@ -31,11 +31,11 @@ from .command_ledger import CommandHandling
 from .input_requests import InputRequests
 
 LOGGED: Final = 1000
-"""Characters of a value of a command that are in the event log."""
+"""Maximum characters of a value of a command in the event log."""
 
 
 class RunRequirement(Enum):
-    """The run that a command has to name in ``run_id``."""
+    """The run that a command must name in ``run_id``."""
 
     NONE = 'none'
     ANY = 'the run that goes on; none while idle'
@@ -49,11 +49,12 @@ Effect = Callable[['CommandRegistry', ExecutiveCommand], bool | None]
 
 @dataclass(frozen=True)
 class CommandDefinition:
-    """A command by the name of its constant in ExecutiveCommand.
+    """The definition of a command. ``name`` is the name of its constant in ExecutiveCommand.
 
-    ``apply`` carries it out. It returns True if the effect comes later: :class:`CommandDecided`, :class:`RunBuilt` or
-    :class:`RunRefused` follows. It raises CommandRefusedError. ``fields`` must not be empty. One that
-    ``needs_no_operator`` asks neither whose the operator's name is, nor which executive was meant.
+    ``apply`` carries out the command, or raises CommandRefusedError. It returns True if the effect follows later, with
+    :class:`CommandDecided`, :class:`RunBuilt` or :class:`RunRefused`. ``fields`` are the fields of the message that
+    must not be empty. With ``needs_no_operator``, neither the owner of the operator's name nor the addressed executive
+    is checked.
     """
 
     name: str
@@ -65,12 +66,12 @@ class CommandDefinition:
 
     @property
     def kind(self) -> int:
-        """The constant."""
+        """Value of the constant."""
         return int(getattr(ExecutiveCommand, self.name))
 
 
 def _of_machine(name: str, command: Callable[..., str | None], *fields: str) -> CommandDefinition:
-    """Return a command that the machine applies between two steps, with fields of the message."""
+    """Return a command that the machine applies between two steps. ``fields`` of the message are its arguments."""
 
     def apply(registry: CommandRegistry, sent: ExecutiveCommand) -> bool:
         registry.run.command(sent.id, command, *(getattr(sent, field) for field in fields))
@@ -80,7 +81,7 @@ def _of_machine(name: str, command: Callable[..., str | None], *fields: str) -> 
 
 
 def _of_authority(name: str, command: Callable[..., None], *fields: str) -> CommandDefinition:
-    """Return a command of an operator about the authority, which looks after who may give it."""
+    """Return a command about the authority. The authority itself checks whether the operator may send it."""
 
     def apply(registry: CommandRegistry, sent: ExecutiveCommand) -> None:
         command(registry.authority, sent.operator_id, *(getattr(sent, field) for field in fields))
@@ -89,7 +90,7 @@ def _of_authority(name: str, command: Callable[..., None], *fields: str) -> Comm
 
 
 class CommandRegistry(CommandHandling):
-    """A registry that applies commands. Used on the executor thread only."""
+    """A registry that checks and applies commands. Used on the executor thread only."""
 
     def __init__(
         self,
@@ -135,7 +136,7 @@ class CommandRegistry(CommandHandling):
         return not known.apply(self, command)
 
     def _check_run(self, needed: RunRequirement, command: ExecutiveCommand) -> None:
-        """Check that the command names the run that it needs. Raises CommandRefusedError."""
+        """Check that the command names the run that it requires. Raise CommandRefusedError if not."""
         run, interrupted, meant = self._runs.snapshot, self._runs.interrupted, command.run_id
         if needed is RunRequirement.SHOWN:
             shown = self._runs.shown.run_id
@@ -165,13 +166,13 @@ class CommandRegistry(CommandHandling):
 
     @property
     def run(self) -> BehaviorRun:
-        """The current run, which the command needs."""
+        """Current run, for commands that require one."""
         assert self._runs.run is not None
         return self._runs.run
 
     @property
     def _interrupted(self) -> InterruptedRun:
-        """The run that was interrupted, which the command needs."""
+        """Interrupted run, for commands that require one."""
         assert self._runs.interrupted is not None
         return self._runs.interrupted
 
@@ -243,14 +244,14 @@ class CommandRegistry(CommandHandling):
         self._runs.abort(self._interrupted, f'interrupted, and aborted by {_operator(command)}')
 
     def _note(self, command: ExecutiveCommand) -> None:
-        text = '\n'.join(escape_lines(command.text))  # the event log has it as a command
+        text = '\n'.join(escape_lines(command.text))  # the event log has the note as a command
         self._report.log(
             ExecutiveLog.INFO, f'{command.operator_id or "an operator"} notes: {text}', run_id=command.run_id
         )
 
     COMMANDS: Final = (
         CommandDefinition('START', _start, RunRequirement.NONE),
-        # Anyone who sees a fault has to be able to stop the run, whatever else they know of it.
+        # Everyone who sees a fault must be able to stop the robot, no matter what else they know.
         CommandDefinition('STOP', _stop, RunRequirement.NONE, needs_authority=False, needs_no_operator=True),
         CommandDefinition('AUTONOMY', _set_autonomy, RunRequirement.ANY),
         CommandDefinition('CONFIRM', _confirm, fields=['decision_id']),
@@ -281,8 +282,7 @@ def _operator(command: ExecutiveCommand) -> str:
 
 
 def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
-    """Return the fields of a command that are set, for the event log; of long values only what shows which they
-    were."""
+    """Return the fields of a command that are set, for the event log. Long values are truncated in the middle."""
     fields: dict[str, Any] = {
         'id': command.id,
         'command': name,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Input requests: typed values that nodes and states ask the operator for, by an action, and the answers."""
+"""Input requests, by which nodes and states ask the operator for typed values with an action."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from flexbt_onboard.link.status_publisher import StatusPublisher
 from .command_bounds import OPEN_REQUESTS
 
 MOST_REQUESTS: Final = 100
-"""Requests that are open at a time: each is in every status."""
+"""Maximum number of goals of the action at a time."""
 
 
 SUBJECT_BYTES: Final = 128_000
-"""Maximum size of the subject of a request, bytes: it is sent to every console."""
+"""Maximum size of the subject of a request, bytes, since every console receives it."""
 
 
 @dataclass
@@ -38,8 +38,9 @@ class _InputRequest:
 
 
 class InputRequests:
-    """The server of ``operator_input``: each goal is a request that stays open until it is answered, declined or
-    withdrawn.
+    """The server of the action ``operator_input``.
+
+    Each goal is a request that stays open until an operator answers or declines it, or its client withdraws it.
 
     Used on the executor thread only.
     """
@@ -66,18 +67,18 @@ class InputRequests:
         return [request.decision for request in self._open.values()]
 
     def subjects(self) -> list[DecisionSubject]:
-        """Return what the open requests are about."""
+        """Return the subjects of the open requests."""
         return [request.subject for request in self._open.values() if request.subject is not None]
 
     def is_open(self, request_id: str) -> bool:
-        """Return whether the request exists and waits for its answer."""
+        """Return whether a request waits for its answer."""
         return request_id in self._open
 
     def answer(self, request_id: str, value: BlackboardEntry, operator_id: str) -> None:
-        """Answer a request; a value that is refused leaves it open.
+        """Answer a request. It stays open if the value is refused.
 
         Raises:
-            CommandRefusedError: the request does not exist, or the value does not fit.
+            CommandRefusedError: the request is not open, or the value does not fit it.
         """
         request = self._find(request_id)
         checked = _checked_answer(request.decision, value)
@@ -87,7 +88,7 @@ class InputRequests:
         """Decline to answer a request.
 
         Raises:
-            CommandRefusedError: the request does not exist.
+            CommandRefusedError: the request is not open.
         """
         message = f'the operator declined: {reason}' if reason else 'the operator declined'
         self._close(self._find(request_id), OperatorInput.Result.DECLINED, message, operator_id)
@@ -175,7 +176,7 @@ def _refused(why: str) -> Any:
 
 
 def _checked_type(goal: Any) -> str:
-    """Return the canonical name of the type that is asked for."""
+    """Return the canonical name of the requested type, and check that the choices are values of it."""
     type = resolve_type(goal.type).name
     for text in goal.choices:
         text_to_value(text, type)
@@ -183,7 +184,7 @@ def _checked_type(goal: Any) -> str:
 
 
 def _checked_subject(id: str, given: DecisionSubject) -> DecisionSubject | None:
-    """Return what a request is about, under the name of the request; None when it is about nothing."""
+    """Return the subject of a request, marked with the id of the request; None if it has no subject."""
     size = sum(len(entry.text) + len(entry.data) for entry in given.entries)
     if size > SUBJECT_BYTES:
         raise CommandRefusedError(f'the subject has {size} bytes; at most {SUBJECT_BYTES} are shown with a request')

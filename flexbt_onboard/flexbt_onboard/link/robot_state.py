@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The robot as operators see it: its last known pose, and the path that it follows."""
+"""The state of the robot for operators: its last known pose, and the path that it follows."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from flexbt_msgs.msg import DecisionSubject
 from flexbt_msgs.msg import RobotPlan as RobotPlanMessage
 
 SETTLE_SECONDS: Final = 2.0
-"""Time for the topic of the pose to be found before another source is looked for, s of wall time."""
+"""Time for the discovery of the pose topic, s of wall time. After it, other sources are used."""
 OLD_SECONDS: Final = 5.0
-"""Age at which a transform is not the pose of the robot any more, s on the node's clock."""
+"""Age above which a transform no longer counts as the pose of the robot, s on the node's clock."""
 
 
 class RobotPose:
-    """The pose of the robot, from the first of its sources that somebody publishes: ``topic``, the transform from
-    ``frames[0]`` to ``frames[1]``, the localization (``amcl_pose``), and the odometry. Used on the executor thread.
+    """The pose of the robot, from the first source that is published. Used on the executor thread.
 
-    The topic may have the type PoseStamped, PoseWithCovarianceStamped or Odometry. The other sources are heard only
-    when nobody publishes the topic.
+    The sources are ``topic``, the transform from ``frames[0]`` to ``frames[1]``, the localization (``amcl_pose``) and
+    the odometry, in this order. The topic may have the type PoseStamped, PoseWithCovarianceStamped or Odometry. The
+    other sources are used only while no node publishes the topic.
     """
 
     def __init__(self, runtime: Runtime, topic: str, frames: tuple[str, str] = ('map', 'base_link')) -> None:
@@ -45,7 +45,7 @@ class RobotPose:
         self._look_at = runtime.steady.now() + SETTLE_SECONDS
 
     def latest(self) -> PoseStamped:
-        """Return the newest pose; its frame_id is empty while none has come."""
+        """Return the newest pose. Its frame_id is empty before the first pose."""
         pose = self._main.latest()
         if self._runtime.steady.now() >= self._look_at and not self._main.is_published():
             source, other = self._other()
@@ -61,7 +61,7 @@ class RobotPose:
         return self._pose or PoseStamped()
 
     def _other(self) -> tuple[str, PoseStamped | None]:
-        """Return another source and its pose; None if there is none."""
+        """Return the first other source that is published, and its pose; '' and None if none is."""
         pose = self._transform() if self._node.count_publishers(names.TF) > 0 else None
         if pose is not None:
             return 'the transform from {} to {}'.format(*self._frames), pose
@@ -71,7 +71,7 @@ class RobotPose:
         return '', None
 
     def _transform(self) -> PoseStamped | None:
-        """Return the pose by tf; None if it is not known, or too old."""
+        """Return the pose from tf; None if it is unknown or too old."""
         buffer = TransformListener.of(self._runtime).buffer
         world, robot = self._frames
         try:
@@ -80,16 +80,16 @@ class RobotPose:
             return None
         pose = PoseStamped(pose=transformed(Pose(), place))
         pose.header.frame_id = world
-        if math.isfinite(moment):  # else all of it is static
+        if math.isfinite(moment):  # otherwise all transforms are static
             if self._runtime.clock.now() - moment > OLD_SECONDS:
                 return None
             pose.header.stamp = time_message(max(0.0, moment))
         return pose
 
     def problem(self, gone: Collection[str] = ()) -> str:
-        """Why the newest pose is not known, or may not be the present one; '' when somebody tells it.
+        """Return why the pose is unknown or may be outdated; '' while a node publishes it.
 
-        Nodes that are ``gone`` tell nothing, though the middleware misses one that was killed only after its lease.
+        Nodes that are ``gone`` do not count. The middleware reports the end of a killed node only after its lease.
         """
         if self._source != self._main.name and self._other()[1] is not None:
             return ''
@@ -100,7 +100,7 @@ class RobotPose:
 
 
 class _PoseTopic:
-    """A topic with poses, of one of the types of :data:`POSE_TYPES`."""
+    """A topic with poses of one of the types in :data:`POSE_TYPES`."""
 
     def __init__(self, runtime: Runtime, topic: str) -> None:
         self._node = runtime.node
@@ -108,11 +108,11 @@ class _PoseTopic:
         self._newest: LatestMessage | None = None
 
     def _open(self) -> None:
-        """Listen to the topic, once somebody publishes it: its type is known from then on."""
+        """Subscribe to the topic once a node publishes it, since its type is unknown before."""
         for publisher in self._node.get_publishers_info_by_topic(self.name):
             message_type = POSE_TYPES.get(publisher.topic_type)
             if message_type is not None and self._newest is None:
-                # Of best effort and volatile: so every publisher is heard.
+                # Best effort and volatile, which is compatible with every publisher.
                 qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
                 self._newest = LatestMessage(self._node, message_type, self.name, qos)
 
@@ -126,7 +126,7 @@ class _PoseTopic:
         )
 
     def latest(self) -> PoseStamped | None:
-        """Return the newest pose; None while none has come."""
+        """Return the newest pose; None before the first one."""
         if self._newest is None:
             self._open()
         message = None if self._newest is None else self._newest.message
@@ -140,19 +140,19 @@ POSE_TYPES: Final[Mapping[str, type[Any]]] = {
     'geometry_msgs/msg/PoseWithCovarianceStamped': PoseWithCovarianceStamped,
     'nav_msgs/msg/Odometry': Odometry,
 }
-"""Types of topics with the pose of the robot, by name."""
+"""Message types of topics with the pose of the robot, by name."""
 
 
-# The path that the robot follows: planners publish it once, and a console may come later.
+# The path that the robot follows is published again, since planners publish it once and a console may start later.
 
 MOST_POINTS: Final = 500
-"""Points that are passed on: as many as a map on a screen has room for."""
+"""Maximum number of points that are published, enough for a map on a screen."""
 
 PERIOD: Final = 0.5
-"""Seconds from one plan that is passed on to the next: a planner may be quick, and the link slow."""
+"""Minimum seconds between two plans that are published, since a planner may be fast and the link slow."""
 
 MOST_BYTES: Final = 4_000_000
-"""Maximum size of a plan that is passed on, bytes: 50,000 poses. Reading more would delay everything else."""
+"""Maximum size of a plan that is published, bytes: 50,000 poses. Reading more would delay everything else."""
 
 MESSAGE_BYTES: Final = 32_000_000
 
@@ -160,7 +160,7 @@ _PATH: Final = 'nav_msgs/msg/Path'
 
 
 class RobotPlan:
-    """A publisher that repeats the newest message of a Path topic, latched. Used on the executor thread."""
+    """A publisher that repeats the newest message of a Path topic as a latched one. Used on the executor thread."""
 
     def __init__(self, runtime: Runtime, topic: str) -> None:
         self._runtime = runtime
@@ -171,20 +171,23 @@ class RobotPlan:
         self._due = -math.inf
         self._is_empty = True
         self._is_judged = False
-        # A planner publishes for the subscribers of the moment.
+        # Volatile, since planners do not latch their paths.
         self._messages = ReceivedMessages(
             runtime.node, Path, topic, QoSProfile(depth=1), self._on_message, MESSAGE_BYTES
         )
 
     def clear(self) -> None:
-        """Forget the plan: another run begins."""
+        """Clear the plan, since another run begins."""
         self._newest = None
         if not self._is_empty:
             self._publish(b'')
 
     def judged(self, subjects: Sequence[DecisionSubject]) -> None:
-        """Take the path that the operator judges as the plan, while none was heard in this run: it was published before
-        this process was started, or by nobody. It takes the place of one that was judged before."""
+        """Publish the path that the operator judges as the plan, if this run has received no plan yet.
+
+        The planner may have published before this process started, or not at all. A newer judged path replaces an
+        older one.
+        """
         paths = (entry.data for one in subjects for entry in one.entries if entry.type == _PATH and entry.data)
         is_unheard = (self._is_empty or self._is_judged) and self._newest is None
         if is_unheard and (path := next(paths, None)) is not None:
@@ -208,7 +211,7 @@ class RobotPlan:
             self._publish(b'', f'{received.size} bytes; at most {MOST_BYTES} are shown')
 
     def _publish(self, path: bytes, problem: str = '') -> None:
-        """Publish the points of a serialized path. Where there are none, the plan before is none any more."""
+        """Publish the points of a serialized path. Without points, the message clears the previous plan."""
         frame, points = '', list[tuple[float, float]]()
         try:
             frame, points = path_points(path, MOST_POINTS) if path else ('', [])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The time when a status is sent: at once on a change, as a heartbeat while nothing changes, and never too often."""
+"""The timing of a status: sent soon after a change, as a heartbeat while nothing changes, and at a limited rate."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ MAXIMUM_RATE: Final = 20.0
 """Maximum average rate of messages, 1/s."""
 
 BURST: Final = 4
-"""Messages that may go out at once after a quiet time, so that a command's answer and its effect are not held back."""
+"""Messages that may be sent at once after a quiet time, so that the answer to a command is not delayed."""
 
 
 class StatusPublisher:
-    """A publisher that calls :meth:`send` on the executor thread: soon after :meth:`changed`, and every ``period``
-    seconds of wall time.
+    """A publisher that calls :meth:`send` on the executor thread.
 
-    Changes that come faster than the rate allows are put together.
+    It sends soon after :meth:`changed`, and ``period`` seconds of wall time after the last message. Changes that come
+    faster than the rate allows are combined into one message.
     """
 
     def __init__(self, runtime: Runtime, period: float) -> None:
@@ -32,7 +32,7 @@ class StatusPublisher:
         self._is_due = False
         self._delay: Timer | None = None
         self._allowance = TokenBucket(MAXIMUM_RATE, BURST, runtime.steady.now)
-        # Wall time: the heartbeat goes on while simulated time stands still or has not begun.
+        # On wall time, so that the heartbeat continues while simulated time is paused or has not begun.
         self._heartbeat = runtime.node.create_timer(
             period, self._send_now, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -42,7 +42,7 @@ class StatusPublisher:
         raise NotImplementedError
 
     def changed(self) -> None:
-        """Something in the status has changed; from any thread."""
+        """Request sending, since something in the status has changed. From any thread."""
         with self._lock:
             if self._is_due:
                 return
@@ -50,7 +50,7 @@ class StatusPublisher:
         self._runtime.post(self._send_when_allowed)
 
     def flush(self) -> None:
-        """Send now, if something has changed that was not sent; on the executor thread."""
+        """Send now if there is a change that was not sent yet. On the executor thread."""
         if self._is_due:
             self._send_now()
 
@@ -72,7 +72,7 @@ class StatusPublisher:
             self._delay.cancel()
             self._delay = None
         with self._lock:
-            self._is_due = False  # before sending: what changes from here on is another message
+            self._is_due = False  # before sending: later changes need another message
         self._allowance.take(min(1.0, self._allowance.left))
         self._heartbeat.reset()
         self.send()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Actions for programs: ``execute_behavior`` runs a behavior, ``get_userdata`` reads the userdata of the run.
 
-By it a behavior is a leaf of a behavior tree, or a state of another executive's behavior. Operators see and supervise
-these runs like any other.
+With ``execute_behavior``, a behavior can be a leaf of a behavior tree, or a state of a behavior of another executive.
+Operators see and supervise these runs like any other.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _GOAL_SERVICE: Final = f'{names.EXECUTE_BEHAVIOR}/_action/send_goal'
 
 @dataclass(eq=False)
 class _Goal:
-    """The goal whose behavior runs."""
+    """The goal whose behavior is running."""
 
     served: ServedGoal
     run: BehaviorRun | None = None
@@ -47,15 +47,14 @@ class _Goal:
 class BehaviorActionServer(RunReader):
     """The server of ExecuteBehavior. Used on the executor thread, except :meth:`read`.
 
-    A goal is accepted always, and ends as FAILURE with the reason when the behavior cannot be started: the executive
-    runs one behavior at a time. The run is stopped when the goal is canceled, and when no client is left that could do
-    so.
+    It accepts every goal. A goal whose behavior cannot start ends as FAILURE with the reason, for example because the
+    executive runs another behavior. The run is stopped when the goal is canceled, and when its client is gone.
     """
 
     def __init__(
         self, runtime: Runtime, library: BehaviorLibrary, runs: RunSupervisor, admission: GoalAdmission
     ) -> None:
-        """``admission``: whether goals are taken at all."""
+        """``admission`` decides whether the server takes goals at all."""
         self._library = library
         self._runs = runs
         self._runtime = runtime
@@ -81,7 +80,7 @@ class BehaviorActionServer(RunReader):
                 self._refresh()
 
     def _refresh(self) -> None:
-        """Send feedback when other states are active, and look for the client."""
+        """Send feedback if the active states have changed, and stop the run if the client is gone."""
         goal = self._goal
         if goal is None or goal.run is None:
             return
@@ -106,13 +105,13 @@ class BehaviorActionServer(RunReader):
         if result.code == ExecuteBehaviorResult.SUCCESS:
             goal.served.succeed(result)
         else:
-            goal.served.canceled(result)  # whatever it was that the canceled run came to
+            goal.served.canceled(result)  # whatever result the canceled run had
 
     def _start(self, goal: _Goal) -> None:
         """Start the behavior of a goal.
 
         Raises:
-            CommandRefusedError: it cannot be started.
+            CommandRefusedError: the behavior cannot be started.
         """
         wanted = goal.served.request
         request = run_request(
@@ -122,7 +121,7 @@ class BehaviorActionServer(RunReader):
             wanted.inputs,
             wanted.autonomy,
             f'action {names.EXECUTE_BEHAVIOR}',
-            is_durable=False,  # after a crash, the client does not wait for it any more
+            is_durable=False,  # after a crash, the client no longer waits for the result
         )
 
         goal.run = self._runs.start(request)
@@ -167,21 +166,21 @@ def _refused_behavior(why: str) -> Any:
     return ExecuteBehaviorResult(code=ExecuteBehaviorResult.FAILURE, message=why)
 
 
-# The action ``get_userdata``: what the states of the run have handed to each other, for who looks for a fault.
+# The action ``get_userdata`` returns the values that states of the run pass to each other, for debugging.
 
 GetUserdataResult = GetUserdata.Result
 
 
 @dataclass(eq=False)
 class _UserdataGoal:
-    """A goal that waits for the next step of the run: the id of its command."""
+    """A goal that waits for the next step of the run. The object serves as the id of its command."""
 
     served: ServedGoal
     result: Any
 
 
 class UserdataServer(RunReader):
-    """The server of GetUserdata. Used on the executor thread; the values are written down on the thread of the run."""
+    """The server of GetUserdata. Used on the executor thread. The thread of the run collects the values."""
 
     reads = (CommandDecided,)
 
@@ -225,7 +224,7 @@ def _cancel(goal: ServedGoal) -> None:
 
 
 def _fill(run: MachineRun, result: Any, request: Any) -> None:
-    """Write what is asked for into the result: a command to the machine."""
+    """Write the requested userdata into the result, as a command that the machine applies between two steps."""
     userdata = run.userdata_of_machines()
     encoding = Encoding.BINARY if request.encoding == GetUserdata.Goal.BINARY else Encoding.TEXT
     chosen = {path: values for path, values in userdata.items() if request.path in ('', path)}
@@ -252,5 +251,5 @@ def _fill(run: MachineRun, result: Any, request: Any) -> None:
 def _entry(key: str, value: Any, encoding: Encoding) -> BlackboardEntry:
     try:
         return to_entry(key, value, None, encoding)
-    except Exception:  # it has no type of ROS, or its own code raises
+    except Exception:  # the value has no ROS type, or its code raises
         return BlackboardEntry(key=key, text=short_repr(value))

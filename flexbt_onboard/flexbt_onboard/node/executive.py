@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The onboard behavior executive, with its diagnostics: runs one behavior at a time, under an operator's
-supervision.
+"""The onboard behavior executive and its diagnostics. It runs one behavior at a time, under an operator's supervision.
 
-It is assembled only here: each part gets the objects that it needs, and none gets the whole. Everything happens on the
-executor thread, except where it says otherwise. A run has its own thread (:mod:`flexbt_onboard.runs`), so that the
-operator is answered whatever a behavior does.
+Only this module assembles the executive. Each part gets the objects that it needs, and no part gets the whole. Code
+runs on the executor thread unless its docstring states another one. Each run has its own thread
+(:mod:`flexbt_onboard.runs`), so that the executive answers the operator even if a behavior blocks.
 """
 
 from __future__ import annotations
@@ -66,10 +65,10 @@ from .synthesis_server import SynthesisServer, serve_flexbe
 from .synthesizer import SearchSettings, Synthesizer
 
 JOURNAL_SECONDS: Final = 0.3
-"""Time for which the last status waits for the journal, s."""
+"""Maximum time that the last status waits for the journal, s."""
 
 SHUTDOWN_SECONDS: Final = 1.2
-"""Time for which the end of the process waits for a running behavior to halt, s."""
+"""Maximum time that the end of the process waits for a running behavior to halt, s."""
 
 
 _SHOWN: Final = (RunRequested, RunMoved, RunReady, RunShown, ViolationFound, StopRequested, StopAwaited)
@@ -79,13 +78,13 @@ _SHOWN: Final = (RunRequested, RunMoved, RunReady, RunShown, ViolationFound, Sto
 class Executive(RunReader):
     """The executive on one node. Made by :func:`open_executive`.
 
-    ``library`` has the behaviors, ``runs`` what runs of them, and ``presence`` the connected consoles.
+    ``library`` has the behaviors, ``runs`` supervises their runs, and ``presence`` watches the connected consoles.
     """
 
     def __init__(
         self, runtime: Runtime, parameters: ExecutiveParameters, library: BehaviorLibrary, refusal: str = ''
     ) -> None:
-        """Must be called on the executor thread. ``refusal``: why nothing can be started until it is activated."""
+        """Call on the executor thread. ``refusal`` is the reason why no behavior can start before activation."""
         self.library = library
         self._runtime = runtime
         self._id = uuid.uuid4().hex
@@ -96,7 +95,7 @@ class Executive(RunReader):
         self._status = status = ShownStatus(runtime, link, self._plan, parameters.heartbeat_period)
         self._token = LivelinessToken(runtime)
         self._problems = StorageProblems(link.log, self._storage_changed)
-        # Before all that may be asked for a status, since it may raise.
+        # Before all parts that may ask for a status, since opening the journal may raise.
         self._journal = RunJournal(
             self._file(parameters.journal_directory, '.journal'),
             self._problems.of('journal', ExecutiveLog.ERROR),
@@ -197,7 +196,7 @@ class Executive(RunReader):
         )
 
     def read(self, event: RunEvent) -> None:
-        """Show what happens in a run."""
+        """Update the status after an event of a run."""
         match event:
             case RunBuilt(structure=structure) | RunMoved(switched=RunBuilt(structure=structure)):
                 self._runtime.post(functools.partial(self._publish_structure, structure))
@@ -209,13 +208,14 @@ class Executive(RunReader):
                 self._status.changed()
 
     def activate(self) -> None:
-        """Behaviors can be started from now on. Not on the executor thread."""
+        """Allow starting behaviors from now on. Do not call on the executor thread."""
         self._runtime.call(self._activate)
 
     def deactivate(self, why: str, refusal: str, within: float) -> None:
-        """Refuse to start behaviors, stop the run and wait for it. Not on the executor thread.
+        """Refuse to start behaviors, stop the run and wait for its end. Do not call on the executor thread.
 
-        ``why`` (for what runs) and ``refusal`` follow a subject; ``within`` is in seconds of wall time.
+        ``why`` is the reason for the stop of the run. It and ``refusal`` are predicates, such as "is shutting down".
+        ``within`` is in seconds of wall time.
 
         Raises:
             OnboardError: the behavior did not halt in this time.
@@ -223,26 +223,26 @@ class Executive(RunReader):
         told = f'the executive {why}'
         run = self._runtime.call(lambda: self._stop(told, refusal))
         is_at_rest = run is None or run.join(within)
-        self._journal.sync(JOURNAL_SECONDS)  # so that the last status shows the end
+        self._journal.sync(JOURNAL_SECONDS)  # so that the last status shows the end of the run
         self._runtime.call(lambda: self._withdraw(told))
         if run is not None and not is_at_rest:
             behavior = run.snapshot.behavior
             raise OnboardError(f'behavior {behavior!r} had not halted {within:g} s after the stop; leaving it')
 
     def close(self) -> None:
-        """Stop the run, and wait for it for a limited time; on the closing thread, while callbacks still run."""
-        # Ends a state that loops over rclpy.ok(). Not at once: what is left in order may need it.
+        """Stop the run, and wait a limited time for its end. On the closing thread, while callbacks still run."""
+        # Ends a state that loops over rclpy.ok(). Not at once, since states that exit normally may need the context.
         self._runtime.post_in(SHUTDOWN_SECONDS / 2, self._runtime.default_context.shut_down)
         try:
             self.deactivate(SHUTTING_DOWN, SHUTTING_DOWN, SHUTDOWN_SECONDS)
         except OnboardError as error:
             self._report.log(ExecutiveLog.ERROR, str(error), run_id=self.runs.shown.run_id)
             self._runtime.fail('it did not end in order')
-        self._journal.set_next_autonomy(None)  # who starts it again gives it the parameter
+        self._journal.set_next_autonomy(None)  # the parameter applies to the next start
         self._report.event('executive', state='ended', executive=self._id)
 
     def _announce(self) -> None:
-        """Tell what there is, and what is wrong with it."""
+        """Publish the behaviors, and log problems of the journal, broken behaviors and an interrupted run."""
         if self._journal.corruption:
             self._report.log(ExecutiveLog.ERROR, self._journal.corruption)
         if self._journal.torn:
@@ -279,12 +279,12 @@ class Executive(RunReader):
         self._status.flush()
 
     def _storage_changed(self) -> None:
-        """Report that a file on the disk is not complete; the executive continues. From any thread."""
+        """Update readiness and status after a problem of a file has begun or ended. From any thread."""
         self._token.set_ready(not self._problems.texts.get('journal'), 'journal')
         self._status.changed()
 
     def _publish_structure(self, structure: BehaviorStructure) -> None:
-        if structure.run_id != self._planned_run:  # not when a run goes on with another behavior
+        if structure.run_id != self._planned_run:  # not when a run switches to another behavior
             self._planned_run = structure.run_id
             self._plan.clear()
         self._status.show(lambda: self._link.publish(structure))
@@ -307,17 +307,17 @@ class Executive(RunReader):
 def open_executive(
     runtime: Runtime, parameters: ExecutiveParameters, library: BehaviorLibrary | None = None, refusal: str = ''
 ) -> Executive:
-    """Make an executive on a runtime, which closes it at its end; ``library`` defaults to the installed behaviors."""
+    """Make an executive on a runtime, which closes it at the end. ``library`` defaults to the installed behaviors."""
     runtime.default_context.open()
     found = BehaviorLibrary.discover() if library is None else library
-    # It delays nobody here: opening the journal waits for the same, on the executor thread.
+    # Waiting here delays nothing else. Opening the journal would wait too, but on the executor thread.
     await_closed(node_file(parameters.journal_directory, runtime.node.get_fully_qualified_name(), '.journal'))
     executive = runtime.call(lambda: Executive(runtime, parameters, found, refusal))
     runtime.on_close(executive.close)
     return executive
 
 
-# The executive on ``/diagnostics``: the behavior, the nodes that it depends on, and what is written to the disk.
+# The diagnostics of the executive on ``/diagnostics``.
 
 _STATES: Final = {
     getattr(ExecutiveStatus, name): name.lower()
@@ -326,7 +326,7 @@ _STATES: Final = {
 
 
 class ExecutiveDiagnostics:
-    """The diagnostics: the behavior, the nodes that the executive depends on, and the files written to the disk."""
+    """The diagnostics of the behavior, of the nodes that the executive depends on, and of the files that it writes."""
 
     def __init__(self, runtime: Runtime, status: ShownStatus, problems: StorageProblems) -> None:
         self._runtime = runtime

@@ -32,7 +32,7 @@ P = TypeVar('P', bound=MotionParameters)
 
 @dataclass(frozen=True)
 class ExecutiveParameters(MotionParameters):
-    """Values of the parameters."""
+    """The values of the parameters of the executive."""
 
     peers: tuple[str, ...] = parameter(
         'peers',
@@ -107,16 +107,17 @@ class ExecutiveParameters(MotionParameters):
 
     @property
     def expects_peers(self) -> bool:
-        """Return whether somebody has named the peers: those of the default need not be parts of this robot."""
+        """True if the peers were set. The default peers need not exist on this robot."""
         return self.peers != ExecutiveParameters.peers
 
 
 def declare_parameters(node: Node) -> ExecutiveParameters:
-    """Declare the parameters on the node and read them;
-    see :mod:`flexbt_common.runtime.parameters` for when they can be set.
+    """Declare the parameters on the node and read them.
+
+    See :mod:`flexbt_common.runtime.parameters` for the times at which they can be set.
 
     Raises:
-        OnboardError, UnfitParameterError: a value is not acceptable; names parameter and value.
+        OnboardError, UnfitParameterError: a value is not allowed. The text has parameter and value.
     """
     declare = ParameterDeclarer(node)
     directory = f'{USER_DIRECTORY}/domain_{node.context.get_domain_id()}'
@@ -141,13 +142,13 @@ def declare_motion(node: Node) -> MotionParameters:
     """Declare the parameters of a node that stops the robot, and read them.
 
     Raises:
-        UnfitParameterError: a value is not acceptable; names parameter and value.
+        UnfitParameterError: a value is not allowed. The text has parameter and value.
     """
     return _checked(ParameterDeclarer(node).fields(MotionParameters()))
 
 
 def _checked(parameters: P) -> P:
-    """Return the parameters, in whose lists each name is once. Raises UnfitParameterError if one is no name in ROS."""
+    """Return the parameters without duplicates in their lists. Raise UnfitParameterError for an invalid ROS name."""
     lists: dict[str, Any] = {}
     for one in fields(parameters):
         value = getattr(parameters, one.name)

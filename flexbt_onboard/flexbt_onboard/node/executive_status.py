@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The status of the executive: the contents of the message, and the part that may be shown yet."""
+"""The status of the executive: the contents of the message, and the time when consoles may see them."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def status_of(
     gone: Sequence[str],
     notice: str,
 ) -> ExecutiveStatus:
-    """Return a status of the run that is shown; sender, number and time are for whoever sends it.
+    """Return the status of a run. The sender adds its id, number and time.
 
-    ``gone`` are the nodes that have died, which is said with each decision of the run: what it is about may need them.
-    ``notice`` is what else has to be said: why nothing can be started, what cannot be written to the disk; or ''.
+    ``gone`` are the nodes that have died. Each decision of the run lists them, since its outcome may depend on them.
+    ``notice`` is added to the message: why no behavior can start, or which file cannot be written; '' for none.
     """
     status = ExecutiveStatus(
         run_id=run.run_id,
@@ -92,7 +92,7 @@ def status_of(
 
 
 def subjects_of(run: ShownRun, of_requests: Sequence[DecisionSubject]) -> DecisionSubjects:
-    """Return what the decisions of that status are about; the sender is for whoever sends it."""
+    """Return the subjects of the decisions of a run and of the input requests. The sender adds its id."""
     decisions = run.decisions if isinstance(run, RunSnapshot) else ()
     of_decisions = [decision.subject for decision in decisions if decision.subject is not None]
     return DecisionSubjects(subjects=[*of_decisions, *of_requests])
@@ -139,11 +139,11 @@ def _levels(levels: Mapping[str, int]) -> list[AutonomyLevel]:
     return [AutonomyLevel(path=path, level=level) for path, level in sorted(levels.items()) if path != ROOT_PATH]
 
 
-# The status, and what else others are shown of a run: only what a crash cannot undo.
+# Consoles see the status and other messages about a run only once a crash cannot undo them.
 
 
 class StatusPicture(NamedTuple):
-    """The status, and what its decisions are about."""
+    """A status, and the subjects of its decisions."""
 
     status: ExecutiveStatus
     subjects: DecisionSubjects
@@ -151,7 +151,7 @@ class StatusPicture(NamedTuple):
 
 @dataclass(frozen=True)
 class StatusSources:
-    """The objects that a status is made from."""
+    """The sources from which a status is made."""
 
     journal: RunJournal
     admission: GoalAdmission
@@ -165,7 +165,7 @@ class StatusSources:
     ledger: CommandLedger
 
     def picture(self) -> StatusPicture:
-        """Return the current status, and what its decisions are about."""
+        """Return the current status, and the subjects of its decisions."""
         run, gone = self.runs.shown, self.peers.gone()
         status = status_of(
             run,
@@ -182,13 +182,13 @@ class StatusSources:
 
 
 class ShownStatus(StatusPublisher):
-    """A status that is shown once the journal has everything in it. Used on the executor thread.
+    """A publisher that sends each status only after the journal has everything in it. Used on the executor thread.
 
-    While the disk is slow, the previous status is shown again, so that the heartbeat continues.
+    While the disk is slow, it repeats the previous status, so that the heartbeat continues.
     """
 
     def __init__(self, runtime: Runtime, link: ConsoleLink, plan: RobotPlan, period: float) -> None:
-        """Nothing may be sent before :meth:`begin`."""
+        """Do not send anything before :meth:`begin`."""
         super().__init__(runtime, period)
         self._link = link
         self._plan = plan
@@ -197,22 +197,22 @@ class ShownStatus(StatusPublisher):
         self._is_outdated = False
 
     def begin(self, sources: StatusSources) -> None:
-        """Show what is made from the sources. Before anything happens: what was found in the journal is durable."""
+        """Set the sources of the status. Call before any event, while everything in the status is durable."""
         self._sources = sources
         self._picture = sources.picture()
 
     @property
     def message(self) -> ExecutiveStatus:
-        """Return what is shown, or is going to be shown first."""
+        """The status that was sent last, or is going to be sent first."""
         return self._picture.status
 
     def show(self, publish: Callable[[], None]) -> None:
-        """Have ``publish`` called when the journal has all that has happened so far, in the order of these calls."""
+        """Call ``publish`` once the journal has all events so far. The order of calls is kept."""
         self._to_show.append(publish)
         self._sources.journal.when_durable(lambda: self._on_executor(self._show_next))
 
     def send(self) -> None:
-        """Show the current status as soon as possible, until then the previous one; ask for the next one."""
+        """Send the current status as soon as it is durable, and until then repeat the previous one."""
         if self._is_waiting:
             self._is_outdated = True
             self._publish(self._picture)
@@ -223,7 +223,7 @@ class ShownStatus(StatusPublisher):
         self._sources.runs.status_sent()
 
     def _show_next(self) -> None:
-        # The first one suffices, whichever is reported: everything before it is durable as well.
+        # Take the oldest, no matter which one the journal reports: everything before that is durable too.
         self._to_show.popleft()()
 
     def _on_executor(self, fn: Callable[[], None]) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executable ``onboard_executive``, and what consoles see of it while it is not configured."""
+"""The executable ``onboard_executive``, and the status that it sends to consoles while it is not configured."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ def configure(runtime: Runtime, refusal: str) -> Executive:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
+    """Run the node until SIGINT or SIGTERM; return the exit code of the process."""
     return run_managed_node(names.ONBOARD_EXECUTIVE, configure, args, show_unconfigured, declare_parameters, __doc__)
 
 
-# The console's view of an executive that is not configured: it exists, and the reason why it does nothing.
+# Consoles see that an executive that is not configured exists, and why it does nothing.
 
 
 def show_unconfigured(runtime: Runtime) -> UnconfiguredExecutive:
-    """Show that the executive of this node is not configured. Off the executor thread."""
+    """Show consoles that the executive of this node is not configured. Do not call on the executor thread."""
     return runtime.call(lambda: UnconfiguredExecutive(runtime))
 
 
 class UnconfiguredExecutive(StatusPublisher):
-    """The operator link of an executive that does not know its behaviors: every command is refused, with the reason."""
+    """The operator link of an executive that is not configured. It refuses every command, with the reason."""
 
     def __init__(self, runtime: Runtime) -> None:
-        """Must be called on the executor thread."""
+        """Call on the executor thread."""
         period = ExecutiveParameters().heartbeat_period
         super().__init__(runtime, period)
         self._refusal = f'the executive {unconfigured(runtime.node)}'

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The executable ``stop_guard``: a small process that stops the robot when the executive does not answer a STOP.
 
-It receives the STOPs of operators on a separate topic. When the executive has not said within :data:`GRACE_SECONDS`
-that it has applied one, because it hangs or is dead, the guard cancels all goals that move the robot, whoever sent
-them, and commands zero velocity. It keeps the robot stopped, and repeats the STOP to the executive, until an executive
-has applied it. From then on the executive owns the stop, and the next start works as usual. It needs neither the
-executive nor a simulator, and runs beside Nav2 on a real robot.
+It receives the STOPs of operators on a separate topic. If the executive does not report within :data:`GRACE_SECONDS`
+that it has applied one, because it hangs or is dead, the guard cancels all goals that move the robot, no matter who
+sent them, and commands zero velocity. It keeps the robot stopped, and repeats the STOP to the executive, until an
+executive has applied it. From then on the executive is responsible for the stop, and the next start works as usual. The
+guard needs neither the executive nor a simulator, and runs alongside Nav2 on a real robot.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from flexbt_onboard.runs.motion_stop import MotionParameters, MotionStop
 from .executive_parameters import declare_motion
 
 GRACE_SECONDS: Final = 0.15
-"""Time within which the executive has to confirm a STOP, s; otherwise the guard carries it out as well."""
+"""Time within which the executive must confirm a STOP, s. After it, the guard stops the robot itself."""
 
 PRIORITY: Final = -10
-"""Nice value of its process, where the system allows one below 0: on a busy computer it does not wait for its turn."""
+"""Nice value of the process, if the system allows values below 0, so that it is scheduled early on a busy computer."""
 
 REPEAT_SECONDS: Final = 0.5
-"""Time between two checks of what the guard has stopped, and between two STOPs that it sends to the executive, s."""
+"""Time between two status messages, and between two STOPs to the executive, while the guard holds the robot, s."""
 
 STATUS_RATE: Final = 100.0
 STATUS_BURST: Final = 200
@@ -54,20 +54,21 @@ STATUS_BYTES: Final = 4_000_000
 """Maximum bytes of a status of the executive."""
 
 STATUS_DEPTH: Final = 20
-"""Depth of the queue of statuses, from all participants: others must not drive the executive's own out."""
+"""Depth of the queue of statuses from all participants. Others must not displace those of the executive."""
 
 TELL_SECONDS: Final = 0.05
-"""Delay before a further STOP is reported, s: many may arrive."""
+"""Delay before a further STOP is reported, s, since many may arrive at once."""
 
 _OPEN_STOPS: Final = 32
-"""STOPs without an answer that are remembered; even if there are more, the robot is kept stopped."""
+"""Maximum number of unanswered STOPs that are remembered. Beyond it, the robot is still held."""
 
 _KNOWN_STOPS: Final = 1024
 
 
 class GuardNode(LargeQueueNode):
-    """A node whose parameters are as it was started with, and have no services: to unpack a request for 200,000 of them
-    takes seconds, in which a node receives no STOP.
+    """A node without parameter services: its parameters keep their values from the start.
+
+    Unpacking a request for 200,000 parameters takes seconds, in which the node would receive no STOP.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
@@ -81,21 +82,21 @@ class StopGuard:
         self._runtime = runtime
         self._id = uuid.uuid4().hex
         self._sequence = 0
-        self._open: OrderedDict[str, ExecutiveCommand] = OrderedDict()  # not applied by an executive, oldest first
+        self._open: OrderedDict[str, ExecutiveCommand] = OrderedDict()  # STOPs that no executive has applied, in order
         self._known: OrderedDict[str, None] = OrderedDict()
         self._carried_out: OrderedDict[str, None] = OrderedDict()
         self._timer: Timer | None = None
         self._is_told_soon = False
         self._reports = RepeatedReports(COMPLAINT_SECONDS, runtime.steady.now)
-        self._is_reported = False  # that it holds the robot now
-        self._newest: Received | None = None  # status of the executive
+        self._is_reported = False  # the log has that the guard holds the robot
+        self._newest: Received | None = None  # newest status of the executive
         node = runtime.node
         self._status = node.create_publisher(StopGuardStatus, names.STOP_GUARD_STATUS, names.transient_local_qos())
         self._stops = node.create_publisher(
             ExecutiveCommand,
             names.EXECUTIVE_STOP,
             names.stop_qos(),
-            # An executive that has just come gets the STOP before an operator starts anything.
+            # A new executive gets the STOP before an operator can start a behavior.
             event_callbacks=PublisherEventCallbacks(matched=lambda _: self._repeat()),
         )
         self._motion = MotionStop(
@@ -117,19 +118,19 @@ class StopGuard:
         CommandIntake(runtime, self._on_stop, functools.partial(log_to_node, node), only_stops=True)
         LivelinessToken(runtime).set_ready(True)
         self._publish()
-        # The first line of a log takes long: rclpy looks for its place in the sources of all modules.
+        # Log once now, since the first log call is slow: rclpy looks up the caller in the sources of all modules.
         runtime.node.get_logger().info(f'ready; guards {", ".join(parameters.motion_actions)}')
 
     @property
     def is_open(self) -> bool:
-        """Return whether it waits for the executive to apply a STOP. From any thread."""
+        """True while the guard waits for an executive to apply a STOP. From any thread."""
         return bool(self._open)
 
     def _on_stop(self, stop: ExecutiveCommand, _writer: bytes) -> None:
-        """Stop the robot, as an operator wants it, for the first time or again; or the guard has repeated that."""
+        """Handle a STOP of an operator: a new one, a resend, or one that the guard has repeated itself."""
         stop_id = str(stop.id)
         if not 0 < len(stop_id) <= COMMAND_LENGTHS['id']:
-            stop.id = stop_id = uuid.uuid4().hex  # it stops anyway, but its result cannot be reported
+            stop.id = stop_id = uuid.uuid4().hex  # apply the STOP anyway, although its result cannot be reported
         if stop_id in self._known:
             return
         self._known[stop_id] = None
@@ -147,13 +148,13 @@ class StopGuard:
         if len(self._open) > _OPEN_STOPS:
             self._open.popitem(last=False)
         if self._timer is None:
-            self._repeat()  # the executive may not know that console yet, or may be out of its reach
-            self._motion.prepare()  # for servers that have come since
+            self._repeat()  # the console may not have discovered or reached the executive
+            self._motion.prepare()  # for servers that have started since
             self._timer = self._runtime.post_in(GRACE_SECONDS, self._hold)
         elif self._motion.is_holding and not self._is_told_soon:
             self._is_told_soon = True
             self._plan(TELL_SECONDS)
-        self._take_answers()  # it may have come before the STOP
+        self._take_answers()  # the answer may have arrived before the STOP
 
     def _on_status(self, received: Received) -> None:
         self._newest = received
@@ -171,7 +172,7 @@ class StopGuard:
             return
         applied = {result.command_id for result in status.results if result.code == CommandResult.APPLIED}
         answered = next((stop_id for stop_id in reversed(self._open) if stop_id in applied), None)
-        while answered in self._open:  # an executive that has applied the last one has applied those before it
+        while answered in self._open:  # an executive that has applied a STOP has applied those before it
             self._open.popitem(last=False)
         if answered is not None and not self._open:
             self._release()
@@ -181,7 +182,7 @@ class StopGuard:
         self._carry_out()
 
     def _report(self) -> None:
-        """Log once that it holds the robot; where answers to STOPs are late again and again, only now and then."""
+        """Log once that the guard holds the robot. If answers to STOPs are repeatedly late, log it less often."""
         if self._is_reported or self._reports.held_before('hold') is None:
             return
         self._is_reported = True
@@ -191,7 +192,7 @@ class StopGuard:
         )
 
     def _carry_out(self) -> None:
-        """Return what was not answered is stopped by the guard, and the executive hears of it again and again."""
+        """Note that the guard carries out the unanswered STOPs, report it, and repeat the STOP to the executive."""
         for stop_id in self._open:
             self._carried_out[stop_id] = None
         while len(self._carried_out) > _OPEN_STOPS:
@@ -231,7 +232,7 @@ class StopGuard:
         return self._open[next(reversed(self._open))]
 
     def _publish(self) -> None:
-        """Send a status: on change, and again and again while it holds the robot, so that its death is noticed."""
+        """Send a status on each change, and periodically while holding the robot, so that its death is noticed."""
         is_holding = self._motion.is_holding
         operator = self._latest.operator_id if is_holding else ''
         going_on = sorted({*self._motion.going_on.values()}) if is_holding else []
@@ -256,7 +257,7 @@ def open_stop_guard(runtime: NodeRuntime) -> StopGuard:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node until SIGINT or SIGTERM; return the exit code of the process."""
-    with contextlib.suppress(OSError):  # without the right to it, the priority is that of the others
+    with contextlib.suppress(OSError):  # without permission, keep the default priority
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     return run_node(names.STOP_GUARD, open_stop_guard, args, GuardNode, about=__doc__)
 

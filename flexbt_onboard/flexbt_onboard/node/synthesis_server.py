@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Actions that synthesize a behavior from capabilities while another one runs: ours, and that of FlexBE's editor."""
+"""Actions that synthesize a behavior from capabilities while another one runs: FlexBT's and that of FlexBE's editor."""
 
 from __future__ import annotations
 
@@ -33,20 +33,21 @@ _CODES: Final = {
 _LINES: Final = 1000
 
 GONE_SECONDS: Final = 10.0
-"""Time for which the operator who asked may be gone, s: a link that fails for a moment does not end the search."""
+"""Time for which the operator who asked may be disconnected, s. A short failure of the link does not end the search."""
 
 
 class SynthesisServer:
     """The server of SynthesizeBehavior. Used on the executor thread.
 
-    There is one search at a time. So that no abandoned search blocks others, it is canceled when the operator who asked
-    for it was connected, and is gone. Programs may ask without being there: for these there is the time limit.
+    Only one search runs at a time. So that an abandoned search does not block others, it is canceled after the operator
+    who asked for it has disconnected. For searches of programs, which do not connect as operators, only the time limit
+    applies.
     """
 
     def __init__(
         self, runtime: Runtime, synthesizer: Synthesizer, admission: GoalAdmission, presence: PresenceWatch
     ) -> None:
-        """``admission``: whether goals are taken at all; ``presence`` reports the connected operators."""
+        """``admission`` decides whether the server takes goals; ``presence`` reports the connected operators."""
         self._runtime = runtime
         self._synthesizer = synthesizer
         self._presence = presence
@@ -145,7 +146,7 @@ def _refused(why: str) -> Any:
     return Result(code=Result.FAILURE, message=why)
 
 
-# The action by which FlexBE's editor asks for a synthesis, where the package ``flexbe_msgs`` is installed.
+# The action by which FlexBE's editor requests a synthesis, if the package ``flexbe_msgs`` is installed.
 
 _FLEXBE_CODES: Final = {
     SynthesisVerdict.MADE: 1,
@@ -158,11 +159,11 @@ _FLEXBE_CODES: Final = {
 
 
 def serve_flexbe(runtime: Runtime, synthesizer: Synthesizer, admission: GoalAdmission) -> None:
-    """Serve ``flexbe_msgs/BehaviorSynthesis`` where this type is installed; ``admission`` says whether goals are taken
-    at all. On the executor thread.
+    """Serve ``flexbe_msgs/BehaviorSynthesis`` if this type is installed. On the executor thread.
 
-    The states go to the editor, which makes a behavior of them; the executive does not keep the machine. If there is
-    none, the last feedback has the reason, since the result has no text.
+    ``admission`` decides whether the server takes goals at all. The editor gets the states and makes a behavior from
+    them; the executive does not store the machine. If the synthesis fails, the last feedback has the reason, since the
+    result has no text.
     """
     if importlib.util.find_spec('flexbe_msgs') is None:
         return

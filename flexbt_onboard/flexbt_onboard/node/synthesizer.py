@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Synthesis of a behavior of the library from a request: one search at a time, in its own process."""
+"""Synthesis of behaviors for the library, one search at a time, each in a separate process."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 SEARCH_GROUP: Final = 'flexbt.synthesis'
-"""Entry point group of the module that searches, as a separate program: see flexbt_formal.requests.search."""
+"""Entry point group of the module that runs a search as a separate program: see flexbt_formal.requests.search."""
 
 DEFAULT_SECONDS: Final = 60.0
 MOST_SECONDS: Final = 3600.0
 
 
 class SynthesisVerdict(Enum):
-    """The end of a search; the values are those of the process that searches."""
+    """The verdict at the end of a search. The search process uses the same values."""
 
     MADE = 'made'
     UNREALIZABLE = 'unrealizable'
@@ -45,7 +45,10 @@ class SynthesisVerdict(Enum):
 
 @dataclass(frozen=True)
 class SynthesisAnswer:
-    """``message`` is the reason why there is no machine. ``states`` are the fields of FlexBE's StateInstantiation."""
+    """The answer to a request. ``message`` is the reason if there was no machine.
+
+    ``states`` are the fields of FlexBE's StateInstantiation.
+    """
 
     verdict: SynthesisVerdict
     message: str = ''
@@ -58,8 +61,10 @@ class SynthesisAnswer:
 
 @dataclass(frozen=True)
 class SearchRequest:
-    """A request for a synthesis; see SynthesizeBehavior. Without ``is_kept`` no behavior is made of the machine, and
-    ``name`` is only what it is called."""
+    """A request for a synthesis; see SynthesizeBehavior.
+
+    Without ``is_kept``, the machine does not become a behavior of the library, and ``name`` only appears in messages.
+    """
 
     system: str = ''
     capabilities: str = ''
@@ -77,7 +82,7 @@ class SearchRequest:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """The settings of searches: where capability files are, and the bytes of memory that a search may have."""
+    """The settings of searches: directories of capability files, and the memory limit of a search in bytes."""
 
     directories: Sequence[str] = ()
     memory: int = 4_000_000_000
@@ -85,7 +90,7 @@ class SearchSettings:
 
 @dataclass(eq=False)
 class RunningSearch:
-    """A search that goes on. ``on_progress`` and ``on_end`` are called on the executor thread, the latter once."""
+    """A running search. ``on_progress`` and ``on_end`` are called on the executor thread, the latter once."""
 
     request: SearchRequest
     on_progress: Callable[[str, float], None]
@@ -96,7 +101,7 @@ class RunningSearch:
     why_canceled: str = 'it was canceled'
 
     def cancel(self, why: str = '') -> None:
-        """End it, as canceled; ``why`` is reported."""
+        """Cancel the search. The answer contains ``why``."""
         self.why_canceled = why or self.why_canceled
         if self.process is not None:
             self.process.cancel()
@@ -127,7 +132,7 @@ class Synthesizer:
         self._restore()
 
     def _restore(self) -> None:
-        """Have the behaviors again that were made before."""
+        """Add the stored behaviors of earlier processes to the library."""
         problems: list[str] = []
         try:
             entries, problems = self._store.entries()
@@ -150,7 +155,7 @@ class Synthesizer:
         """Begin a search.
 
         Raises:
-            CommandRefusedError: it cannot be begun; says why.
+            CommandRefusedError: the search cannot begin; the text has the reason.
         """
         if self._search is not None:
             raise CommandRefusedError(
@@ -206,7 +211,7 @@ class Synthesizer:
     # -- the end -----------------------------------------------------------------------------------------------------
 
     def _finish(self, search: RunningSearch, message: SearchMessage | None, why: str) -> None:
-        """On the thread of the search: a slow disk delays nobody else."""
+        """Store the machine. Runs on the thread of the search, so that a slow disk delays nothing else."""
         answer = _answer(message, why, search)
         gone: list[str] = []
         problem = ''
@@ -221,10 +226,12 @@ class Synthesizer:
         self._runtime.post(lambda: self._end(search, answer, gone, problem))
 
     def _add(self, name: str, machine: str) -> set[str]:
-        """Have it in the library before it is kept: who starts it from now on starts what is kept. The names in use.
+        """Add the behavior to the library, and return the names of the behaviors in use.
+
+        This happens before it is stored, so that an operator who starts it now starts the machine that is stored.
 
         Raises:
-            OnboardError: it was started meanwhile, or an installed behavior has its name.
+            OnboardError: a behavior of this name was started meanwhile, or is installed.
         """
         in_use = self._runs.behaviors_in_use()
         if name in in_use:
@@ -288,30 +295,33 @@ def _by(request: SearchRequest) -> str:
 
 
 def _installed_command() -> Sequence[str]:
-    """Return the program that searches. Raises CommandRefusedError when none is installed."""
+    """Return the command line of the search program. Raise CommandRefusedError if none is installed."""
     points = sorted(entry_points(group=SEARCH_GROUP), key=lambda point: point.name)
     if not points:
         raise CommandRefusedError('nothing is installed that synthesizes: install the package flexbt_formal here')
     return [sys.executable, '-m', points[0].module]
 
 
-# A search in a separate process: whatever it costs, the executive and its threads are not affected.
+# A search runs in a separate process, so that its use of time and memory does not affect the executive.
 #
-# The process gets the request as a line of JSON. It reports its progress, and finally its answer, as lines of JSON. It
-# ends when its standard input does, so none is left behind when the executive is gone.
+# The process reads the request as a line of JSON. It writes its progress, and finally its answer, as lines of JSON. It
+# ends when its standard input closes, so that it does not outlive the executive.
 
 _LINE: Final = 16_000_000
-"""Maximum bytes of a line of the process."""
+"""Maximum bytes of a line that the process writes."""
 
 _GRACE: Final = 5.0
-"""Seconds beyond its time limit that a process may take: it keeps the limit by itself, where it comes to look."""
+"""Seconds that a process may take beyond its time limit. It checks the limit itself, but only now and then."""
 
 SearchMessage = Mapping[str, Any]
 
 
 class SearchProcess:
-    """Runs a search. The callbacks are called on a thread of their own: ``on_progress`` with each line before the last,
-    ``on_end`` exactly once, with the answer, or with None and why there is none ('' when it was canceled)."""
+    """A process that runs a search.
+
+    It calls the callbacks on a separate thread: ``on_progress`` with each line before the answer, and ``on_end``
+    exactly once. ``on_end`` gets the answer, or None and the reason ('' if the search was canceled).
+    """
 
     def __init__(
         self,
@@ -321,7 +331,7 @@ class SearchProcess:
         on_progress: Callable[[SearchMessage], None],
         on_end: Callable[[SearchMessage | None, str], None],
     ) -> None:
-        """``seconds`` of wall time are the limit of the search, without the start of the process."""
+        """``seconds`` of wall time limit the search, not counting the start of the process."""
         self._command = command
         self._request = request
         self._seconds = seconds
@@ -335,7 +345,7 @@ class SearchProcess:
         self._thread.start()
 
     def cancel(self) -> None:
-        """End it. From any thread."""
+        """Cancel the search. From any thread."""
         with self._lock:
             self._is_canceled = True
             self._kill()
@@ -349,14 +359,14 @@ class SearchProcess:
         why = ''
         try:
             answer, why = self._searched()
-        except (OSError, ValueError, RuntimeError) as error:  # the last: no thread is left for the timer
+        except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: no thread is left for the timer
             why = f'the search cannot be run: {error}'
         if self._is_canceled:
             answer, why = None, ''
         self._on_end(answer, why)
 
     def _searched(self) -> tuple[SearchMessage | None, str]:
-        # Without the lock: to start a process can take long, and the executor cancels.
+        # Without the lock, since starting a process can take long, and the executor thread may cancel meanwhile.
         process = subprocess.Popen(  # noqa: S603 - the command is that of an installed package
             [*self._command], stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
@@ -378,7 +388,7 @@ class SearchProcess:
                         answer = told
                     else:
                         self._on_progress(told)
-                self._kill()  # it has said all that is of use
+                self._kill()  # the answer is complete
         finally:
             limit.cancel()
             self._kill()
