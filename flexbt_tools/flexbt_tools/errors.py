@@ -32,19 +32,19 @@ class ExitCode(IntEnum):
 
 
 class ToolError(Exception):
-    """Base of the errors; the text is fit for the user."""
+    """Base of the errors. The text is suitable for users."""
 
     exit_code: ClassVar[ExitCode]
 
 
 class UsageError(ToolError):
-    """The command cannot be carried out as it is written, on this computer."""
+    """The command is not valid as written, or cannot run on this computer."""
 
     exit_code = ExitCode.USAGE
 
 
 def missing_package(wanted: str) -> UsageError:
-    """Return the error for something that flexbt_formal adds, where that package is not installed."""
+    """Return the error for a feature of flexbt_formal when that package is not installed."""
     return UsageError(
         f'{wanted} needs the package flexbt_formal, which is not installed; install it beside flexbt_tools '
         '(colcon build --packages-up-to flexbt_formal)'
@@ -52,7 +52,7 @@ def missing_package(wanted: str) -> UsageError:
 
 
 class RefusedError(ToolError):
-    """A required file cannot be used; ``errors`` contain the reasons and their places."""
+    """A required file cannot be used. ``errors`` contains the reasons and their places."""
 
     exit_code = ExitCode.REFUSED
 

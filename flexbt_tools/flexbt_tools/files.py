@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files that commands read and write as a whole: texts, and manifests of skills."""
+"""Reading and writing of whole files by commands: texts, and manifests of skills."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from .errors import RefusedError, UsageError
 
 
 def read_text_file(file: str, most: int) -> str:
-    """Return the text (UTF-8) of a file of at most ``most`` bytes. Raises UsageError when it cannot be read, or is
-    longer."""
+    """Return the text (UTF-8) of a file of at most ``most`` bytes.
+
+    Raises UsageError if the file cannot be read or is longer.
+    """
     try:
         return text_files.read_text(file, most)
     except TextFileError as error:
@@ -26,17 +28,17 @@ def read_text_file(file: str, most: int) -> str:
 
 
 def write_text_file(file: str, text: str) -> None:
-    """Write a file as a whole. Raises UsageError if that fails; an existing file then stays unchanged."""
+    """Write a whole file. Raises UsageError if that fails; an existing file then stays unchanged."""
     try:
         text_files.write_text(file, text)
     except OSError as error:
         raise UsageError(f'{file}: cannot be written: {error.strerror or error}') from error
 
 
-# Files of manifests on this computer.
+# Skill manifests on this computer.
 
 _MOST_BYTES: Final = 4_000_000
-"""Enough for a scene of some thousand skills and objects. The limit exists because YAML is slow to read."""
+"""Enough for a scene with some thousand skills and objects. The limit exists because YAML is slow to read."""
 
 
 def read_skill_files(files: Sequence[str], base: SkillLibrary) -> SkillLibrary:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviors as the tools see them: built with their parameters but never run, and the trees that they use."""
+"""Behaviors for the tools: built with their parameters but never run, and the trees that they use."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MAX_BYTES: Final = 4_000_000
 
 @dataclass(frozen=True)
 class BuiltBehavior:
-    """A behavior and its state machine, which is None when there are ``problems``."""
+    """A behavior and its state machine, which is None if there are ``problems``."""
 
     name: str
     machine: MachineDefinition | None
@@ -42,7 +42,7 @@ class BuiltBehavior:
 
 
 def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBehavior:
-    """Make the machine of an installed behavior, as the executive does at a start."""
+    """Build the machine of an installed behavior, as the executive does at a start."""
     try:
         with building():
             behavior = entry.instantiate()
@@ -59,13 +59,13 @@ def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBe
 
 
 def machine_file(name: str) -> Path | None:
-    """Return the file of a machine that is meant instead of an installed behavior."""
+    """Return the file of a machine if the name is one; None for the name of an installed behavior."""
     file = Path(name)
     return file if file.suffix in ('.yaml', '.yml') else None
 
 
 def behavior_entry(name: str) -> BehaviorEntry:
-    """Return the installed behavior of this name, or the machine in this file. Raises UsageError."""
+    """Return the installed behavior with this name, or the machine in this file. Raises UsageError."""
     file = machine_file(name)
     if file is None:
         (entry,) = installed([name])
@@ -74,7 +74,7 @@ def behavior_entry(name: str) -> BehaviorEntry:
 
 
 def installed(names: Sequence[str]) -> list[BehaviorEntry]:
-    """Return the behaviors of these names, or all. Raises UsageError."""
+    """Return the behaviors with these names, or all. Raises UsageError."""
     library = BehaviorLibrary.discover()
     try:
         return [library.find(name) for name in names] if names else list(library.entries.values())
@@ -82,14 +82,14 @@ def installed(names: Sequence[str]) -> list[BehaviorEntry]:
         raise UsageError(str(error)) from error
 
 
-# The trees that a behavior uses: which files have them, and where its states name them.
+# The trees that a behavior uses: the files that contain them, and the states that run them.
 
 _SUFFIX = '.xml'
 
 
 @dataclass(frozen=True)
 class TreeUse:
-    """A state that uses the BT server. ``key`` is the tree that it runs: None for none, or one that is not known."""
+    """A state that uses the BT server. ``key`` is the tree that it runs; None if it runs none, or an unknown one."""
 
     path: str
     use: BtUse
@@ -103,7 +103,7 @@ class TreeUse:
 
 @dataclass
 class UsedTrees:
-    """The trees of a behavior, and the problems with their names in it."""
+    """The trees of a behavior, and problems with their names in the behavior."""
 
     uses: Sequence[TreeUse] = ()
     library: TreeLibrary = field(default_factory=lambda: TreeLibrary([]))
@@ -111,17 +111,17 @@ class UsedTrees:
 
 
 def used_trees(machine: MachineDefinition, files: Sequence[str], registry: NodeRegistry) -> UsedTrees:
-    """Find the trees that the states of a machine load and run; ``files`` are there besides."""
+    """Find the trees that the states of a machine load and run. ``files`` are further tree files."""
     found = UsedTrees()
     uses = list(_uses(machine))
-    paths: dict[str, str] = dict.fromkeys(files, '')  # of a file on disk: the state that names it
+    paths: dict[str, str] = dict.fromkeys(files, '')  # path of a file on disk: the state that names it
     texts: dict[str, bytes] = {}
-    mains: dict[str, str] = {}  # of a name in a behavior: the file on disk
+    mains: dict[str, str] = {}  # file name in the behavior: the file on disk
     for path, use in uses:
         for name in (*use.files, *([use.tree] if use.tree is not None and use.tree.endswith(_SUFFIX) else [])):
             if name in mains:
                 continue
-            # That it is there was checked by the state.
+            # The state has checked that the file exists.
             mains[name] = name if name.startswith('/') else str(resolve_file(name))
             paths.setdefault(mains[name], path)
         if use.xml:
@@ -149,7 +149,7 @@ def _uses(machine: MachineDefinition) -> Iterator[tuple[str, BtUse]]:
 def _read(
     files: Sequence[str], texts: Mapping[str, bytes], registry: NodeRegistry, owners: Mapping[str, str]
 ) -> tuple[TreeLibrary, list[Finding]]:
-    """Return the files as one library; when some are refused, those that are not."""
+    """Return one library of the files. If some files are rejected, return a library of the others, and the findings."""
     try:
         return read_library(files, registry, texts), []
     except RefusedError as refused:

@@ -42,9 +42,11 @@ def check_behavior(
     skills: SkillLibrary = _NO_SKILLS,
     inputs: Sequence[str] = (),
 ) -> list[Finding]:
-    """Return what is found in a behavior: errors first. ``files`` are tree files that the BT server has besides;
-    ``skills`` are those of the leaves, and those that files declare. The blackboard keys ``inputs`` are written from
-    outside."""
+    """Return the findings for a behavior, errors first.
+
+    ``files`` are further tree files that the BT server has. ``skills`` are those of the leaves, and those that files
+    declare. Something outside the behavior writes the blackboard keys ``inputs``.
+    """
     if behavior.machine is None:
         return [Finding(REFUSED, '', problem) for problem in behavior.problems]
     used = used_trees(behavior.machine, files, registry)
@@ -53,15 +55,17 @@ def check_behavior(
     return sorted(dict.fromkeys(found), key=lambda one: _ORDER[one.rule.name])
 
 
-# Whether the states of a behavior and the trees that they run agree about the blackboards.
+# Blackboards: whether the states of a behavior and the trees that they run agree about keys.
 #
-# All trees that a behavior runs on a blackboard, and all states that write to it or read from it, are checked
-# together: what one of them writes another may read, in any order.
+# All trees that a behavior runs on one blackboard, and all states that read or write it, are checked together: any of
+# them may read what another writes, in any order.
 
 
 def blackboard_findings(trees: UsedTrees, inputs: Collection[str] = ()) -> Iterator[Finding]:
-    """Yield what is found between the states and the trees, blackboard by blackboard; the keys ``inputs`` are written
-    from outside."""
+    """Yield the findings between the states and the trees, blackboard by blackboard.
+
+    Something outside the behavior writes the keys ``inputs``.
+    """
     yield from _other_trees(trees)
     usage = KeyUsage(trees.library)
     for name, uses in groupby(sorted(trees.uses, key=_blackboard), key=_blackboard):
@@ -70,11 +74,11 @@ def blackboard_findings(trees: UsedTrees, inputs: Collection[str] = ()) -> Itera
 
 _WORD: Final = re.compile(r'[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[0-9]+')
 _LEAST: Final = 4
-"""Minimum number of letters of a word that counts as a common one."""
+"""Minimum number of letters of a word, or of a name, to be compared."""
 
 
 def _other_trees(trees: UsedTrees) -> Iterator[Finding]:
-    """States that are called after a tree that is there, and run one of quite another name."""
+    """Yield states that are named after an existing tree but run a tree with a different name."""
     for use in trees.uses:
         if use.key is None:
             continue
@@ -96,7 +100,7 @@ def _words(name: str) -> list[str]:
 
 
 def _is_called_after(label: str, tree: str) -> bool:
-    """Return whether one name is the beginning of the other: Recover of Recovery."""
+    """Return whether one name is the beginning of the other, as Recover of Recovery."""
     one, other = (re.sub(r'[^a-z0-9]', '', name.lower()) for name in (label, tree))
     return min(len(one), len(other)) >= _LEAST and (one.startswith(other) or other.startswith(one))
 
@@ -113,7 +117,7 @@ def _of_blackboard(name: str, uses: Sequence[TreeUse], usage: KeyUsage, given: C
         try:
             usage.add(key, board, usages)
         except TreeLoadError:
-            return  # the file was refused, or clashes with another on this blackboard: reported as such
+            return  # the file was rejected, or clashes with another on this blackboard, and is reported as such
     board_name = f'blackboard {name!r}' if name else 'the shared blackboard'
     keys = _Keys(board, usages, uses, runners, given)
     yield from keys.clashes()
@@ -148,7 +152,7 @@ class _Keys:
         self._read = {key for use in uses for key in use.use.reads}
 
     def clashes(self) -> Iterator[Finding]:
-        """Yield a state and a tree that cannot mean the same by a key."""
+        """Yield states and trees that use the same key for different things."""
         for use in self._uses:
             for verb, types in (('writes', use.use.writes), ('reads', use.use.reads)):
                 for key, type in types.items():
@@ -159,7 +163,7 @@ class _Keys:
                         yield Finding(KEY_CLASH, use.path, message)
 
     def unread(self, board: str) -> Iterator[Finding]:
-        """Keys that a state writes and nothing reads."""
+        """Yield keys that a state writes and nothing reads."""
         for use in self._uses:
             for key in use.use.writes:
                 usage = self._of_key.get(key)
@@ -167,14 +171,14 @@ class _Keys:
                     yield Finding(UNREAD_KEY, use.path, f'writes the key {key!r}, which nothing on {board} reads')
 
     def lost_in_trees(self) -> Iterator[Finding]:
-        """Keys that a tree writes, and that neither a tree nor a state reads, where it is plain who should."""
+        """Yield keys that a tree writes and nothing reads, if the intended reader is clear."""
         for lost in lost_writes(self._usages.values()):
             if self._names.get(lost.entry) not in self._read:
                 place = lost_write(lost)
                 yield Finding(LOST_WRITE, self._path(lost.writer), place.place.message, place)
 
     def unwritten_for_states(self, board: str) -> Iterator[Finding]:
-        """Keys that a state reads and nothing writes."""
+        """Yield keys that a state reads and nothing writes."""
         for use in self._uses:
             for key in use.use.reads:
                 usage = self._of_key.get(key)
@@ -183,7 +187,7 @@ class _Keys:
                     yield Finding(UNWRITTEN_KEY, use.path, f'reads the key {key!r}, which nothing on {board} writes')
 
     def unwritten_for_trees(self, board: str) -> Iterator[Finding]:
-        """Keys that a tree reads and nothing writes."""
+        """Yield keys that a tree reads and nothing writes."""
         for usage in self._usages.values():
             key = self._names.get(usage.entry)
             if not usage.readers or usage.writers or usage.given or key in self._written or key in self._given:
@@ -193,30 +197,29 @@ class _Keys:
             yield Finding(UNWRITTEN_KEY, self._path(place), message, Diagnostic(UNWRITTEN_KEY, place.error(message)))
 
     def _path(self, place: NodePlace) -> str:
-        """Return the state that runs the tree; '' where several files are one."""
+        """Return the path of the state that runs the tree; '' if several files are loaded as one."""
         return next((path for tree, path in self._runners.items() if tree.file == place.tree.source.file), '')
 
 
 def _clash(type: str, declared: str) -> bool:
-    """Return whether a value of a state's type cannot be that of a port. Numbers and text convert to each other."""
+    """Return whether a value of a state's type cannot be one of a port's type. Numbers and text convert to each other."""
     if type == declared or 'string' in (type, declared):
         return False
     return '/' in type or '/' in declared
 
 
-# Whether the states of a behavior keep to what their skills say, leave each other their actuators, and have the time
-# that they need.
+# Skills: whether the states of a behavior match their skills, share no actuator at the same time, and have enough time.
 
 Users = Mapping[str, str]
-"""The actuators that something needs, each with the name of one of its users."""
+"""The required actuators, each with the name of one user."""
 
 _NO_TIME: Final = (0.0, 0.0)
 
 
 def skill_findings(machine: MachineDefinition, trees: UsedTrees, skills: SkillLibrary) -> Iterator[Finding]:
-    """Yield what is found. ``skills`` are those of the leaves, and those that files declare."""
+    """Yield the findings about skills. ``skills`` are those of the leaves, and those that files declare."""
     needs: dict[str, Users] = {}  # by path
-    lasting: dict[str, tuple[str, float]] = {}  # by path: the tree, and the least time until it succeeds
+    lasting: dict[str, tuple[str, float]] = {}  # by path: the tree, and the minimum time until it succeeds
     of_trees, times = tree_resources(trees.library, skills), least_times(trees.library, skills)
     for use in trees.uses:
         if use.key is not None:
@@ -235,7 +238,7 @@ def skill_findings(machine: MachineDefinition, trees: UsedTrees, skills: SkillLi
             continue
         yield from _ways(node, known)
         children = [needs.get(child.path, {}) for child in node.children.values()]
-        # What has priority runs while all others are paused.
+        # While a state with priority runs, all others are paused.
         alone = node.kind is StateKind.PRIORITY
         needs[node.path] = {} if alone else {name: user for one in reversed(children) for name, user in one.items()}
         if node.kind is StateKind.CONCURRENCY:
@@ -246,7 +249,7 @@ def skill_findings(machine: MachineDefinition, trees: UsedTrees, skills: SkillLi
 
 
 def _in_time(node: StateDefinition, skill: Skill, what: str, least: float) -> Iterator[Finding]:
-    """Yield a state that is given up before it can be done."""
+    """Yield a finding if the state times out before it can succeed."""
     limits = [node.state.time_limit] if isinstance(node.state, StateWrapper) else []
     limit = min([*limits, skill.deadline if skill.deadline is not None else math.inf])
     if limit < least < math.inf:
@@ -255,7 +258,7 @@ def _in_time(node: StateDefinition, skill: Skill, what: str, least: float) -> It
 
 
 def _ways(machine: MachineDefinition, known: Mapping[str, Skill]) -> Iterator[Finding]:
-    """Transitions to a state that needs the contrary of what was just brought about, or was just answered."""
+    """Yield transitions to a state that requires the opposite of what was just achieved or answered."""
     for child in machine.children.values():
         for name, transition in child.transitions.items():
             target = machine.children.get(transition.state or '')
@@ -281,7 +284,7 @@ def _skill(node: StateDefinition, skills: SkillLibrary) -> Skill:
 
 
 def _outcomes(node: StateDefinition, skill: Skill) -> Iterator[Finding]:
-    """Outcomes of which the skill says nothing, or of which only the skill knows."""
+    """Yield outcomes that the skill does not describe, or that only the skill has."""
     for name, outcome in skill.outcomes.items():
         if name not in node.outcomes:
             known = did_you_mean(name, node.outcomes)

@@ -45,8 +45,10 @@ RULES: Final = rules_of([*globals().values(), TOO_SHORT, SHARED_RESOURCE])
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that is wrong, or suspicious. ``path`` is the state or machine that it is about, '' for none;
-    ``place`` is where it was found in a tree file."""
+    """An error or something suspicious.
+
+    ``path`` is the state or machine concerned, '' for none. ``place`` is the position in a tree file.
+    """
 
     rule: CheckRule
     path: str
@@ -54,7 +56,7 @@ class Finding:
     place: Diagnostic | None = None
 
     def text(self, behavior: str) -> str:
-        """``behavior: /path: severity: message [rule]``; for a tree file its place stands in front."""
+        """Return ``behavior: /path: severity: message [rule]``, for a tree file with its place in front."""
         where = ': '.join(part for part in (behavior, self.path) if part)
         if self.place is not None:
             return one_line(f'{self.place}  (used by {where})')

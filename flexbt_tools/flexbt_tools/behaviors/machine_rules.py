@@ -36,7 +36,7 @@ MachineGraph = Mapping[str, Iterable[str]]
 
 
 def machine_findings(machine: MachineDefinition) -> Iterator[Finding]:
-    """Yield what is found in a machine and everything in it."""
+    """Yield the findings for a machine and everything in it."""
     for node in machine.nodes():
         yield from _always_asks(node)
         if isinstance(node, MachineDefinition) and node.kind is StateKind.CONCURRENCY:
@@ -66,7 +66,10 @@ def _shown(read: KeyRead) -> str:
 
 
 def _always_asks(node: MachineNode) -> Iterator[Finding]:
-    """Success that needs the operator at every level. For failures and decisions that is what Full is there for."""
+    """Yield success outcomes that need the operator at every level.
+
+    Failures and decisions are exempt: for them this is the purpose of Full.
+    """
     for outcome in _outcomes_of(node, _SUCCESSES):
         transition = node.transitions.get(outcome)
         if transition is not None and transition.autonomy >= Autonomy.Full:
@@ -78,7 +81,7 @@ def _always_asks(node: MachineNode) -> Iterator[Finding]:
 
 
 def _ends(machine: MachineDefinition) -> Iterator[Finding]:
-    """States from which the machine cannot end, and outcomes by which it never does."""
+    """Yield states from which the machine cannot end, and outcomes that it never reaches."""
     ways = {label: {_target(transition) for transition in child.transitions.values()}
             for label, child in machine.children.items()}  # fmt: skip
     reached = _reachable({machine.initial}, ways)
@@ -110,7 +113,7 @@ _OF_FAILURE: Final = re.compile(r'recover|abort|error|fail', re.IGNORECASE)
 
 
 def _outcomes_of(node: MachineNode, classes: Collection[OutcomeClass]) -> list[str]:
-    """Return the outcomes of a state or machine that are of one of these classes."""
+    """Return the outcomes of a state or machine that belong to one of these classes."""
     if isinstance(node, MachineDefinition):
         return [outcome for outcome in node.outcomes if usual_outcome_class(outcome) in classes]
     skill = state_skill(node.state)
@@ -118,7 +121,7 @@ def _outcomes_of(node: MachineNode, classes: Collection[OutcomeClass]) -> list[s
 
 
 def _unheard(container: MachineDefinition) -> Iterator[Finding]:
-    """Failures of children of which no condition is."""
+    """Yield failures of children that no condition covers."""
     heard = {pair for condition in container.conditions for pair in condition.children}
     for label, child in container.children.items():
         for outcome in _outcomes_of(child, _FAILURES):
@@ -128,7 +131,7 @@ def _unheard(container: MachineDefinition) -> Iterator[Finding]:
 
 
 def _crossed_ways(machine: MachineDefinition) -> Iterator[Finding]:
-    """States whose success leads to a failure, while their failure does not."""
+    """Yield states whose success leads to a failure while their failure does not."""
     for child in machine.children.values():
         good = [child.transitions[one] for one in _outcomes_of(child, _SUCCESSES)]
         bad = [child.transitions[one] for one in _outcomes_of(child, _FAILURES)]
@@ -144,7 +147,7 @@ def _crossed_ways(machine: MachineDefinition) -> Iterator[Finding]:
 
 
 def _endless_loops(machine: MachineDefinition) -> Iterator[Finding]:
-    """Loops of states that leave at once, by transitions that pass at the level Low."""
+    """Yield loops of states that finish immediately, through transitions that pass at the level Low."""
     ways = {
         label: {
             transition.state
@@ -177,7 +180,7 @@ def _reachable(starts: Iterable[str], ways: MachineGraph) -> set[str]:
 
 
 def _loops(ways: MachineGraph) -> Iterator[list[str]]:
-    """One loop for each set of nodes that can all reach each other, in the order of the nodes."""
+    """Yield one loop for each set of nodes that can all reach each other, in the order of the nodes."""
     done: set[str] = set()
     for start in ways:
         if start in done:
@@ -190,7 +193,7 @@ def _loops(ways: MachineGraph) -> Iterator[list[str]]:
 
 
 def _way_back(start: str, ways: MachineGraph) -> list[str]:
-    """Return a shortest way from a node to itself; empty when there is none."""
+    """Return a shortest path from a node back to itself; empty if none exists."""
     before: dict[str, str] = {}
     ahead = [start]
     for node in ahead:

@@ -61,15 +61,15 @@ def structure_as_json(entry: StructureEntry) -> dict[str, object]:
 
 
 def reasons(text: str) -> dict[str, str]:
-    """Return why each state is there, by its name, from the text (YAML) of a synthesized machine.
+    """Return the reason for each state, by its name, from the text (YAML) of a synthesized machine.
 
-    :func:`machine_as_yaml` writes it as a comment behind the name.
+    :func:`machine_as_yaml` writes the reason as a comment after the name.
     """
     found = (_REASON.fullmatch(line) for line in text.splitlines())
     return {str(yaml.safe_load(match[1])): match[2] for match in found if match is not None}
 
 
-# What of a behavior is drawn: its state machine, and the trees that its states run.
+# The parts of a behavior in a picture: its state machine, and the trees that its states run.
 
 _NO_TREES: Final = UsedTrees()
 _NO_REASONS: Final[Mapping[str, str]] = {}
@@ -83,10 +83,9 @@ def graph_of(
     ports: str,
     reasons: Mapping[str, str] = _NO_REASONS,
 ) -> MachineBox:
-    """Return the graph of a machine; with ``expand`` sub-trees stand in their place.
+    """Return the graph of a machine. With ``expand``, sub-trees are drawn in place.
 
-    ``reasons`` say why states of the machine are there, by their names. ``ports`` as in
-    :meth:`Item.attributes`.
+    ``reasons`` maps names of states of the machine to the reason for each. ``ports`` as in :meth:`Item.attributes`.
     """
     drawn = {
         use.path: DrawnTree(use.key.id, drawn_nodes(items_of(trees.library, use.key, expand=expand), ports))
@@ -112,7 +111,7 @@ def graph_of(
 
 
 def _why(path: str, reasons: Mapping[str, str]) -> list[str]:
-    """Return the reasons of a state of the machine itself, without what its name says already."""
+    """Return the reasons for a state of the machine itself, without those that repeat its name."""
     _, _, label = path.rpartition('/')
     return (
         [line for line in reasons.get(label, '').split('; ') if line not in ('', label)] if path.count('/') == 1 else []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Arguments that several commands have."""
+"""Arguments shared by several commands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from flexbt_tools.trees.stand_ins import OpenRegistry
 
 
 def positive(text: str) -> float:
-    """Return the ``type`` of an argument that is a finite number above 0."""
+    """Convert the text of an argument to a finite number above 0."""
     try:
         value = float(text)
     except ValueError:
@@ -33,30 +33,30 @@ def positive(text: str) -> float:
 
 
 def add_list(parser: argparse._ActionsContainer, flag: str, metavar: str, help: str) -> None:
-    """Add an option that may be given several times: a list of texts, empty without it."""
+    """Add an option that may be repeated. Its value is a list of texts, empty by default."""
     parser.add_argument(flag, metavar=metavar, action='append', default=[], help=f'{help}; repeatable')
 
 
 def add_choice(
     parser: argparse._ActionsContainer, flag: str, choices: Sequence[str] | type[Enum], default: str, help: str
 ) -> None:
-    """Add an option that is one of some texts, or of the values of an enumeration."""
+    """Add an option that accepts one of several texts, or a value of an enumeration."""
     values = [one if isinstance(one, str) else one.value for one in choices]
     parser.add_argument(flag, choices=values, default=default, help=f'{help} (default: %(default)s)')
 
 
 def add_files(parser: argparse.ArgumentParser) -> None:
-    """One or several tree files: ``options.files``."""
+    """Add ``options.files``: one or several tree files."""
     parser.add_argument('files', metavar='FILE', nargs='+', help='XML file of trees; - for standard input')
 
 
 def add_file(parser: argparse.ArgumentParser) -> None:
-    """One tree file: ``options.file``."""
+    """Add ``options.file``: one tree file."""
     parser.add_argument('file', metavar='FILE', help='XML file of trees; - for standard input')
 
 
 def add_node_types(parser: argparse.ArgumentParser, *, allow_unknown: bool = True) -> None:
-    """Add the options of known node types: ``options.models``, ``options.nav2_branch``, ``options.allow_unknown``."""
+    """Add the options for node types: ``options.models``, ``options.nav2_branch``, ``options.allow_unknown``."""
     add_list(
         parser,
         '--models',
@@ -76,8 +76,7 @@ def add_trees(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[TreeKey]:
-    """Return the trees that are meant: one; or with --expand those that are not sub-trees; or all, the main ones
-    first."""
+    """Return the selected trees: one; or with --expand the trees that are not sub-trees; or all, main trees first."""
     if options.tree is not None:
         return [find_tree(library, options.tree)]
     if options.expand:
@@ -86,37 +85,37 @@ def chosen_trees(library: TreeLibrary, options: argparse.Namespace) -> list[Tree
 
 
 def add_ports(parser: argparse.ArgumentParser, default: str) -> None:
-    """``options.ports``."""
+    """Add ``options.ports``."""
     add_choice(parser, '--ports', PORTS, default, 'ports to show: those in the file, all, or none')
 
 
 def add_json(parser: argparse._ActionsContainer) -> None:
-    """``options.json``."""
+    """Add ``options.json``."""
     parser.add_argument('--json', action='store_true', help='print JSON for programs')
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:
-    """Add the keys that others write: ``options.input``."""
+    """Add ``options.input``: the keys that something else writes."""
     add_list(parser, '--input', 'KEY', 'blackboard key that is written from outside')
 
 
 def add_skills(parser: argparse.ArgumentParser) -> None:
-    """Files of manifests: ``options.skills``."""
+    """Add ``options.skills``: files of manifests."""
     add_list(parser, '--skills', 'FILE', 'YAML file of skills, in addition to those that classes declare')
 
 
 def skill_library(files: Sequence[str], known: NodeRegistry) -> SkillLibrary:
-    """Return the skills of the node types, and what the files add. Raises RefusedError.
+    """Return the skills of the node types, plus those in the files. Raises RefusedError.
 
-    Report classes whose skills do not fit together.
+    Report classes whose skills are inconsistent.
     """
     return read_skill_files(files, node_skills(known, lambda text: print(one_line(f'note: {text}'), file=sys.stderr)))
 
 
 def registry(options: argparse.Namespace, *, allow_unknown: bool) -> NodeRegistry:
-    """Return the node types of installed packages, and of the models that are given. Raises RefusedError.
+    """Return the node types of installed packages, and of the given models. Raises RefusedError.
 
-    Report packages of whose nodes at least one cannot be used.
+    Report packages with a node that cannot be used.
     """
     known = node_registry(
         lambda nodes, error: print(one_line(f'note: without {nodes}: {error}'), file=sys.stderr),

@@ -44,7 +44,7 @@ from .output import (
 
 
 def add_parameters(parser: argparse.ArgumentParser) -> None:
-    """Values of parameters: ``options.parameters``."""
+    """Add ``options.parameters``: values of the behavior's parameters."""
     parser.add_argument(
         '--param',
         metavar='NAME=VALUE',
@@ -56,7 +56,7 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
 
 
 def parameters(options: argparse.Namespace) -> list[tuple[str, str]]:
-    """Pairs of name and text. Raises UsageError."""
+    """Return pairs of name and text. Raises UsageError."""
     pairs = []
     for text in options.parameters:
         name, equals, value = text.partition('=')
@@ -67,19 +67,19 @@ def parameters(options: argparse.Namespace) -> list[tuple[str, str]]:
 
 
 def add_tree_files(parser: argparse.ArgumentParser) -> None:
-    """Files that the behavior does not load itself: ``options.trees``."""
+    """Add ``options.trees``: files that the behavior does not load itself."""
     arguments.add_list(parser, '--trees', 'FILE', 'tree file that the BT server has already loaded')
 
 
 def built(options: argparse.Namespace, name: str) -> BuiltBehavior:
-    """Return the behavior of this name, or file. Raises UsageError when it cannot be built."""
+    """Return the behavior with this name or file. Raises UsageError if it cannot be built."""
     behavior = build(behavior_entry(name), parameters(options))
     if behavior.machine is None:
         raise UsageError('\n'.join(f'{behavior.name}: {problem}' for problem in behavior.problems))
     return behavior
 
 
-# ``behavior_tool check``: everything that is wrong, or suspicious, in behaviors and between them and their trees.
+# ``behavior_tool check``: errors and suspicious parts of behaviors, also between them and their trees.
 
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
@@ -134,7 +134,7 @@ def run_show(options: argparse.Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-# ``behavior_tool skills``: manifests of states in files: checked, shown, and as capabilities for a synthesis.
+# ``behavior_tool skills``: check manifests of states in files, show them, or print capabilities for a synthesis.
 
 
 def add_skills_arguments(parser: argparse.ArgumentParser) -> None:
@@ -158,7 +158,7 @@ def run_skills(options: argparse.Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-# ``behavior_tool draw``: a behavior as a picture, the trees of its states included.
+# ``behavior_tool draw``: a behavior as a picture, including the trees of its states.
 
 
 def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
@@ -221,11 +221,11 @@ COMMANDS: Final = (
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run ``behavior_tool`` and gives its exit code."""
+    """Run ``behavior_tool`` and return its exit code."""
     return run_command('behavior_tool', 'Behaviors, made and built but not run.', COMMANDS, EXIT_CODES, words)
 
 
-# ``python3 -m flexbt_tools.cli.behavior_tool``, where the package is not installed as an executable.
+# ``python3 -m flexbt_tools.cli.behavior_tool``, if the package is not installed as an executable.
 
 if __name__ == '__main__':
     sys.exit(main())

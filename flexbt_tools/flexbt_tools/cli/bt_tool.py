@@ -108,7 +108,7 @@ def _tree(library: TreeLibrary, key: TreeKey, options: argparse.Namespace) -> It
     yield from tree_lines(items, options.ports, ascii_only=options.ascii, width=width)
 
 
-# ``bt_tool draw``: trees as a picture, by Graphviz, or as its source or that of Mermaid.
+# ``bt_tool draw``: trees as a picture by Graphviz, or as Graphviz or Mermaid source.
 
 
 def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
@@ -129,7 +129,7 @@ def run_draw(options: argparse.Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-# ``bt_tool model``: what node types there are, for editors: a TreeNodesModel, or an XML schema.
+# ``bt_tool model``: the available node types for editors, as a TreeNodesModel or an XML schema.
 
 
 def add_model_arguments(parser: argparse.ArgumentParser) -> None:
@@ -159,7 +159,7 @@ def run_model(options: argparse.Namespace) -> ExitCode:
     return ExitCode.OK
 
 
-# ``bt_tool skills``: what leaves need, what they bring about, and how they may fail.
+# ``bt_tool skills``: requirements, effects and failures of leaves.
 
 
 def add_skills_arguments(parser: argparse.ArgumentParser) -> None:
@@ -183,13 +183,13 @@ def run_skills(options: argparse.Namespace) -> ExitCode:
     return ExitCode.NEGATIVE if doubtful else ExitCode.OK
 
 
-# Whether what skills name is there: the condition leaves of sensors, and the ports that are given.
+# Check that the names in skills exist: the condition leaves of sensors, and the ports that are given.
 
 
 def unknown_names(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
-    """Yield what a library names beyond those of ``base`` and is not there, as lines for people.
+    """Yield a line for each unknown name in a library, except those of ``base``.
 
-    A class that is not a leaf of this computer is known if the library has a skill of it.
+    A class that is not a leaf on this computer counts as known if the library has a skill for it.
     """
     conditions = {manifest.id for manifest in registry if manifest.kind.value == 'Condition'}
     for predicate in library.predicates.values():
@@ -242,7 +242,7 @@ def _unknown_ports(id: str, ports: Iterable[str], registry: NodeRegistry, what: 
                 yield f'{what}: {id} has no port {short_repr(name)}{did_you_mean(name, manifest.ports)}'
 
 
-# ``bt_tool run``: runs a tree with mocks, and prints what happens.
+# ``bt_tool run``: run a tree with mocks, and print its progress.
 
 _DEFAULT_TIMEOUT: Final = 600.0
 _EXIT_CODES: Final = {'SUCCESS': ExitCode.OK, 'ERROR': ExitCode.NODE_ERROR, 'TIMEOUT': ExitCode.UNFINISHED}
@@ -296,7 +296,7 @@ def run_with_mocks(options: argparse.Namespace) -> ExitCode:
 
 
 def _default_context() -> AbstractContextManager[None]:
-    """Return what leaves that run themselves need for rclpy. Without ROS there are none that use it."""
+    """Return the rclpy context for leaves that really run. Without ROS no leaf uses it."""
     try:
         from flexbt_common.middleware.default_context import offline_default_context
     except ModuleNotFoundError:
@@ -343,7 +343,7 @@ def _main_tree(library: TreeLibrary) -> TreeKey:
     return TreeKey(document.file, document.main)
 
 
-# ``bt_tool log``: prints a log file (.btlog) of BehaviorTree.CPP, or of ours.
+# ``bt_tool log``: print a log file (.btlog) of BehaviorTree.CPP or FlexBT.
 
 
 def add_log_arguments(parser: argparse.ArgumentParser) -> None:
@@ -412,11 +412,11 @@ COMMANDS: Final = (
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run ``bt_tool`` and gives its exit code, see :class:`ExitCode`."""
+    """Run ``bt_tool`` and return its exit code, see :class:`ExitCode`."""
     return run_command('bt_tool', 'Behavior-tree files, without ROS running.', COMMANDS, EXIT_CODES, words)
 
 
-# ``python3 -m flexbt_tools.cli.bt_tool``, where the package is not installed as an executable.
+# ``python3 -m flexbt_tools.cli.bt_tool``, if the package is not installed as an executable.
 
 if __name__ == '__main__':
     sys.exit(main())

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An executable with commands: its arguments, its errors, its exit code.
 
-Packages that need more than this one add commands by entry points of the group :data:`ENTRY_POINTS`: the name is
+Packages with further dependencies add commands through entry points of the group :data:`ENTRY_POINTS`. The name is
 ``<executable>.<command>``, the value a module with the functions ``add_arguments`` and ``run``.
 """
 
@@ -23,10 +23,9 @@ ENTRY_POINTS: Final = 'flexbt.commands'
 
 @dataclass(frozen=True)
 class ToolCommand:
-    """A command of an executable: its name and summary, the function that declares its arguments, and the one that runs
-    it, which may raise ToolError.
+    """A command of an executable: name, summary, a function that adds its arguments, and one that runs it.
 
-    A command without functions is one that flexbt_formal adds.
+    The latter may raise ToolError. A command without functions is provided by flexbt_formal.
     """
 
     name: str
@@ -44,7 +43,7 @@ def run_command(
 ) -> int:
     """Run one of the commands of an executable and return its exit code.
 
-    A command that flexbt_formal adds is refused where that package is not installed.
+    Reject a command of flexbt_formal if that package is not installed.
     """
     make_streams_safe()
     words = sys.argv[1:] if words is None else words

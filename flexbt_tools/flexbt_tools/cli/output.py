@@ -24,7 +24,7 @@ from . import arguments
 
 
 class Reported(NamedTuple):
-    """A finding as it is reported: as a line of text, or as an object of JSON."""
+    """A finding in its reported form: a line of text, or a JSON object."""
 
     rule: CheckRule
     line: str
@@ -47,8 +47,7 @@ def add_report_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[Ch
 
 
 def report_findings(options: argparse.Namespace, found: Iterable[Reported], noun: str, number: int) -> ExitCode:
-    """Print what was found in a ``number`` of things, for each of which the ``noun`` stands: errors first, and remarks
-    only where they are requested."""
+    """Print the findings for a ``number`` of things, each called ``noun``. Errors come first, remarks only on request."""
     kept = [one for one in found if one.rule.name not in options.ignore]
     order = list(CheckSeverity)
     shown = sorted(kept, key=lambda one: order.index(one.rule.severity))
@@ -71,14 +70,14 @@ def _counted(count: int, severity: CheckSeverity) -> str:
     return f'{count} {severity.value}' if severity is CheckSeverity.INFO else pluralize(count, severity.value)
 
 
-# Where and in which language a command writes a picture.
+# Pictures: the file and the language of the output.
 
 _FORMATS: Final = ('svg', 'dot', 'mermaid')
 _SUFFIXES: Final = {'.svg': 'svg', '.dot': 'dot', '.gv': 'dot', '.mmd': 'mermaid', '.mermaid': 'mermaid'}
 
 
 def add_picture_arguments(parser: argparse.ArgumentParser) -> None:
-    """Format and place of the picture."""
+    """Add the options for format and file of the picture."""
     parser.add_argument(
         '--format', choices=_FORMATS, help='default: by the name of the output file, or svg (needs Graphviz)'
     )
@@ -88,7 +87,7 @@ def add_picture_arguments(parser: argparse.ArgumentParser) -> None:
 def output_picture(
     options: argparse.Namespace, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]
 ) -> None:
-    """Write the picture that the options ask for, of its lines in a language. Raises UsageError."""
+    """Write the picture that the options request, from its lines in a language. Raises UsageError."""
     chosen = options.format or _by_name(options.output or '')
     picture = _picture(chosen, dot, mermaid)
     if options.output is None:
@@ -98,7 +97,7 @@ def output_picture(
 
 
 def write_picture_file(file: str, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]) -> None:
-    """Write a picture in the language that the name of the file says, SVG otherwise. Raises UsageError."""
+    """Write a picture in the language of the file extension, otherwise SVG. Raises UsageError."""
     write_text_file(file, _picture(_by_name(file), dot, mermaid))
 
 
@@ -114,11 +113,11 @@ def _picture(form: str, dot: Callable[[], Iterator[str]], mermaid: Callable[[], 
         raise UsageError(str(error)) from None
 
 
-# How commands show skills: which of them, and as what.
+# Skills in commands: which ones to show, and in which form.
 
 
 def add_skill_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
-    """``options.skill``, ``options.yaml``, ``options.json``; gives the group of the forms."""
+    """Add ``options.skill``, ``options.yaml`` and ``options.json``; return the group of the forms."""
     arguments.add_list(parser, '--skill', 'NAME', 'only this skill')
     form = parser.add_mutually_exclusive_group()
     form.add_argument('--yaml', action='store_true', help='print a file of manifests')
@@ -127,7 +126,7 @@ def add_skill_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyEx
 
 
 def chosen_skills(library: SkillLibrary, options: argparse.Namespace) -> SkillLibrary:
-    """Return the library with the skills that are meant. Raises UsageError."""
+    """Return the library with the selected skills. Raises UsageError."""
     for name in options.skill:
         if name not in library.skills:
             raise UsageError(f'there is no skill {short_repr(name)}{did_you_mean(name, library.skills)}')
@@ -136,7 +135,7 @@ def chosen_skills(library: SkillLibrary, options: argparse.Namespace) -> SkillLi
 
 
 def print_skills(library: SkillLibrary, options: argparse.Namespace) -> None:
-    """Print the skills in the form that is meant."""
+    """Print the skills in the selected form."""
     if options.yaml:
         print(write_skills(library), end='')
     elif options.json:
@@ -151,7 +150,7 @@ def print_skills(library: SkillLibrary, options: argparse.Namespace) -> None:
 
 
 def skill_lines(skill: Skill) -> Iterator[str]:
-    """Yield a skill: its name with its parameters, and one line for each thing that is known of it."""
+    """Yield the lines of a skill: its name with parameters, and one line for each known property."""
     parameters = ', '.join(f'{name}: {kind}' for name, kind in skill.parameters.items())
     yield f'{skill.name}({parameters})' if parameters else skill.name
     told = {

@@ -21,13 +21,13 @@ from flexbt_tools.errors import ExitCode
 
 OFFERING: Final = {InterfaceKind.TOPIC: 'publish', InterfaceKind.SERVICE: 'reply', InterfaceKind.ACTION: 'execute'}
 USING: Final = {InterfaceKind.TOPIC: 'subscribe', InterfaceKind.SERVICE: 'request', InterfaceKind.ACTION: 'call'}
-"""The words of a policy for what a node may do."""
+"""Permission elements of a policy, by kind of interface."""
 
 _NAMESPACE: Final = re.compile(r'/|(/[A-Za-z_][A-Za-z0-9_]*)+')
 
 
 def permissions(node: str) -> Iterator[tuple[InterfaceKind, str, list[str]]]:
-    """Yield what a node may do, as (kind, word of the policy, names), each kind and word once, the names sorted."""
+    """Yield the permissions of a node as (kind, policy element, sorted names), each kind and element once."""
     for kind, (words, role) in itertools.product(InterfaceKind, ((OFFERING, 'offered_by'), (USING, 'used_by'))):
         allowed = sorted({one.name for one in INTERFACES if one.kind is kind and node in getattr(one, role)})
         if allowed:
@@ -35,7 +35,7 @@ def permissions(node: str) -> Iterator[tuple[InterfaceKind, str, list[str]]]:
 
 
 def policy(namespaces: Sequence[str]) -> ElementTree.Element:
-    """Return the policy of robots in these namespaces: for each an enclave ``NAMESPACE/ROLE`` for each role."""
+    """Return the policy of robots in these namespaces: an enclave ``NAMESPACE/ROLE`` for each namespace and role."""
     root = ElementTree.Element('policy', version='0.2.0')
     enclaves = ElementTree.SubElement(root, 'enclaves')
     for namespace, (role, nodes) in itertools.product(namespaces, ROLES.items()):
@@ -57,7 +57,7 @@ def _namespace(text: str) -> str:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Run ``security_policy`` and gives its exit code."""
+    """Run ``security_policy`` and return its exit code."""
     make_streams_safe()
     parser = SuggestingArgumentParser(prog='security_policy', description='An SROS2 policy for robots, as XML.')
     parser.add_argument(

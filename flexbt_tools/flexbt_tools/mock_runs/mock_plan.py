@@ -41,8 +41,10 @@ _STEP_KEYS: Final = ('gives', 'after', 'outputs', 'reason')
 
 @dataclass(frozen=True, slots=True)
 class MockStep:
-    """One activation: RUNNING for ``after`` seconds, then ``gives``. ``outputs`` are written at its end, by ports;
-    ``reason`` is why it fails."""
+    """One activation: RUNNING for ``after`` seconds, then ``gives``.
+
+    ``outputs``, by port, are written at its end. ``reason`` is the reason of a failure.
+    """
 
     gives: NodeStatus
     after: float = 0.0
@@ -52,8 +54,11 @@ class MockStep:
 
 @dataclass(frozen=True, slots=True)
 class MockRule:
-    """The plan of the nodes that match ``pattern``: they follow ``steps``, or are ``REAL``, or ``PASS`` ticks to their
-    child. ``place`` is where the rule is written."""
+    """The plan for the nodes that match ``pattern``.
+
+    They follow ``steps``, or are ``REAL``, or with ``PASS`` tick only their child. ``place`` is where the rule is
+    written.
+    """
 
     pattern: str
     does: tuple[MockStep, ...] | str
@@ -64,23 +69,23 @@ class MockRule:
         return '*' in self.pattern or '?' in self.pattern
 
     def matches(self, name: str) -> bool:
-        # Of the patterns of file names only * and ? mean something here.
+        # Of the characters of file patterns, only * and ? are special here.
         return fnmatchcase(name, self.pattern.replace('[', '[[]')) if self.is_wildcard else name == self.pattern
 
 
 @dataclass(slots=True)
 class MockPlan:
-    """Rules, the ones that are to be tried first in front, and what is on the blackboard at the beginning."""
+    """Rules in the order of precedence, and the initial contents of the blackboard."""
 
     rules: list[MockRule] = field(default_factory=list)
     blackboard: dict[str, Any] = field(default_factory=dict)
 
 
 def read_plan(mocks: list[str], values: list[str]) -> MockPlan:
-    """Return the plan of the command line: ``mocks`` are files and ``PATTERN=STATUS,...``, ``values`` are
-    ``KEY=VALUE``.
+    """Return the plan of the command line.
 
-    What is written on the command line counts more than what is in files. Raises RefusedError or UsageError.
+    ``mocks`` are files and ``PATTERN=STATUS,...``, ``values`` are ``KEY=VALUE``. The command line takes precedence over
+    files. Raises RefusedError or UsageError.
     """
     plan = MockPlan()
     errors: list[LoadError] = []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run a tree with mocks, on a clock that jumps from event to event or on the clock of the machine."""
+"""Run a tree with mocks, on a clock that jumps from event to event or on the system clock."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .mocks import Mocking, written
 
 
 def json_types(registry: NodeRegistry) -> JsonTypes:
-    """Return what may be in the files: what is registered, and messages where there is ROS."""
+    """Return the types that files may contain: the registered ones, and messages if ROS is available."""
     try:
         from flexbt_server.trees.ros_ports import RosJsonTypes
     except ImportError:
@@ -41,7 +41,7 @@ def json_types(registry: NodeRegistry) -> JsonTypes:
 
 
 class BlackboardFile:
-    """The content of a file; without a name, nothing. Raises UsageError when it cannot be read."""
+    """The content of a file; empty without a file name. Raises UsageError if it cannot be read."""
 
     def __init__(self, name: str | None = None, types: JsonTypes | None = None) -> None:
         self._name = name
@@ -58,11 +58,11 @@ class BlackboardFile:
         self._document = document
 
     def fill_text(self, board: Blackboard) -> None:
-        """Write what a tree may need to be made: text, which fixes no type."""
+        """Write the text entries, which a tree may need when it is built and which fix no type."""
         self._write(board, {key: value for key, value in self._document.items() if isinstance(value, str)})
 
     def fill(self, board: Blackboard) -> None:
-        """Write everything. Raises UsageError when something is not understood, or does not fit."""
+        """Write all entries. Raises UsageError if one is not understood, or does not fit."""
         self._write(board, self._document)
 
     def _write(self, board: Blackboard, document: Mapping[str, Any]) -> None:
@@ -73,7 +73,10 @@ class BlackboardFile:
 
 
 def save_blackboard(board: Blackboard, name: str, types: JsonTypes) -> list[str]:
-    """Write a file as a whole; gives what could not be saved. Raises UsageError when the file cannot be written."""
+    """Write the blackboard to a file and return the problems of entries that could not be saved.
+
+    Raises UsageError if the file cannot be written.
+    """
     document, problems = export_blackboard(board, types)
     try:
         write_text(name, json.dumps(document, indent=2, allow_nan=False) + '\n')
@@ -82,7 +85,7 @@ def save_blackboard(board: Blackboard, name: str, types: JsonTypes) -> list[str]
     return problems
 
 
-# A tree that runs with mocks, on a clock that jumps from event to event, or on that of the machine.
+# A tree that runs with mocks, on a clock that jumps from event to event or on the system clock.
 
 DEFAULT_RATE: Final = 10.0
 NO_ENTRIES: Final = BlackboardFile()
@@ -104,10 +107,12 @@ class MockRun:
         on_status: Callable[[float, TreeNode, NodeStatus, NodeStatus], None] | None = None,
         log: Path | None = None,
     ) -> None:
-        """``rate`` is the least rate of ticks, Hz. ``on_status(time, node, before, after)`` hears of every change
-        of a status; the time is that since the beginning, s. ``log`` is a file for them, as Groot2 opens it.
+        """Build the tree.
 
-        Raises RefusedError when the tree cannot be made, or the plan does not fit it.
+        ``rate`` is the minimum tick rate, Hz. ``on_status(time, node, before, after)`` is called for every status
+        change; the time is in s since the start. ``log`` is a file for the changes, in the format that Groot2 opens.
+
+        Raises RefusedError if the tree cannot be built, or the plan does not fit it.
         """
         self._clock: Clock = SteadyClock() if real_time else ManualClock()
         self._start = self._clock.now()
@@ -117,7 +122,7 @@ class MockRun:
         mocking = Mocking(library, plan, read_inputs=read_inputs)
         board = Blackboard()
         blackboard.fill_text(board)
-        # Text may be what nodes are made of, and it fixes no type.
+        # Nodes may need text when they are built, and text fixes no type.
         _fill(board, {name: value for name, value in plan.blackboard.items() if isinstance(value, str)})
         try:
             self.tree = Tree(
@@ -153,11 +158,11 @@ class MockRun:
 
     @property
     def time(self) -> float:
-        """Time since the beginning, s."""
+        """Time since the start, s."""
         return self._clock.now() - self._start
 
     def run(self, timeout: float) -> NodeStatus:
-        """Tick the tree, as the BT server would, until it is not RUNNING, or for ``timeout`` seconds of its clock.
+        """Tick the tree like the BT server until it is not RUNNING, or for ``timeout`` seconds of its clock.
 
         Raises NodeExecutionError.
         """
@@ -169,7 +174,7 @@ class MockRun:
             now = clock.now()
             if status is not NodeStatus.RUNNING or now >= end or tree.wake_pending:
                 return status
-            # The next tick of the rate, or the time requested by a node, or the end.
+            # The earliest of the next periodic tick, the time requested by a node, and the end.
             due = self._start + (math.floor((now - self._start) / self._period + 1e-6) + 1) * self._period
             self._wait(min(due, math.inf if tree.next_wake is None else tree.next_wake, end))
             tree.take_wake()
@@ -182,7 +187,7 @@ class MockRun:
             self._woken.clear()
 
     def close(self) -> None:
-        """Halt what runs. Raises UsageError when the log cannot be written."""
+        """Halt the tree. Raises UsageError if the log cannot be written."""
         after_round = None if self._log is None else self._log.flush
         self.tree.observe(*self._kept, after_round=after_round)
         with contextlib.suppress(NodeExecutionError):
@@ -196,7 +201,7 @@ def _cannot_write(reason: str) -> NoReturn:
 
 
 def _fill(board: Blackboard, values: Mapping[str, Any]) -> None:
-    """Write entries, each as the type that it has. Raises UsageError."""
+    """Write entries, each converted to the type of its entry. Raises UsageError."""
     for key, value in values.items():
         entry = board.entry(key)
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mocks: leaves that follow a script and replace those that need a robot."""
+"""Mocks: leaves that follow a script, in place of those that need a robot."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ class Mock(LeafNode):
 
     steps: ClassVar[tuple[MockStep, ...]]
     synchronous: ClassVar[bool]
-    """True if every tick of a completed node is an activation; otherwise its result stays."""
+    """True if every tick of a completed node is a new activation; otherwise it keeps its result."""
     needed: ClassVar[tuple[str, ...]]
-    """Inputs that are read when an activation begins, as the real node would."""
+    """Inputs that the mock reads when an activation begins, like the real node."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -84,7 +84,8 @@ class Mock(LeafNode):
 
 
 def written(value: Any, kind: PortType | None) -> Any:
-    """Return the value for an entry of this type: a message is written as a mapping, several as a list of them.
+    """Return the value converted for an entry of this type. Write a message as a mapping, several as a list of
+    mappings.
 
     Raises ConversionError.
     """
@@ -108,14 +109,14 @@ class _Pass(Decorator):
 
 
 class Mocking:
-    """A builder that puts mocks into a tree; afterwards :meth:`wrong` returns the problems of the plan for that tree.
+    """A builder that puts mocks into a tree. Afterwards :meth:`wrong` returns the problems of the plan for that tree.
 
-    A rule is for leaves and sub-trees, by their path, name or type, and for other nodes that are not of the engine, by
-    their type. Leaves of the engine are only mocked by a rule that names them in full.
+    A rule matches leaves and sub-trees by path, name or type. It matches other nodes by type, unless they belong to the
+    engine. Leaves of the engine need a rule that spells out their name.
     """
 
     def __init__(self, library: TreeLibrary, plan: MockPlan, *, read_inputs: bool = False) -> None:
-        """With ``read_inputs`` mocks read the inputs without which the real nodes would raise."""
+        """Make mocks of a plan. With ``read_inputs`` mocks read the inputs that real nodes require."""
         self._plan = plan
         self._read_inputs = read_inputs
         self._owners: dict[int, TreeDefinition] = {
@@ -126,7 +127,7 @@ class Mocking:
         }
         self._names: set[str] = set()
         self._errors: dict[LoadError, None] = {}
-        # The types that need a mock and have none, with the first place of each.
+        # Types without the mock that they need, with the first place of each.
         self._missing: dict[str, LoadError] = {}
 
     def substitute(self, node: NodeDefinition, path: str) -> NodeDefinition:
@@ -147,7 +148,7 @@ class Mocking:
         return node
 
     def wrong(self) -> list[LoadError]:
-        """Return what is wrong: rules that do not fit their node; rules that mean no node; nodes that need a mock."""
+        """Return the problems: rules that do not fit their node, rules without a node, nodes without a required mock."""
         return list(self._errors) or list(self._meaningless_rules()) or list(self._missing.values())
 
     def _meaningless_rules(self) -> Iterator[LoadError]:
@@ -165,7 +166,7 @@ class Mocking:
         elif _is_of_engine(node):
             return None
         else:
-            # Its name may be that of a leaf below it.
+            # The name may belong to a leaf below it.
             names = (type,)
         self._names.update(names)
         for name in names:
@@ -230,8 +231,10 @@ def _is_of_engine(node: NodeDefinition) -> bool:
 
 
 def _needs_mock(node: NodeDefinition) -> bool:
-    """Return whether the node cannot do here what it does on a robot, as far as it is known: leaves of packages cannot,
-    and what is made to use ROS."""
+    """Return whether the node cannot work here as on a robot, as far as this is known.
+
+    That applies to leaves of packages, and to nodes that use ROS.
+    """
     if is_stand_in(node.manifest) or node.manifest.node_class.__module__.startswith(_FOR_ROS):
         return True
     return node.manifest.kind in _LEAVES and not _is_of_engine(node)

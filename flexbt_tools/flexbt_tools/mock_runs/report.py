@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reports of a run with mocks: each change of a status, and the end of the run."""
+"""Reports of a run with mocks: each status change, and the end of the run."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ _VALUE_WIDTH: Final = 200
 
 
 def ended(mock_run: MockRun, timeout: float) -> dict[str, Any]:
-    """Run a tree to its end, or for ``timeout`` seconds of its clock: the result, the reason, what led to it from the
-    node at fault up to the root, and the blackboards by the paths of their sub-trees."""
+    """Run a tree to its end, or for ``timeout`` seconds of its clock, and return the report.
+
+    It contains the result, the reason, the chain from the node at fault up to the root, and the blackboards by the
+    paths of their sub-trees.
+    """
     result, reason, reasons = _outcome(mock_run, timeout)
     boards = {sub_tree.path: sub_tree.blackboard.snapshot() for sub_tree in mock_run.tree.subtrees}
     return {
@@ -34,7 +37,7 @@ def ended(mock_run: MockRun, timeout: float) -> dict[str, Any]:
 
 
 def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, FailureTrace | None]:
-    """Return how the run has ended; why; and the nodes that had a part in that."""
+    """Return the result of the run, its reason, and the nodes involved."""
     tree = mock_run.tree
     try:
         status = mock_run.run(timeout)
@@ -50,7 +53,7 @@ def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, FailureTrace 
 
 
 def transition(time: float, path: str, type: str, before: NodeStatus, after: NodeStatus, *, as_json: bool) -> str:
-    """Return a change of a status of the node ``path`` as a line, for people or for programs."""
+    """Return a status change of the node ``path`` as a line, for people or for programs."""
     if not as_json:
         return one_line(f'{time:10.3f}  {before.name:7} -> {after.name:7}  {path}')
     event = {'event': 'transition', 'time': round(time, 6), 'path': path, 'type': type}
@@ -77,7 +80,7 @@ def result_lines(report: dict[str, Any]) -> Iterator[str]:
 
 
 def _plain(value: Any) -> Any:
-    """Return the value as JSON has it, and as a text where JSON has nothing like it."""
+    """Return the value as JSON, or as a text if JSON cannot express it."""
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, dict):

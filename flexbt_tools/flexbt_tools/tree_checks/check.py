@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Check tree files: errors, and what is suspicious although the engine accepts it."""
+"""Check tree files for errors, and for suspicious parts that the engine accepts."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ from .slips import copies, crossed_keys, mixed_up
 _NO_SKILLS: Final = SkillLibrary()
 
 HOST_KEYS: Final = ('goal', 'goals', 'number_recoveries', 'waypoint_statuses')
-"""Keys that the BT server writes before it runs a tree, as Nav2 does."""
+"""Keys that the BT server writes before it runs a tree, like Nav2."""
 
 
 def findings(
     library: TreeLibrary, inputs: Collection[str], *, shared: bool, skills: SkillLibrary = _NO_SKILLS
 ) -> Iterator[Diagnostic]:
-    """Everything that is found in the trees of a library.
+    """Yield all findings for the trees of a library.
 
-    ``inputs`` are keys that are written from outside. ``shared``: all trees run on one blackboard.
-    ``skills`` are those that files declare.
+    Something outside the trees writes the keys ``inputs``. ``shared``: all trees run on one blackboard. ``skills`` are
+    those that files declare.
     """
     for document in library.documents.values():
         yield from (Diagnostic(ODDITY, warning) for warning in document.warnings)
@@ -87,9 +87,9 @@ def findings(
 
 
 class _Board(NamedTuple):
-    """The entries of trees that run on one blackboard: their ``names`` there, and the keys ``given`` from outside.
+    """The entries of trees on one blackboard: their ``names`` there, and the keys ``given`` from outside.
 
-    ``is_main`` is true if a file names one of the trees as its main one: no other file passes values to it.
+    ``is_main`` is true if a file names one of the trees as its main tree: then no other file passes values to it.
     """
 
     usages: Sequence[EntryUsage]
@@ -109,7 +109,7 @@ def _incomplete(library: TreeLibrary) -> Iterator[Diagnostic]:
 
 
 def _of_entries(board: _Board, lost: Mapping[Entry, Sequence[LostWrite]]) -> Iterator[Diagnostic]:
-    """Yield what is wrong with the entries of a blackboard."""
+    """Yield the findings for the entries of a blackboard."""
     written = {place.use.key for usage in board.usages for place in usage.writers}
     for usage in board.usages:
         name = board.names.get(usage.entry)
@@ -127,7 +127,7 @@ def _of_entries(board: _Board, lost: Mapping[Entry, Sequence[LostWrite]]) -> Ite
 
 
 def lost_write(one: LostWrite) -> Diagnostic:
-    """Return the finding for a value that does not get to who should read it."""
+    """Return the finding for a value that does not reach its intended reader."""
     key, other = one.writer.use.key, one.reader.use.key
     message = f'key [{key}] is written, and nothing reads it: {one.reader.node.label} after it reads '
     if key == other:
@@ -154,7 +154,7 @@ def _never_written(rule: CheckRule, place: NodePlace, written: Collection[str], 
 
 
 def _clashes(usage: EntryUsage) -> Iterator[Diagnostic]:
-    """Readers of types to which what is written cannot be converted. Clashes of two declared types are errors."""
+    """Yield readers whose type the written value cannot convert to. Clashes of two declared types are errors."""
     for reader in usage.readers:
         kind = reader.use.port.type if reader.use.port is not None else None
         if not is_fixed(kind) or kind.category == 'text':
@@ -189,7 +189,7 @@ def _unused_trees(library: TreeLibrary) -> Iterator[Diagnostic]:
 
 
 def _unused_ports(library: TreeLibrary) -> Iterator[Diagnostic]:
-    """Attributes of sub-trees that name no key of the tree that is meant."""
+    """Yield attributes of sub-trees that match no key of the tree."""
     known: dict[TreeKey, set[str]] = {}
     for key in sub_trees_first(library):
         tree = library.definition(key)
@@ -205,14 +205,17 @@ def _unused_ports(library: TreeLibrary) -> Iterator[Diagnostic]:
                 hint = f'; did you mean [{similar[0]}]?' if similar else ''
                 message = f'tree [{target.id}] does not use the key [{name}]{hint}'
                 yield Diagnostic(UNUSED_PORT, tree.error(node, message, name))
-        # Of the topmost scope, and private: nothing that a sub-tree can be given.
+        # Keys of the topmost scope and private keys cannot be passed to a sub-tree.
         known[key] = {name for name in keys if not name.startswith(('@', '_'))}
 
 
-# Everything that is wrong, or suspicious, in tree files.
+# All checks of tree files.
 
 ENTRY_POINTS: Final = 'flexbt.tree_checks'
-"""Group of the entry points by which a package adds checks: functions of library and registry that yield findings."""
+"""Entry point group through which a package adds checks.
+
+A check is a function of library and registry that yields findings.
+"""
 
 
 def check_trees(
@@ -223,8 +226,10 @@ def check_trees(
     shared: bool = False,
     skills: SkillLibrary = _NO_SKILLS,
 ) -> list[Diagnostic]:
-    """Return what is found in the files, in the order of files and places. Warnings are searched only
-    if there are no errors. ``skills`` are those that files declare, in place of those of the classes."""
+    """Return the findings for the files, in the order of files and places.
+
+    Look for warnings only if there are no errors. ``skills`` that files declare replace those of the classes.
+    """
     try:
         library = read_library(files, registry)
     except RefusedError as error:
@@ -246,7 +251,7 @@ def _added(library: TreeLibrary, registry: NodeRegistry) -> Iterable[Diagnostic]
 
 
 def joined(diagnostics: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Return the findings for people: one for all unregistered node types of a file, at the first of their nodes."""
+    """Return the findings for people: one for all unregistered node types of a file, at their first node."""
     found: dict[tuple[str, int], list[Diagnostic]] = {}
     for number, one in enumerate(diagnostics):
         found.setdefault((one.place.file, -1 if one.place.unknown else number), []).append(one)

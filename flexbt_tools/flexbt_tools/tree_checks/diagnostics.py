@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Findings of ``check``: errors, for which the engine refuses a file, and warnings."""
+"""Findings of ``check``: warnings, and errors, for which the engine rejects a file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ERROR, WARNING, INFO = CheckSeverity
 
 @dataclass(frozen=True, slots=True)
 class CheckRule:
-    """A sort of findings. ``name`` is what ``--ignore`` takes."""
+    """A kind of finding. ``name`` is the value for ``--ignore``."""
 
     name: str
     severity: CheckSeverity
@@ -74,7 +74,7 @@ class Diagnostic:
     place: LoadError
 
     def __str__(self) -> str:
-        """``file:line:column: severity: node: message [rule]``, as compilers write it."""
+        """Return ``file:line:column: severity: node: message [rule]``, the format of compilers."""
         place = self.place
         node = f'{place.node}: ' if place.node else ''
         rule = '' if self.rule is REFUSED else f' [{self.rule.name}]'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks for children that can never be ticked, given the results of nodes before them, or never end in time."""
+"""Checks for children that can never be ticked because of the results of other nodes, or never end in time."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ _ANYTHING: Final = OneOf((SUCCESS, FAILURE, RUNNING, SKIPPED))
 _ANYTHING_AT_ONCE: Final = OneOf((SUCCESS, FAILURE, SKIPPED))
 
 _CONDITIONS: Final = {'_failureIf': FAILURE, '_successIf': SUCCESS, '_skipIf': SKIPPED, '_while': SKIPPED}
-"""Possible results of pre-conditions in place of their nodes."""
+"""Results that pre-conditions may return in place of their nodes."""
 
 
 class NeverTicked(NamedTuple):
-    """Children of a node, from ``first`` to before ``end``, that cannot be reached: child ``cause`` gives ``only``.
+    """Unreachable children of a node, from ``first`` up to but not including ``end``.
 
-    Without a ``cause``, because of the ports of the node.
+    The cause is that child ``cause`` returns ``only``. Without a ``cause``, the ports of the node make them
+    unreachable.
     """
 
     tree: TreeDefinition
@@ -40,7 +41,7 @@ class NeverTicked(NamedTuple):
 
 
 def unreachable_children(library: TreeLibrary) -> Iterator[Diagnostic]:
-    """Yield a finding for each row of children that cannot be reached."""
+    """Yield a finding for each row of unreachable children."""
     for row in never_ticked(library):
         more = row.end - row.first - 1
         others = '' if more == 0 else ', nor is the one after it' if more == 1 else f', nor are the {more} after it'
@@ -57,7 +58,7 @@ def _reason(row: NeverTicked) -> str:
 
 
 def never_ticked(library: TreeLibrary) -> Iterator[NeverTicked]:
-    """Yield the children that cannot be reached, of all trees."""
+    """Yield the unreachable children of all trees."""
     known: dict[TreeKey, Results] = {}
     for key in sub_trees_first(library):
         tree = library.definition(key)
@@ -83,7 +84,7 @@ def never_ticked(library: TreeLibrary) -> Iterator[NeverTicked]:
 
 
 def _rule(node: NodeDefinition) -> Outcomes:
-    """Return what the class of the node declares, unless it is an error to tick it with the children that it has."""
+    """Return the rule of the node's class; if it has none, or the node is incomplete, one that allows anything."""
     declared = node.manifest.outcomes
     if declared is not None and not incompleteness(node):
         return declared
@@ -92,7 +93,7 @@ def _rule(node: NodeDefinition) -> Outcomes:
 
 
 def incompleteness(node: NodeDefinition) -> str:
-    """Return why the node cannot be ticked with its children; '' when it can."""
+    """Return why the node cannot be ticked with its children; '' if it can."""
     node_class = node.manifest.node_class
     return node_class.incompleteness(len(node.children)) if issubclass(node_class, ControlNode) else ''
 
@@ -101,16 +102,16 @@ def incompleteness(node: NodeDefinition) -> str:
 
 
 def least_times(library: TreeLibrary, skills: SkillLibrary) -> dict[TreeKey, float]:
-    """Return the least time that each tree takes until it succeeds, s; infinity for one that never does."""
+    """Return the minimum time until each tree succeeds, s; infinity if it never does."""
     return {
         key: earliest[id(tree.root)].results.get(SUCCESS, math.inf) for key, tree, earliest in _times(library, skills)
     }
 
 
 def short_limits(library: TreeLibrary, skills: SkillLibrary) -> Iterator[Diagnostic]:
-    """Return a finding for each time limit that is over before what it is of can succeed, or a part of that begins."""
+    """Yield a finding for each time limit that expires before its child can succeed, or before a part of it begins."""
     for _, tree, earliest in _times(library, skills):
-        last: dict[int, float] = {}  # when the last of all in a node begins
+        last: dict[int, float] = {}  # latest time at which a node inside begins
         for node in reversed(list(tree.nodes())):
             begins = zip(node.children, earliest[id(node)].begins, strict=True)
             last[id(node)] = max((at + last[id(one)] for one, at in begins if at < math.inf), default=0.0)
@@ -137,9 +138,9 @@ def short_limits(library: TreeLibrary, skills: SkillLibrary) -> Iterator[Diagnos
 def _times(
     library: TreeLibrary, skills: SkillLibrary
 ) -> Iterator[tuple[TreeKey, TreeDefinition, Mapping[int, Earliest]]]:
-    """Yield all trees, and when what can happen in them at the earliest, by the ``id`` of each node.
+    """Yield all trees, with the earliest times of each node by its ``id``.
 
-    Of a leaf without a rule a proof tries the same: it succeeds, after the time that its skill says, or fails.
+    A leaf without a rule is treated as in a proof: it succeeds after the time in its skill, or fails at once.
     """
     known: dict[TreeKey, Mapping[NodeStatus, float]] = {}
     for key in sub_trees_first(library):
@@ -161,8 +162,10 @@ def _times(
 
 
 def _waits(node: NodeDefinition, earliest: Mapping[int, Earliest]) -> Iterator[tuple[str, float]]:
-    """Yield what takes time by itself, and how long: leaves and sub-trees until they succeed, others before they
-    begin."""
+    """Yield the nodes that take time themselves, with their times.
+
+    Leaves and sub-trees take time until they succeed; other nodes until their first child begins.
+    """
     own = earliest[id(node)]
     if node.children:
         yield node.label, own.begins[0]
@@ -175,7 +178,7 @@ def _waits(node: NodeDefinition, earliest: Mapping[int, Earliest]) -> Iterator[t
 def _begins(
     node: NodeDefinition, begin: float, earliest: Mapping[int, Earliest]
 ) -> Iterator[tuple[NodeDefinition, float]]:
-    """Yield the nodes in a node that begins then, and when they begin at the earliest; in the order of the file."""
+    """Yield the descendants of a node that begins at ``begin``, with their earliest times, in the order of the file."""
     ahead = [(node, begin)]
     while ahead:
         parent, begin = ahead.pop()

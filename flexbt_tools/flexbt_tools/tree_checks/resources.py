@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks for actuators that trees need, and for nodes that need the same one at the same time."""
+"""Checks of the actuators that trees need, and of nodes that need the same actuator at the same time."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from flexbt_tools.trees.files import sub_trees_first
 from .diagnostics import SHARED_RESOURCE, Diagnostic
 
 Resources = Mapping[str, str]
-"""The actuators that something needs, and the leaf that needs it, as it is named to users; one of several."""
+"""The required actuators, each with the user-visible name of one leaf that needs it."""
 
 _NO_SKILLS: Final = SkillLibrary()
 
 
 def tree_resources(library: TreeLibrary, skills: SkillLibrary = _NO_SKILLS) -> dict[TreeKey, Resources]:
-    """Return what each tree needs. ``skills`` are those that files declare, in the place of those of the classes."""
+    """Return the actuators that each tree needs. ``skills`` that files declare replace those of the classes."""
     return {key: resources for key, resources, _ in _trees(library, skills)}
 
 
 def shared_resources(library: TreeLibrary, skills: SkillLibrary = _NO_SKILLS) -> Iterator[Diagnostic]:
-    """Yield a finding for each two children that may run at once and need the same."""
+    """Yield a finding for each pair of children that may run at once and need the same actuator."""
     for _, _, found in _trees(library, skills):
         yield from found
 
@@ -68,7 +68,7 @@ def _united(children: list[Resources], node: NodeDefinition, skill: Skill | None
 
 
 def skill_of(node: NodeDefinition, skills: SkillLibrary) -> Skill | None:
-    """Return the skill of a leaf: of a file, or of its class; None if it is not a leaf."""
+    """Return the skill of a leaf, from a file or from its class; None if the node is not a leaf."""
     return skills.skills.get(node.manifest.id) or node_skill(node.manifest)
 
 

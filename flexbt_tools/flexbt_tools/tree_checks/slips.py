@@ -2,7 +2,7 @@
 """Likely slips: keys and texts that are mixed up, and leftovers of copies.
 
 An error code of a planner is a number, and so is one of a controller. The name of a planner is a text, and so is that
-of a controller. What sort of thing a port holds follows from its name, and from the leaf.
+of a controller. Only the name of the port, and the leaf, show what a port holds.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _WRITERS_OF_CODES: Final[Mapping[str, tuple[str, ...]]] = {
     'WouldASmootherRecoveryHelp': ('SmoothPath',),
     'WouldARouteRecoveryHelp': ('ComputeRoute', 'ComputeAndTrackRoute'),
 }
-"""Node types that write the error code of each of Nav2's conditions."""
+"""Node types that write the error code that each of Nav2's conditions reads."""
 _SELECTED: Final = re.compile(r'selected_(\w+)')
 _CHOSEN: Final = re.compile(r'(\w+)_id')
 _ADDRESS: Final = re.compile(r'topic|service|server')
@@ -49,7 +49,7 @@ _CONTRARIES: Final = (
 
 
 def crossed_keys(usages: Iterable[EntryUsage]) -> Iterator[Diagnostic]:
-    """Yield a finding for each reader of a key whose writer means something else by it."""
+    """Yield a finding for each reader of a key whose writer uses it for something else."""
     for usage in usages:
         for reader in usage.readers:
             wanted = _read_meaning(reader)
@@ -88,8 +88,13 @@ def _shown(meanings: frozenset[str]) -> str:
 
 
 def mixed_up(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]:
-    """Yield a finding for each key that is called after another leaf, text that is another type's or contrary to the
-    name of its node, child that stands at another case of a Switch, and RecoveryNode whose children are swapped."""
+    """Yield a finding for each of these slips:
+
+    - a key that is named after another leaf;
+    - a text that belongs to another type, or contradicts the name of its node;
+    - a child at the wrong case of a Switch;
+    - a RecoveryNode whose children are swapped.
+    """
     used = (node.manifest for key in library.tree_keys() for node in library.definition(key).nodes())
     manifests = list({one.id: one for one in (*registry, *used)}.values())
     coded = [one.id for one in manifests if any(name.startswith('error_code') for name in one.ports)]
@@ -116,7 +121,7 @@ def mixed_up(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnosti
 
 
 def _wrong_cases(node: NodeDefinition) -> Iterator[tuple[NodeDefinition, str]]:
-    """Children of a Switch that are called after the case of another child, and why they are wrong."""
+    """Yield children of a Switch that are named after the case of another child, and the message."""
     if not _SWITCH.fullmatch(node.manifest.id):
         return
     cases = [node.values.get(f'case_{number}') for number in range(1, len(node.children) + 1)]
@@ -128,7 +133,7 @@ def _wrong_cases(node: NodeDefinition) -> Iterator[tuple[NodeDefinition, str]]:
 
 
 def _key_of_another(node: NodeDefinition, name: str, key: str, coded: Sequence[str]) -> str:
-    """Return how a key for an error is called after another type; '' when it is not."""
+    """Return the message if the key for an error is named after another type; '' if it is not."""
     match = _CODE.fullmatch(key)
     word = match[1].replace('_', '').casefold() if match else ''
     port = node.manifest.ports.get(name)
@@ -140,7 +145,7 @@ def _key_of_another(node: NodeDefinition, name: str, key: str, coded: Sequence[s
 
 
 def _text_of_another(node: NodeDefinition, name: str, text: str, owners: Sequence[str]) -> str:
-    """Return how a text is that of another type, or contrary to the name of its node; '' when it is not."""
+    """Return the message if a text belongs to another type or contradicts the name of its node; '' otherwise."""
     port = node.manifest.ports.get(name)
     own = port.default if port is not None else NO_DEFAULT
     if len(owners) == 1 and node.manifest.id not in owners and own not in (NO_DEFAULT, text):
@@ -151,11 +156,11 @@ def _text_of_another(node: NodeDefinition, name: str, text: str, owners: Sequenc
 
 
 def _contrary(name: str, text: str) -> tuple[str, str] | None:
-    """Return a word of a name and its contrary, which a text has without the word itself."""
+    """Return a word in a name and its opposite, if the text contains only the opposite."""
     name, text = name.casefold(), text.casefold()
     for pair in _CONTRARIES:
         for word, other in (pair, pair[::-1]):
-            # Each may be a part of the other: load, unload.
+            # One word may contain the other: load, unload.
             told, said = name.replace(other, '') if word in other else name, text
             if word in told and other not in name and other in said and word not in said.replace(other, ''):
                 return word, other
@@ -173,15 +178,15 @@ def _inside(node: NodeDefinition) -> Iterator[NodeDefinition]:
         yield from _inside(child)
 
 
-# What is likely left over from a copy: a node that is called what another one is, or that is there twice in a row.
+# Likely leftovers of copies: a node with the name of another type or tree, or a node that occurs twice in a row.
 
 _LEAVES: Final = (NodeKind.ACTION, NodeKind.CONDITION)
 _IN_ORDER: Final = frozenset(('Sequence', 'ReactiveSequence', 'SequenceWithMemory', 'SequenceStar', 'PipelineSequence'))
-"""Controls that go on to the next child after a success: in a Fallback, the same again is another attempt."""
+"""Controls that continue with the next child after a success. In a Fallback, a repeated node is another attempt."""
 
 
 def copies(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]:
-    """Yield a finding for each of them."""
+    """Yield a finding for each likely leftover."""
     trees = {_letters(key.id): key.id for key in library.tree_keys()}
     used = (node.manifest for key in library.tree_keys() for node in library.definition(key).nodes())
     leaves = {_letters(one.id): one for one in (*registry, *used) if one.kind in _LEAVES}
@@ -199,7 +204,7 @@ def copies(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]
 
 
 def _meant(node: NodeDefinition, trees: Mapping[str, str], leaves: Mapping[str, NodeManifest]) -> str:
-    """Return what a node is, and what its name says; '' if that is not another type or tree, or one of other ports."""
+    """Return the message if the name means another tree, or another type that has these ports; '' otherwise."""
     name = _letters(node.name)
     if _letters(node.tree_id or node.manifest.id).endswith(name):
         return ''
@@ -212,13 +217,15 @@ def _meant(node: NodeDefinition, trees: Mapping[str, str], leaves: Mapping[str, 
 
 
 def _letters(name: str) -> str:
-    """Return a name without what is written in one way or another."""
+    """Return a name without the characters that differ between spellings."""
     return re.sub(r'[\W_]', '', name).casefold()
 
 
 def _look(node: NodeDefinition, looks: dict[int, int], numbers: dict[object, int]) -> int:
-    """Return a number for everything that a file says of a node, and of those in it; kept in ``looks`` by the ``id`` of
-    each, and in ``numbers`` by what is said."""
+    """Return a number that is equal for nodes with equal text and equal children.
+
+    ``looks`` caches it by the ``id`` of each node, ``numbers`` by the text.
+    """
     ports = sorted((port, value.key, value.text) for port, value in node.values.items())
     conditions = sorted((name, script.text) for name, script in node.conditions.items())
     children = tuple(_look(one, looks, numbers) for one in node.children)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tree files of this computer: their includes, their errors, and the order of their trees."""
+"""Tree files on this computer: their includes, their errors, and the order of their trees."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STDIN: Final = '-'
 """File name that means the standard input."""
 
 BY_PACKAGE: Final = 'package://'
-"""Before a file in the share directory of a package: ``package://PACKAGE/PATH``."""
+"""Prefix of a file in the share directory of a package: ``package://PACKAGE/PATH``."""
 
 _TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
 
@@ -40,11 +40,11 @@ _TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)
 def read_library(
     files: Sequence[str], registry: NodeRegistry, texts: Mapping[str, bytes] = MappingProxyType({})
 ) -> TreeLibrary:
-    """Return the files as one library, by their paths or as ``package://PACKAGE/PATH``; ``texts`` has the contents of
-    those that are not files. With an OpenRegistry node types
-    may be unknown.
+    """Return one library of the files, given by path or as ``package://PACKAGE/PATH``.
 
-    Raises RefusedError with all errors of all files; then also with references that lead nowhere.
+    ``texts`` contains the contents of documents that are not files. With an OpenRegistry, node types may be unknown.
+
+    Raises RefusedError with all errors of all files, including references to missing trees.
     """
     documents: list[TreeDocument] = []
     errors: list[LoadError] = []
@@ -72,7 +72,7 @@ def read_library(
 
 
 def read_models(files: Sequence[str], registry: NodeRegistry) -> None:
-    """Make the node types known that the files describe in a <TreeNodesModel>. Raises RefusedError."""
+    """Register the node types that the files describe in a <TreeNodesModel>. Raises RefusedError."""
     errors: list[LoadError] = []
     for file in files:
         try:
@@ -86,8 +86,7 @@ def read_models(files: Sequence[str], registry: NodeRegistry) -> None:
 
 
 def _place_holders(file: str, content: bytes, registry: NodeRegistry) -> list[TreeDocument]:
-    """Return what stands for a file that is refused: trees of the same names, so that others find what they refer
-    to."""
+    """Return stand-ins for a rejected file: trees with the same names, so that other files find their references."""
     found = dict.fromkeys(_TREE_ID.findall(content.decode('utf-8', 'replace')))
     ids = [id for id in found if not tree_name_problem(id) and id not in registry]
     trees = ''.join(f'<BehaviorTree ID="{id}"><AlwaysSuccess/></BehaviorTree>' for id in ids)
@@ -95,12 +94,12 @@ def _place_holders(file: str, content: bytes, registry: NodeRegistry) -> list[Tr
 
 
 def shown_name(file: str) -> str:
-    """Return the name of a file in messages: the same whether it was named by the user or by another file."""
+    """Return the name of a file in messages. It is the same for a file from the user and for an included file."""
     return '<stdin>' if file == STDIN else os.path.normpath(file)
 
 
 def _content(file: str) -> bytes:
-    # One byte more than may be read: the reader refuses it as too long, with its place.
+    # Read one byte more than allowed, so that the reader rejects the file as too long and reports the position.
     if file == STDIN:
         return sys.stdin.buffer.read(MAX_BYTES + 1)
     with open(file, 'rb', opener=open_regular) as content:
@@ -108,7 +107,7 @@ def _content(file: str) -> bytes:
 
 
 def _include(path: str, package: str | None, including: str) -> tuple[str, bytes]:
-    """As BehaviorTree.CPP: relative to the file that includes, or to the share directory of a package."""
+    """Resolve an include as BehaviorTree.CPP does: relative to the including file, or to a package's share directory."""
     if package is not None and not path.startswith('/'):
         file = str(find_resource(f'{package}/{path}'))
     else:
@@ -117,7 +116,7 @@ def _include(path: str, package: str | None, including: str) -> tuple[str, bytes
 
 
 def find_resource(name: str) -> Path:
-    """``package/relative/path`` in the share directory of a package. Raises OSError."""
+    """Find ``package/relative/path`` in the share directory of a package. Raises OSError."""
     try:
         from flexbt_common.files import resolve_file
     except ImportError as error:
@@ -128,11 +127,11 @@ def find_resource(name: str) -> Path:
         raise OSError(str(error)) from error
 
 
-# How the trees of a library refer to each other.
+# References between the trees of a library.
 
 
 def references(library: TreeLibrary, key: TreeKey) -> Iterator[tuple[NodeDefinition, TreeKey]]:
-    """Yield the sub-trees of a tree, and the trees that they mean."""
+    """Yield the sub-tree nodes of a tree, and the trees that they refer to."""
     for node in library.definition(key).nodes():
         if node.tree_id is not None:
             target = library.find(node.tree_id, key.file)
@@ -141,7 +140,7 @@ def references(library: TreeLibrary, key: TreeKey) -> Iterator[tuple[NodeDefinit
 
 
 def sub_trees_first(library: TreeLibrary) -> list[TreeKey]:
-    """Return all trees, each after those that it refers to."""
+    """Return all trees, each after the trees that it refers to."""
     order: dict[TreeKey, None] = {}
     for start in library.tree_keys():
         path = [(start, references(library, start))] if start not in order else []
@@ -157,7 +156,7 @@ def sub_trees_first(library: TreeLibrary) -> list[TreeKey]:
 
 
 def used_trees(library: TreeLibrary) -> set[TreeKey]:
-    """Return the trees that are sub-trees of others. One that several documents have, by includes, is one tree."""
+    """Return the trees that others use as sub-trees. A tree that several documents include counts once."""
     targets = {target for key in library.tree_keys() for _, target in references(library, key)}
     places = {_place(library, target) for target in targets}
     return {key for key in library.tree_keys() if _place(library, key) in places}
@@ -169,8 +168,7 @@ def _place(library: TreeLibrary, key: TreeKey) -> tuple[str, int]:
 
 
 def roots(library: TreeLibrary) -> list[TreeKey]:
-    """Return the trees that are run by themselves, if any: those that are not sub-trees, and the main ones of all
-    files."""
+    """Return the trees that run on their own, if any: trees that are not sub-trees, and the main trees of all files."""
     used = used_trees(library)
     mains = {TreeKey(document.file, document.main) for document in library.documents.values() if document.main}
     return [key for key in library.tree_keys() if key not in used or key in mains]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reads and writes of blackboard entries by nodes: by their ports, by name, and in their scripts."""
+"""Blackboard keys that nodes read and write: through their ports, by name, and in their scripts."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from flexbt_core.behavior_tree.script.parser import (
 
 
 class KeyUse(NamedTuple):
-    """A node uses ``key``, as its ``attribute`` says. A key that it only ``may_read`` need not be there.
+    """The use of ``key`` by a node, in ``attribute``. If it only ``may_read`` the key, the entry may be missing.
 
     ``port`` is the declared port; None for a script.
     """
@@ -53,9 +53,9 @@ class KeyUse(NamedTuple):
 
 
 def uses(node: NodeDefinition, enums: Collection[str]) -> Iterator[KeyUse]:
-    """Yield the uses of a node in its own scope. ``enums`` are the names that are constants in scripts.
+    """Yield the keys that a node uses in its own scope. ``enums`` are the names of constants in scripts.
 
-    An argument of a sub-tree leads to entries that others use; it is not a use itself.
+    An argument of a sub-tree leads to entries that other nodes use; it is not a use itself.
     """
     if node.tree_id is None:
         yield from _uses_of_ports(node, enums)
@@ -67,7 +67,7 @@ def _uses_of_ports(node: NodeDefinition, enums: Collection[str]) -> Iterator[Key
     for name, port in node.manifest.ports.items():
         value = node.values.get(name)
         if value is None:
-            # Nodes of Nav2 take an entry of the same name for a port that is not given.
+            # For a port that is not given, nodes of Nav2 read the entry of the same name.
             if port.readable and port.default is NO_DEFAULT:
                 yield KeyUse(name, name, may_read=True)
         elif isinstance(value.literal, CompiledScript):
@@ -108,12 +108,12 @@ def _uses_of_expression(attribute: str, expression: Expression) -> Iterator[KeyU
 
 # Readers and writers of the blackboard entries of a tree, sub-trees included.
 #
-# The tree is made as if it were to run, of nodes that do nothing. So it is the engine that says which entry a key
-# means, through remappings, defaults of models and ``@``, and which types clash.
+# The tree is built as for a run, but from nodes that do nothing. So the engine itself decides which entry a key refers
+# to, through remappings, model defaults and ``@``, and which types clash.
 
 
 class NodePlace(NamedTuple):
-    """A use of an entry. ``number`` grows in the order of the nodes of the running tree, sub-trees included."""
+    """A use of an entry. ``number`` follows the order of the nodes in the running tree, sub-trees included."""
 
     tree: TreeDefinition
     node: NodeDefinition
@@ -126,7 +126,7 @@ class NodePlace(NamedTuple):
 
 @dataclass
 class EntryUsage:
-    """An entry of the running tree. ``constants`` are the places that give it a text when the tree is made."""
+    """An entry of the running tree. ``constants`` are the places that set it to a text when the tree is built."""
 
     entry: Entry
     readers: list[NodePlace] = field(default_factory=list)
@@ -136,7 +136,7 @@ class EntryUsage:
 
     @property
     def is_read(self) -> bool:
-        """True if something reads it or may read it: a node uses an entry of this name for a port that is not given."""
+        """True if something reads it, or may read it because a node uses this name for a port that is not given."""
         return bool(self.readers) or self.may_be_read
 
     def add(self, place: NodePlace) -> None:
@@ -148,7 +148,7 @@ class EntryUsage:
 
     @property
     def given(self) -> bool:
-        """True if it has a value from the start, by an attribute of a sub-tree or a default of a model."""
+        """True if it has a value from the start, from an attribute of a sub-tree or a model default."""
         return self.entry.value is not EMPTY
 
 
@@ -174,7 +174,7 @@ class KeyUsage:
                     self._uses[id(node)] = tree, tuple(uses(node, document.scripts.enums))
 
     def add(self, key: TreeKey, board: Blackboard, usages: dict[Entry, EntryUsage]) -> None:
-        """Add the uses of a tree that runs on ``board``. Raises TreeLoadError when the tree cannot be made."""
+        """Add the uses of a tree that runs on ``board``. Raises TreeLoadError if the tree cannot be built."""
         definitions: list[NodeDefinition] = []
 
         def inert(node: NodeDefinition, path: str) -> NodeDefinition:
@@ -192,7 +192,7 @@ class KeyUsage:
             owner, node_uses = self._uses[id(definition)]
             number = next(self._numbers)
             for use in node_uses:
-                # What cannot be declared was reported, or is an error when a script runs.
+                # An entry that cannot be declared was reported, or is an error when a script runs.
                 with contextlib.suppress(BlackboardError):
                     usage(node.blackboard, use.key).add(NodePlace(owner, definition, use, number))
             if definition.tree_id is not None:
@@ -201,7 +201,7 @@ class KeyUsage:
 
 
 class LostWrite(NamedTuple):
-    """A value that ``writer`` writes to an ``entry`` that nothing reads, while ``reader`` reads another one."""
+    """A write by ``writer`` to an ``entry`` that nothing reads, while ``reader`` reads another entry."""
 
     entry: Entry
     writer: NodePlace
@@ -209,11 +209,15 @@ class LostWrite(NamedTuple):
 
 
 def lost_writes(usages: Collection[EntryUsage]) -> Iterator[LostWrite]:
-    """Return the writes to entries that nothing reads, where it is plain who should read them.
+    """Yield the writes to entries that nothing reads, if the intended reader is clear.
 
-    That is the next node that reads a value of the same kind, if nothing writes what it reads in between, and if it is
-    what the writer made the new value of, or has the same key in another scope. A path to somewhere else that is only
-    planned to see whether there is one is no such write, nor what is read in another place of the same sub-tree.
+    The intended reader is the next node that reads a value of the same kind, under two conditions:
+
+    - nothing writes its entry in between;
+    - the writer computes the new value from that entry, or it has the same key in another scope.
+
+    A write does not count if another use of the same port of the file is read. Nor does a path elsewhere that is
+    planned only to test whether one exists.
     """
     needed = {_output(place) for usage in usages if usage.is_read for place in usage.writers}
     readers: dict[tuple[str, str], list[tuple[int, NodePlace, EntryUsage]]] = {}
@@ -239,19 +243,21 @@ def lost_writes(usages: Collection[EntryUsage]) -> Iterator[LostWrite]:
 
 
 def _last_before(number: int, places: Sequence[NodePlace]) -> int:
-    """Return the number of the last of the places before a number; -1 for none. They are in the order of theirs."""
+    """Return the number of the last place before ``number``; -1 for none. The places are sorted by number."""
     index = bisect_left(places, number, key=attrgetter('number'))
     return places[index - 1].number if index else -1
 
 
 def _output(place: NodePlace) -> tuple[int, str]:
-    """Return what identifies a port of a file, wherever the tree that it is in is used."""
+    """Return the identity of a port in a file, the same for all uses of its tree."""
     return id(place.node), place.use.attribute
 
 
 def _kind(place: NodePlace) -> tuple[str, str] | None:
-    """Return what a port of objects holds: its type, and the last word of its name. None for numbers and texts, of
-    which many are alike and mean something else."""
+    """Return the kind of value in a port of objects: its type, and the last word of the port name.
+
+    Return None for numbers and texts: many have equal types and different meanings.
+    """
     port = place.use.port
     if port is None or port.type is None or port.type.category != 'object':
         return None

@@ -22,13 +22,16 @@ _ARROWS: Final = {None: '=', PortDirection.INPUT: '=', PortDirection.OUTPUT: '�
 _ASCII_ARROWS: Final = {**_ARROWS, PortDirection.OUTPUT: '->', PortDirection.INOUT: '<->'}
 
 PORTS: Final = ('given', 'all', 'none')
-"""Choices of the ports and conditions that are shown: those in the file, also the defaults of ports, or none."""
+"""Choices for the ports and conditions to show: those in the file, also port defaults, or none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A node in its place. ``parent`` is the position of its parent in the list, None for the root of the tree;
-    ``last`` is true if no sibling follows it. ``tree`` has the definition of the node."""
+    """A node and its position in the outline.
+
+    ``parent`` is the index of its parent in the list, None for the root of the tree. ``last`` is true if no sibling
+    follows it. ``tree`` is the tree that defines the node.
+    """
 
     node: NodeDefinition
     tree: TreeDefinition
@@ -42,21 +45,21 @@ class Item:
 
     @property
     def type(self) -> str:
-        """The ID of the node type; of a sub-tree that of the tree."""
+        """ID of the node type, or of the tree for a sub-tree."""
         return self.node.tree_id or self.node.manifest.id
 
     @property
     def name(self) -> str:
-        """The name that the file gives to the node; '' when it gives none."""
+        """Name of the node in the file; '' if it has none."""
         return '' if self.node.name == self.type else self.node.name
 
     def direction(self, port: str) -> PortDirection | None:
-        """Return the direction of a port; None when it is not known, as for those of a sub-tree."""
+        """Return the direction of a port; None if it is unknown, as for the ports of a sub-tree."""
         declared = self.node.manifest.ports.get(port)
         return None if declared is None or declared is UNKNOWN_PORT else declared.direction
 
     def attributes(self, ports: str, *, ascii_only: bool = False) -> list[str]:
-        """Ports as ``input=text`` and ``output→{key}``, and conditions; ``ports`` is one of :data:`PORTS`."""
+        """Return ports as ``input=text`` and ``output→{key}``, and conditions; ``ports`` is one of :data:`PORTS`."""
         if ports == 'none':
             return []
         shown = []
@@ -76,8 +79,10 @@ def _quoted(text: str) -> str:
 
 
 def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[Item]:
-    """Yield the nodes of a tree, in the order in which the engine makes them; with ``expand`` also those of
-    sub-trees."""
+    """Yield the nodes of a tree, in the order in which the engine creates them.
+
+    With ``expand``, include the nodes of sub-trees.
+    """
     tree = library.definition(key)
     stack: list[tuple[NodeDefinition, TreeKey, TreeDefinition, int, int | None, bool]] = [
         (tree.root, key, tree, 0, None, True)
@@ -97,7 +102,7 @@ def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[It
 
 
 def drawn_nodes(items: Iterable[Item], ports: str) -> list[DrawnNode]:
-    """Return the nodes as a picture shows them; ``ports`` as in :meth:`Item.attributes`."""
+    """Return the nodes for a picture; ``ports`` as in :meth:`Item.attributes`."""
     return [DrawnNode(item.type, item.name, item.parent, _shape(item), item.attributes(ports)) for item in items]
 
 
@@ -110,7 +115,7 @@ def is_main(library: TreeLibrary, key: TreeKey) -> bool:
 
 
 def find_tree(library: TreeLibrary, id: str) -> TreeKey:
-    """Return the tree of this ID. Raises UsageError."""
+    """Return the tree with this ID. Raises UsageError if it does not exist."""
     key = library.find(id)
     if key is None:
         known = library.tree_ids()
@@ -136,10 +141,12 @@ _ASCII: Final = _Lines('|- ', '`- ', '|  ', '   ')
 
 
 def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool, width: int) -> Iterator[str]:
-    """Yield a line for each node, or several where it has more than ``width`` characters; ``ports`` as in
-    :meth:`.Item.attributes`."""
+    """Yield a line for each node, wrapped to at most ``width`` characters.
+
+    ``ports`` as in :meth:`.Item.attributes`.
+    """
     lines = _ASCII if ascii_only else _UNICODE
-    # What stands in front of the children of each node of the path to the current one.
+    # Margin before the children of each node on the path to the current one.
     margins: list[str] = []
     all_items = list(items)
     for item, following in zip_longest(all_items, all_items[1:]):
@@ -158,11 +165,11 @@ def tree_lines(items: Iterable[Item], ports: str, *, ascii_only: bool, width: in
 
 
 _LEAST_WIDTH: Final = 40
-"""Characters of a node in a line, however deep it is."""
+"""Minimum width of a node in a line, characters, at any depth."""
 
 
 def _wrapped(words: Iterable[str], width: int) -> Iterator[str]:
-    """Words in lines; what does not fit into one is broken."""
+    """Yield the words in lines; break a word that is longer than a line."""
     line = ''
     for word in words:
         if line and len(line) + 2 + len(word) > width:

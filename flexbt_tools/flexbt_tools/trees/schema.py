@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An XML schema (XSD 1.0) of tree files in format 4.
 
-By it an editor completes and checks nodes in compact form (``<Wait .../>``). A schema cannot say what an ``ID``
-implies, so of the explicit form (``<Action ID="Wait" .../>``) and of <SubTree> any attribute is accepted.
+Editors use it to complete and check nodes in compact form (``<Wait .../>``). A schema cannot make attributes depend on
+an ``ID``, so it accepts any attribute in the explicit form (``<Action ID="Wait" .../>``) and in <SubTree>.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ _HEAD: Final = r"""<?xml version="1.0" encoding="UTF-8"?>
 
 
 def schema_lines(manifests: Sequence[NodeManifest]) -> Iterator[str]:
-    """Yield the schema of files whose trees have nodes of these types."""
-    # A name that no element can have can only be written in explicit form.
+    """Yield the schema of files with nodes of these types."""
+    # A name that is not a valid element name can only be written in explicit form.
     manifests = [manifest for manifest in manifests if _NAME.fullmatch(manifest.id)]
     yield from _HEAD.splitlines()
     yield '  <xs:attributeGroup name="of_any_node">'

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Node types that are not installed here: as a TreeNodesModel describes them, or as a file uses them."""
+"""Node types that are not installed here, as a TreeNodesModel describes them or as a file uses them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _BASES: Final[Mapping[NodeKind, Any]] = {
 _KINDS: Final = {kind.value: kind for kind in _BASES}
 _DIRECTIONS: Final = {f'{direction.value}_port': direction for direction in PortDirection}
 _ANY_TYPE: Final = 'BT::AnyTypeAllowed'
-# What C++ compilers call the types that have other names here.
+# C++ names of types that have different names in FlexBT.
 _ALIASES: Final = {
     'short': types.INT16,
     'unsigned short': types.UINT16,
@@ -47,8 +47,10 @@ UNKNOWN_PORT: Final = Port(PortDirection.INOUT, declares=False)
 
 
 class StandIn:
-    """The mark of classes of node types that are not installed here. They cannot be ticked. ``is_guessed``: no file
-    declares their kind."""
+    """Marker of classes for node types that are not installed here. Their nodes cannot be ticked.
+
+    ``is_guessed`` is true if no file declares their kind.
+    """
 
     __slots__ = ()
 
@@ -58,7 +60,7 @@ class StandIn:
 def _stand_in(
     kind: NodeKind, ports: Mapping[str, Port], where: str = __name__, *, is_guessed: bool = False
 ) -> type[TreeNode]:
-    """Return a class whose module is given as ``where``: the file that describes it, in messages about its ports."""
+    """Return a class whose module name is ``where``, the file that describes it: messages about its ports show it."""
 
     def execute(self: TreeNode) -> NodeStatus:
         raise self.fault('this node type is not installed here')
@@ -68,12 +70,12 @@ def _stand_in(
 
 
 def is_stand_in(manifest: NodeManifest) -> bool:
-    """Return whether nodes of this type can be shown and checked, but not ticked."""
+    """Return whether nodes of this type can be shown and checked but not ticked."""
     return issubclass(manifest.node_class, StandIn)
 
 
 def is_of_unknown_kind(manifest: NodeManifest) -> bool:
-    """Return whether a leaf is of a type of which no file says whether it is an action or a condition."""
+    """Return whether no file declares if a leaf of this type is an action or a condition."""
     kind = manifest.node_class
     return issubclass(kind, StandIn) and kind.is_guessed and manifest.kind is NodeKind.ACTION
 
@@ -82,9 +84,9 @@ def is_of_unknown_kind(manifest: NodeManifest) -> bool:
 
 
 def add_models(registry: NodeRegistry, file: str, text: str) -> list[LoadError]:
-    """Register the node types that a <TreeNodesModel> of the file describes, if they are not registered yet.
+    """Register the node types that a <TreeNodesModel> of the file describes, unless they are already registered.
 
-    Return also the problems of those that cannot be. Raises TreeLoadError if the file is not XML.
+    Return the problems of those that cannot be registered. Raises TreeLoadError if the file is not XML.
     """
     source = Source(file, text)
     errors = []
@@ -116,7 +118,7 @@ def _port(element: Element, known: dict[str, PortType]) -> Port:
     attributes = element.attributes
     name = attributes.get('type', '')
     if name not in ('', _ANY_TYPE) and name not in known:
-        # A separate type: nothing is known of its values except their text.
+        # A separate type, because only the text of its values is known.
         text = type(name, (str,), {})
         known[name] = PortType(name, text, from_text=text, immutable=True)
     return Port(
@@ -131,9 +133,9 @@ def _port(element: Element, known: dict[str, PortType]) -> Port:
 # -- as a file uses them ---------------------------------------------------------------------------------------------
 
 
-@lru_cache(maxsize=8)  # the trees of a file have its text in common
+@lru_cache(maxsize=8)  # all trees of a file share its text
 def _described_kinds(text: str) -> Mapping[str, NodeKind]:
-    """Return the kinds of node types that a file itself describes in its <TreeNodesModel>."""
+    """Return the kinds of the node types that a file describes in its own <TreeNodesModel>."""
     if '<TreeNodesModel' not in text:
         return {}
     models = _models(parse(Source('', text)))
@@ -141,7 +143,7 @@ def _described_kinds(text: str) -> Mapping[str, NodeKind]:
 
 
 class _AnyPorts(Mapping[str, Port]):
-    """Every name is a port, and none has to be given."""
+    """A mapping in which every name is a port, and no port is required."""
 
     def __getitem__(self, name: str) -> Port:
         return UNKNOWN_PORT
@@ -154,7 +156,7 @@ class _AnyPorts(Mapping[str, Port]):
 
 
 class OpenRegistry(NodeRegistry):
-    """A registry that knows a type for every ID. What was read with it is to be :meth:`settled`."""
+    """A registry that knows a type for every ID. Call :meth:`settled` for each document read with it."""
 
     def __init__(self, known: NodeRegistry) -> None:
         super().__init__()
@@ -169,15 +171,14 @@ class OpenRegistry(NodeRegistry):
         return NodeManifest(id, NodeKind.CONTROL, _stand_in(NodeKind.CONTROL, {}), _AnyPorts(), (0, None), '')
 
     def settled(self, document: TreeDocument) -> TreeDocument:
-        """Return the document, in which types that are not registered have the kind and the ports by which they are
-        used."""
+        """Return the document with kinds and ports for its unregistered types, derived from how the file uses them."""
         trees = {id: tree._replace(root=self._settled_root(tree)) for id, tree in document.trees.items()}
         return document._replace(trees=trees)
 
     def _settled_root(self, tree: TreeDefinition) -> NodeDefinition:
         settled: dict[int, NodeDefinition] = {}
         described = _described_kinds(tree.source.text)
-        # Parents come first in the order of the document: from its end, children are there when they are needed.
+        # Documents list parents first, so go from the end: the children are then ready.
         for node in reversed(list(tree.nodes())):
             children = tuple(settled.pop(id(child)) for child in node.children)
             settled[id(node)] = self._settle(tree, node._replace(children=children), described)
