@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node ``lifecycle_manager``: brings managed nodes up and down, in their order, as that of nav2_lifecycle_manager.
+"""The node ``lifecycle_manager``: brings managed nodes up and down in order, as nav2_lifecycle_manager does.
 
-Its services, manage_nodes and is_active in the namespace of its name, are what BasicNavigator and Nav2's panel in RViz
-ask. Nodes are brought up in the order of the parameter ``node_names``, and down in the reverse order.
+Its services, manage_nodes and is_active in the namespace of its name, are those that BasicNavigator and Nav2's RViz
+panel call. It brings nodes up in the order of the parameter ``node_names``, and down in the reverse order.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ DEFAULT_NODES: Final = (
     names.WAYPOINT_FOLLOWER,
     'docking_server',
 )
-"""The nodes of Nav2's lifecycle_manager_navigation that exist here."""
+"""The nodes of Nav2's lifecycle_manager_navigation that FlexBT provides."""
 
 
 class _Step(NamedTuple):
-    """A transition of all nodes, from a state; those that are in one of others have no need of it."""
+    """A transition of all nodes from a state; nodes in certain other states do not need it."""
 
     transition: int
     start: int
@@ -60,7 +60,7 @@ class _Step(NamedTuple):
 
 
 class _Command(NamedTuple):
-    """A command to all nodes, and its log line; upwards or downwards in their order."""
+    """A command to all nodes, with its log line, in their order or in reverse."""
 
     steps: tuple[_Step, ...]
     told: str
@@ -107,19 +107,18 @@ def declare_manager_parameters(node: Node) -> ManagerParameters:
 
 
 class LifecycleManager:
-    """The manager on a running node. A node that is already in the target state of a command is left alone: as nodes of
-    this project begin as active, a start-up has nothing to do.
-    """
+    """The manager on a running node. It skips nodes that are already in the target state of a command. FlexBT's nodes
+    start active, so a start-up has nothing to do."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         """Must be called off the executor thread.
 
         Raises:
-            FlexbtError: a parameter cannot work.
+            FlexbtError: a parameter is not usable.
         """
         self._runtime = runtime
         self._links = ServiceLinks(runtime)
-        self._commands = threading.Semaphore(1)  # one at a time, in threads of their own, which wait for others
+        self._commands = threading.Semaphore(1)  # one command at a time, on a separate thread that waits for the nodes
         parameters = runtime.call(lambda: declare_manager_parameters(runtime.node))
         self._names, self._timeout = parameters.node_names, parameters.service_timeout
         runtime.call(self._serve)
@@ -139,7 +138,7 @@ class LifecycleManager:
         return response
 
     async def _tell_active(self, _request: Any, response: Any) -> Any:
-        """By their own word: a node that has died since it was brought up is not active."""
+        """Ask the nodes themselves: one that has died since it was brought up is not active."""
         try:
             response.message = await self._in_thread(self._inactive)
         except RuntimeError as error:
@@ -148,8 +147,8 @@ class LifecycleManager:
         return response
 
     async def _in_thread(self, work: Callable[[], T]) -> T:
-        """Return what ``work`` gives, which asks others and waits for them. Raises RuntimeError when no thread is
-        left."""
+        """Run ``work``, which calls other nodes and waits for them, on a thread, and return its result. Raises
+        RuntimeError if no thread can be started."""
         done = Future(executor=self._runtime.node.executor)
 
         def run() -> None:
@@ -163,7 +162,7 @@ class LifecycleManager:
         result: T = await done
         return result
 
-    # -- in threads of their own -------------------------------------------------------------------------------------
+    # -- on separate threads -----------------------------------------------------------------------------------------
 
     def _carry_out(self, number: int) -> bool:
         logger = self._runtime.node.get_logger()
@@ -183,7 +182,7 @@ class LifecycleManager:
         return True
 
     def _take(self, name: str, step: _Step) -> None:
-        """Have a node make a transition, if it has to. Raises SimulationError."""
+        """Request a transition of a node, if it is needed. Raises SimulationError."""
         until = time.monotonic() + self._timeout
         state = self._state(name)
         if state.id == step.start:
@@ -198,7 +197,7 @@ class LifecycleManager:
             raise SimulationError(f'{name} is {state.label}')
 
     def _inactive(self) -> str:
-        """Why it is not active; '' when every node is."""
+        """Return why the manager is not active; '' if every node is."""
         try:
             for name in self._names:
                 if (state := self._state(name)).id != ACTIVE:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Navigation of robots of a simulated world, without ROS: for notebooks, tests and figures.
 
-Planner, costmaps and controller are those of the navigation servers; what is done when they fail is what Nav2's default
-tree does (navigate_to_pose_w_replanning_and_recovery).
+Planner, costmaps and controller are those of the navigation servers. If they fail, the navigator recovers as Nav2's
+default tree does (navigate_to_pose_w_replanning_and_recovery).
 """
 
 from __future__ import annotations
@@ -38,16 +38,17 @@ RETRIES: Final = 6
 RECOVERABLE: Final = frozenset(
     {'UNKNOWN', 'NO_VALID_PATH', 'TIMEOUT', 'PATIENCE_EXCEEDED', 'FAILED_TO_MAKE_PROGRESS', 'NO_VALID_CONTROL'}
 )
-"""Errors at which Nav2's WouldAPlannerRecoveryHelp and WouldAControllerRecoveryHelp say yes."""
+"""Errors for which Nav2's WouldAPlannerRecoveryHelp and WouldAControllerRecoveryHelp succeed."""
 
 T = TypeVar('T')
 Steps = Generator[None, None, T]
-"""A generator that drives a robot: between two commands a COMMAND_PERIOD passes."""
+"""A generator that drives a robot, with one COMMAND_PERIOD between two commands."""
 
 
 @dataclass
 class Trip:
-    """The result of a goal: ``code`` of the error that ended it, or '' if it was reached; s, and m driven."""
+    """The result of a goal: the ``code`` of the error that ended it, '' if it was reached; the time, s, and the
+    distance, m."""
 
     goal: Pose
     code: str = ''
@@ -60,8 +61,8 @@ class Trip:
 
 
 class Navigator:
-    """A navigator of one robot: :meth:`navigate` drives it to a goal, or :meth:`start` and :meth:`step` together with
-    others. Everything else in the world moves on meanwhile."""
+    """A navigator of one robot. :meth:`navigate` drives it to a goal; :meth:`start` and :meth:`step` do so together
+    with other robots. Everything else in the world keeps moving meanwhile."""
 
     def __init__(
         self,
@@ -72,10 +73,11 @@ class Navigator:
         latency: int = 1,
         plan_seconds: float = 0.0,
     ) -> None:
-        """Make a navigator. ``static`` is known beforehand, by default the map of the world with its no-go zones.
+        """Create a navigator. ``static`` is the map it knows from the start, by default that of the world with its
+        no-go zones.
 
-        A command takes effect after ``latency`` periods, as it does between nodes. A plan is there after
-        ``plan_seconds`` of simulated time: between nodes, in a world that is faster than real time, it may be old.
+        A command takes effect after ``latency`` periods, as it does between nodes. A plan is ready after
+        ``plan_seconds`` of simulated time: between nodes, in a world that is faster than real time, a plan may be old.
         """
         known = static or world.known_map
         if known is None:
@@ -104,14 +106,14 @@ class Navigator:
         return trip
 
     def start(self, goal: Pose, timeout: float = 3600.0) -> Trip:
-        """Begin to drive to a goal, in place of the one before; the trip gets the result at the end."""
+        """Start driving to a goal, which replaces the previous one. The trip gets the result at the end."""
         trip = Trip(goal)
         self._steps = self._drive_to(trip, timeout)
         return trip
 
     def step(self) -> bool:
-        """Give the next command, if there is one: a COMMAND_PERIOD of simulated time has to pass until the next
-        call. False when the trip is over."""
+        """Send the next command and return True, or return False if the trip is over. Let a COMMAND_PERIOD of simulated
+        time pass before the next call."""
         if self._steps is not None and next(self._steps, self) is self:
             self._steps = None
         return self._steps is not None
@@ -131,13 +133,13 @@ class Navigator:
             if trip.code not in RECOVERABLE or trip.recoveries == RETRIES or world.time >= until:
                 break
             trip.recoveries += 1
-            while not (yield from next(recoveries)()):  # as RoundRobin: one that fails is followed by the next at once
+            while not (yield from next(recoveries)()):  # as RoundRobin: the next one follows a failure
                 pass
         yield from self._rest()
         trip.seconds, trip.contacts = world.time - began, robot.contacts - contacts
 
     def _follow(self, trip: Trip, until: float) -> Steps[None]:
-        """Plan each second and follow the newest path. A failure is tried again once, on a cleared costmap."""
+        """Plan every second and follow the newest path. After a failure, retry once with a cleared costmap."""
         follower: PathFollower | None = None
         asked, plan = -math.inf, None
         may_retry = True
@@ -176,7 +178,7 @@ class Navigator:
         return self._path
 
     def _move(self, motion: Motion, trip: Trip | None = None) -> Steps[bool]:
-        """One period of a motion; whether it is complete."""
+        """Run one period of a motion; return whether it is complete."""
         velocity = motion.step(self._robot.estimate, self._world.time)
         before = self._robot.pose
         yield from self._drive(velocity or STOP)
@@ -226,7 +228,7 @@ class Navigator:
         return True
 
     def _complete(self, motion: Motion) -> Steps[bool]:
-        """Return whether the recovery succeeds."""
+        """Run a recovery; return whether it succeeds."""
         try:
             while not (yield from self._move(motion)):
                 pass

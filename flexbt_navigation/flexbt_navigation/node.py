@@ -3,9 +3,9 @@
 
 Actions compute_path_to_pose, compute_path_through_poses, smooth_path, follow_path, spin, backup, drive_on_heading,
 assisted_teleop, wait, compute_route, compute_and_track_route, dock_robot and undock_robot; services of the costmaps, of
-the route server and of the docking server, and is_path_valid. The simulator can have each server refuse goals, fail,
-hang, or die. While a node of the parameter ``owner_nodes`` is late the robot is held; when it is gone every goal is
-ended: nobody is left to stop it.
+the route server and of the docking server, and is_path_valid. The simulator can make each server refuse goals, fail,
+hang, or die. While a node of the parameter ``owner_nodes`` is late, the robot is held. When that node is gone, every
+goal is ended, since no node is left to stop it.
 """
 
 from __future__ import annotations
@@ -53,15 +53,16 @@ CONTROLLER: Final = {
 }
 GOAL_CHECKER: Final = {'xy_goal_tolerance': 'xy_tolerance', 'yaw_goal_tolerance': 'yaw_tolerance'}
 PROGRESS_CHECKER: Final = {'required_movement_radius': 'progress_distance', 'movement_time_allowance': 'progress_time'}
-"""Parameters of plug-ins of controller_server, and what they are of FollowerLimits."""
+"""Parameters of controller_server's plug-ins, and the corresponding fields of FollowerLimits."""
 
 
 def manage_servers(runtime: NodeRuntime, controller: ControllerParameters, planner: PlannerParameters) -> None:
-    """Have a lifecycle manager decide for each of them whether it works, when all actions are served. One that is not
-    active rejects goals; those that it works on are aborted. On the executor thread.
+    """Let a lifecycle manager activate and deactivate each server, once all actions are served. An inactive server
+    rejects new goals and aborts its current ones. Executor thread only.
 
-    Parameters of a controller take effect with the next path, of a progress checker with a goal that replaces none, and
-    of a planner with the next plan. The parameters of ``runtime`` set the state of all of them at the start.
+    Parameters of a controller take effect with the next path, those of a progress checker with the next goal that
+    replaces no other, and those of a planner with the next plan. The parameters of ``runtime`` set the initial state of
+    all servers.
     """
     parts = {name: _manage(runtime, name, actions) for name, actions in names.ACTIONS_OF_SERVERS.items()}
 
@@ -108,11 +109,11 @@ def _manage(runtime: NodeRuntime, name: str, actions: tuple[str, ...]) -> Lifecy
 
 
 FAULTS_DEPTH: Final = 10
-"""Messages that wait to be taken: at many times real time a short fault is over soon."""
+"""Depth of the message queue: at many times real time, a short fault is soon over."""
 
 
 class ServerFaults:
-    """An agent that carries out the faults of a node's servers. On the executor thread."""
+    """An agent that carries out the faults of a node's servers. Executor thread only."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
@@ -142,7 +143,7 @@ class ServerFaults:
 
 
 def _merged(faults: Iterable[ServerFault]) -> GoalFault:
-    """Return what several faults of one server come to."""
+    """Return the combined effect of several faults of one server."""
     refusal, failure, hangs = '', None, False
     for one in faults:
         match one:
@@ -169,11 +170,11 @@ class Navigation:
     """The servers on a running node."""
 
     def __init__(self, runtime: NodeRuntime, in_process: IntraProcessTopics | None = None) -> None:
-        """Must be called off the executor thread. ``in_process``: the topics of a robot that is simulated in this
+        """Must be called off the executor thread. ``in_process`` are the topics of a robot that is simulated in this
         process.
 
         Raises:
-            FlexbtError: a parameter cannot work.
+            FlexbtError: a parameter is not usable.
         """
         self._runtime = runtime
         self._parameters = runtime.call(lambda: declare_navigation_parameters(runtime.node))
@@ -208,7 +209,7 @@ class Navigation:
         ServerFaults(runtime)
         manage_servers(runtime, parameters.controller, parameters.planner)
 
-    # -- the end of everything ---------------------------------------------------------------------------------------
+    # -- shutdown ----------------------------------------------------------------------------------------------------
 
     def _on_owner(self, owner: str, alive: bool) -> None:
         if not alive:
@@ -227,13 +228,13 @@ class Navigation:
             self._end_all(f'no pose of the robot: {robot} is gone', code='TF_ERROR')
 
     def _after_hang(self, hang: Hang) -> None:
-        """Cancel all after the process was stopped: what was asked meanwhile may be lost. From any thread."""
+        """Cancel all goals after the process was suspended: requests sent meanwhile may be lost. From any thread."""
         if hang.was_out_of_reach:
             self._runtime.post(lambda: self._end_all(str(hang)))
 
     def _close(self) -> None:
         self._runtime.call(self._end)
-        for _ in range(2):  # on one turn of the executor the goals end, on the next their results leave
+        for _ in range(2):  # the goals end on one turn of the executor, their results are sent on the next
             self._runtime.call(lambda: None)
 
     def _end(self) -> None:
@@ -250,7 +251,7 @@ class Navigation:
         self._arbiter.end(end)
         self._waits.end_all(end)
         self._routes.end_all(end)
-        for server in servers:  # what else goes on: a search, or a goal that waits for the pose or a transform
+        for server in servers:  # remaining work: a search, or a goal that waits for the pose or a transform
             server.end_all(partial(finish, end=end))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The parameters of the node ``navigation``: those of its servers, which each of them declares, and its own."""
+"""The parameters of the node ``navigation``: its own, and those of its servers, which each server declares."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
     """Declare the parameters on ``node`` and read them.
 
     Raises:
-        UnfitParameterError: a value that cannot work.
+        UnfitParameterError: a value is not usable.
     """
     declare = ParameterDeclarer(node)
     inflation, limits = _of_robot(

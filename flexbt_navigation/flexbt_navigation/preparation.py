@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Compilation of navigation with numba, before the first goal needs it. ``python3 -m flexbt_navigation.preparation``
-has numba compile all loops, those of the world too, and keep them for later processes; the set-up of the workspace runs
-it. Without it the first processes compile them, each for itself.
-"""
+makes numba compile all loops, including those of the world, and cache them for later processes. The set-up of the
+workspace runs it. Without it, each of the first processes compiles them itself."""
 
 from __future__ import annotations
 
@@ -23,9 +22,10 @@ def prepare_navigation(
     steering: Steering = Steering(),  # noqa: B008 - immutable
     inflation: Inflation = Inflation(),  # noqa: B008 - immutable
 ) -> None:
-    """Load what is compiled, or compile it on a computer's first start: some seconds that no goal has to wait for.
+    """Load the compiled loops, or compile them on the first start of a computer, so that no goal waits for these
+    seconds.
 
-    Planners for a robot that steers as a car does, or whose footprint is a polygon, are loaded for these robots only.
+    Planners for car-like robots and for polygonal footprints are loaded for such robots only.
     """
     cells = numpy.zeros((20, 20), numpy.int8)
     cells[0] = 100

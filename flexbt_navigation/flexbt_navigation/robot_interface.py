@@ -43,15 +43,16 @@ CHECK_SECONDS: Final = 0.1
 """Minimum time between two checks that poses still arrive, s of wall time."""
 
 RETURN_SECONDS: Final = 3.0
-"""Minimum time for which goals wait for the pose of a robot that was gone, s of wall time. A process that replaces one
-that was killed may be out of reach for 2.5 s, and others know of it before (:mod:`flexbt_common.lifecycle`)."""
+"""Minimum time for which goals wait for the pose of a robot that was gone, s of wall time. A process that replaces a
+killed one may be unreachable for 2.5 s after others have discovered it (:mod:`flexbt_common.lifecycle`)."""
 
 
 class PoseWatch:
-    """A watch that checks whether poses still arrive, until there has been none for ``timeout`` seconds, or
+    """A watch that checks whether poses still arrive. It ends when none has arrived for ``timeout`` seconds, or with
     :meth:`cancel`.
 
-    ``silence()`` is the time since the last one; ``on_lost`` gets the end of the goal that needs them, once.
+    ``silence()`` returns the time since the last pose. ``on_lost`` is called once, with the end of the goal that needs
+    the poses.
     """
 
     def __init__(
@@ -68,8 +69,8 @@ class PoseWatch:
         self._timer.cancel()
 
     def _look_after(self, seconds: float) -> None:
-        # On the wall's clock, by which a pose has to be old, too: a timer of simulated time would wake the node for
-        # each message of /clock. Under a clock that stands still it comes again and again.
+        # Use wall time, by which a pose must be old, too: a timer of simulated time would wake the node for each
+        # message of /clock. While the clock is paused, this timer fires repeatedly.
         self._timer = self._runtime.post_in(max(seconds, CHECK_SECONDS), self._look)
 
     def _look(self) -> None:
@@ -81,10 +82,10 @@ class PoseWatch:
 
 
 class RobotInterface:
-    """On the executor thread.
+    """The robot as the servers use it. Executor thread only.
 
-    Each of ``on_pose`` is called for each new pose with it and its time, s. ``on_map()`` is called for each
-    new map.
+    Each callback of ``on_pose`` is called for each new pose, with the pose and its time, s; ``on_map()`` for each new
+    map.
     """
 
     def __init__(
@@ -94,7 +95,7 @@ class RobotInterface:
         costmaps: CostmapParameters,
         in_process: IntraProcessTopics | None = None,
     ) -> None:
-        """``in_process``: the topics of a robot that is simulated in this process."""
+        """``in_process`` are the topics of a robot that is simulated in this process."""
         in_process = in_process or IntraProcessTopics()
         self._runtime = runtime
         self.parameters = parameters
@@ -119,12 +120,12 @@ class RobotInterface:
         self._commands = in_process.publisher(node.create_publisher(command_type, parameters.cmd_vel_topic, 1))
 
     async def known(self, goal: ServedGoal) -> None:
-        """Go on with a goal when pose and map are known, or after the pose timeout, of wall time: a server that has
-        just started has neither, and as in Nav2 that is a reason to wait for a moment, not to fail; so is a robot that
-        was gone, and may be there again. A goal that is to be canceled waits for nothing.
+        """Wait until pose and map are known, or for the pose timeout, in wall time. A server that has just started has
+        neither; as in Nav2, the goal then waits for a moment instead of failing. The same holds for a robot that was
+        gone and may have returned. A canceled goal does not wait.
 
         Raises:
-            GoalCanceled: it is to be canceled.
+            GoalCanceled: a cancel of the goal was requested.
         """
         if not self._is_known:
             await Later(partial(self._wait_until_known, goal))
@@ -140,12 +141,11 @@ class RobotInterface:
         self._runtime.post_in(seconds, lambda: self._waited_enough(go_on))
 
     async def poses(self, goal: ServedGoal, asked: Callable[[Any], Sequence[Asked]]) -> list[Pose]:
-        """Return the poses of a request in the frame of the map, which ``asked(request)`` names, when they are known,
-        as :meth:`known`.
+        """Return the poses that ``asked(request)`` lists, in the map frame. Waits as :meth:`known`.
 
         Raises:
             NavigationError: as :meth:`MapFrame.poses`.
-            GoalCanceled: the goal is to be canceled.
+            GoalCanceled: a cancel of the goal was requested.
         """
         await self.known(goal)
         poses = await Later(partial(self.map_frame.poses, asked(goal.request)))
@@ -173,7 +173,7 @@ class RobotInterface:
 
     @property
     def pose(self) -> Pose:
-        """The robot's pose. Raises NavigationError TF_ERROR while it is not known, or out of date."""
+        """The robot's pose. Raises NavigationError TF_ERROR while it is unknown or out of date."""
         silence = self.silence
         if self._pose is None or silence >= self.parameters.pose_timeout:
             since = '' if self._pose is None else f' for {silence:.1f} s'
@@ -211,9 +211,9 @@ class RobotInterface:
     def _receive_pose(self, received: Received) -> None:
         before = self._pose
         looked = self._runtime.listening_time.looked
-        # It may have lain with the middleware for a while (demand.py), though it has come since the one before was
-        # taken; which holds, too, where the clock of the sender is another one. One that was waited for has lain there
-        # because this node was held up, which is not the sender's silence.
+        # The message may have waited in the middleware for a while (demand.py), but it arrived after the previous one
+        # was taken. That holds also if the sender has another clock. If this node was waiting for the message, it
+        # waited in the middleware because this node was delayed: the sender was not silent.
         lain = 0.0 if self._demand.is_there else max(0.0, time.time() - received.sent)
         age = min(lain, looked - self._taken)
         self._taken = looked
@@ -223,7 +223,7 @@ class RobotInterface:
             check_frame(message.header.frame_id, self.parameters.map_frame, 'the pose of the robot')
             self._pose = finite_pose(message.pose, 'the pose of the robot', 'TF_ERROR')
         except (FlexbtError, ValueError) as error:
-            # They come at a high rate.
+            # Such messages arrive at a high rate.
             self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
         self._pose_heard, self._was_gone = looked - age, False

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The nodes ``simulator`` and ``navigation`` in one process, as a container of components: poses, scans and commands
-are handed over (intra_process.py), and a world that goes as fast as possible takes about half of the processor time.
+"""The nodes ``simulator`` and ``navigation`` in one process, like a component container. Poses, scans and commands are
+passed in memory (intra_process.py), so a world that runs as fast as possible takes about half of the processor time.
 
 Each robot that is in the world at the start has a node ``navigation`` in its namespace. Parameters are those of the
-nodes: ``-p NAME:=VALUE`` counts for all that have it, ``-p simulator:NAME:=VALUE`` for one. Who kills the process, or
-has a server die by a fault, ends all of them.
+nodes: ``-p NAME:=VALUE`` applies to all nodes that have it, ``-p simulator:NAME:=VALUE`` to one. Killing the process,
+or a fault that makes a server die, ends all of them.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from .node import Navigation
 
 
 class Simulation:
-    """A simulator on a running node, and navigation servers on nodes of their own."""
+    """A simulator on a running node, and navigation servers on separate nodes."""
 
     def __init__(self, simulator: NodeRuntime, args: list[str] | None = None) -> None:
-        """``args``: those of the process, without its name; None for sys.argv. Must be called off the executor thread.
+        """``args`` are those of the process, without its name; None for sys.argv. Must be called off the executor
+        thread.
 
         Raises:
             SimulationError: as :class:`Simulator`.
@@ -37,12 +38,12 @@ class Simulation:
             self._navigate(f'{simulator.node.get_namespace().rstrip("/")}/{namespace}'.rstrip('/') or '/')
 
     def _navigate(self, namespace: str) -> None:
-        """Start the servers of a robot. They end with the simulator, and it with them when they cannot go on."""
-        # The first rule that fits counts. The name is looked at first, and what is given may name the simulator.
+        """Start the servers of a robot. They end with the simulator, and the simulator ends if they cannot continue."""
+        # The first rule that matches applies. Put the name first, since the given arguments may rename the simulator.
         rules = (f'__node:={names.NAVIGATION}', f'__ns:={namespace}')
         there = ['--ros-args', *(word for rule in rules for word in ('-r', f'{names.NAVIGATION}:{rule}')), '--']
         runtime = NodeRuntime(names.NAVIGATION, args=[*there, *self._args], parameters={'use_sim_time': True})
-        for other in self._simulator.further:  # to which it would report all that it makes, and withdraw at the end
+        for other in self._simulator.further:  # else it reports all that it creates to them
             ignore_each_other(runtime.node, other.node)
         self._simulator.further.append(runtime)
         told = f'{names.NAVIGATION} in {namespace} cannot go on'

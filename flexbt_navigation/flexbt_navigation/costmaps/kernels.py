@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The inner loops over the cells of a costmap, written so that numba can compile them.
 
-Squared gaps are in half cells: a gap is the distance from the centre of a cell to the nearest point of an obstacle
-cell, along an axis an odd number of half cells, or 0 in the obstacle itself.
+Squared gaps are in half cells. A gap is the distance from the centre of a cell to the nearest point of an obstacle
+cell. Along an axis it is an odd number of half cells, or 0 in the obstacle itself.
 """
 
 from __future__ import annotations
@@ -23,13 +23,14 @@ Weights = NDArray[numpy.float64]
 
 
 def neighbours(width: int) -> tuple[int, ...]:
-    """Return what the number of a cell differs by from those of its eight neighbours, in a grid so wide; diagonals
+    """Return the offsets from the number of a cell to those of its eight neighbours, in a grid of this width; diagonals
     last."""
     return 1, width, -1, -width, width + 1, width - 1, -width - 1, -width + 1
 
 
 def squared_gaps_at_once(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
-    """Return the same as :func:`squared_gaps`, which takes 260 times as long interpreted, on the executor."""
+    """Return the same as :func:`squared_gaps`, without numba: interpreted, that takes 260 times as long, on the
+    executor."""
     height, width = obstacles.shape
     far = 4 * reach * reach + 1
     low, first = max(0, bottom - reach), max(0, left - reach)
@@ -51,12 +52,13 @@ def squared_gaps_at_once(obstacles: Bools, bottom: int, top: int, left: int, rig
 
 @partial(Loop, otherwise=squared_gaps_at_once)
 def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int, reach: int) -> Squares:
-    """Squared gaps of the cells in a box, up to ``reach`` cells; (2 * reach)² + 1 where nothing is so near."""
+    """Return the squared gaps of the cells in a box, up to ``reach`` cells; (2 * reach)² + 1 where no obstacle is that
+    near."""
     height, width = obstacles.shape
     far = 4 * reach * reach + 1
     first, last = max(0, left - reach), min(width, right + reach)
     gaps = numpy.empty((top - bottom, last - first), numpy.int32)
-    # Up and down each column: how many rows ago the last obstacle was.
+    # Up and down each column: the number of rows since the last obstacle.
     ago = numpy.full(last - first, reach + 1, numpy.int32)
     for row in range(max(0, bottom - reach), top):
         for i in range(last - first):
@@ -88,7 +90,7 @@ def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int,
                 before = i
             if left <= first + i < right:
                 best = min(far, columns[i])
-                # Nothing nearer than the nearest columns that have an obstacle at all.
+                # No obstacle is nearer than the nearest columns that have one.
                 for offset in range(max(1, min(i - before, after[i] - i)), reach + 1):
                     across = (2 * offset - 1) * (2 * offset - 1)
                     if across >= best:
@@ -105,16 +107,17 @@ def squared_gaps(obstacles: Bools, bottom: int, top: int, left: int, right: int,
 def search(
     costs: Costs, weights: Weights, start: int, goal: int, stop: Costs
 ) -> tuple[NDArray[numpy.int8], NDArray[numpy.float32]]:
-    """For each cell in which direction, of :func:`neighbours`, the cheapest way from the start comes to it; -1: none.
-    And what that way costs, infinite without one: of all cells, when there is none to the goal.
+    """Return, for each cell, the direction (index into :func:`neighbours`) in which the cheapest path from the start
+    enters it, -1 for none, and the cost of that path, infinite without one. If the goal cannot be reached, these are
+    the values of all cells.
 
-    A* over neighbouring free cells. A step costs its length in cells times the mean of the ``weights`` of the costs of
-    its ends; cells of infinite weight are not free, and a diagonal between two cells is free if all four are. All
-    cells at the border have infinite weight; cells are numbered row by row. Ends, with whatever is known by then,
-    when another thread sets ``stop[0]``.
+    This is A* over neighbouring free cells. A step costs its length in cells times the mean of the ``weights`` of the
+    costs of its ends. Cells of infinite weight are not free, and a diagonal between two cells is free if all four are.
+    All cells at the border have infinite weight. Cells are numbered row by row. If another thread sets ``stop[0]``, the
+    search ends and returns what it has found so far.
 
-    The queue is a ring of buckets, each a linked list. Within a bucket the order is left open, so that a cell may be
-    looked at again, and the search ends when nothing cheaper than the way to the goal is left.
+    The queue is a ring of buckets, each a linked list. A bucket is not sorted, so a cell may be examined twice. The
+    search ends when no queued cell is cheaper than the path to the goal.
     """
     width = costs.shape[1]
     flat = costs.reshape(costs.size)
@@ -127,7 +130,7 @@ def search(
     bucket_width = least / 2.0
     buckets = int(diagonal * (most + least) / bucket_width) + 3
     first = numpy.full(buckets, -1, numpy.int32)
-    # An entry of the queue: the cell, and the entry after it. Those that were looked at are used again.
+    # An entry of the queue: the cell, and the next entry. Entries are reused once they were examined.
     cells = numpy.empty(4096, numpy.int32)
     following = numpy.empty(4096, numpy.int32)
     unused, used = -1, 1
@@ -202,10 +205,11 @@ def search(
 def is_clear(
     obstacles: Bools, squares: Squares, start: tuple[float, float], end: tuple[float, float], radius: float
 ) -> Any:
-    """Return whether a circle can move straight from one position to another; all in cells.
+    """Return whether a circle can move on a straight line from one position to another; all in cells.
 
-    Never wrongly true; wrongly false where it has hardly anything to spare. What may be hidden between two samples is
-    bounded by the square of their spacing, since the square of the distance from a point has the constant curvature 2.
+    The result is never wrongly true; it may be wrongly false where there is hardly any room to spare. The error between
+    two samples is bounded by the square of their spacing, since the square of the distance from a point has the
+    constant curvature 2.
     """
     height, width = obstacles.shape
     length = math.hypot(end[0] - start[0], end[1] - start[1])
@@ -231,7 +235,7 @@ def is_clear(
 
 @Loop
 def mean_cost(costs: Costs, start: tuple[float, float], end: tuple[float, float]) -> Any:
-    """Mean of the costs of the cells along a straight line between two positions, in cells."""
+    """Return the mean cost of the cells along a straight line between two positions, in cells."""
     height, width = costs.shape
     samples = max(1, math.ceil(8.0 * math.hypot(end[0] - start[0], end[1] - start[1])))
     total = 0
@@ -254,11 +258,11 @@ def trace(
     struck: Weights,
     tolerance: float,
 ) -> None:
-    """Clear the marks along beams, then mark where these were struck; all in cells.
+    """Clear the marks along beams, then mark the cells where they hit; all in cells.
 
-    The beams come from (row, column); ``directions``, shape (n, 2), are unit steps up and to the right; ``cleared`` is
-    how far each beam has seen nothing, ``struck`` where it was reflected, negative for nowhere. What is within
-    ``tolerance`` of an obstacle is that, and not marked.
+    The beams start at (row, column). ``directions``, shape (n, 2), are unit steps up and to the right. ``cleared`` is
+    the free length of each beam, ``struck`` the distance of its hit, negative for none. A hit within ``tolerance`` of a
+    known obstacle is attributed to it and not marked.
     """
     height, width = marks.shape
     for beam in range(len(directions)):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Docks: from the database of Nav2's docking server, or the charging stations of a world file; and motions of a robot
-onto a dock and off again, with the control law that they steer by. Pure.
-"""
+"""Docks, from the database of Nav2's docking server or the charging stations of a world file, and the motions of a
+robot onto a dock and off it, with their control law. Pure."""
 
 from __future__ import annotations
 
@@ -29,7 +28,7 @@ MOST_BYTES: Final = 4_000_000
 
 @dataclass(frozen=True)
 class DockType:
-    """A kind of dock: at one of ``charges`` the robot waits until it is charged."""
+    """A type of dock. If it ``charges``, the robot waits there until it is charged."""
 
     name: str
     charges: bool
@@ -37,7 +36,7 @@ class DockType:
 
 @dataclass(frozen=True)
 class Dock:
-    """Pose of the docked robot, in ``frame``. The ``type`` of a station is empty: it charges."""
+    """A dock: the pose of the docked robot, in ``frame``. The ``type`` of a station is empty: it charges."""
 
     name: str
     pose: Pose
@@ -46,14 +45,14 @@ class Dock:
 
 
 def load_docks(file: Path) -> dict[str, Dock]:
-    """Return the docks of a file, by their names.
+    """Return the docks of a file, by name.
 
-    ``docks:`` has for each one ``type``, ``pose`` (x, y, yaw) and, when it is not map, ``frame``. A file that has
+    ``docks:`` has, for each dock, ``type``, ``pose`` (x, y, yaw) and ``frame`` (default: map). A file with
     ``stations:`` is a world file.
 
     Raises:
-        DockError: the file cannot be read, or it has no docks.
-        WorldError: it is a world file that cannot be used.
+        DockError: the file cannot be read, or has no docks.
+        WorldError: the world file is invalid.
     """
     try:
         text = read_text(file, MOST_BYTES)
@@ -99,11 +98,12 @@ def _unfit(file: Path, where: str, expected: str, value: object) -> DockError:
 
 @dataclass(frozen=True)
 class ControlLaw:
-    """Gains and bounds, with the defaults of Nav2's docking server. Speeds in m/s and rad/s, the radius in m.
+    """Gains and limits of the control law, with the defaults of Nav2's docking server. Speeds in m/s and rad/s, radii
+    in m.
 
-    ``slow_gain`` is k1 of the paper (k_phi), ``fast_gain`` k2 (k_delta); ``beta`` and ``exponent`` (lambda) slow the
-    robot down where the path bends. Within ``slowdown_radius`` of the pose it gets slower. No bend is narrower than
-    ``turning_radius``, which is 0 for a robot that turns on the spot.
+    ``slow_gain`` is k1 of the paper (k_phi), ``fast_gain`` k2 (k_delta). ``beta`` and ``exponent`` (lambda) slow the
+    robot down where the path bends. The robot slows down within ``slowdown_radius`` of the pose. No bend is tighter
+    than ``turning_radius``, which is 0 for a robot that turns on the spot.
     """
 
     slow_gain: float = 3.0
@@ -121,11 +121,11 @@ _SMALLEST: Final = 1e-6
 
 
 def velocity_to(target: Pose, pose: Pose, law: ControlLaw, *, backward: bool = False) -> Velocity:
-    """Return the velocity that leads from a pose to another one, forward or backward; at the other one it is
-    arbitrary."""
+    """Return the velocity that leads from a pose to a target, forward or backward. It is arbitrary at the target
+    itself."""
     dx, dy = target.x - pose.x, target.y - pose.y
     distance = max(math.hypot(dx, dy), _SMALLEST)
-    # Backward, it is the way of a robot that looks the other way.
+    # Driving backward is driving forward with the opposite heading.
     flip = math.pi if backward else 0.0
     sight = math.atan2(dy, dx)
     heading = wrap(pose.yaw + flip - sight)
@@ -148,25 +148,25 @@ def velocity_to(target: Pose, pose: Pose, law: ControlLaw, *, backward: bool = F
     return Velocity(-speed if backward else speed, angular)
 
 
-# Getting onto a dock and off again, as motions that drive the robot.
+# Motions that drive the robot onto a dock and off it.
 
 BEYOND: Final = 0.25
-"""Distance beyond the dock at which the control law is directed, m: at its very target it is arbitrary."""
+"""Distance from the dock to the target of the control law behind it, m: at the target itself, the law is arbitrary."""
 
 FARTHEST_STAGING: Final = -10.0
-"""Farthest staging pose from its dock, m."""
+"""Maximum distance of a staging pose from its dock, m."""
 
 RETRIES: Final = 6
 WAIT_DURATION: Final = 5.0
-"""Number of times that the way to a staging pose is planned again, and time that the robot waits before, s:
-number_of_retries and wait_duration of Nav2's default tree, by which its docking server has the robot driven there."""
+"""Number of times that the path to a staging pose is planned again, and the wait before each, s: number_of_retries and
+wait_duration of Nav2's default tree, which drives the robot there for Nav2's docking server."""
 
 STEP: Final = 0.2
-"""Time from one collision check to the next, s."""
+"""Time between two collision checks, s."""
 
 
 class DockState(Enum):
-    """The phase of docking; the values are those of the feedback of dock_robot."""
+    """The phase of docking, with the values of the feedback of dock_robot."""
 
     NONE = 0
     NAV_TO_STAGING_POSE = 1
@@ -178,11 +178,11 @@ class DockState(Enum):
 
 @dataclass(frozen=True)
 class DockingLimits:
-    """Parameters, with the defaults of Nav2's docking server; m, rad and s.
+    """Parameters of docking, with the defaults of Nav2's docking server; m, rad and s.
 
-    ``staging_offset``: from the dock to the staging pose, along the heading of the dock. ``docked_within`` is the
-    docking_threshold of Nav2's SimpleChargingDock. A robot whose ``law`` has a turning radius turns nowhere on the
-    spot: it needs a ``staging_yaw_offset`` of 0.
+    ``staging_offset`` is the distance from the dock to the staging pose, along the heading of the dock.
+    ``docked_within`` is the docking_threshold of Nav2's SimpleChargingDock. A robot whose ``law`` has a turning radius
+    cannot turn on the spot: it needs a ``staging_yaw_offset`` of 0.
     """
 
     staging_offset: float = parameter(
@@ -217,9 +217,8 @@ class DockingLimits:
 
     @classmethod
     def of(cls, turning_radius: float) -> DockingLimits:
-        """For a robot. One that steers as a car does begins a turning radius before the dock, but no more than 10 m: on
-        the way it gets beside where it was by a quarter of that. It has twice the time that this takes.
-        """
+        """Return the limits for a robot. A car-like robot begins one turning radius before the dock, but at most 10 m:
+        on the way it can shift sideways by a quarter of that. It has twice the time that this takes."""
         law = ControlLaw(turning_radius=turning_radius)
         offset = min(cls.staging_offset, max(-turning_radius, FARTHEST_STAGING))
         return cls(
@@ -227,14 +226,14 @@ class DockingLimits:
         )
 
     def staging_pose(self, dock: Pose) -> Pose:
-        """From where a dock is approached."""
+        """Return the pose from which the robot approaches a dock."""
         x, y, _ = drive(dock, self.staging_offset, 0.0, 1.0)
         return Pose(x, y, wrap(dock.yaw + self.staging_yaw_offset))
 
 
 @dataclass(frozen=True)
 class Senses:
-    """The sensors of a docking robot: whether it is charged, and where the dock is seen, if it is."""
+    """The sensors of a docking robot: whether it is charged, and the detected pose of the dock, if any."""
 
     is_charging: Callable[[], bool]
     seen_dock: Callable[[], Pose | None]
@@ -243,8 +242,8 @@ class Senses:
 class StagingMotion(Motion):
     """A drive to the staging pose by a motion that follows a path.
 
-    When that fails the robot stands for WAIT_DURATION, and ``plan_again()`` is called; :meth:`go_on` or :meth:`fail` is
-    what comes of it. So it is RETRIES times.
+    If it fails, the robot waits for WAIT_DURATION, then ``plan_again()`` is called. The caller reports the result with
+    :meth:`go_on` or :meth:`fail`. This happens up to RETRIES times.
 
     Raises, when stepped:
         NavigationError: FAILED_TO_STAGE.
@@ -260,11 +259,11 @@ class StagingMotion(Motion):
         self._began: float | None = None
 
     def go_on(self, follow: Motion) -> None:
-        """Drive there by another motion."""
+        """Continue with another motion to the staging pose."""
         self._follow = follow
 
     def fail(self, why: str) -> None:
-        """There is no way there now."""
+        """Report that no path to the staging pose was found."""
         self._failure = why
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
@@ -291,9 +290,10 @@ class StagingMotion(Motion):
 
 
 class DockMotion(Motion):
-    """A drive from the staging pose onto a dock, which waits for the charge. If it fails, it goes back and tries again.
+    """A drive from the staging pose onto a dock, including the wait for the charge. After a failure, it goes back and
+    retries.
 
-    ``state`` and ``retries`` are the contents of the feedback.
+    ``state`` and ``retries`` are for the feedback.
     """
 
     def __init__(
@@ -306,7 +306,7 @@ class DockMotion(Motion):
         charges: bool,
         staging: StagingMotion | None = None,
     ) -> None:
-        """``dock``: where it should be. ``staging`` drives to the staging pose first, where that is wanted."""
+        """``dock`` is the expected pose of the dock. ``staging``, if given, drives to the staging pose first."""
         self._dock = dock
         self._senses = senses
         self._limits = limits
@@ -326,7 +326,7 @@ class DockMotion(Motion):
         """See :class:`Motion`.
 
         Raises:
-            NavigationError: FAILED_TO_STAGE, FAILED_TO_DETECT_DOCK, FAILED_TO_CONTROL or FAILED_TO_CHARGE; the last
+            NavigationError: FAILED_TO_STAGE, FAILED_TO_DETECT_DOCK, FAILED_TO_CONTROL or FAILED_TO_CHARGE. The last
                 three when all retries are used.
         """
         if self._phase_began is None:
@@ -397,7 +397,7 @@ class DockMotion(Motion):
 
 
 class UndockMotion(Motion):
-    """A drive back from a dock to its staging pose, as far as the robot's own pose is that of the dock."""
+    """A drive back from a dock to its staging pose. It assumes that the robot's own pose is that of the dock."""
 
     def __init__(
         self,
@@ -408,7 +408,7 @@ class UndockMotion(Motion):
         charges: bool,
         seconds: float,
     ) -> None:
-        """``seconds``: how long it may take."""
+        """``seconds`` is the time limit."""
         self._senses = senses
         self._limits = limits
         self._costmap = costmap
@@ -430,12 +430,12 @@ class UndockMotion(Motion):
             raise NavigationError('FAILED_TO_CONTROL', f'the robot has not left the dock within {self._seconds:g} s')
         velocity = _back(self._costmap, pose, self._staging, self._limits, spent)
         if velocity is None and self._charges and self._senses.is_charging():
-            return STOP  # until the end of the charge is reported
+            return STOP  # until the battery reports that charging has ended
         return velocity
 
 
 def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, spent: float) -> Velocity | None:
-    """Return the velocity until the robot is as far back as a staging pose, and for a turn there; None when it is done.
+    """Return the velocity for driving back to a staging pose and for the turn there; None when both are done.
 
     Raises:
         NavigationError: FAILED_TO_CONTROL.
@@ -453,13 +453,12 @@ def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, sp
 
 
 def _ahead(target: Pose, pose: Pose) -> float:
-    """Return how far, m, the robot is before a pose, as that heads; negative beyond it."""
+    """Return the distance, m, of the robot before a pose, along the heading of the pose; negative beyond it."""
     return -compose(inverse(target), pose).x
 
 
 def _is_at(target: Pose, pose: Pose, limits: DockingLimits, *, backward: bool) -> bool:
-    """Return whether the robot is as far as a pose, to one side of it or not: the control law leads no nearer from
-    there."""
+    """Return whether the robot is level with a pose, even if beside it: from there, the control law gets no closer."""
     left = _ahead(target, pose)
     return (-left if backward else left) <= limits.linear_tolerance
 
@@ -467,8 +466,7 @@ def _is_at(target: Pose, pose: Pose, limits: DockingLimits, *, backward: bool) -
 def _collides(
     costmap: Costmap, pose: Pose, target: Pose, limits: DockingLimits, *, backward: bool, apart_from: Pose
 ) -> bool:
-    """Return whether the control law leads into an obstacle that is farther than the threshold from the place of the
-    dock."""
+    """Return whether the control law leads into an obstacle that is farther from the dock than the threshold."""
     here = pose
     for _ in range(math.ceil(limits.projection_seconds / STEP)):
         here = drive(here, *velocity_to(target, here, limits.law, backward=backward), STEP)

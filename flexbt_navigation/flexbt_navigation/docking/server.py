@@ -2,7 +2,7 @@
 """The actions dock_robot and undock_robot, the service that reloads the database of docks, and the parameters of both
 with Nav2's names.
 
-The charge of the robot is reported by battery_state; where a dock is seen, when that is used, by detected_dock_pose.
+battery_state reports the charge of the robot. If detection is used, detected_dock_pose reports the pose of the dock.
 """
 
 from __future__ import annotations
@@ -62,14 +62,14 @@ from .motions import (
 
 CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER_SUPPLY_STATUS_FULL)
 CHARGING_CURRENT: Final = 0.5
-"""A, from which on a battery is charged whatever its status: Nav2's charging_threshold."""
+"""Current, A, from which a battery counts as charging whatever its status: Nav2's charging_threshold."""
 
 LONGEST: Final = 1e6
-"""Longest time limit, s; longer ones are without limit."""
+"""Longest time limit, s; a longer one means no limit."""
 
 
 class DockingServer:
-    """On the executor thread."""
+    """The server of both actions and the reload service. Executor thread only."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class DockingServer:
         controller: ControllerParameters,
         arbiter: MotionArbiter,
     ) -> None:
-        """Raise DockError: the parameter ``dock_database`` names no database."""
+        """Raise DockError if the parameter ``dock_database`` is not a valid database."""
         self.runtime = runtime
         self.parameters = parameters
         self.controller = controller
@@ -106,7 +106,7 @@ class DockingServer:
             GoalServer(runtime, action_type, name, serve, arbiter.cancel, partial(_refused, action_type))
 
     def show(self, dock: Pose, staging: Pose) -> None:
-        """Publish both, for display."""
+        """Publish both poses for display."""
         frame, stamp = self.arbiter.robot.parameters.map_frame, self.runtime.clock.stamp()
         self._dock_poses.publish(stamped(dock, frame, stamp))
         self._staging_poses.publish(stamped(staging, frame, stamp))
@@ -127,7 +127,7 @@ class DockingServer:
         self.arbiter.robot.map_frame.poses([asked], on_poses, on_error)
 
     def senses(self, dock: Pose) -> Senses:
-        """Without detection a dock is where it should be."""
+        """Return the senses for a dock. Without detection, the dock counts as seen at its expected pose."""
 
         def seen_dock() -> Pose | None:
             if not self.parameters.uses_detection:
@@ -149,7 +149,7 @@ class DockingServer:
         return response
 
     def dock(self, request: Any) -> tuple[Dock, DockType]:
-        """Return what a request means; without an id it says itself where the dock is.
+        """Return the dock of a request and its type. A request without an id has the pose of the dock itself.
 
         Raises:
             NavigationError: DOCK_NOT_IN_DB or DOCK_NOT_VALID.
@@ -163,7 +163,8 @@ class DockingServer:
         return dock, self._type(dock.type)
 
     def _type(self, name: str) -> DockType:
-        """Without a name the first one of those that charge. Raises NavigationError DOCK_NOT_VALID."""
+        """Return the type with this name; without a name, the first type that charges. Raises NavigationError
+        DOCK_NOT_VALID."""
         docking = self.parameters
         kind = self._types.get(name or next(iter((*docking.charging_types, *docking.other_types)), ''))
         if kind is None:
@@ -178,12 +179,11 @@ class DockingServer:
         follow(DockGoal(self, goal).begin())
 
     def docked(self, kind: DockType, pose: Pose) -> None:
-        """Note that the robot is on a dock."""
+        """Record that the robot is on a dock."""
         self._docked = kind, pose
 
     def is_docked(self, dock: Pose) -> bool:
-        """Return whether the robot is charged, or stands on the dock. Raises NavigationError, as the pose of the
-        robot."""
+        """Return whether the robot is charging or stands on the dock. Raises NavigationError if its pose is unknown."""
         near = self.arbiter.robot.pose.distance(dock) < self.parameters.limits.docked_within
         return near or self._is_charging
 
@@ -220,7 +220,7 @@ class DockingServer:
 
 
 class DockGoal(Motion):
-    """A goal of dock_robot: a motion that keeps the robot at rest until the way to the dock is known, then docks."""
+    """A goal of dock_robot: a motion that holds the robot until the path to the dock is known, then docks."""
 
     def __init__(self, server: DockingServer, goal: ServedGoal) -> None:
         self._server = server
@@ -232,7 +232,7 @@ class DockGoal(Motion):
         self._stop = StopFlag()
 
     async def begin(self) -> None:
-        """Take the robot from whatever drives it, find the dock, and go there."""
+        """Preempt the motion that drives the robot, find the dock, and go there."""
         server, request = self._server, self._goal.request
         robot = server.arbiter.robot
         try:
@@ -261,14 +261,14 @@ class DockGoal(Motion):
             self._motion.update(costmap)
 
     def _on_end(self, end: GoalEnd, seconds: float = 0.0) -> None:
-        self._stop.set()  # the next goal does not wait for a search that nobody wants any more
+        self._stop.set()  # so that the next goal does not wait for an obsolete search
         if end.succeeded:
             self._server.docked(self._kind, self._pose)
         retries = self._motion.retries if self._motion is not None else 0
         finish(self._goal, DockRobot.Result(success=end.succeeded, num_retries=retries), end)
 
     def _end(self, end: GoalEnd) -> None:
-        """End the goal, which the arbiter does as long as it has it."""
+        """End the goal: through the arbiter while that holds it."""
         running = self._server.arbiter.running
         if running is not None and running.goal is self._goal:
             self._server.arbiter.end(end)
@@ -338,7 +338,7 @@ class DockGoal(Motion):
 
 
 def limited(seconds: float) -> float:
-    """Return the number, at most infinity; NaN counts as 0."""
+    """Return the time limit, s: infinity if it is too long; NaN counts as 0."""
     return min(seconds, LONGEST) if seconds > 0.0 else 0.0
 
 
@@ -376,10 +376,10 @@ class DockingParameters:
 
 
 def declare_docking_parameters(declare: ParameterDeclarer, turning_radius: float) -> DockingParameters:
-    """Declare the parameters and read them. ``turning_radius`` is that of the robot, m, 0 for none.
+    """Declare the parameters and read them. ``turning_radius`` is that of the robot, m; 0 if it turns on the spot.
 
     Raises:
-        UnfitParameterError: a value that cannot work.
+        UnfitParameterError: a value is not usable.
     """
     docking = declare.fields(DockingParameters(limits=DockingLimits.of(turning_radius)))
     if turning_radius and docking.limits.staging_yaw_offset:

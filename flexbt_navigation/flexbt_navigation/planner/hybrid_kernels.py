@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The inner loops of the planners that know the outline of the robot, for numba: Hybrid A* (Dolgov et al., 2010) for
-robots that steer as cars do, and a search over places and headings for those that turn on the spot.
+"""Inner loops, for numba, of the planners that use the outline of the robot: Hybrid A* (Dolgov et al., 2010) for
+car-like robots, and a search over positions and headings for robots that turn on the spot.
 
-Lengths are in cells of the costmap, x along its columns and y along its rows. A turn is 1 to the left, -1 to the right
-and 0 for straight on; a piece of a way has one turn and a length, which is negative where it is driven backward.
+Lengths are in cells of the costmap, x along its columns and y along its rows. A turn is 1 for left, -1 for right and 0
+for straight. A piece of a path has one turn and a length, which is negative when the piece is driven backward.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ GridPose = tuple[float, float, float]
 """A pose in cells: x, y and yaw."""
 
 HEADINGS = 72
-"""Of the states that are told apart, as in Nav2's SmacPlannerHybrid."""
+"""Number of headings of the search states, as in Nav2's SmacPlannerHybrid."""
 
 PIECE = math.tau / 36.0
 """Angle of a bend between two states, rad; a straight piece is as long."""
@@ -30,47 +30,46 @@ REVERSE_COST = 2.0
 REVERSAL_COST = 1.0
 BEND_COST = 1.05
 CLOSE_COST = 2.0
-"""How much more a way costs that is driven backward, that bends, or that touches the margin, as a factor; and what each
-change of direction costs, in turning radii."""
+"""Factors by which a path costs more when it is driven backward, bends, or touches the margin; and the cost of each
+change of direction, in turning radii."""
 
 TRIED_CURVES = 6
-"""How many of the curves that lead to the goal are looked at from one state."""
+"""Number of curves to the goal that are checked from one state."""
 
 EAGERNESS = 1.3
-"""What is ahead counts so much more than what lies behind: states on the way to the goal come first."""
+"""Weight of the remaining cost relative to the cost so far: states closer to the goal are expanded first."""
 
 PATIENCE = 3.0
-"""How many states are looked at in all for a cheaper way, of those that were looked at until one was found."""
+"""Total number of states examined for a cheaper path, as a multiple of those examined until the first one was found."""
 
 NEAR = 3.0
-"""Distance, in turning radii, within which all the curves to the goal are what is estimated. Beyond it that is the way
-over free cells, with the turn into it and the one out of it to the heading of the goal: their directions are those to
-what is so far ahead on this way, and from what is so far from the goal."""
+"""Distance to the goal, in turning radii, within which the estimate uses all the curves to the goal. Beyond it, the
+estimate is the path over free cells, plus the turn into it and the turn out of it to the heading of the goal. Their
+directions are measured over this distance: ahead on the path, and back from the goal."""
 
 TOUCH = math.sqrt(0.5)
-"""Nearer to the outline than this the centre of a cell of an obstacle counts as touched: as in a costmap."""
+"""An obstacle touches the outline if the centre of its cell is nearer than this, as in a costmap."""
 
 SLACK = 0.25
-"""What may be missed between two places that are looked at."""
+"""Maximum error, in cells, between two positions that are checked."""
 
 
 STRIDE = math.sqrt(2.0)
 """Length, in cells, of a straight step of a robot that turns on the spot: it ends in another cell."""
 
 OUTLINE_EAGERNESS = 1.25
-"""EAGERNESS of its search."""
+"""EAGERNESS of the search for a robot that turns on the spot."""
 
 STAY, AHEAD, LEAVE, ARRIVE = 0, 9, 12, 12 + HEADINGS
-"""Its steps: none; to the middle of each of eight neighbours; ahead, and turns to the next heading on either side; away
-with each heading; and to the goal.
-"""
+"""Steps of that search: none; to the centre of each of the eight neighbours; ahead, and turns to the next heading on
+either side; away with each heading; and to the goal."""
 
 
 class Outline(NamedTuple):
-    """The outline of a robot among obstacles, whose squared gaps are those of a costmap.
+    """The outline of a robot among obstacles, with the squared gaps of a costmap.
 
-    ``corners``, shape (n, 2), are those of its polygon, none for a circle; ``discs``, shape (n, 3), centres and radii,
-    have all of it within them, and so has a circle of the radius ``reach`` round its centre.
+    ``corners``, shape (n, 2), are the corners of its polygon, none for a circle. ``discs``, shape (n, 3), are centres
+    and radii of discs that cover the robot. A circle of radius ``reach`` around its centre covers it too.
     """
 
     obstacles: Bools
@@ -81,10 +80,10 @@ class Outline(NamedTuple):
 
 
 class Ways(NamedTuple):
-    """The shortest ways to one place over free neighbouring blocks, squares of ``block`` cells.
+    """The shortest paths to one place over free neighbouring blocks: squares of ``block`` cells.
 
-    For each block, by its number: how far it is, infinite without a way; the next block; and the first one of those
-    that are near.
+    For each block, by its number: its distance, infinite without a path; the next block; and the first block of the
+    path that is near the place.
     """
 
     ahead: Weights
@@ -95,7 +94,7 @@ class Ways(NamedTuple):
 
 @Loop
 def ways_to(free: Bools, row: int, column: int, near: float, block: int) -> Any:
-    """Return the ways to the block at a row and column; no farther than ``near`` blocks is near."""
+    """Return the paths to the block at a row and column; blocks within ``near`` blocks of it are near."""
     height, width = free.shape
     found = numpy.full((height, width), math.inf)
     found[row, column] = 0.0
@@ -123,7 +122,7 @@ def ways_to(free: Bools, row: int, column: int, near: float, block: int) -> Any:
 
 @Loop
 def far_from(squares: Squares, x: float, y: float) -> Any:
-    """Return a distance that no obstacle is nearer than."""
+    """Return a lower bound of the distance to the nearest obstacle."""
     row = min(max(math.floor(y), 0), squares.shape[0] - 1)
     column = min(max(math.floor(x), 0), squares.shape[1] - 1)
     return math.sqrt(squares[row, column]) / 2.0 - math.hypot(y - row - 0.5, x - column - 0.5)
@@ -131,7 +130,7 @@ def far_from(squares: Squares, x: float, y: float) -> Any:
 
 @Loop
 def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool) -> Any:
-    """Return whether an obstacle is nearer than ``needed``: the centre of its cell, or its square."""
+    """Return whether an obstacle is nearer than ``needed``: the centre of its cell (``to_centre``), or its square."""
     height, width = obstacles.shape
     reach = needed if to_centre else needed + 0.5
     for row in range(max(0, math.ceil(y - reach - 0.5)), min(height, math.floor(y + reach + 0.5))):
@@ -147,17 +146,17 @@ def touches(obstacles: Bools, x: float, y: float, needed: float, to_centre: bool
 
 @Loop
 def room(outline: Outline, slack: float, x: float, y: float, yaw: float) -> Any:
-    """Return how far, at least, the outline of the robot can be moved until it touches an obstacle; negative where it
-    does.
+    """Return a lower bound of the distance that the outline of the robot can move before it touches an obstacle. It is
+    negative if the outline touches one.
 
-    What is inside of a polygon as a whole is not seen where the discs meet something: who comes there has touched it
-    before.
+    An obstacle that is wholly inside the polygon is not detected where a disc touches something: a robot that gets
+    there has touched the obstacle before.
     """
     obstacles, squares, corners, discs, reach = outline
     height, width = obstacles.shape
     if not (0.0 <= y < height and 0.0 <= x < width):
         return -1.0
-    # From the square of a cell it is at least half a cell to its centre.
+    # The centre of a cell is at least half a cell from the edge of its square.
     touching = TOUCH - 0.5 if len(corners) else 0.0
     cos, sin = math.cos(yaw), math.sin(yaw)
     known = math.inf
@@ -170,7 +169,7 @@ def room(outline: Outline, slack: float, x: float, y: float, yaw: float) -> Any:
         return known
     if len(corners) == 0:
         return -1.0 if touches(obstacles, x, y, reach + slack, False) else max(known, 0.0)
-    # From one place on the outline to the next it is a quarter of a cell.
+    # Positions on the outline are checked every quarter of a cell.
     needed = math.hypot(TOUCH + slack, 0.125)
     least, before, step = math.inf, math.inf, 0.0
     for i in range(len(corners)):
@@ -194,7 +193,7 @@ def room(outline: Outline, slack: float, x: float, y: float, yaw: float) -> Any:
 
 @Loop
 def room_along(outline: Outline, pose: GridPose, right: float, up: float, turn: float) -> Any:
-    """Return the least :func:`room` while the robot goes straight, or turns, by so much, but for where it begins."""
+    """Return the least :func:`room` while the robot drives straight or turns by this much, without the start."""
     x, y, yaw = pose
     way = math.hypot(right, up) + abs(turn) * outline.reach
     if way == 0.0:
@@ -213,7 +212,7 @@ def room_along(outline: Outline, pose: GridPose, right: float, up: float, turn: 
 
 @Loop
 def stepped(pose: GridPose, step: int) -> Any:
-    """Return the pose after a step of a robot that turns on the spot, but for the last one."""
+    """Return the pose after a step, except the last one, of a robot that turns on the spot."""
     x, y, yaw = pose
     if step in (STAY, ARRIVE):
         return x, y, yaw
@@ -231,9 +230,8 @@ def stepped(pose: GridPose, step: int) -> Any:
 
 @Loop
 def room_on_way(outline: Outline, way: Weights, yaw: float, end: float) -> Any:
-    """Return the least :func:`room` on straight lines between points, shape (n, 2), of a robot that turns on the spot:
-    which comes to them with a heading ``yaw`` and leaves with ``end``.
-    """
+    """Return the least :func:`room` of a robot that turns on the spot, on straight lines between points, shape (n, 2).
+    It arrives with heading ``yaw`` and leaves with ``end``."""
     least = math.inf
     for i in range(len(way)):
         x, y = way[i, 0], way[i, 1]
@@ -250,7 +248,7 @@ def room_on_way(outline: Outline, way: Weights, yaw: float, end: float) -> Any:
 
 @Loop
 def moved(x: float, y: float, yaw: float, turn: float, length: float, turning_radius: float) -> Any:
-    """Return the pose after a piece of a way."""
+    """Return the pose after a piece of a path."""
     if turn == 0.0:
         return x + length * math.cos(yaw), y + length * math.sin(yaw), yaw
     after = yaw + turn * length / turning_radius
@@ -269,9 +267,8 @@ def cost_of_piece(
     length: float,
     turning_radius: float,
 ) -> Any:
-    """Return what it costs to drive a piece, infinite where the robot touches something on it, but for its beginning;
-    and the room that there is at its end. ``gap`` is that at its beginning.
-    """
+    """Return the cost of driving a piece, infinite if the robot touches something after its start, and the room at its
+    end. ``gap`` is the room at its start."""
     x, y, yaw = moved(pose[0], pose[1], pose[2], turn, length, turning_radius)
     last = room(outline, slack, x, y, yaw)
     if last < 0.0:
@@ -298,15 +295,16 @@ def cost_of_piece(
 
 @Loop
 def curves(x: float, y: float, yaw: float, reverses: bool) -> Weights:
-    """Ways of three pieces from the origin, heading along x, to a pose: turns, lengths and cost, shape (n, 7).
+    """Return the paths of three pieces from the origin, heading along x, to a pose: turns, lengths and cost, shape (n,
+    7).
 
-    Lengths are in turning radii. They are the words CSC and CCC of Reeds and Shepp (1990), in all directions; without
-    ``reverses`` those of Dubins (1957).
+    Lengths are in turning radii. The paths are the words CSC and CCC of Reeds and Shepp (1990), in all directions;
+    without ``reverses``, those of Dubins (1957).
     """
     found = numpy.empty((64, 7))
     count = 0
     for turn in (1.0, -1.0):
-        # What begins with a bend to the right is the mirror image of what begins to the left.
+        # A path that begins with a right bend mirrors one that begins with a left bend.
         my, myaw = turn * y, turn * yaw
         for kind in range(4):
             to_left = kind != 1
@@ -360,7 +358,8 @@ def curves(x: float, y: float, yaw: float, reverses: bool) -> Weights:
 
 @Loop
 def turn_into(angle: float) -> Any:
-    """Return what the bend into a straight way costs more, in turning radii, than it leads ahead on it."""
+    """Return the extra cost, in turning radii, of a bend into a straight path: its length minus its progress along the
+    path."""
     angle = abs((angle + math.pi) % math.tau - math.pi)
     return BEND_COST * angle - math.sin(angle)
 
@@ -379,12 +378,12 @@ def hybrid_search(
     most: int,
     stop: Costs,
 ) -> Any:
-    """Return the pieces of a way from a pose to another one, turns and lengths of shape (n, 2), and how many states
-    were seen.
+    """Return the pieces of a path from one pose to another, turns and lengths of shape (n, 2), and the number of states
+    examined.
 
-    No bend is narrower than ``turning_radius``. Nearer than ``margin`` to obstacles the way costs more. ``ways`` are
-    those to the goal, with the gates of NEAR. The way is empty when there is none, when ``most`` states were seen, or
-    when another thread sets ``stop[0]``.
+    No bend is tighter than ``turning_radius``. The path costs more where it is nearer than ``margin`` to obstacles.
+    ``ways`` are the paths to the goal, with the gates of NEAR. The result is empty if there is no path, if ``most``
+    states were examined, or if another thread sets ``stop[0]``.
     """
     ahead, following, gates, block = ways
     height, width = outline.obstacles.shape
@@ -474,7 +473,7 @@ def hybrid_search(
                 cost += REVERSAL_COST * turning_radius
             if cost == math.inf or (other >= 0 and cost >= spent[other]):
                 continue
-            # Distances over squares are too long by up to a twelfth, and by the ends in these.
+            # Distances over squares are too long by up to a twelfth, plus the part within the first and last square.
             least = max(0.0, 0.92 * (remains - 1.5) * block)
             if least < NEAR * turning_radius:
                 cos, sin = math.cos(yaw), math.sin(yaw)
@@ -528,15 +527,15 @@ def outline_search(
     most: int,
     stop: Costs,
 ) -> Any:
-    """Points, shape (n, 2), of a way from a pose to another one for a robot that turns on the spot, which has room for
-    its outline all along and where it turns; and how many states were seen.
+    """Return the points, shape (n, 2), of a path from one pose to another for a robot that turns on the spot, and the
+    number of states examined. Its outline has room all along the path and wherever it turns.
 
-    A cell that ``is_roomy`` is one state: the robot can turn anywhere in it. In others there is one for each of
-    ``HEADINGS``. A step costs its length times the mean of the ``weights`` of the costs of its cells, a turn in a cell
-    that is not roomy half of what its farthest corner drives; and more where there is less room than ``margin``.
-    ``ahead`` is what the way to the goal costs, at least, by cells. A step is looked at when it is its turn, not when
-    it is put into the queue, since most never come up. The way is empty when there is none, when ``most`` states were
-    seen, or when another thread sets ``stop[0]``.
+    A cell that ``is_roomy`` is one state: the robot can turn anywhere in it. Other cells have a state for each of
+    ``HEADINGS``. A step costs its length times the mean of the ``weights`` of the costs of its cells. A turn in a cell
+    that is not roomy costs half of the distance that the farthest corner moves. Both cost more where there is less room
+    than ``margin``. ``ahead`` is the minimum cost of the path to the goal, by cell. A step is checked when it leaves
+    the queue, not when it enters it, since most never leave it. The result is empty if there is no path, if ``most``
+    states were examined, or if another thread sets ``stop[0]``.
     """
     height, width = costs.shape
     reach = outline.reach
@@ -544,7 +543,7 @@ def outline_search(
     spent = numpy.empty(most)
     parents = numpy.empty(most, numpy.int32)
     done = {-1}
-    # The least that it may cost in all, and what it costs so far; from which state, by which step; if it has room.
+    # Lower bound of the total cost, cost so far, previous state, step from it, and whether it has room.
     queue = [(0.0, 0.0, -1, STAY, True)]
     count, looked, last = 0, 0, -1
     way = numpy.empty((2, 2))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Path planning on a costmap, for each kind of robot.
 
-For one whose footprint is a circle: a cheapest path over the grid, pulled straight to any angle where that costs no
-more. For one that turns on the spot and is no circle, where its outline has no room on that path: a search over places
-and headings, as Nav2's SmacPlannerLattice with the primitives of this robot. For one that steers as a car does: Hybrid
-A*, as Nav2's SmacPlannerHybrid.
+For a circular footprint, the planner finds a cheapest path over the grid and straightens it to any angle where that
+costs no more. For another footprint that turns on the spot, it searches over positions and headings where the outline
+has no room on that path, as Nav2's SmacPlannerLattice with the primitives of this robot. For car-like steering, it uses
+Hybrid A*, as Nav2's SmacPlannerHybrid.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ END_TOLERANCE: Final = 0.3
 
 SPARE: Final = 0.01
 """Additional distance of a straight line from obstacles, m, so that small deviations of the follower do not matter. It
-is at most half of that of the cells that it replaces."""
+is at most half of the spare distance of the cells that the line replaces."""
 
 WEIGHTS: Final = numpy.where(numpy.arange(256) < INSCRIBED, NEUTRAL_COST + COST_FACTOR * numpy.arange(256), math.inf)
 """Cost of crossing a cell, by its cost; infinite where the robot cannot be."""
@@ -61,27 +61,27 @@ Cell = tuple[int, int]
 
 
 class PlanningStopped(NavigationError):
-    """The plan is not wanted any more."""
+    """The plan is no longer needed."""
 
 
 class StopFlag:
-    """A flag that ends a plan that is being made on another thread."""
+    """A flag that stops planning on another thread."""
 
     def __init__(self) -> None:
         self.cell: Costs = numpy.zeros(1, numpy.uint8)
 
     def set(self) -> None:
-        """From any thread."""
+        """Stop planning. From any thread."""
         self.cell[0] = 1
 
     def check(self) -> None:
-        """Raise PlanningStopped once it is set."""
+        """Raise PlanningStopped if the flag is set."""
         if self.cell[0]:
             raise PlanningStopped('UNKNOWN', 'the plan is not wanted any more')
 
 
 class PathEnds(NamedTuple):
-    """The ends of a path, and the free cells near them between which it leads."""
+    """The ends of a path, and the free cells near them that it connects."""
 
     start: Pose
     source: Cell
@@ -93,9 +93,8 @@ class GridPlanner:
     """A planner on one costmap."""
 
     def __init__(self, costmap: Costmap, tolerance: float = 0.0) -> None:
-        """``tolerance`` in m: instead of a goal that is occupied, or to which there is no way, the path ends at the
-        nearest cell that can be reached within a square of it, with the heading of the goal.
-        """
+        """``tolerance`` in m: if the goal is occupied or cannot be reached, the path ends at the nearest reachable cell
+        within a square of this half width around it, with the heading of the goal."""
         self._costmap = costmap
         self._tolerance = tolerance
 
@@ -106,10 +105,9 @@ class GridPlanner:
         stop: StopFlag | None = None,
         before: Sequence[Sequence[Pose]] = (),
     ) -> list[list[Pose]]:
-        """Return the legs of a path from goal to goal; each begins where the one before it ends. Raises as
-        :meth:`plan`.
+        """Return the legs of a path through all goals; each begins where the previous one ends. Raises as :meth:`plan`.
 
-        ``before`` is for the first one: the others begin at a goal, and not where the robot is.
+        ``before`` is used for the first leg only: the others begin at a goal, not where the robot is.
         """
         legs: list[list[Pose]] = []
         for goal in goals:
@@ -123,11 +121,11 @@ class GridPlanner:
         stop: StopFlag | None = None,
         before: Sequence[Sequence[Pose]] = (),
     ) -> list[Pose]:
-        """Return a path from start to goal, with the goal's own pose at its end; just this one if they are in one
-        place.
+        """Return a path from start to goal that ends with the pose of the goal. It is this pose alone if both are at
+        the same position.
 
-        The robot overlaps no obstacle on its poses and between them. From a start where it does, the path leads
-        straight out. ``before`` are paths that the robot may be on, for planners to which that matters.
+        The robot overlaps no obstacle at its poses or between them. If it overlaps one at the start, the path leads
+        straight out. ``before`` are paths that the robot may be on, for planners that continue them.
 
         Raises:
             NavigationError: START_OUTSIDE_MAP, GOAL_OUTSIDE_MAP, START_OCCUPIED, GOAL_OCCUPIED or NO_VALID_PATH.
@@ -152,20 +150,20 @@ class GridPlanner:
         return self._way(PathEnds(start, source, goal, target), stop, before)
 
     def _way(self, ends: PathEnds, stop: StopFlag, before: Sequence[Sequence[Pose]]) -> list[Pose]:
-        """Return a path, where one over cells leads from the one near the start to the one near the goal."""
+        """Return a path for ends whose cells are connected over free cells."""
         cells = self._search(ends.source, ends.target, stop).tolist()
         begin, end = (self._costmap.world.grid_position(*pose[:2]) for pose in (ends.start, ends.goal))
         way = [begin, *((row + 0.5, column + 0.5) for row, column in cells), end]
         return self._along(ends.start, self._pull_straight(way, stop), ends.goal)
 
     def _along(self, start: Pose, corners: Sequence[Position], goal: Pose) -> list[Pose]:
-        """Return a path with corners at these positions; the first and the last are those of start and goal."""
+        """Return a path with corners at these positions; the first and the last are start and goal."""
         points = [self._costmap.world.point(row - 0.5, column - 0.5) for row, column in corners]
         return _resample([(start.x, start.y), *points[1:-1], (goal.x, goal.y)], goal)
 
     def _occupied(self, goal: Pose) -> NavigationError:
-        """Return what the map has there stays; what was seen there may go away, and trees wait for that and try
-        again."""
+        """Return the error for an occupied goal. An obstacle of the map is permanent. An obstacle that was seen may go
+        away, and trees wait for that and retry."""
         place = f'the goal ({goal.x:.2f}, {goal.y:.2f})'
         if not self._costmap.touches_map(goal):
             return NavigationError('NO_VALID_PATH', f'{place} is covered by an obstacle that is seen there')
@@ -181,10 +179,10 @@ class GridPlanner:
         return row, column
 
     def _anchor(self, position: Position, pose: Pose) -> Cell | None:
-        """Return the nearest free cell that the robot can get to straight, without coming nearer to an obstacle than it
-        is.
+        """Return the nearest free cell that the robot can reach on a straight line without getting closer to an
+        obstacle.
 
-        There is none for a robot whose centre is in an obstacle.
+        Return None if the centre of the robot is in an obstacle.
         """
         costmap = self._costmap
         world = costmap.world
@@ -200,8 +198,7 @@ class GridPlanner:
         return None
 
     def _nearest_reachable(self, position: Position, source: Cell, yaw: float) -> Cell | None:
-        """Return the nearest cell to which there is a way, and where the robot fits with a heading, within the
-        tolerance."""
+        """Return the nearest reachable cell within the tolerance where the robot fits with this heading."""
         costmap, regions = self._costmap, self._costmap.regions
         near = self._nearest_first(position, self._tolerance) if self._tolerance else []
         return next(
@@ -214,7 +211,7 @@ class GridPlanner:
         )
 
     def _nearest_first(self, position: Position, distance: float) -> list[Cell]:
-        """Return the free cells of a square round a position, ``distance`` in m to each side."""
+        """Return the free cells of a square around a position, ``distance`` in m to each side, nearest first."""
         reach = math.ceil(distance / self._costmap.world.resolution)
         bottom, left = (max(0, math.floor(value) - reach) for value in position)
         top, right = (math.floor(value) + reach + 1 for value in position)
@@ -223,7 +220,7 @@ class GridPlanner:
         return [(row, column) for row, column in cells[nearest_first].tolist()]
 
     def _search(self, source: Cell, target: Cell, stop: StopFlag) -> NDArray[numpy.int64]:
-        """Return the cells of a cheapest way, shape (n, 2)."""
+        """Return the cells of a cheapest path, shape (n, 2)."""
         costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
         width = costs.shape[1]
         start, last = ((row + 1) * width + column + 1 for row, column in (source, target))
@@ -238,9 +235,8 @@ class GridPlanner:
     def _pull_straight(
         self, way: Sequence[Position], stop: StopFlag, fits: Callable[[int, int], bool] = lambda _here, _there: True
     ) -> list[Position]:
-        """Corners of a way, which leads from cell to cell but for its ends, that takes straight lines where they are
-        free and cost no more than what is between, and where a line from one to another place on the way ``fits``.
-        """
+        """Return the corners of a path over cells, straightened where the line is free, costs no more than the part it
+        replaces, and where ``fits`` accepts the line from one point of the path to another."""
         if len(way) < 3:
             return list(way)
         cells = numpy.floor(way[1:-1]).astype(int)
@@ -274,7 +270,7 @@ class GridPlanner:
         return corners
 
     def _radii(self, begin: Position, cells: NDArray[numpy.int64], end: Position) -> NDArray[numpy.float64]:
-        """Of the circles, m, that a straight line past these places has room for: the robot's, and what is to spare."""
+        """Return the radii, m, that a straight line past these positions must keep free: the robot's plus the spare."""
         world, radius = self._costmap.world, self._costmap.inflation.robot_radius
         first, last = (
             self._costmap.clearance(*world.point(row - 0.5, column - 0.5), radius + 2.0 * SPARE)
@@ -287,7 +283,7 @@ class GridPlanner:
 
 
 def _resample(corners: Sequence[tuple[float, float]], goal: Pose) -> list[Pose]:
-    """Poses along straight lines between corners, each heading to the next; the last is the goal."""
+    """Return poses along straight lines between corners, each heading to the next; the last is the goal."""
     points = []
     for start, end in pairwise(corners):
         count = math.ceil(math.dist(start, end) / SPACING)
@@ -301,27 +297,27 @@ def _resample(corners: Sequence[tuple[float, float]], goal: Pose) -> list[Pose]:
 
 
 MOST_DISCS: Final = 20
-"""Maximum number of discs by which a robot is checked before its outline is."""
+"""Maximum number of discs that approximate a robot in the check before the one of its outline."""
 
 MOST_OUTLINES: Final = (20_000, 150_000, 1_000_000)
-"""Maximum number of places and headings that are looked at from either end, by turns, until the search is given up:
+"""Maximum number of positions and headings examined from either end, alternately, before the search gives up: about
 five seconds."""
 
 USUAL_REACH: Final = 10.0
-"""Reach of a robot, in cells, for which these numbers hold; they are lower for a larger one, as each place takes
-longer."""
+"""Reach of a robot, in cells, for which these numbers hold. They are lower for a larger robot, since each position
+takes longer."""
 
 MOST_OUTLINES_INTERPRETED: Final = (1_000, 4_000)
-"""The same where nothing is compiled."""
+"""The same without compiled code."""
 
 ROUND_OUTLINE: Final = 1.0
-"""Room beyond the robot's reach, in cells, at the middle of a cell in which it can turn anywhere."""
+"""Room beyond the robot's reach, in cells, required at the centre of a cell for turning anywhere in it."""
 
 OUTLINE_MARGIN: Final = 0.05
-"""Distance to obstacles, m, within which the way costs more."""
+"""Distance to obstacles, m, within which the path costs more."""
 
 SAME_PLACE: Final = 1e-6
-"""Distance, in cells, that leads nowhere."""
+"""Distance, in cells, below which two points count as the same."""
 
 ON_PATH: Final = 0.1
 """Maximum distance from a path at which the robot is still on it, m."""
@@ -330,14 +326,14 @@ ON_PATH: Final = 0.1
 class OutlinePlanner(GridPlanner):
     """A planner on one costmap for a robot whose footprint is a polygon.
 
-    The plan is that of a circle as large as fits into the footprint, if the outline has room all along it, where the
-    robot turns and for the headings of start and goal. Otherwise it is searched for by place and heading, from either
-    end by turns, since one may be hard to get away from. NavigationError NO_VALID_PATH is raised if the whole space was
-    searched and there is no way for the outline; if the search is given up before, the plan is still that of the
-    circle, as from a start where the robot overlaps an obstacle.
+    The plan is that of the largest circle that fits into the footprint, if the outline has room all along it, where the
+    robot turns, and for the headings of start and goal. Otherwise it is searched for by position and heading, from both
+    ends alternately, since one of them may be hard to leave. If the whole space was searched without a path for the
+    outline, planning raises NavigationError NO_VALID_PATH. If the search gives up before, or the robot overlaps an
+    obstacle at the start, the plan remains that of the circle.
 
-    If the circle's path is not a plan, the rest of a path ``before`` to the same goal is, as long as the outline has
-    room on it and the robot is on it.
+    If the circle's path cannot be used, the rest of a path ``before`` to the same goal is the plan, as long as the
+    outline has room on it and the robot is on it.
     """
 
     def _way(self, ends: PathEnds, stop: StopFlag, before: Sequence[Sequence[Pose]]) -> list[Pose]:
@@ -359,8 +355,7 @@ class OutlinePlanner(GridPlanner):
         return bool(room_on_way(self.shape, points, *ends) >= 0.0)
 
     def _rest(self, paths: Sequence[Sequence[Pose]], start: Pose, goal: Pose) -> list[Pose]:
-        """Return what is left of the first path that leads to the goal, has room, and has the robot on it; [] without
-        one."""
+        """Return the rest of the first path leading to the goal, with room and the robot on it; [] without one."""
         for path in paths:
             if path and path[-1] == goal:
                 beside = [self._beside(start, pose) for pose in path]
@@ -379,11 +374,12 @@ class OutlinePlanner(GridPlanner):
         return start.distance(pose)
 
     def _is_free(self, path: Sequence[Pose], yaw: float) -> bool:
-        """Return whether the rest of a path before has room."""
+        """Return whether the rest of a previous path has room."""
         return self._is_drivable(path, yaw)
 
     def _outline_way(self, ends: PathEnds, stop: StopFlag) -> NDArray[numpy.float64] | None:
-        """Points of a way that the outline has room on, shape (n, 2), in cells; None when the search is given up."""
+        """Return the points, shape (n, 2), in cells, of a path with room for the outline; None when the search gives
+        up."""
         start, source, goal, target = ends
         begin, end = self.on_grid(start), self.on_grid(goal)
         margin = max(1.0, OUTLINE_MARGIN / self._costmap.world.resolution)
@@ -415,7 +411,7 @@ class OutlinePlanner(GridPlanner):
         return None
 
     def _costs_to(self, cell: Cell, stop: StopFlag) -> NDArray[numpy.float32]:
-        """Return what the way to a cell costs from each other one, infinite without a way."""
+        """Return the cost of the path to a cell from every other cell, infinite without a path."""
         costs = numpy.pad(self._costmap.costs, 1, constant_values=LETHAL)
         number = (cell[0] + 1) * costs.shape[1] + cell[1] + 1
         _, spent = search(costs, WEIGHTS, number, 0, stop.cell)
@@ -424,13 +420,13 @@ class OutlinePlanner(GridPlanner):
 
     @cached_property
     def _is_roomy(self) -> NDArray[numpy.bool_]:
-        """The cells in which the robot can turn anywhere."""
+        """Mask of the cells in which the robot can turn anywhere."""
         costmap = self._costmap
         needed = 2.0 * (costmap.inflation.outer_radius / costmap.world.resolution + ROUND_OUTLINE)
         return (costmap.squares >= needed**2) & (costmap.costs < INSCRIBED)
 
     def _straightened(self, way: NDArray[numpy.float64], stop: StopFlag) -> list[Position]:
-        """Corners of a way: straight lines between places where the robot can turn, where its outline has room."""
+        """Return the corners of a path that uses straight lines between turning points, where its outline has room."""
         way = way[numpy.append(True, numpy.hypot(*numpy.diff(way, axis=0).T) > SAME_PLACE)]
         cells = numpy.floor(way).astype(int)
         is_roomy = self._is_roomy[cells[:, 1], cells[:, 0]].tolist()
@@ -452,12 +448,12 @@ class OutlinePlanner(GridPlanner):
 
     @property
     def shape_turned(self) -> Outline:
-        """Shape with the robot the other way round: on the way back it drives as this one does on the way there."""
+        """The shape of the robot turned around: it drives backward along a path as this one drives forward."""
         shape = self.shape
         return shape._replace(corners=-shape.corners, discs=shape.discs * (-1.0, -1.0, 1.0))
 
     def on_grid(self, pose: Pose) -> GridPose:
-        """Return a pose in cells, as the loops have it."""
+        """Return a pose in cells, as the kernels use it."""
         world = self._costmap.world
         row, column = world.grid_position(pose.x, pose.y)
         return column, row, float(pose.yaw - world.origin.yaw)
@@ -470,9 +466,8 @@ def turned_round(pose: GridPose) -> GridPose:
 
 
 def _discs(corners: NDArray[numpy.float64], reach: float) -> NDArray[numpy.float64]:
-    """Centres and radii, shape (n, 3), of circles that have all of a robot within them: along its longer side, those
-    round rectangles that are half as long as wide.
-    """
+    """Return centres and radii, shape (n, 3), of circles that cover a robot: along its longer side, around rectangles
+    that are half as long as wide."""
     if not len(corners):
         return numpy.array([[0.0, 0.0, reach]])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -486,29 +481,29 @@ def _discs(corners: NDArray[numpy.float64], reach: float) -> NDArray[numpy.float
 
 
 STEERING_RESERVE: Final = 1.1
-"""Factor by which bends are planned wider than the robot can drive them: it has to get back to the path, too."""
+"""Factor by which bends are planned wider than the robot can drive, so that it can also correct back to the path."""
 
 MARGIN: Final = 0.05
-"""Distance to obstacles, in turning radii, within which the way costs more: the robot may be so far beside the path."""
+"""Distance to obstacles, in turning radii, within which the path costs more: the robot may deviate this far from it."""
 
 TIGHT: Final = -0.02
 """Slack, in cells, where the robot has no room to spare."""
 
 MOST_STATES: Final = (1_000, 4_000, 16_000, 64_000)
-"""Maximum number of states that are looked at from either end, by turns, until the search is given up: a second."""
+"""Maximum number of states examined from either end, alternately, before the search gives up: about one second."""
 
 MOST_STATES_INTERPRETED: Final = MOST_STATES[:2]
-"""The same where nothing is compiled: six seconds."""
+"""The same without compiled code: about six seconds."""
 
 SHORTEST: Final = 1.5
-"""Length of the pieces of a way, in cells, at least."""
+"""Minimum length of the pieces of a path, in cells."""
 
 MOST_BLOCKS: Final = 60_000
 """Over which the ways to the goal are known beforehand."""
 
 
 def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> GridPlanner:
-    """Return the planner for a robot; ``tolerance`` as :class:`GridPlanner` has it."""
+    """Return the planner for a robot; ``tolerance`` as for :class:`GridPlanner`."""
     if steering.turning_radius:
         return HybridPlanner(costmap, steering, tolerance)
     if costmap.inflation.corners:
@@ -517,18 +512,19 @@ def planner_for(costmap: Costmap, steering: Steering, tolerance: float = 0.0) ->
 
 
 class HybridPlanner(OutlinePlanner):
-    """A planner on one costmap. Its poses have the heading of the robot: it drives backward to one that is behind it.
+    """A planner on one costmap for a car-like robot. Its poses have the heading of the robot, which drives backward to
+    a pose behind it.
 
-    :meth:`plan` gives a path that the robot can drive, with the poses of start and goal at its ends. It is searched for
-    from either end by turns, since one may be hard to get away from, and from there little is left to look at. A robot
-    that stands the other way round drives from the goal to the start where this one drives from the start to the goal.
-    Where that leads nowhere the way is made of shorter pieces, before it is said that there is none. Where it takes
-    long either end may be hard to get to: then ways from both to a place with room between them are tried.
+    :meth:`plan` returns a path that the robot can drive, with the poses of start and goal at its ends. It searches from
+    both ends alternately: one end may be hard to leave, and from there few states are left to examine. A robot that is
+    turned around drives from the goal to the start where this one drives from the start to the goal. If that finds no
+    path, the planner searches with shorter pieces before it reports that there is none. If the search takes long,
+    either end may be hard to reach; then the planner tries paths from both to a place with room between them.
 
     The rest of a path ``before``, of this planner and to the same goal, is the plan as long as it is free and the robot
-    nearly on it; it begins beside the start, at its pose that is nearest. Of two ways that cost nearly the same, one
-    begins forward and the other backward. A robot that gets them in turn makes no progress. NavigationError TIMEOUT is
-    raised, too, when the search is given up.
+    is nearly on it. It begins beside the start, at its nearest pose. This prevents a robot from alternating between two
+    paths of nearly the same cost, one that begins forward and one that begins backward, without progress. Planning also
+    raises NavigationError TIMEOUT when the search gives up.
     """
 
     def __init__(self, costmap: Costmap, steering: Steering, tolerance: float = 0.0) -> None:
@@ -549,7 +545,7 @@ class HybridPlanner(OutlinePlanner):
             return rest
         radius = self._steering.turning_radius * STEERING_RESERVE / cell
         begin, end = self.on_grid(start), self.on_grid(goal)
-        # Where there is less room at an end the robot may come as near to obstacles all along.
+        # If an end has less room, the whole path may be as close to obstacles.
         slack = SLACK if all(room(self.shape, SLACK, *one) >= 0.0 for one in (begin, end)) else TIGHT
         rules = slack, max(1.0, MARGIN * radius)
 
@@ -560,7 +556,7 @@ class HybridPlanner(OutlinePlanner):
             return self.shape_turned, *rules, self._ahead(source, radius), turned_round(end), turned_round(begin)
 
         def halves() -> Iterator[tuple[Any, ...]]:
-            """Yield the ways to a place in the midst, from the start and from the goal."""
+            """Yield the problems of reaching a place in the middle, from the start and from the goal."""
             *_, ways, _, _ = problem(False)
             if gate := self._gate(ways, source, radius):
                 ahead = self._ahead((int(gate[1]), int(gate[0])), radius)
@@ -592,9 +588,8 @@ class HybridPlanner(OutlinePlanner):
     def _searched(
         self, problem: tuple[Any, ...], radius: float, lengths: list[float], most: int, stop: StopFlag
     ) -> tuple[NDArray[numpy.float64], int]:
-        """Return the pieces of a way, empty when none was found, and how many states were looked at, at most ``most``
-        with pieces of each length. Lengths without a way are removed; the last one is tried first.
-        """
+        """Return the pieces of a path, empty when none was found, and the number of states examined: at most ``most``
+        for each length of pieces. Lengths without a path are removed; the last one is tried first."""
         looked, pieces = 0, numpy.empty((0, 2))
         while lengths:
             pieces, states = hybrid_search(*problem, radius, lengths[-1], self._steering.reverses, most, stop.cell)
@@ -606,7 +601,7 @@ class HybridPlanner(OutlinePlanner):
         return pieces, looked
 
     def _gate(self, ways: Ways, source: Cell, radius: float) -> GridPose | None:
-        """Return where there is most room on a way over blocks, but for its ends, with the heading that the way has
+        """Return the pose with the most room on a path over blocks, without its ends, with the heading of the path
         there."""
         height, width = self._costmap.costs.shape
         block, following = ways.block, ways.following
@@ -642,11 +637,11 @@ class HybridPlanner(OutlinePlanner):
         return start.distance(pose) + self._steering.turning_radius * abs(wrap(pose.yaw - start.yaw))
 
     def _is_free(self, path: Sequence[Pose], yaw: float) -> bool:
-        """Its poses have the heading of the robot."""
+        """Return whether the rest of a previous path has room; its poses have the heading of the robot."""
         return all(room(self.shape, TIGHT, *self.on_grid(pose)) >= 0.0 for pose in path)
 
     def _ahead(self, target: Cell, radius: float) -> Ways:
-        """Return the ways to a cell."""
+        """Return the paths to a cell."""
         free = self._costmap.costs < INSCRIBED
         block = math.ceil(math.sqrt(free.size / MOST_BLOCKS))
         free = numpy.pad(free, [(0, -size % block) for size in free.shape])
@@ -656,12 +651,12 @@ class HybridPlanner(OutlinePlanner):
 
 
 def _driven_back(pieces: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
-    """Return the pieces of a way of a robot that stands the other way round, from its end to its beginning."""
+    """Return the pieces of a path, reversed from end to beginning, for a robot that is turned around."""
     return pieces[::-1] * (-1.0, 1.0)
 
 
 def _sampled(start: Pose, pieces: NDArray[numpy.float64], radius: float, goal: Pose) -> list[Pose]:
-    """Poses along pieces, turn and length in m; the last is the goal."""
+    """Return poses along pieces, turn and length in m; the last is the goal."""
     path = [start]
     for turn, length in pieces.tolist():
         begin, count = path[-1], math.ceil(abs(length) / SPACING - 1e-6)

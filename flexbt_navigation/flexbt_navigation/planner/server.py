@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Actions that plan: compute_path_to_pose and compute_path_through_poses, each on a thread of its own, and smooth_path;
-the service is_path_valid; and the parameters of the planner with Nav2's names.
-"""
+"""Planning actions: compute_path_to_pose and compute_path_through_poses, each on a separate thread, and smooth_path.
+Also the service is_path_valid, and the parameters of the planner with Nav2's names."""
 
 from __future__ import annotations
 
@@ -38,8 +37,7 @@ from .smoother import Smoothing, smooth_path
 class PlannerParameters:
     """Parameters of the planner.
 
-    While the servers run, ``tolerance`` may be set to another one, for the paths that are planned then. On the executor
-    thread.
+    ``tolerance`` can be changed while the servers run; it applies to later plans. Executor thread only.
     """
 
     planner_ids: tuple[str, ...] = parameter('planner_ids', ('GridBased',), 'names under which the planner is known')
@@ -49,7 +47,7 @@ class PlannerParameters:
 
 
 class PlannerServer:
-    """The server of both actions and the service. On the executor thread."""
+    """The server of both actions and the service. Executor thread only."""
 
     def __init__(
         self,
@@ -75,7 +73,7 @@ class PlannerServer:
         runtime.node.create_service(IsPathValid, names.IS_PATH_VALID, self._is_path_valid)
 
     def _asked(self, request: Any, goals: Sequence[Any]) -> list[Asked]:
-        """Return the goals, and the start behind them if there is one."""
+        """Return the goals, followed by the start if the request has one."""
         check_id(request.planner_id, self._parameters.planner_ids, 'planner', 'INVALID_PLANNER')
         if not goals:
             raise NavigationError('NO_VIAPOINTS_GIVEN', 'the goal has no poses')
@@ -88,7 +86,7 @@ class PlannerServer:
         costmap, frame = self._robot.costmaps.shared, self._robot.parameters.map_frame
         planner = planner_for(costmap, self._controller.follower.steering, self._parameters.tolerance)
         stop = StopFlag()
-        goal.on_cancel(stop.set)  # the search ends at once, in the midst of it
+        goal.on_cancel(stop.set)  # the search stops immediately
 
         def plan() -> Path:
             legs = self._legs = planner.plan_through(start, poses, stop, self._legs)
@@ -118,18 +116,17 @@ class PlannerServer:
 
 
 SMOOTHERS: Final = {'simple_smoother': Smoothing(2), 'route_smoother': Smoothing(5, keeps_reversals=False)}
-"""Smoothers of Nav2's bringup. The second one is for routes, whose corners may be cut. Without a name the first is
-used."""
+"""Smoothers of Nav2's bringup. The second is for routes, whose corners may be cut. The first is the default."""
 
 
 class SmootherServer:
-    """On the executor thread."""
+    """The server of smooth_path. Executor thread only."""
 
     def __init__(self, runtime: NodeRuntime, robot: RobotInterface) -> None:
         self._robot = robot
         self._computation = Computation(runtime, 'the smoother')
         self._smoothed = runtime.node.create_publisher(Path, names.PLAN_SMOOTHED, 1)
-        # A goal that is to be canceled ends when its path is smooth.
+        # A cancel takes effect when the path is smooth.
         work = served(runtime, SmoothPath, 'smoothing_duration', 'the smoother', self._smooth)
         GoalServer(runtime, SmoothPath, names.SMOOTH_PATH, work)
 
@@ -164,7 +161,7 @@ class SmootherServer:
 
 
 def _with_poses(path: Path, poses: Sequence[Pose], frame: str) -> Path:
-    """Return the message with other poses, in the frame of the map; stamps and heights stay."""
+    """Return a copy of the message with other poses, in the map frame; stamps and heights are kept."""
     path.header.frame_id = frame
     for stamped, pose in zip(path.poses, poses, strict=True):
         stamped.header.frame_id = frame

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Path smoothing as Nav2's simple smoother does it, without entering obstacles.
+"""Path smoothing like Nav2's simple smoother, but without entering obstacles.
 
-That smoother moves each point towards the middle of its neighbours and back towards where it was, again and again,
-until nothing moves any more. Where that ends is the solution of a tridiagonal system of equations, which is solved here
-at once. Points whose moving would lead into an obstacle stay where they were.
+Nav2's smoother moves each point towards the middle of its neighbours and back towards its old position, and repeats
+this until no point moves. The limit is the solution of a tridiagonal system of equations, which this module solves
+directly. A point whose move would lead into an obstacle stays where it was.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from flexbt_sim.world.plane.geometry import Pose, wrap
 
 DATA_WEIGHT: Final = 0.2
 SMOOTH_WEIGHT: Final = 0.3
-"""Weights that draw a point to its old place and to the middle of its neighbours: Nav2's w_data and w_smooth."""
+"""Weights that pull a point to its old position and to the middle of its neighbours: Nav2's w_data and w_smooth."""
 
 LEAST_POSES: Final = 5
-"""Fewer poses between two changes of direction are left as they are."""
+"""Minimum number of poses between two changes of direction for smoothing."""
 
 Points = NDArray[numpy.float64]
 Flags = NDArray[numpy.bool_]
@@ -37,8 +37,8 @@ Flags = NDArray[numpy.bool_]
 class Smoothing:
     """Settings for smoothing a path.
 
-    ``refinements`` is how many more times the result is smoothed. ``keeps_reversals``: whether places stay at which the
-    robot reverses or turns on the spot (Nav2's enforce_path_inversion).
+    ``refinements`` is the number of additional passes. With ``keeps_reversals``, points at which the robot reverses or
+    turns on the spot stay (Nav2's enforce_path_inversion).
     """
 
     refinements: int = 2
@@ -48,9 +48,10 @@ class Smoothing:
 def smooth_path(
     path: Sequence[Pose], costmap: Costmap, smoothing: Smoothing, check_time: Callable[[], None]
 ) -> list[Pose]:
-    """Return the path, smoothed, with as many poses. Both ends stay; no step that moves leads into an obstacle.
+    """Return the smoothed path, with the same number of poses. Both ends stay; no step that moves leads into an
+    obstacle.
 
-    ``check_time()`` is called now and then.
+    ``check_time()`` is called regularly, and may raise to stop.
 
     Raises:
         NavigationError: INVALID_PATH for one without poses; what ``check_time`` raises.
@@ -91,14 +92,14 @@ def _smoothed(points: Points, costmap: Costmap, refinements: int, check_time: Ca
         blocked = _blocked(points, smoothed, costmap, check_time)
         if not blocked.any():
             return smoothed
-        # Wider each time, so that it is done after a few: where all points are fixed nothing has moved.
+        # Fix more points each time, so that this ends after a few passes: if all points are fixed, none moves.
         for index in numpy.flatnonzero(blocked).tolist():
             fixed[max(0, index - margin) : index + 2 + margin] = True
         margin = 2 * margin + 1
 
 
 def _drawn(points: Points, fixed: Flags) -> Points:
-    """Return where the points come to rest."""
+    """Return the final positions of the points."""
     free = ~fixed[1:-1]
     bands = numpy.zeros((3, len(points)))
     bands[1] = 1.0
@@ -112,7 +113,7 @@ def _drawn(points: Points, fixed: Flags) -> Points:
 
 
 def _blocked(points: Points, smoothed: Points, costmap: Costmap, check_time: Callable[[], None]) -> Flags:
-    """Return for each step between two points that has moved whether the robot would be in collision on it."""
+    """Return, for each step between two points, whether it has moved and the robot would be in collision on it."""
     moved = (smoothed != points).any(axis=1)
     blocked = numpy.zeros(len(points) - 1, bool)
     for index in numpy.flatnonzero(moved[:-1] | moved[1:]).tolist():
@@ -127,7 +128,7 @@ def _blocked(points: Points, smoothed: Points, costmap: Costmap, check_time: Cal
 
 
 def _headed(points: Points, path: Sequence[Pose]) -> list[Pose]:
-    """Poses that head to the next point, or away from it where the path is driven backward."""
+    """Return poses that head to the next point, or away from it where the path is driven backward."""
     start = path[1]
     backward = abs(wrap(math.atan2(path[2].y - start.y, path[2].x - start.x) - start.yaw)) > math.pi / 2.0
     turn = math.pi if backward else 0.0

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Costs of edges: the edge cost functions of Nav2's route server, with its default weights; and of straight lines.
+"""Costs of edges, by the edge cost functions of Nav2's route server with its default weights; and costs of straight
+lines.
 
-A scorer gives the costs of all edges of a graph, infinite for those that must not be used. Those of several are added
-up.
+A scorer returns the costs of all edges of a graph, infinite for edges that must not be used. The costs of several
+scorers are added.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from flexbt_sim.world.plane.geometry import Point, Pose, wrap
 from .graph import RouteEdge, RouteGraph, RouteNode, number, speed_limit
 
 CELLS_AT_A_TIME: Final = 1_000_000
-"""Number of cells at a time; more take as long, and more memory."""
+"""Number of cells per block; larger blocks are no faster and use more memory."""
 
 
 def greatest_cost(costmap: Costmap, start: Point, end: Point) -> tuple[float, bool]:
-    """Return the greatest cost on a line, as far as it is on the map, and whether all of it is."""
+    """Return the greatest cost on the part of a line that is on the map, and whether the whole line is."""
     greatest, is_on_map = greatest_costs(costmap, numpy.array([start]), numpy.array([end]))
     return float(greatest[0]), bool(is_on_map[0])
 
@@ -34,7 +35,7 @@ def greatest_cost(costmap: Costmap, start: Point, end: Point) -> tuple[float, bo
 def greatest_costs(
     costmap: Costmap, starts: NDArray[numpy.float64], ends: NDArray[numpy.float64]
 ) -> tuple[NDArray[numpy.float64], NDArray[numpy.bool_]]:
-    """Return the greatest cost of each of many lines, N x 2, m, and whether it is on the map."""
+    """Return, for each of many lines, N x 2, m, its greatest cost and whether it is on the map."""
     world = costmap.world
     begin, end = (numpy.stack(world.grid_position(*points.T), axis=1) for points in (starts, ends))
     counts = numpy.maximum(1, numpy.ceil(2.0 * numpy.hypot(*(end - begin).T))).astype(int)
@@ -73,12 +74,12 @@ def cosine(ax: float, ay: float, bx: float, by: float) -> float:
 
 
 GREATEST_SPEED: Final = 0.5
-"""m/s, where no speed is given: max_vel of Nav2's TimeScorer."""
+"""Speed, m/s, of an edge without one: max_vel of Nav2's TimeScorer."""
 
 
 @dataclass(frozen=True)
 class RouteRequest:
-    """Between which nodes a route is wanted; poses are given when the request has them."""
+    """The start and goal nodes of a requested route, with their poses if the request has them."""
 
     start: RouteNode
     goal: RouteNode
@@ -95,21 +96,21 @@ class Scorer(Protocol):
     """Costs of the edges of a graph for a request."""
 
     def __call__(self, graph: RouteGraph, request: RouteRequest, /) -> Costs:
-        """Raise NavigationError INVALID_EDGE_SCORER_USE."""
+        """Return the costs of all edges. Raises NavigationError INVALID_EDGE_SCORER_USE."""
 
 
 @dataclass
 class DynamicEdges:
     """Edges that were closed, or made dearer, at run time: Nav2's DynamicEdgesScorer.
 
-    They may be adjusted while another thread scores: what that has begun with is replaced, not changed.
+    They may be adjusted while another thread scores: an adjustment replaces the data, it does not modify it.
     """
 
     closed: frozenset[int] = frozenset()
     costs: Mapping[int, float] = field(default_factory=dict)
 
     def adjust(self, closed: Iterable[int], opened: Iterable[int], costs: Mapping[int, float]) -> None:
-        """Close edges, open edges, and give edges costs that are added to what they cost."""
+        """Close edges, open edges, and set costs that are added to those of edges."""
         self.closed = self.closed.union(closed).difference(opened)
         self.costs = {**self.costs, **costs}
 
@@ -135,12 +136,12 @@ def _penalty(graph: RouteGraph, _request: RouteRequest) -> Costs:
 
 
 def _length(edge: RouteEdge) -> float:
-    """Length, m, longer where the speed is limited."""
+    """Return the length, m, longer where the speed is limited."""
     return edge.length / speed_limit(edge)
 
 
 def _seconds(edge: RouteEdge) -> float:
-    """Return those that it took the last time, or those at the speed that is given, or at the greatest one."""
+    """Return the time for an edge, s: that of the last time, or else at the speed of the edge or the greatest speed."""
     taken, speed = number(edge, 'abs_time_taken'), number(edge, 'abs_speed_limit')
     if taken is not None and taken > 0.0:
         return taken
@@ -152,7 +153,8 @@ def _penalty_of(edge: RouteEdge) -> float:
 
 
 def _costmap(graph: RouteGraph, request: RouteRequest) -> Costs:
-    """Return the greatest cost on an edge as a part of that of a collision; none in a collision, or beside the map."""
+    """Return the greatest cost on each edge as a fraction of that of a collision; infinite in a collision or outside
+    the map."""
     if request.costmap is None:
         return numpy.full(len(graph.edges), numpy.inf)
     greatest, is_on_map = greatest_costs(
@@ -164,12 +166,12 @@ def _costmap(graph: RouteGraph, request: RouteRequest) -> Costs:
 
 
 def _start_orientation(graph: RouteGraph, request: RouteRequest) -> Costs:
-    """Return how much the first edge turns away from the heading of the start, rad."""
+    """Return the angle, rad, from the heading of the start to each first edge."""
     return _turns(graph, _given(request.start_pose, 'StartPoseOrientationScorer'), graph.links.starts, request.start)
 
 
 def _goal_orientation(graph: RouteGraph, request: RouteRequest) -> Costs:
-    """Return how much the last edge turns away from the heading of the goal, rad."""
+    """Return the angle, rad, from the heading of the goal to each last edge."""
     return _turns(graph, _given(request.goal_pose, 'GoalPoseOrientationScorer'), graph.links.ends, request.goal)
 
 
@@ -180,7 +182,7 @@ def _given(pose: Pose | None, scorer: str) -> Pose:
 
 
 def _turns(graph: RouteGraph, pose: Pose, nodes: NDArray[numpy.int64], node: RouteNode) -> Costs:
-    """Return for each edge at this node the angle, rad, by which a robot at a pose turns to it; 0 for others."""
+    """Return, for each edge at this node, the angle, rad, by which a robot at a pose turns to it; 0 for other edges."""
     costs = numpy.zeros(len(graph.edges))
     for index in numpy.flatnonzero(nodes == graph.links.index[node.id]):
         costs[index] = abs(wrap(graph.edges[index].heading - pose.yaw))
@@ -199,9 +201,8 @@ SCORERS: Final[Mapping[str, Scorer]] = {
 
 
 def edge_scorer(scorers: Iterable[Scorer]) -> Scorer:
-    """Return what edges cost by several scorers, never less than 0; NaN for an edge whose own cost, which nothing
-    overrides, is not positive.
-    """
+    """Return a scorer that adds the costs of several scorers, at least 0. An edge that is not overridable, or any edge
+    if no scorers are given, has its own cost, or NaN if that is not positive."""
     scorers = tuple(scorers)
 
     def score(graph: RouteGraph, request: RouteRequest) -> Costs:

@@ -21,12 +21,12 @@ from flexbt_navigation.errors import GraphError
 from flexbt_sim.world.plane.geometry import FARTHEST, Pose, compose
 
 MOST: Final = 1e9
-"""The greatest number that means anything, whatever its unit."""
+"""Greatest number that is accepted, whatever its unit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Operation:
-    """An operation on the way. ``trigger`` is NODE (achieved), ON_ENTER or ON_EXIT (of an edge)."""
+    """An operation on a route. ``trigger`` is NODE (achieved), ON_ENTER or ON_EXIT (of an edge)."""
 
     name: str
     type: str
@@ -36,7 +36,7 @@ class Operation:
 
 @dataclass(frozen=True, eq=False)
 class RouteNode:
-    """A place, m in ``frame``. ``id`` as messages carry it: 0 to 65535."""
+    """A place, in m in ``frame``. Its ``id`` fits into the messages: 0 to 65535."""
 
     id: int
     x: float
@@ -54,7 +54,7 @@ class RouteNode:
 class RouteEdge:
     """A directed edge between two nodes. ``metadata`` is writable, for the learned ``abs_time_taken``.
 
-    When it is not ``overridable``, ``cost`` is what it costs; otherwise the edge scorers say that.
+    An edge that is not ``overridable`` costs ``cost``; the edge scorers determine the cost of other edges.
     """
 
     id: int
@@ -67,19 +67,20 @@ class RouteEdge:
 
     @property
     def length(self) -> float:
-        """m."""
+        """Length, m."""
         return math.dist(self.start.point, self.end.point)
 
     @property
     def heading(self) -> float:
-        """rad."""
+        """Heading, rad."""
         return math.atan2(self.end.y - self.start.y, self.end.x - self.start.x)
 
 
 class EdgeLinks:
-    """A graph as arrays, for searches. Nodes and edges are the numbers of their places in the graph.
+    """A graph as arrays, for searches. Nodes and edges are represented by their indices in the graph.
 
-    ``starts`` and ``ends`` are the nodes of the edges, ``edge_ids`` and ``end_ids`` ids of edges and of their ends.
+    ``starts`` and ``ends`` are the nodes of the edges; ``edge_ids`` and ``end_ids`` are the ids of the edges and of
+    their end nodes.
     """
 
     def __init__(self, graph: RouteGraph) -> None:
@@ -88,7 +89,7 @@ class EdgeLinks:
         self.ends = numpy.array([self.index[edge.end.id] for edge in graph.edges], int)
         self.edge_ids = numpy.array([edge.id for edge in graph.edges], int)
         self.end_ids = numpy.array([edge.end.id for edge in graph.edges], int)
-        # Edges with the same ends are side by side in this order; each of these groups is one entry of the matrix.
+        # In this order, edges with the same ends are adjacent; each such group is one entry of the matrix.
         self._order = numpy.lexsort((self.ends, self.starts))
         starts, ends = self.starts[self._order], self.ends[self._order]
         is_first = numpy.ones(len(starts), bool)
@@ -98,9 +99,9 @@ class EdgeLinks:
         self._rows = numpy.searchsorted(starts[self._groups], numpy.arange(len(self.index) + 1))
 
     def search(self, costs: NDArray[numpy.float64], start: int) -> tuple[NDArray[numpy.float64], NDArray[numpy.int32]]:
-        """By Dijkstra's algorithm, what it costs to get from a node to each, and the last node before it on the way.
+        """Return the cost from a node to each node and the previous node on that path, by Dijkstra's algorithm.
 
-        ``costs`` are those of the edges, none negative; infinite for one that is not used.
+        ``costs`` are those of the edges, not negative; infinite for an edge that must not be used.
         """
         count = len(self.index)
         cheapest = numpy.minimum.reduceat(costs[self._order], self._groups) if len(costs) else costs
@@ -118,7 +119,7 @@ class EdgeLinks:
 
 
 class RouteGraph:
-    """Nodes by their ids, at least one, and edges. Edges may share an id, which then stands for all of them."""
+    """A graph of at least one node, by id, and edges. Edges may share an id, which then stands for all of them."""
 
     def __init__(self, nodes: Mapping[int, RouteNode], edges: Iterable[RouteEdge]) -> None:
         self.nodes = nodes
@@ -133,7 +134,7 @@ class RouteGraph:
         return self._leaving[node.id]
 
     def of_edges(self, value: Callable[[RouteEdge], float]) -> NDArray[numpy.float64]:
-        """Return a constant value of each edge, in order. The array is cached: do not modify it."""
+        """Return a constant value of each edge, in order. The array is cached and must not be modified."""
         found = self._of_edges.get(value)
         if found is None:
             found = self._of_edges[value] = numpy.array([value(edge) for edge in self.edges], float)
@@ -160,7 +161,7 @@ class RouteGraph:
         return {node.frame for node in self.nodes.values()}
 
     def moved(self, frame: str, origins: Mapping[str, Pose]) -> RouteGraph:
-        """Return the same graph in one frame; ``origins`` are the poses in it of the other frames."""
+        """Return the same graph in one frame; ``origins`` are the poses of the other frames in it."""
 
         def place(node: RouteNode) -> RouteNode:
             x, y, _ = compose(origins[node.frame], Pose(node.x, node.y, 0.0))
@@ -174,9 +175,9 @@ class RouteGraph:
 
 
 def speed_limit(edge: RouteEdge) -> float:
-    """Return the part of the greatest speed that is allowed on an edge, of (0, 1].
+    """Return the speed limit of an edge as a fraction of the greatest speed, in (0, 1].
 
-    Nav2 documents percent (85.0), and its samples have parts (0.85): up to 1 it is a part.
+    Nav2 documents percent (85.0), but its samples have fractions (0.85): values up to 1 are fractions.
     """
     value = number(edge, 'speed_limit')
     if value is None or value <= 0.0:
@@ -192,11 +193,11 @@ def number(edge: RouteEdge, key: str) -> float | None:
     return float(value)
 
 
-# Reads a graph from GeoJSON, with the properties that Nav2's route server reads.
+# Reading a graph from GeoJSON, with the properties that Nav2's route server reads.
 #
 # A node is a feature with a Point: ``id``, ``frame`` (of the coordinates; map when it is missing), ``metadata``,
 # ``operations``. An edge is a feature with a LineString or MultiLineString, whose coordinates do not matter: ``id``,
-# ``startid``, ``endid``, ``cost``, ``overridable``, ``metadata``, ``operations``. Other features are left out.
+# ``startid``, ``endid``, ``cost``, ``overridable``, ``metadata``, ``operations``. Other features are ignored.
 
 MOST_BYTES: Final = 64_000_000
 HIGHEST_ID: Final = 65535
@@ -210,7 +211,7 @@ def load_graph(file: Path) -> RouteGraph:
     """Return the graph of a file.
 
     Raises:
-        GraphError: the file cannot be read, or is not a graph.
+        GraphError: the file cannot be read or is not a graph.
     """
     nodes: dict[int, RouteNode] = {}
     features = list(_features(file))

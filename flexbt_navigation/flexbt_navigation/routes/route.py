@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Routes: the cheapest one through a graph, from a request, also when it has to change; its path; and the progress of
-the robot on it.
-"""
+"""Routes: planning and replanning the cheapest route of a request through a graph; its path; and the progress of the
+robot on it."""
 
 from __future__ import annotations
 
@@ -25,7 +24,7 @@ from .graph import Operation, RouteEdge, RouteGraph, RouteNode
 
 @dataclass(frozen=True)
 class Route:
-    """A route from a node over edges; ``costs`` are those of the edges. Without edges it is the node."""
+    """A route from a node over edges; ``costs`` are those of the edges. Without edges, the route is the node alone."""
 
     start: RouteNode
     edges: tuple[RouteEdge, ...] = ()
@@ -33,7 +32,7 @@ class Route:
 
     @property
     def nodes(self) -> tuple[RouteNode, ...]:
-        """One more than edges."""
+        """Nodes of the route, one more than edges."""
         return (self.start, *(edge.end for edge in self.edges))
 
     @property
@@ -48,7 +47,7 @@ def find_route(
     blocked: Collection[int] = (),
     check_time: Callable[[], None] = lambda: None,
 ) -> Route:
-    """Return the cheapest route. Edges, and nodes, with an id among the ``blocked`` are not used.
+    """Return the cheapest route. It uses no edge and no node whose id is in ``blocked``.
 
     ``check_time()`` is called before and after the search.
 
@@ -66,7 +65,7 @@ def find_route(
     first, last = links.index[start.id], links.index[goal.id]
     distances, before = links.search(costs, first)
     check_time()
-    # Nav2's search looks at all edges of a node that is nearer than the goal, also at those that lead back.
+    # Nav2's search examines all edges of a node that is nearer than the goal, including those that lead back.
     is_met = (distances[links.starts] < distances[last]) | ((links.starts == first) & (first != last))
     met = numpy.flatnonzero(is_wrong & is_met)
     if met.size:
@@ -84,7 +83,7 @@ def find_route(
     return Route(start, tuple(graph.edges[step] for step in steps), tuple(costs[steps].tolist()))
 
 
-# Routes as dense paths, with their corners rounded off: Nav2's path converter.
+# Routes as dense paths with rounded corners, like Nav2's path converter.
 
 
 @dataclass(frozen=True)
@@ -97,10 +96,10 @@ class PathShape:
 
 
 def route_path(route: Route, shape: PathShape, begin: Point | None = None) -> list[Pose]:
-    """Return the poses along a route, each heading to the next, and the last one as its edge.
+    """Return the poses along a route. Each heads to the next, and the last has the heading of its edge.
 
-    ``begin`` is where the robot is on the edge that leads to the first node, when it is on its way there. A corner
-    stays as it is where its edges are too short for the arc.
+    ``begin`` is the position of the robot on the edge to the first node, if it is on its way there. A corner is not
+    rounded if its edges are too short for the arc.
     """
     corners = [node.point for node in route.nodes]
     points: list[Point] = []
@@ -119,7 +118,7 @@ def route_path(route: Route, shape: PathShape, begin: Point | None = None) -> li
 
 
 def _line(start: Point, end: Point, density: float) -> list[Point]:
-    """Points from start to before end."""
+    """Return points from start to just before end."""
     count = math.ceil(math.dist(start, end) / density)
     return [
         (start[0] + (end[0] - start[0]) * step / count, start[1] + (end[1] - start[1]) * step / count)
@@ -128,7 +127,7 @@ def _line(start: Point, end: Point, density: float) -> list[Point]:
 
 
 def _arc(start: Point, corner: Point, end: Point, shape: PathShape) -> list[Point]:
-    """Points of the arc that touches both lines of a corner, or the corner itself."""
+    """Return points of the arc that touches both lines of a corner, or the corner itself."""
     before, after = math.dist(start, corner), math.dist(corner, end)
     if not (shape.is_rounded and before and after):
         return [corner]
@@ -157,13 +156,13 @@ def _arc(start: Point, corner: Point, end: Point, shape: PathShape) -> list[Poin
 
 @dataclass(frozen=True)
 class Ends:
-    """Start or end of a route: a node of the graph by its id, or a pose."""
+    """One end of a route: a node of the graph by its id, or a pose."""
 
     id: int = 0
     pose: Pose | None = None
 
     def node(self, graph: RouteGraph, costmap: Costmap | None) -> RouteNode:
-        """Raise NavigationError INDETERMINANT_NODES_ON_GRAPH."""
+        """Return the node for this end. Raises NavigationError INDETERMINANT_NODES_ON_GRAPH."""
         if self.pose is not None:
             return nearest_node(graph, self.pose, costmap)
         if self.id not in graph.nodes:
@@ -173,9 +172,9 @@ class Ends:
 
 @dataclass(frozen=True)
 class RouteProgress:
-    """The progress of the robot when its route is planned again.
+    """The progress of the robot when its route is replanned.
 
-    ``blocked`` are ids of edges that cannot be used. ``node`` was achieved last, if any was, and ``edge`` is the one
+    ``blocked`` are ids of edges that cannot be used. ``node`` is the last achieved node, if any, and ``edge`` the edge
     that the robot is on, at ``pose``.
     """
 
@@ -187,7 +186,7 @@ class RouteProgress:
 
 @dataclass(frozen=True)
 class PlannedRoute:
-    """``edge`` is the one that the robot is on already, on its way to the first node of the route."""
+    """A route with its path. ``edge`` is the edge that the robot is already on, on its way to the first node."""
 
     route: Route
     path: list[Pose]
@@ -196,7 +195,7 @@ class PlannedRoute:
 
 @dataclass(frozen=True)
 class RoutePlanner:
-    """A planner on one graph. If there is a ``costmap``, it is checked for obstacles."""
+    """A planner on one graph. If it has a ``costmap``, it checks it for obstacles."""
 
     graph: RouteGraph
     score: Scorer
@@ -210,7 +209,7 @@ class RoutePlanner:
         progress: RouteProgress | None = None,
         check_time: Callable[[], None] = lambda: None,
     ) -> PlannedRoute:
-        """Return a route from start to goal; ``progress`` when there was another one before.
+        """Return a route from start to goal; ``progress`` is that on the previous route, if any.
 
         Raises:
             NavigationError: INDETERMINANT_NODES_ON_GRAPH, NO_VALID_ROUTE, NO_VALID_GRAPH, INVALID_EDGE_SCORER_USE, or
@@ -243,22 +242,22 @@ class RoutePlanner:
         return PlannedRoute(route, route_path(route, self.shape, begin), edge)
 
 
-# Poses that routes are asked for, and the nodes for them: what Nav2's goal intent extractor does.
+# Nodes for the poses of a request, like Nav2's goal intent extractor.
 
 NEAREST_NODES: Final = 5
 MOST_CELLS: Final = 10_000
-"""Maximum number of nodes that are tried for a pose, and of cells: Nav2's num_nearest_nodes and
+"""Maximum number of nodes that are tried for a pose, and of cells that are searched: Nav2's num_nearest_nodes and
 max_nn_search_iterations."""
 
 FARTHEST_FROM_EDGE: Final = 8.0
 LEAST_FROM_START: Final = 0.10
 LEAST_FROM_GOAL: Final = 0.15
-"""Distances at which an end of a route is left out, m: max_prune_dist_from_edge, min_prune_dist_from_start and
-_goal."""
+"""Distances for pruning an end of a route, m: max_prune_dist_from_edge, min_prune_dist_from_start and _goal."""
 
 
 def nearest_node(graph: RouteGraph, pose: Pose, costmap: Costmap | None) -> RouteNode:
-    """Return the nearest node; of the five nearest the one with the shortest free way, when something is in between."""
+    """Return the nearest node or, if an obstacle is in between, the one of the five nearest with the shortest free
+    path."""
     nodes = graph.nearest(pose, NEAREST_NODES)
     if costmap is None:
         return nodes[0]
@@ -273,7 +272,7 @@ def nearest_node(graph: RouteGraph, pose: Pose, costmap: Costmap | None) -> Rout
 def _first_reached(
     costmap: Costmap, start: tuple[int, int], wanted: dict[tuple[int, int], RouteNode]
 ) -> RouteNode | None:
-    """Return the node at the first of the wanted cells to which the free cells lead, by breadth-first search."""
+    """Return the node of the first wanted cell that a breadth-first search over free cells reaches."""
     seen = {start}
     queue = deque([start])
     for _ in range(MOST_CELLS):
@@ -291,9 +290,10 @@ def _first_reached(
 
 
 def pruned(route: Route, start: Point | None, goal: Point | None) -> Route:
-    """Without its first edge when the start is on it already, and without its last one when the goal comes before.
+    """Return the route without its first edge if the start is already on it, and without its last edge if the goal lies
+    before its end.
 
-    A place that is None prunes nothing.
+    A place of None prunes nothing.
     """
     if start is not None and route.edges:
         first, next_node = route.start.point, route.edges[0].end
@@ -309,13 +309,13 @@ def pruned(route: Route, start: Point | None, goal: Point | None) -> Route:
 
 
 def _along(start: Point, end: Point, origin: Point, place: Point) -> float:
-    """Return whether a place lies ahead of an origin in the direction of a line (more than 0), or behind it."""
+    """Return a number above 0 if a place lies ahead of an origin in the direction of a line, below 0 if behind."""
     value = cosine(end[0] - start[0], end[1] - start[1], place[0] - origin[0], place[1] - origin[1])
     return value if abs(value) > 1e-6 else 0.0
 
 
 def _is_beside(place: Point, start: Point, end: Point, node: Point, least: float) -> bool:
-    """Return whether a place is near enough to an edge, and not at its node."""
+    """Return whether a place is near an edge, but not at its node."""
     near = math.dist(closest_point(place, start, end), place) <= FARTHEST_FROM_EDGE
     return near and math.dist(place, node) > least
 
@@ -331,10 +331,11 @@ class AchievedRadii:
 
 
 class RouteTracker:
-    """``last_node`` is the one that was achieved last, ``next_node`` the one ahead, ``edge`` that between them."""
+    """A tracker of the robot on a route. ``last_node`` is the last achieved node, ``next_node`` the one ahead, and
+    ``edge`` the edge between them."""
 
     def __init__(self, route: Route, radii: AchievedRadii, edge: RouteEdge | None = None) -> None:
-        """``edge`` is the one to the first node when the robot is on it already, after the route has changed."""
+        """``edge`` is the edge to the first node if the robot is already on it, after the route has changed."""
         self.route = route
         self.edge = edge
         self.left: RouteEdge | None = None
@@ -346,11 +347,12 @@ class RouteTracker:
 
     @property
     def is_complete(self) -> bool:
-        """True if the last node was achieved."""
+        """True if the last node of the route was achieved."""
         return self.next_node is None
 
     def step(self, pose: Pose) -> bool:
-        """Return whether the next node is achieved. Then the one after it is the next one, or the route is complete."""
+        """Return whether the robot has achieved the next node. If so, advance to the node after it, or complete the
+        route."""
         node = self.next_node
         if node is None or not self._is_achieved(pose, node):
             return False
@@ -388,7 +390,7 @@ class RouteTracker:
         self._was_near = is_near
         if is_boundary or not is_near or self.edge is None:
             return is_near
-        # Past the line through the node that halves the angle between this edge and the next one.
+        # The robot has passed the line through the node that bisects the angle between this edge and the next.
         before, after = self.edge, self.route.edges[self._index + 1]
         n, m = before.length, after.length
         if min(n, m) < 1e-6:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The actions compute_route and compute_and_track_route, and the graph that they plan on.
+"""The actions compute_route and compute_and_track_route, and their graph.
 
-Services replace the graph, close and open edges and make them dearer. The graph is shown on the latched topic
-route_graph, the path of the last route on plan. A route that is tracked is followed while the robot drives, the
-operations of its edges and nodes are carried out, and it is planned again when it has to be another one.
+Services replace the graph, close and open edges, and raise their costs. The server publishes the graph on the latched
+topic route_graph and the path of the last route on plan. While the robot drives, it tracks a route, carries out the
+operations of its edges and nodes, and replans it when it has to change.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class RouteParameters:
 
 
 def route_message(route: Route, frame: str, stamp: Time) -> RouteMessage:
-    """Return a route: one node more than edges."""
+    """Return a route as a message; it has one node more than edges."""
     message = RouteMessage(
         route_cost=float(route.cost),
         nodes=[RouteNode(nodeid=node.id, position=point_message(node.point)) for node in route.nodes],
@@ -133,7 +133,7 @@ def point_message(place: tuple[float, float]) -> Point:
 
 
 class RouteTracking:
-    """The tracking of one route, which begins with planning. On the executor thread."""
+    """The tracking of one route, which begins with planning. Executor thread only."""
 
     def __init__(self, server: RouteServer, goal: ServedGoal) -> None:
         self._server = server
@@ -195,7 +195,7 @@ class RouteTracking:
             self._replan(RouteProgress(done.blocked, tracker.last_node, tracker.edge, pose))
 
     def _tell(self, tracker: RouteTracker, *, rerouted: bool = False, operations: Sequence[str] = ()) -> None:
-        """Ids of what there is not are 0."""
+        """Send feedback; a missing node or edge has the id 0."""
         last, ahead, edge = tracker.last_node, tracker.next_node, tracker.edge
         self.goal.publish_feedback(
             ComputeAndTrackRoute.Feedback(
@@ -218,10 +218,10 @@ NO_LIMIT: Final = 0.0
 
 @dataclass
 class OperationsStep:
-    """What is known at a pose, at a time in s, for the operations; ``changed`` says whether a node was just achieved.
+    """The input of the operations at a pose and a time, s; ``changed`` is True if a node was just achieved.
 
-    And what came of them: the names of those that did something, and whether the route has to be another one, without
-    some edges.
+    It also holds their output: the names of the operations that did something, and whether the route has to be
+    replanned, and without which edges.
     """
 
     changed: bool
@@ -234,7 +234,8 @@ class OperationsStep:
 
 
 class RouteOperations:
-    """On the executor thread. For one route at a time: ``begin``, ``process`` at each pose of the robot, ``finish``."""
+    """The operations of one route at a time: call ``begin``, ``process`` at each pose of the robot, then ``finish``.
+    Executor thread only."""
 
     def __init__(self, runtime: NodeRuntime, parameters: RouteParameters, robot: RobotInterface) -> None:
         self._runtime = runtime
@@ -256,13 +257,13 @@ class RouteOperations:
         self._failure: str | None = None
 
     def finish(self) -> None:
-        """Lift the speed limit: the goal has ended."""
+        """Remove the speed limit after the end of a goal."""
         self._run += 1
         if self._is_limited:
             self._limit(NO_LIMIT)
 
     def process(self, step: OperationsStep) -> None:
-        """Do what is due.
+        """Carry out the operations that are due.
 
         Raises:
             NavigationError: OPERATION_FAILED.
@@ -356,16 +357,16 @@ HIGHEST_COST: Final = 1e6
 """Highest cost of an edge that the service sets."""
 
 GRAPH_TIMEOUT: Final = 5.0
-"""Time for which transforms of a graph are awaited, s of wall time: at the start they may not be published yet."""
+"""Maximum wait for the transforms of a graph, s of wall time: at start-up they may not be published yet."""
 
 NO_PLACE: Final = 'INDETERMINANT_NODES_ON_GRAPH'
 
 
 class RouteServer:
-    """On the executor thread."""
+    """The server of both actions and the graph services. Executor thread only."""
 
     def __init__(self, runtime: NodeRuntime, parameters: RouteParameters, robot: RobotInterface) -> None:
-        """Raise GraphError: the parameter ``graph_filepath`` names no graph."""
+        """Raise GraphError if the file of the parameter ``graph_filepath`` is not a graph."""
         self.runtime = runtime
         self.parameters = parameters
         self.robot = robot
@@ -426,7 +427,7 @@ class RouteServer:
         self._markers.publish(graph_markers(self._graph, frame, self.runtime.clock.stamp()))
 
     async def _report_graph(self, use: Awaitable[None], on_end: Callable[[bool], object] = lambda _: None) -> None:
-        """Report whether there is a new graph; the one before it stays when that fails."""
+        """Report whether the graph was replaced; after a failure, the previous one stays."""
         logger, is_used = self.runtime.node.get_logger(), False
         try:
             await use
@@ -490,7 +491,7 @@ class RouteServer:
             self._tracking.end(CANCELED)
 
     def finish(self, goal: ServedGoal, result: Any, end: GoalEnd) -> None:
-        """End a goal, and log an error, for which its result has no room."""
+        """End a goal, and log its error, since the result has no field for the message."""
         if end.code != 'NONE':
             self.runtime.node.get_logger().warning(
                 f'no route: {end.code}: {end.message}', throttle_duration_sec=COMPLAINT_SECONDS
@@ -498,7 +499,7 @@ class RouteServer:
         finish(goal, result, end)
 
     async def plan(self, goal: ServedGoal, progress: RouteProgress | None) -> PlannedRoute:
-        """Return the route of a goal of one of the actions. Raises what ends the goal if there is none."""
+        """Return the route of a goal of either action. Raises the error that ends the goal if no route was found."""
         poses = await self.robot.poses(goal, _asked)
         start, last = self._ends(goal.request, poses)
         planner, check_time = self._planner(goal.request), self._limit(goal)
@@ -531,7 +532,7 @@ class RouteServer:
 
 
 def _asked(request: Any) -> list[Asked]:
-    """Return the goal, and the start behind it if there is one."""
+    """Return the goal, followed by the start if the request has one."""
     if not request.use_poses:
         return []
     goal = asked_pose(request.goal, 'the goal', NO_PLACE)
@@ -551,7 +552,7 @@ def graph_markers(graph: RouteGraph, frame: str, stamp: Time) -> MarkerArray:
         texts.append(_text('route_graph_node_ids', number, node.id, (node.x + 0.07, node.y), ColorRGBA(r=1.0, a=1.0)))
     for number, edge in enumerate(graph.edges):
         x, y = (edge.start.x + edge.end.x) / 2.0, (edge.start.y + edge.end.y) / 2.0
-        y += 0.05 if edge.start.id > edge.end.id else -0.05  # apart, when there is one back
+        y += 0.05 if edge.start.id > edge.end.id else -0.05  # keep apart from the text of the opposite edge
         texts.append(_text('route_graph_edge_ids', number, edge.id, (x + 0.07, y), ColorRGBA(g=1.0, a=1.0)))
     markers = MarkerArray(markers=[edges, nodes, *texts])
     for marker in markers.markers:
