@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The age of the picture of the executive, and whether it may be shown as the present."""
+"""The age of the picture of the executive, and the state of the link that follows from it."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from enum import Enum
 from typing import Final
 
 LIVE_PERIODS: Final = 1.5
-"""Heartbeat periods after which a picture is no longer shown as live."""
+"""Age of a picture, in heartbeat periods, above which it is no longer shown as live."""
 
 LOST_PERIODS: Final = 2.5
-"""Heartbeat periods after which the link counts as lost, but see :data:`LOST_SECONDS`."""
+"""Age of a picture, in heartbeat periods, above which the link counts as lost; see also :data:`LOST_SECONDS`."""
 
 LOST_SECONDS: Final = 5.0
-"""A picture has to be that old for the link to count as lost: on a busy computer, what is late is not gone."""
+"""Minimum age of a picture for the link to count as lost, s. On a busy computer a late message is not a lost one."""
 
 PERIOD_BOUNDS: Final = (0.05, 10.0)
-"""Seconds to which a received heartbeat period is limited: a faulty one must not keep an old picture alive."""
+"""Limits of a received heartbeat period, s: a wrong period must not keep an old picture live."""
 
 SKEW_TOLERANCE: Final = 0.05
-"""Seconds by which the clocks of two computers may differ and still give the age of the first message."""
+"""Difference between the clocks of two computers that is ignored, s."""
 
 BASELINE_LENGTH: Final = 16
-"""Messages over which the fastest way is taken for the difference of the two clocks."""
+"""Number of latest messages of which the fastest one is used to estimate the difference between the two clocks."""
 
 PING_PERIOD: Final = 30.0
 """Seconds after which the clocks are compared again."""
 
 ECHOES_REMEMBERED: Final = 8
-"""Number of comparisons of the clocks, of which the best one counts."""
+"""Number of latest comparisons of the clocks; the best one is used."""
 
 
 class LinkState(Enum):
-    """The state of the link: the picture is live, it is old, or the sender is gone."""
+    """The state of the link: the picture is live, the picture is old, or the sender is gone."""
 
     LIVE = 'live'
     STALE = 'stale'
@@ -42,24 +42,25 @@ class LinkState(Enum):
 
 
 class Freshness:
-    """Age of the newest message, in seconds on the reader's clock.
+    """An estimate of the age of the newest message, in seconds on the reader's clock.
 
     ``transit`` is the time of arrival minus the time of sending, each on the wall clock of its own computer. The
-    smallest of the last ones stands for the difference of the clocks plus the shortest way; what a message
-    took longer than that counts as age.
+    smallest of the latest transits is the difference of the clocks plus the shortest delay. The excess of a transit
+    over that smallest one counts as age.
 
-    Alone, that takes a link on which every message waits for a clock that differs. So the other side sends an echo of
-    our pings: it is sent after the ping was, hence its time on the sender's clock minus that of the ping on ours is
-    more than the sender's clock is ahead. That and the transit are together more than the time that a message was on
-    its way; of it a heartbeat period is allowed, and the rest counts as age. Without an echo, the picture is STALE
-    until a transit alone shows that it is young; the first one may have been kept for late subscribers.
+    This alone cannot distinguish a link that delays every message from a difference of the clocks. So the other side
+    echoes our pings. An echo is sent after its ping, so the time of the echo on the sender's clock minus the time of
+    the ping on ours is an upper bound of how far the sender's clock is ahead. Added to the transit, it is an upper
+    bound of the delay of a message. A delay of one heartbeat period is allowed; the rest counts as age. Without an
+    echo, the picture is STALE until a transit alone shows that it is young, because the first message may have been
+    kept for late subscribers.
 
-    A message was sent after the one before it. So one that seems to have taken longer than that one by more than the
-    time between their arrivals shows that a clock was set meanwhile: it counts as having taken as long as that one.
+    Messages are sent one after another. If a transit exceeds the one before by more than the time between the two
+    arrivals, a clock was set in between. The message then counts as having taken as long as the one before.
     """
 
     def __init__(self, lost_after: float = LOST_SECONDS) -> None:
-        """``lost_after`` is the age in seconds, and at least LOST_PERIODS, from which on the link counts as lost."""
+        """Count the link as lost at an age above ``lost_after`` seconds, but not before LOST_PERIODS."""
         self._lost_after = lost_after
         self._arrived: float | None = None
         self._transit: float | None = None
@@ -71,7 +72,7 @@ class Freshness:
         self._echoed = 0.0
 
     def start_over(self) -> None:
-        """Forget the measurements: the messages come from another process now."""
+        """Forget the measurements, because another process sends the messages now."""
         self._transits.clear()
         self._ahead.clear()
         self._confirmed = False
@@ -104,11 +105,11 @@ class Freshness:
         self._confirmed = self._confirmed or self._transit is not None
 
     def wants_ping(self, now: float) -> bool:
-        """Return whether an echo would help: none came for some time, or messages arrive and are not live."""
+        """Return whether to send a ping: the latest echo is missing or old, or the link is not live."""
         return not self._ahead or now - self._echoed > PING_PERIOD or self.state(now) is not LinkState.LIVE
 
     def sender_gone(self) -> None:
-        """Note that the sender is gone, as the middleware reports."""
+        """Note that the middleware reports the sender as gone."""
         self._gone = True
 
     def age(self, now: float) -> float | None:
@@ -116,8 +117,8 @@ class Freshness:
         return None if self._arrived is None else max(0.0, now - self._arrived) + self._lateness()
 
     def silent(self, now: float, listened: float = math.inf) -> bool:
-        """Return whether the sender should have been received again by now, after ``listened`` seconds of listening
-        since."""
+        """Return whether a message is overdue. ``listened``: seconds since the latest message in which messages could
+        arrive."""
         if self._arrived is None or self._gone:
             return True
         return min(now - self._arrived, listened) > LIVE_PERIODS * self._period

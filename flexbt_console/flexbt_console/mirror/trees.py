@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behavior trees that run on the robot, as its operator sees them: nodes, statuses, and since when each holds."""
+"""Behavior trees that run on the robot, as the operator sees them: nodes, their statuses, and the times of those."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from typing import Final
 from .records import Peer
 
 REMEMBERED_TREES: Final = 8
-"""Runs of trees that are remembered: those that go on, and the latest that have ended."""
+"""Maximum number of remembered runs of trees: current ones, and the latest that have ended."""
 
 GONE_SECONDS: Final = 60.0
 """Time for which a run is remembered after its server is gone, s."""
 
 BT_SERVER: Final = 'bt_server'
-"""Name of the node that runs trees, if a message does not have it (flexbt_common.names)."""
+"""Name of the node that runs trees (flexbt_common.names); used when a message does not contain the name."""
 
 _UNKNOWN: Final = -math.inf
 
 
 class MirroredStatus(IntEnum):
-    """TreeStatus: the status of a node."""
+    """The status of a node (TreeStatus)."""
 
     IDLE = 0
     RUNNING = 1
@@ -35,7 +35,7 @@ class MirroredStatus(IntEnum):
 
 
 class MirroredNodeKind(IntEnum):
-    """TreeNode: the sort of a node."""
+    """The kind of a node (TreeNode)."""
 
     UNKNOWN = 0
     ACTION = 1
@@ -68,7 +68,7 @@ class StatusChange:
 
 @dataclass(frozen=True, slots=True)
 class TreeNodes:
-    """The nodes of a run of a tree (TreeStructure); ``left_out`` more are not among them."""
+    """The nodes of a run of a tree (TreeStructure), without ``left_out`` further ones."""
 
     run_id: str
     tree: str
@@ -80,9 +80,9 @@ class TreeNodes:
 
 @dataclass(frozen=True, slots=True)
 class TreeReport:
-    """What has happened in a run of a tree since the report before (TreeStatus).
+    """The changes in a run of a tree since the previous report (TreeStatus).
 
-    ``structure`` is the number of its nodes, ``server`` the node that has sent it, '' if unknown.
+    ``structure``: number of the TreeStructure that it refers to. ``server``: name of the sending node, '' if unknown.
     """
 
     run_id: str
@@ -98,15 +98,19 @@ class TreeReport:
 
 @dataclass(frozen=True, slots=True)
 class MirroredTree:
-    """One run of a tree. ``statuses``, ``last`` and ``since`` belong to ``nodes``, one each.
+    """One run of a tree. ``statuses``, ``last`` and ``since`` have one element for each of ``nodes``.
 
-    ``since`` is in seconds on the clock of the node that runs the tree, ``stamp`` the latest time on it that is known.
-    ``last`` is how each node ended before: a halted node is IDLE, and what it had come to says why.
-    ``structure`` is TreeStructure.number: a run may get other nodes, and has none while those are not known of which
-    its statuses tell. ``left_out`` nodes behind these are not known: there are too many.
-    ``server`` is the node that runs it, '' if unknown. ``gone_at`` is when that was found to be gone, in seconds on the
-    reader's clock: statuses are the last that were heard. ``life`` is the life of the server in which the latest status
-    came: the executive that knew of it, and since when the server was alive for that; None when that life is over.
+    ``last``: how each node ended before. A halted node is IDLE; its last end shows the reason.
+    ``since``: time of the latest change of each node, s on the clock of the node that runs the tree.
+    ``stamp``: latest known time of that clock, s.
+    ``structure``: TreeStructure.number. The nodes of a run may change. ``nodes`` is empty while the statuses refer to
+    nodes that have not arrived.
+    ``left_out``: number of nodes behind these that are not known, because there are too many.
+    ``server``: name of the node that runs the tree, '' if unknown.
+    ``gone_at``: time at which that node was found to be gone, s on the reader's clock, or None. The statuses are then
+    the last ones received.
+    ``life``: the life of the server in which the latest status arrived, as the executive that reported it and the time
+    since which that executive saw the server alive. None when that life is over.
     """
 
     run_id: str
@@ -127,16 +131,16 @@ class MirroredTree:
 
     @property
     def is_running(self) -> bool:
-        """Return whether it has begun and not ended, and the node that runs it is not gone."""
+        """True if the run has begun and not ended, and its server is not gone."""
         return self.sequence > 0 and not self.finished and not self.server_gone
 
     @property
     def server_gone(self) -> bool:
-        """Return whether the node that ran it is gone, and has not reported its end."""
+        """True if the server is gone and has not reported the end of the run."""
         return self.gone_at is not None
 
     def children(self, uid: int) -> tuple[MirroredNode, ...]:
-        """Return the children of a node, in their order; of 0, the root."""
+        """Return the children of a node, in their order; for 0, the root."""
         return tuple(node for node in self.nodes if node.parent == uid)
 
     def status(self, uid: int) -> MirroredStatus:
@@ -144,21 +148,21 @@ class MirroredTree:
         return self.statuses[uid - 1] if 0 < uid <= len(self.statuses) else MirroredStatus.IDLE
 
     def last_end(self, uid: int) -> MirroredStatus:
-        """Return how a node ended the last time in this run; IDLE when it has not."""
+        """Return how a node ended the last time in this run; IDLE if it has not ended yet."""
         return self.last[uid - 1] if 0 < uid <= len(self.last) else MirroredStatus.IDLE
 
     def shown_status(self, uid: int) -> MirroredStatus:
-        """Return the status of a node; for an idle one, how it ended before."""
+        """Return the status of a node; for an idle node, how it ended before."""
         status = self.status(uid)
         return status if status is not MirroredStatus.IDLE else self.last_end(uid)
 
     def seconds(self, uid: int) -> float:
-        """Return for how long a node has had its status."""
+        """Return the time for which a node has had its status, s."""
         return max(0.0, self.stamp - self.since[uid - 1]) if 0 < uid <= len(self.since) else 0.0
 
     @property
     def running_leaves(self) -> tuple[int, ...]:
-        """The active leaves, without those below which a tree was made only while that does nothing."""
+        """UIDs of the running nodes without children, and of the running actions none of whose children runs."""
         if self.server_gone:
             return ()
         running = [node for node in self.nodes if self.status(node.uid) is MirroredStatus.RUNNING]
@@ -171,25 +175,25 @@ class MirroredTree:
 
 
 class Trees:
-    """The runs of trees, put together from structures and statuses that may be late, doubled or lost.
+    """The runs of trees, combined from structures and statuses that may be late, duplicated or lost.
 
-    A server that is killed does not say how its runs end, and the middleware misses it after its lease of 20 s. Its
-    executive knows sooner: see :meth:`receive_peers`.
+    A server that is killed does not report the end of its runs, and the middleware notices its end only after its lease
+    of 20 s. The executive notices sooner: see :meth:`receive_peers`.
     """
 
     def __init__(self) -> None:
         self._runs: OrderedDict[str, MirroredTree] = OrderedDict()
         self._executive = ''
         self._peers: dict[str, Peer] = {}
-        self._changed: set[str] = set()  # those that came or went since the snapshot before
+        self._changed: set[str] = set()  # peers that appeared or disappeared since the previous snapshot
 
     def forget_runs(self) -> None:
-        """Forget all runs: trees are not received any more."""
+        """Forget all runs, because trees are no longer received."""
         self._runs.clear()
 
     def receive_peers(self, executive_id: str, peers: Sequence[Peer], now: float) -> None:
-        """Process the peers that an executive reports. Runs of a server that is gone, or was replaced by another
-        process, end.
+        """Process the peers that an executive reports. End the runs of a server that is gone or was replaced by another
+        process.
         """
         before = self._peers if executive_id == self._executive else {}
         self._executive, self._peers = executive_id, {peer.name: peer for peer in peers if peer.expected}
@@ -198,7 +202,7 @@ class Trees:
             self._runs[run_id] = self._judged(run, now)
 
     def servers_left(self, there: Collection[str], now: float) -> None:
-        """Record that the middleware misses the publishers of trees, except for these nodes."""
+        """Record that, of the publishers of trees, the middleware now sees only those of the nodes ``there``."""
         for run_id, run in self._runs.items():
             if run.is_running and (run.server not in there if run.server else not there):
                 self._runs[run_id] = replace(run, life=None, gone_at=now)
@@ -213,7 +217,7 @@ class Trees:
         self._keep(_fitted(known, new.stamp))
 
     def receive_status(self, report: TreeReport, now: float = 0.0) -> bool:
-        """Process a report of a run; return False for one that is not newer than what is known.
+        """Process a report of a run; return False if it is not newer than the latest one.
 
         ``now`` is in seconds on the reader's clock.
         """
@@ -240,11 +244,11 @@ class Trees:
             finished=report.finished,
             paused=report.paused,
             server=report.server or known.server,
-            life=(self._executive, _UNKNOWN),  # it may be of a process that the executive reports next
+            life=(self._executive, _UNKNOWN),  # the executive may report the process only in its next snapshot
             gone_at=None,
         )
         peer = self._peer(run)
-        if peer is not None and not peer.alive and not run.finished:  # it is back, unless this was sent before it went
+        if peer is not None and not peer.alive and not run.finished:  # back, unless this was sent before
             run = replace(run, life=None if stamp <= peer.since else ('', _UNKNOWN), gone_at=now)
         self._keep(run)
         return True
@@ -264,7 +268,7 @@ class Trees:
             del self._runs[next(over, next(iter(self._runs)))]
 
     def _peer(self, run: MirroredTree) -> Peer | None:
-        """Return what the executive reports about the node that runs it, if it knows that node."""
+        """Return the server of a run as the executive reports it; None if the executive does not know that node."""
         if run.server:
             return self._peers.get(run.server)
         return next((peer for name, peer in self._peers.items() if name.rpartition('/')[2] == BT_SERVER), None)
@@ -276,8 +280,9 @@ class Trees:
             return run
         executive, since = run.life
         is_over = False
-        if executive == self._executive:  # another one does not know how it was before
-            # Whether the latest status was sent before the server came, or went; other clocks say nothing of that.
+        if executive == self._executive:  # another executive does not know the earlier life
+            # Only these two times, of the same clock, show whether the latest status was sent before the server
+            # appeared or disappeared.
             is_before = run.stamp < peer.since if peer.alive else run.stamp <= peer.since
             is_over = since != peer.since or not peer.alive
             if since == _UNKNOWN:
@@ -290,8 +295,8 @@ class Trees:
 
 
 def _of(run: MirroredTree, structure: int, nodes: Sequence[MirroredNode]) -> MirroredTree:
-    """Return the run when its nodes are those of ``structure``: of others than before it keeps what is known of the
-    nodes that both have, which come first."""
+    """Return the run for the nodes of ``structure``. If that is a new one, keep only the statuses of the first nodes,
+    up to the first that differs."""
     if structure == run.structure:
         return run
     both = zip(run.nodes, nodes, strict=False)
@@ -307,7 +312,7 @@ def _of(run: MirroredTree, structure: int, nodes: Sequence[MirroredNode]) -> Mir
 
 
 def _fitted(run: MirroredTree, stamp: float, count: int = 0) -> MirroredTree:
-    """Return the run with a status and a time for each node, also for nodes about which nothing is known."""
+    """Return the run with a status and a time for each node; nodes without any status are IDLE since ``stamp``."""
     count = max(count, len(run.nodes))
     missing = count - len(run.statuses)
     if missing <= 0:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tones, which say how grave a line is, and glyphs in Unicode and ASCII. Colour never carries meaning alone."""
+"""Tones, which show the severity of a line, and glyphs in Unicode and ASCII. Colour never carries meaning alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Final, TextIO
 
 
 class Tone(Enum):
-    """The severity of a line; the value is the colour of a terminal (ECMA-48, SGR)."""
+    """The severity of a line; the value is its colour in a terminal (ECMA-48, SGR)."""
 
     PLAIN = ''
     GOOD = '32'
@@ -36,12 +36,12 @@ class Line(str):
 
 
 def tone_of(line: str) -> Tone:
-    """Return the tone of a line; a text alone is plain."""
+    """Return the tone of a line; PLAIN for an ordinary string."""
     return line.tone if isinstance(line, Line) else Tone.PLAIN
 
 
 def toned(text: str, line: str) -> str:
-    """Return a text with the tone of a line."""
+    """Return ``text`` with the tone of ``line``."""
     return Line(text, line.tone) if isinstance(line, Line) else text
 
 
@@ -52,18 +52,21 @@ def coloured(line: str, has_colours: bool) -> str:
 
 
 def has_colours(stream: TextIO) -> bool:
-    """Return whether colours may be written: to a terminal, unless NO_COLOR (no-color.org) is set."""
+    """Return whether to write colours: only to a terminal, and not if NO_COLOR (no-color.org) is set."""
     return stream.isatty() and not os.environ.get('NO_COLOR') and os.environ.get('TERM') != 'dumb'
 
 
-# The signs of a terminal, in Unicode and in ASCII. Each has a distinct shape: colours never carry meaning alone.
+# The glyphs of a terminal, in Unicode and in ASCII. Each has a distinct shape, so that none depends on its colour.
 
 
 @dataclass(frozen=True)
 class Glyphs:
-    """``status`` of a node of a tree, by its number; ``active`` and ``waits`` of a state; ``robot`` by heading, eight
-    from east on, against the clock; ``ellipsis``, of one cell, stands for what is cut. Without ``has_braille``, maps
-    are drawn by one character a cell."""
+    """The glyphs of a terminal.
+
+    ``status``: one for each status of a node of a tree, by its number. ``active`` and ``waits``: marks of a state.
+    ``robot``: one for each of eight headings, from east, counterclockwise. ``ellipsis``: one cell, replaces text that
+    was cut. ``has_braille``: maps are drawn in braille; otherwise in ASCII, one character for each cell.
+    """
 
     status: str
     active: str
@@ -114,15 +117,15 @@ ASCII: Final = Glyphs(
 
 
 _COERCED: Final = frozenset({'C.UTF-8', 'C.utf8', 'UTF-8'})
-"""Locales that Python sets as LC_CTYPE in the locale C (PEP 538)."""
+"""Values to which Python sets LC_CTYPE in the locale C (PEP 538)."""
 
 
 def glyphs() -> Glyphs:
-    """Return those of this terminal: ASCII when FLEXBT_ASCII is set, where the locale has no others, and for a terminal
-    of DEC's, which has none either."""
+    """Return the glyphs for this terminal: ASCII if FLEXBT_ASCII is set, if the locale has no UTF-8, or if the terminal
+    is one of DEC's (vt...); otherwise Unicode."""
     given = os.environ.get
     character_type = given('LC_CTYPE', '')
-    # Python takes UTF-8 for C, even if C was requested (PEP 538 and 540).
+    # Python replaces C by UTF-8, even if C was requested (PEP 538 and 540).
     asked = given('LC_ALL') or (character_type if character_type not in _COERCED else '') or given('LANG')
     encoding = locale.getpreferredencoding(do_setlocale=False).lower()
     is_ascii = asked in ('C', 'POSIX') or 'utf' not in encoding or given('TERM', '').startswith('vt')

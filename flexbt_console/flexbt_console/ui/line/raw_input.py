@@ -15,29 +15,31 @@ from prompt_toolkit.input.posix_utils import PosixStdinReader
 from prompt_toolkit.input.vt100 import Vt100Input
 
 MOST_TYPED: Final = 5_000
-"""Characters of a line; what is beyond is dropped, and the line refused. prompt_toolkit keeps a copy of the line for
-each key, to undo it."""
+"""Maximum characters of a line. Further characters are dropped and the line is refused: prompt_toolkit keeps a copy of
+the line for each key, for undo."""
 
 AT_ONCE: Final = 64
-"""More characters that came at once were not typed."""
+"""Maximum number of characters that arrive at once and count as typed; more are a paste."""
 
 _BEGIN: Final = '\x1b[200~'
 _END: Final = '\x1b[201~'
 """Marks around a paste, sent by terminals that support it."""
 
 MOST_ESCAPE: Final = 32
-"""Characters of what a key sends behind the escape character."""
+"""Maximum characters of the sequence that a key sends, without the escape character."""
 
 _CONTROL: Final = re.compile(r'([\x00-\x1f\x7f])')
 _GONE: Final = frozenset({errno.EIO, errno.EBADF, errno.ENXIO, errno.EPIPE})
 
 
 class Typed:
-    """The input of a terminal, without what no line has room for: :data:`MOST_TYPED` characters between two control
-    characters, and one more, by which the line is known to be too long; of what was pasted as a whole, all or nothing.
+    """A filter of the input of a terminal, which drops characters that do not fit into a line.
 
-    prompt_toolkit looks through all of a paste again with each kilobyte of it, and takes milliseconds for each typed
-    character. So a paste that is left out is an empty one to it, and many characters that came at once are a paste.
+    Between two control characters it passes :data:`MOST_TYPED` characters and one more, which shows that the line is
+    too long. It passes a paste as a whole or not at all.
+
+    prompt_toolkit searches all of a paste again with each kilobyte of it, and needs milliseconds for each typed
+    character. So this passes a refused paste as an empty one, and many characters that arrive at once as a paste.
     """
 
     def __init__(self, on_refused: Callable[[int], object]) -> None:
@@ -49,7 +51,7 @@ class Typed:
         self._dropped = 0
 
     def take(self, text: str) -> str:
-        """Return the text that came, as far as it is to be parsed now: a paste is when its end has come."""
+        """Return the part of the received text to parse now; a paste is held back until its end has arrived."""
         kept = ''
         while text:
             if self._pasted is None:
@@ -67,7 +69,7 @@ class Typed:
                 self._pasted, self._dropped = None, 0
                 self._typed, self._escape = 0, None
             else:
-                drop = max(0, len(pasted) - MOST_TYPED - len(_END))  # in the rest may be the begin of its end
+                drop = max(0, len(pasted) - MOST_TYPED - len(_END))  # the end mark may be split
                 self._pasted, self._dropped = pasted[drop:], self._dropped + drop
         return kept
 
@@ -86,7 +88,8 @@ class Typed:
         return ''.join(kept)
 
     def _of_key(self, part: str) -> str:
-        """Its begin that belongs to a key: ESC [ ... final character (ECMA-48), ESC O x, ESC x, Linux's ESC [ [ x."""
+        """Return the leading characters that belong to a key: ESC [ ... final character (ECMA-48), ESC O x, ESC x, and
+        ESC [ [ x of Linux."""
         for count, character in enumerate(part):
             if self._escape is None:
                 return part[:count]
@@ -107,22 +110,22 @@ class _BoundedReader(PosixStdinReader):
 
 
 class RawInput(Vt100Input):
-    """The keyboard of this process. It stays raw also while something is printed above the line.
+    """The keyboard of this process. It stays raw while text is printed above the line.
 
-    A key such as Ctrl-C at that moment is a key as ever. In a cooked terminal it would be a signal to every process
-    that belongs to it, such as a demonstration that drives the robot.
+    So Ctrl-C is still a key at that moment. In a cooked terminal it would be a signal to every process of the terminal,
+    such as a demonstration that drives the robot.
     """
 
     def __init__(self, on_refused: Callable[[int], object] = lambda characters: None) -> None:
-        """``on_refused`` gets the number of characters of a paste that was left out: it was longer than any line."""
+        """Call ``on_refused`` with the number of characters of each paste that was dropped because it was too long."""
         super().__init__(sys.stdin)
         self.stdin_reader = _BoundedReader(self.fileno(), sys.stdin.encoding, Typed(on_refused))
 
     def cooked_mode(self) -> AbstractContextManager[None]:
-        """Nothing changes."""
+        """Return a context that leaves the terminal raw."""
         return contextlib.nullcontext()
 
 
 def is_gone(error: BaseException | None) -> bool:
-    """Return whether this was raised because the terminal is not there any more."""
+    """Return whether the error shows that the terminal no longer exists."""
     return isinstance(error, OSError) and error.errno in _GONE

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The lines below the prompt: the present state, as styled text for a terminal of any size."""
+"""The lines below the prompt: the current state, as styled text for a terminal of any size."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ MOST_STATES: Final = 3
 MOST_ACTIVITIES: Final = 3
 
 MOST_ROWS: Final = 2
-"""Rows of a text from the robot."""
+"""Maximum rows of a text from the robot."""
 
 REASON_ROWS: Final = 3
-"""Rows of why the state wants what it wants."""
+"""Maximum rows of the reason for the outcome that a state wants."""
 
 
 def toolbar(view: View, width: int, height: int) -> list[tuple[str, str]]:
-    """Style class and text of each line, at most ``height`` of at most ``width`` cells.
+    """Return the style class and the text of each line: at most ``height`` lines of at most ``width`` cells.
 
-    The most important parts stay if there is little room: link and behavior, the decision, what is wrong, then the
+    When there is not enough room, the parts are kept in this order: link and behavior, the decision, problems, the
     rest.
     """
     first, *head = _head(view, width)
@@ -106,8 +106,8 @@ def _rest(view: View, width: int, room: int) -> list[str]:
 
 
 def _state(state: ActiveState, width: int, rows: int) -> list[str]:
-    """Return a state and what it does: of the nodes of its tree, which begin with the root, the leaves are what
-    counts."""
+    """Return the lines of a state and its activity. The nodes of its tree begin with the root; if there are too many,
+    keep the last ones, because the leaves matter most."""
     path = cut_middle(f'> {one_line(state.path)}{" (paused)" if state.paused else ""}', width)
     notes = not_paused_lines(state)[: max(0, rows - 1)]
     room = min(MOST_ACTIVITIES + 1, rows - 1 - len(notes))
