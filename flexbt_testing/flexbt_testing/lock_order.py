@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Detection of deadlocks that have not happened: the order in which threads take the locks of FlexBT, and what they
-wait for.
+"""Detection of potential deadlocks: the order in which threads acquire the locks of FlexBT, and waits with locks held.
 
-:func:`watch_locks` makes each lock that is made in a package of FlexBT from then on remember its holder. A problem is
+:func:`watch_locks` makes each lock that a package of FlexBT creates from then on remember its holder. These are
+problems:
 
-- a thread that takes a lock which it holds already, and which is not an RLock: it would wait forever. It gets an error;
-- two locks that are taken in both orders, by whatever threads, at whatever times: two of these meet some day.
-  Locks made by the same line of code are one here;
-- a thread that waits for an event, a result or another thread, with no time limit or a long one, while it holds
-  a lock: the thread that is to wake it may need that lock first.
+- A thread acquires a lock that it already holds and that is not an RLock: it would wait forever. It gets an error.
+- Two locks are acquired in both orders, by any threads at any time: some day two of these meet. Locks created by the
+  same line of code count as one.
+- A thread waits for an event, a result or another thread, without a time limit or with a long one, while it holds a
+  lock: the thread that should wake it may need that lock first.
 
-Each problem is reported once, with the stacks. The pytest plug-in fails the test in which one turns up, in the process
-of the tests or in one that was forked for it (:mod:`flexbt_testing.system.fork_server`).
+Each problem is reported once, with the stacks. The pytest plug-in fails the test in which one occurs, in the test
+process or in a process forked for it (:mod:`flexbt_testing.system.fork_server`).
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from types import FrameType
 from typing import Any, Final
 
 DIRECTORY: Final = 'FLEXBT_LOCK_PROBLEMS'
-"""Environment variable: the directory in which a process leaves its problems, a file each."""
+"""Environment variable: the directory to which a process writes its problems, one file each."""
 
 LONG_SECONDS: Final = 1.0
-"""To wait this long with a lock held is a problem, s; within less, a wait is over."""
+"""A wait of this length with a lock held is a problem, s."""
 
 _REAL_LOCK: Final = threading.Lock
 _REAL_RLOCK: Final = threading.RLock
@@ -41,22 +41,22 @@ _REAL_JOIN: Final = threading.Thread.join
 _STARTS_THREAD: Final = 'self._started.wait()'
 _OURS: Final = 'flexbt_'
 _LENT: Final = 'node_executor.py'
-"""File that makes the turn of an executor, which its thread holds whatever it calls: a callback may wait."""
+"""File that creates the turn lock of an executor, held during all callbacks: a callback may wait."""
 
 
 class _Held(threading.local):
-    """The locks that this thread holds, the last one taken at the end."""
+    """The locks that this thread holds, the last acquired one at the end."""
 
     def __init__(self) -> None:
         self.locks: list[_Watched] = []
 
 
 class _Record:
-    """The locks taken in this process, and in which order."""
+    """The locks acquired in this process, and their order."""
 
     def __init__(self) -> None:
         self.lock = _REAL_LOCK()
-        self.after: dict[str, dict[str, str]] = {}  # by place of a lock, those taken while it is held, and the stack
+        self.after: dict[str, dict[str, str]] = {}  # by place of a lock: locks acquired while it is held, and stack
         self.problems: dict[tuple[str, ...], str] = {}
 
     def taken(self, held: list[_Watched], lock: _Watched) -> None:
@@ -71,7 +71,7 @@ class _Record:
         self.problems[kind] = text
         directory = os.environ.get(DIRECTORY)
         if directory:
-            with suppress(OSError):  # the test that wanted to know is over
+            with suppress(OSError):  # the test that asked for problems has ended
                 name = f'{os.getpid()}_{len(self.problems)}'
                 unfinished = Path(directory, f'.{name}')
                 unfinished.write_text(f'process {os.getpid()} ({" ".join(sys.argv[:2])}): {text}')
@@ -90,7 +90,7 @@ class _Record:
             )
 
     def _way(self, first: str, last: str) -> list[tuple[str, str]]:
-        """Return the steps from one lock to another one, by those that are taken while others are held."""
+        """Return the steps from one lock to another, each acquired while the previous one is held."""
         ways: list[list[str]] = [[first]]
         seen = {first}
         for way in ways:
@@ -108,7 +108,7 @@ _record = _Record()
 
 
 class _Watched:
-    """A lock that remembers which thread holds it. Each lock of ours is one in tests: to take it must cost little."""
+    """A lock that remembers its holder. In tests every lock of FlexBT is one, so acquiring it must be cheap."""
 
     is_reentrant = False
 
@@ -137,7 +137,7 @@ class _Watched:
             held.pop()
         else:
             with suppress(ValueError):
-                held.remove(self)  # that of another thread, where a lock is handed on
+                held.remove(self)  # the list of another thread, if the lock was handed over
         self._lock.release()
 
     def locked(self) -> bool:
@@ -150,7 +150,7 @@ class _Watched:
 class _WatchedRLock(_Watched):
     is_reentrant = True
 
-    # What a condition asks of its lock.
+    # Methods that a condition calls on its lock.
 
     def _is_owned(self) -> bool:
         return self in _held.locks
@@ -167,7 +167,7 @@ class _WatchedRLock(_Watched):
 
 
 def watch_locks() -> None:
-    """Watch the locks that are made from now on, in this process and its forks. May be called twice."""
+    """Watch all locks created from now on, in this process and its forks. May be called twice."""
     threading.Lock = _lock  # type: ignore[assignment]
     threading.RLock = _rlock  # type: ignore[assignment]
     threading.Condition = _condition  # type: ignore[assignment, misc]
@@ -177,16 +177,17 @@ def watch_locks() -> None:
 
 
 def watch_locks_if_asked() -> None:
-    """As :func:`watch_locks`, in a process that was started by one which looks for problems."""
+    """Call :func:`watch_locks` in a process started by one that looks for problems."""
     if DIRECTORY in os.environ:
         watch_locks()
 
 
 @contextmanager
 def unwatched_locks() -> Iterator[None]:
-    """Leave the locks alone that are made in this context: where a signal may raise at any point of the code.
+    """Create unwatched locks in this context, for code in which a signal may raise anywhere.
 
-    Python takes a lock of its own, and enters the block of the ``with``, in one piece; a watched one it does not.
+    Python acquires its own lock and enters the ``with`` block as one step. With a watched lock, a signal can come
+    between.
     """
     watched = threading.Lock, threading.RLock, threading.Condition
     threading.Lock, threading.RLock = _REAL_LOCK, _REAL_RLOCK
@@ -198,7 +199,7 @@ def unwatched_locks() -> Iterator[None]:
 
 
 def take_problems() -> Iterator[str]:
-    """Yield the problems that turned up since this was called last, in this process and those that it has started."""
+    """Yield the problems since the last call, from this process and those that it has started."""
     _record.problems.update(dict.fromkeys(_record.problems, ''))
     for file in sorted(Path(os.environ[DIRECTORY]).glob('[0-9]*')):
         yield file.read_text()
@@ -206,7 +207,7 @@ def take_problems() -> Iterator[str]:
 
 
 def _forget_others() -> None:
-    """In a fork there is one thread, and the locks of the others are nobody's."""
+    """Forget the locks of other threads: a fork has only one thread."""
     _record.lock = _REAL_LOCK()
 
 
@@ -243,13 +244,13 @@ def _check_wait(own: Any, timeout: float | None) -> None:
     if held:
         stack = _stack()
         if _STARTS_THREAD in stack:
-            return  # of a thread, which lets go of it before it runs anything of ours
+            return  # the lock of a thread, released before the thread runs any code of FlexBT
         limit = 'no limit' if timeout is None else f'a limit of {timeout:g} s'
         _record.report(('wait', *held), f'a thread waits, with {limit}, while {", ".join(held)} is held:\n{stack}')
 
 
 def _place() -> str:
-    """Return the place of the code of FlexBT that makes a lock; '' if other code does."""
+    """Return the place in FlexBT's code that creates a lock; '' for other code."""
     frame = _caller()
     name = str(frame.f_globals.get('__name__', ''))
     return f'{Path(frame.f_code.co_filename).name}:{frame.f_lineno} ({name})' if name.startswith(_OURS) else ''
@@ -260,7 +261,7 @@ def _stack() -> str:
 
 
 def _caller() -> FrameType:
-    """Return the innermost call that is not of this module."""
+    """Return the innermost call outside this module."""
     frame = inspect.currentframe()
     while frame is not None and frame.f_code.co_filename == __file__ and frame.f_back is not None:
         frame = frame.f_back

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A pytest plugin: every test run has its own ROS domain, messages that check their fields, and the time it needs; a
-test in which locks are taken in orders that may meet fails (:mod:`flexbt_testing.lock_order`).
+"""A pytest plugin: a separate ROS domain for each test run, strict message fields, and checks of lock order.
 
-The workspace's pyproject.toml loads it (``-p flexbt_testing.pytest_plugin``). Test runs can then go on at the same
-time, and beside a robot, without meeting.
+A test fails if it acquires locks in orders that may deadlock (:mod:`flexbt_testing.lock_order`).
+
+The workspace's pyproject.toml loads the plugin (``-p flexbt_testing.pytest_plugin``). Test runs can then run in
+parallel, and next to a robot, without interfering.
 """
 
 from __future__ import annotations
@@ -25,10 +26,12 @@ _OUTER_DIRECTORY: Final = pytest.StashKey[str]()
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_load_initial_conftests() -> None:
-    """Before any message is imported: setting a field to a value of a wrong type is an error, not a crash later. Before
-    any lock is made: they are watched.
+    """Set up field checks and the lock watch before anything is imported.
 
-    No garbage is collected until the tests run: what they import stays.
+    With field checks, setting a message field to a value of the wrong type is an error, not a later crash. They must be
+    set before any message is imported, and locks must be watched before any is created.
+
+    Garbage collection is off until the tests run, because what they import stays.
     """
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
     lock_order.watch_locks()
@@ -36,11 +39,11 @@ def pytest_load_initial_conftests() -> None:
 
 
 def pytest_configure() -> None:
-    """How examples of hypothesis are drawn.
+    """Set how hypothesis draws examples.
 
-    They are the same in each run, so that a test that fails was broken by a change, and few; with FLEXBT_FUZZ
-    (`make fuzz`) they are new ones, and more. One may take long on a busy machine; what has to be fast says so by
-    itself.
+    By default the examples are the same in each run, and few, so that a failing test was broken by a change. With
+    FLEXBT_FUZZ (`make fuzz`) they are new, and more. One example may take long on a busy machine; tests of speed check
+    the time themselves.
     """
     from hypothesis import settings
 
@@ -53,9 +56,10 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop() -> None:
-    """Spare the garbage collector what has been imported: it stays to the end.
+    """Exclude the imported objects from garbage collection: they stay until the end.
 
-    The end of a collection of tests would be too late: the process that distributes them to others collects none.
+    The end of the test collection would be too late: the process that distributes the tests to others does not collect
+    tests.
     """
     gc.collect()
     gc.freeze()
@@ -64,7 +68,7 @@ def pytest_runtestloop() -> None:
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_teardown() -> Iterator[None]:
-    """Fail a test in which the order of locks has turned out to be wrong, when all that it has made is closed."""
+    """Fail a test with lock problems, after everything it has made is closed."""
     yield
     problems = list(lock_order.take_problems())
     if problems:
@@ -72,20 +76,20 @@ def pytest_runtest_teardown() -> Iterator[None]:
 
 
 def entities_of(node: Any) -> Counter[type]:
-    """Return what there is on a node, by kind; to be called on its executor thread."""
+    """Return the number of entities on a node, by kind. Call it on the node's executor thread."""
     kinds = (node.publishers, node.subscriptions, node.clients, node.services, node.timers, node.guards)
     return Counter(type(entity) for kind in (*kinds, node.waitables) for entity in kind)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Make a directory for what processes find out about their locks."""
+    """Create the directory in which processes report lock problems."""
     session.stash[_OUTER_DIRECTORY] = os.environ.get(lock_order.DIRECTORY, '')
     os.environ[lock_order.DIRECTORY] = tempfile.mkdtemp(prefix='flexbt_locks_')
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Nobody looks there any more; a session within another one leaves that its own."""
+    """Remove the directory. Restore that of an outer session, if there was one."""
     shutil.rmtree(os.environ.pop(lock_order.DIRECTORY), ignore_errors=True)
     if session.stash[_OUTER_DIRECTORY]:
         os.environ[lock_order.DIRECTORY] = session.stash[_OUTER_DIRECTORY]
@@ -93,7 +97,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 
 @pytest.fixture(scope='session', autouse=True)
 def ros_domain() -> Iterator[int]:
-    """Yield the ROS domain of this run, in the environment of this process and of those that it starts."""
+    """Yield the ROS domain of this run, set in the environment of this process and its children."""
     from domain_coordinator import domain_id
 
     from flexbt_common import discovery

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random sound missions as trees and as machines, and the same with one defect that a proof has to find."""
+"""Random sound missions as trees and as machines, and variants with one defect that a proof must find."""
 
 from __future__ import annotations
 
@@ -27,12 +27,19 @@ from flexbt_formal.exploration.state_models import StateModel, StateModelKind, s
 from flexbt_formal.exploration.tree_system import TreeSystem
 
 DEFECTS: Final = ('memory', 'forgotten cancel', 'lost wake-up', 'two owners', 'unwritten key', 'endless attempts')
-"""A Sequence where a ReactiveSequence was; a control that halts no sibling; a delay that sets no timer; a Parallel of
-what was in sequence; a plan that may be left out; attempts without a limit, which go on when a server is gone."""
+"""Names of the defects of a tree, in this order:
+
+- a Sequence in place of a ReactiveSequence;
+- a control that does not halt a sibling;
+- a delay that sets no timer;
+- a Parallel in place of a sequence;
+- a plan that may be left out;
+- retries without a limit, which continue after a server is gone.
+"""
 
 
 class StandIn(StatefulAction):
-    """A stand-in for real work, which a proof never begins."""
+    """A stand-in for real work; a proof never starts it."""
 
     def on_start(self) -> NodeStatus:
         raise AssertionError('a proof runs no real leaf')
@@ -66,12 +73,12 @@ class IsClear(Condition):
 
 
 class ForgetfulFallback(sequences.ReactiveFallback):
-    """A fallback that takes the result of a condition, and leaves the running child as it is."""
+    """A fallback that returns the result of a condition but leaves the running child as it is."""
 
     __slots__ = ()
 
     def reset_children(self) -> None:
-        """Forget what runs without halting it: the defect."""
+        """Forget the running child without halting it: the defect."""
 
     def execute(self) -> NodeStatus:
         status = super().execute()
@@ -83,7 +90,7 @@ class ForgetfulFallback(sequences.ReactiveFallback):
 
 
 class DeafDelay(timing.Delay):
-    """A decorator that waits for a time, and never asks to be woken at it."""
+    """A decorator that waits for a time but never requests a wake-up."""
 
     __slots__ = ('_until',)
 
@@ -103,7 +110,7 @@ class DeafDelay(timing.Delay):
 
 
 class SeededTree(NamedTuple):
-    """A tree, what it requires, and its defect ('' for none)."""
+    """A tree, its requirements, and its defect ('' for none)."""
 
     xml: str
     requirements: tuple[While, ...]
@@ -123,7 +130,7 @@ def _registry() -> NodeRegistry:
 
 
 def seeded_tree(seed: int, defect: str = '') -> SeededTree:
-    """Return a tree of 3 to 5 stages, each plans, drives, turns or speaks; with ``defect`` one of them is wrong."""
+    """Return a tree of 3 to 5 stages that plan, drive, turn or speak. With ``defect``, one of them is wrong."""
     chance = random.Random(seed)
     number = chance.randint(3, 5)
     bad = chance.randrange(number) if defect else None
@@ -165,11 +172,11 @@ def _stage(chance: random.Random, place: int, defect: str, guards: list[While]) 
     return (f'<ForceSuccess>{attempts}</ForceSuccess>' if defect else attempts) + drive
 
 
-# Random sound missions as machines, and the same with one transition that leads elsewhere.
+# Random sound missions as machines, and variants with one transition to the wrong target.
 
 
 class _Work(EventState):
-    """A stand-in for real work, which a proof never begins."""
+    """A stand-in for real work; a proof never starts it."""
 
     def __init__(self, reads: str = '', writes: str = '') -> None:
         super().__init__(['done', 'failed'], reads.split(), writes.split(), desired_rate=None)
@@ -184,9 +191,9 @@ class _Judge(EventState):
 
 
 class SeededMachine(NamedTuple):
-    """A mission, what it requires, and which transition leads elsewhere ('' for none).
+    """A mission, its requirements, and the transition with a wrong target ('' for none).
 
-    ``machine`` is None where the engine refuses the defect already, before anything is explored.
+    ``machine`` is None if the engine rejects the defect, before anything is explored.
     """
 
     machine: OperatableStateMachine | None
@@ -206,7 +213,7 @@ def _model(definition: StateDefinition) -> StateModel:
 
 
 def seeded_machine(seed: int, *, is_defective: bool = False) -> SeededMachine:
-    """Return a mission of 2 to 4 legs: plan, perhaps have the plan judged, drive; what fails is recovered from."""
+    """Return a mission of 2 to 4 legs: plan, maybe have the plan judged, drive. Failures lead to a recovery."""
     chance = random.Random(seed)
     legs = chance.randint(2, 4)
     ways: dict[tuple[str, str], str] = {}
@@ -225,7 +232,7 @@ def seeded_machine(seed: int, *, is_defective: bool = False) -> SeededMachine:
             ways[judge, 'accepted'], ways[judge, 'refused'] = drive, plan
         states[drive] = _Work(reads=f'path{leg}')
         ways[drive, 'done'], ways[drive, 'failed'] = follows, 'Recover'
-        # As an engineer would write it: no leg without its plan and its judge, in order; failures are recovered from.
+        # As an engineer would write them: each leg needs its plan and its judge, in order; failures lead to a recovery.
         requirements += [Before(f'/{drive}', f'/{judge} > accepted' if is_judged else f'/{plan} > done', again=True)]
         requirements += [After(f'/{one} > failed', ('/Recover',)) for one in (plan, drive)]
         if is_judged:

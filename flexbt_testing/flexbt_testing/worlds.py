@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps for tests: drawn from text, or at random; and distances on them, computed in the slow and obvious way."""
+"""Maps for tests, from text or random, and distances on them, computed by slow, obvious code."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RESOLUTION = 0.05
 
 
 def drawn(*rows: str, resolution: float = RESOLUTION, origin: Pose = Pose(0.0, 0.0, 0.0)) -> OccupancyMap:  # noqa: B008 - immutable
-    """Return a map from rows of text, the uppermost first: ``#`` occupied, ``?`` unknown, anything else free."""
+    """Return a map from rows of text, the top row first: ``#`` occupied, ``?`` unknown, anything else free."""
     values = {'#': OCCUPIED, '?': UNKNOWN}
     cells = numpy.array([[values.get(mark, FREE) for mark in row] for row in reversed(rows)], numpy.int8)
     return OccupancyMap(cells, resolution, origin)
@@ -33,8 +33,7 @@ def worlds(
     border: bool | None = None,
     resolutions: Sequence[float] = (0.02, 0.05, 0.1, 0.3),
 ) -> OccupancyMap:
-    """Return a map of rectangular blocks, some of them of unknown cells, turned and shifted; a border closes it, or
-    may."""
+    """Return a rotated and shifted map of rectangular blocks, some of them unknown; a border may close it."""
     height, width = draw(st.integers(least, size)), draw(st.integers(least, size))
     cells = numpy.zeros((height, width), numpy.int8)
     corner = st.tuples(st.integers(0, height - 1), st.integers(0, width - 1))
@@ -50,7 +49,7 @@ def worlds(
 
 
 def places(world: OccupancyMap, beside: float = 0.0) -> st.SearchStrategy[Pose]:
-    """Poses anywhere on a map, or up to this many cells beside it."""
+    """Return poses anywhere on a map, or up to ``beside`` cells outside it."""
     return st.builds(
         lambda row, column, yaw: Pose(*world.point(row, column), yaw),
         st.floats(-0.5 - beside, world.height - 0.5 + beside),
@@ -60,7 +59,7 @@ def places(world: OccupancyMap, beside: float = 0.0) -> st.SearchStrategy[Pose]:
 
 
 def free_places(world: OccupancyMap, clearance: float) -> st.SearchStrategy[Pose]:
-    """Poses at the centres of cells with this much room around them; of no cell when there is none."""
+    """Return poses at the centres of cells with at least ``clearance`` m to obstacles; none without such a cell."""
     cells = numpy.argwhere(world.distances >= clearance).tolist()
     return st.builds(
         lambda cell, yaw: Pose(*world.point(*cell), yaw),
@@ -70,7 +69,7 @@ def free_places(world: OccupancyMap, clearance: float) -> st.SearchStrategy[Pose
 
 
 def rooms(world: OccupancyMap, points: NDArray[numpy.float64]) -> NDArray[numpy.float64]:
-    """Distances from points, shape (n, 2), to the nearest of the squares that are obstacles, m: all are checked."""
+    """Return the distances from points, shape (n, 2), to the nearest obstacle cell, m. Check all cells."""
     turn = complex(math.cos(world.origin.yaw), -math.sin(world.origin.yaw))
     place = ((points[:, 0] - world.origin.x) + 1j * (points[:, 1] - world.origin.y)) * turn / world.resolution
     x, y = place.real[:, None], place.imag[:, None]
@@ -80,12 +79,12 @@ def rooms(world: OccupancyMap, points: NDArray[numpy.float64]) -> NDArray[numpy.
 
 
 def room(world: OccupancyMap, x: float, y: float) -> float:
-    """Of one point."""
+    """Return the distance of one point, m."""
     return float(rooms(world, numpy.array([[x, y]]))[0])
 
 
 class Scanner:
-    """A lidar without a robot, which is anywhere."""
+    """A lidar without a robot, at any pose."""
 
     def __init__(self, world: OccupancyMap, model: LidarModel, seed: int = 0) -> None:
         self._rays = RayCaster(world)
@@ -94,7 +93,7 @@ class Scanner:
         self._lidar.reset()
 
     def scan(self, pose: Pose) -> NDArray[numpy.float32]:
-        """Return what it sees at a pose."""
+        """Return the scan at a pose."""
         self._robot.pose = pose
         self._lidar.take(0.0, self._rays.cast([self._lidar.beams(-1)], outlines([]))[0])
         return self._lidar.array_values()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``python3 -m flexbt_testing.fuzzing [TARGET ...] [--seconds S] [--seed N]``: fuzzes, and prints what it did.
+"""``python3 -m flexbt_testing.fuzzing [TARGET ...] [--seconds S] [--seed N]``: fuzz, and print the results.
 
-The seconds are shared by the targets. Exit code 1, the traceback, and the text in a file of the current directory when
-a defect was found.
+The targets share the seconds. After a defect it prints the traceback, writes the text to a file in the current
+directory, and exits with code 1.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def main() -> int:
 
 
 if __name__ == '__main__':
-    with domain_id() as domain:  # of no robot
+    with domain_id() as domain:  # a domain that no robot uses
         os.environ['ROS_DOMAIN_ID'] = str(domain)
         only_this_computer()
         sys.exit(main())

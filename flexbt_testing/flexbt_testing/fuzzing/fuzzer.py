@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Read damaged texts for a while. Texts that lead to something new are damaged further."""
+"""Read damaged texts for a given time. Texts with a new kind of result are damaged further."""
 
 from __future__ import annotations
 
@@ -16,40 +16,40 @@ from types import FrameType
 from typing import ClassVar, Final, NoReturn
 
 SLOW: Final = 2.0
-"""Seconds of processor time that reading a text may take at most."""
+"""Maximum processor time for reading a text, s."""
 HANGING: Final = 20.0
-"""Seconds after which reading is interrupted; where it cannot be, the process ends after three times as long."""
+"""Seconds after which reading is interrupted. If that fails, the process ends after three times as long."""
 LONGEST_SEED: Final = 20_000
-"""Characters of a seed that is damaged; longer ones are read as they are."""
+"""Maximum length of a seed to damage, characters; longer ones are only read unchanged."""
 LONGEST_KEPT: Final = 60_000
 MOST_KEPT: Final = 2000
 CORPUS: Final = Path(__file__).parent / 'corpus'
-"""A directory for each target, with what once led to a defect, a file each."""
+"""A directory for each target, with one file for each text that once exposed a defect."""
 
 
 class Target(ABC):
-    """A target of fuzzing: a reader of texts of others. ``words`` are those of their language."""
+    """A target of fuzzing: a reader of untrusted texts. ``words`` are words of their language."""
 
     words: ClassVar[Sequence[str]]
 
     @abstractmethod
     def seeds(self) -> list[str]:
-        """Texts to begin with."""
+        """Return the texts to begin with."""
 
     @abstractmethod
     def read(self, data: bytes, counts: collections.Counter[str]) -> Hashable:
-        """Read a text, and give what kind of text it is; ``counts`` takes how often what happened.
+        """Read a text and return its kind; ``counts`` counts the events.
 
         Raises:
-            Exception: a defect: errors of a text are reported in a way that the target expects.
+            Exception: a defect. The target handles the errors that a bad text should cause.
         """
 
     def close(self) -> None:  # noqa: B027 most have nothing to close
-        """End what the target needs."""
+        """Release what the target uses."""
 
 
 class Fuzzer:
-    """Texts of a target, and what was found with them. ``counts`` has what happened, and ``slowest`` is in seconds."""
+    """A run of fuzzing on one target. ``counts`` counts the events; ``slowest`` is the longest read, s."""
 
     def __init__(self, name: str, target: Target, seed: int) -> None:
         self.counts: collections.Counter[str] = collections.Counter()
@@ -64,10 +64,10 @@ class Fuzzer:
         self._known: set[Hashable] = set()
 
     def run(self, seconds: float, directory: Path) -> None:
-        """Read what once led to a defect, and the seeds; then damaged texts for that time.
+        """Read the texts that once exposed a defect and the seeds, then damaged texts for ``seconds``.
 
         Raises:
-            Exception: what a text has led to, with a note that names the file in ``directory`` where that text is.
+            Exception: a defect, with a note that names the file in ``directory`` that contains the text.
         """
         for file in sorted((CORPUS / self._name).glob('*')):
             self._read(file.read_bytes(), directory)
@@ -119,26 +119,26 @@ def _encoded(text: str) -> bytes:
     return text.encode('utf-8', 'surrogatepass')
 
 
-# Random damage to texts: what is left of a text, of two texts, of a text with foreign words in it.
+# Random damage to texts: parts of a text, of two texts, or of a text with foreign words in it.
 
 LONGEST: Final = 240_000
-"""Characters that no damaged text is longer than."""
+"""Maximum length of a damaged text, characters."""
 
 TOKEN: Final = re.compile(r'<!--|-->|<\?|\?>|</|/>|[<>="\'&;{}\[\],:()]|\w+|\s+|.', re.DOTALL)
 
 ANYWHERE: Final = tuple('\0\x1b\x1f\ufeff\u2028\u202e\ud800é\U0001f600\n\r \t')
-"""Characters that are somewhere special."""
+"""Characters that are special in some language."""
 
 
 class Damage:
-    """A source of damage to texts of one language, whose ``words`` are inserted; ``chance`` decides."""
+    """A source of damage to texts of one language. It inserts ``words``; ``chance`` decides."""
 
     def __init__(self, chance: random.Random, words: Sequence[str]) -> None:
         self._chance = chance
         self._words = (*words, *ANYWHERE)
 
     def damaged(self, text: str, other: str) -> str:
-        """Return a text that differs from ``text`` in some places, in which parts of ``other`` may be."""
+        """Return a text that differs from ``text`` in some places, and may contain parts of ``other``."""
         chance = self._chance
         for _ in range(chance.choice([1, 1, 1, 2, 3, 6])):
             damage = chance.choice([self._cut, self._insert, self._swap, self._repeat, self._splice, self._flip])
@@ -146,7 +146,7 @@ class Damage:
         return text
 
     def damaged_bytes(self, data: bytes) -> bytes:
-        """Now and then, with some bytes of it replaced."""
+        """Return the data, sometimes with some bytes replaced."""
         if self._chance.random() >= 0.1 or not data:
             return data
         position = self._chance.randrange(len(data))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Targets of fuzzing: readers of YAML, values, scripts and tree files, and an executive's commands and journal."""
+"""Fuzzing targets: readers of YAML, values, scripts and tree files, and an executive's commands and journal."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class YamlTarget(Target):
 
 
 class ValueTarget(Target):
-    """Typed values as text and as binary data; the first line of a text is the type, unless it is one of ours."""
+    """Typed values as text and as binary data. The first line of a text is the type, unless it is a FlexBT type."""
 
     words = (*YAML_WORDS, *VALUE_TYPES)
 
@@ -113,7 +113,7 @@ class ValueTarget(Target):
 
 
 class ScriptTarget(Target):
-    """Scripts: read, and run with a blackboard of some entries."""
+    """Scripts: parsed, then run on a blackboard with some entries."""
 
     words = tuple(SCRIPT_WORDS)
 
@@ -142,7 +142,7 @@ class ScriptTarget(Target):
 
 
 def _shape(value: Any, depth: int = 3) -> Hashable:
-    """Return the types that a value consists of, to some depth."""
+    """Return the types of a value's parts, to some depth."""
     if depth and isinstance(value, dict):
         return ('dict', *sorted({str(_shape(one, depth - 1)) for one in value.values()}))
     if depth and isinstance(value, list | tuple):
@@ -161,13 +161,13 @@ def _same(one: Any, other: Any) -> bool:
     return bool(one == other)
 
 
-# Behavior-tree files: whatever the text, reading it gives a document, or errors with places in that text.
+# Behavior-tree files: for any text, the reader returns a document, or errors with places in that text.
 #
-# A document that is read can be checked as ``bt_tool`` does it, made into a tree, and ticked. The texts are made of
-# Nav2's trees where they are at hand, of random trees of all nodes, and of hostile documents.
+# A document is then checked as ``bt_tool`` does, built into a tree, and ticked. The texts come from Nav2's trees if
+# they are available, from random trees of all nodes, and from hostile documents.
 
 LONGEST_RUN = 60_000
-"""Characters of a file whose trees are ticked."""
+"""Maximum size of a file whose trees are ticked, characters."""
 WORDS = r"""
     < > /> </ " ' & &lt; &#65; &#x110000; &#xD800; ; { } {=} {@a} {} = <!-- --> <![CDATA[ ]]> <?xml?> <!DOCTYPE ]>
     ID="Main" name="" _skipIf="a==1" _onHalted="b:=2" _while="true" _autoremap="true" num_cycles="3" BTCPP_format="3"
@@ -177,7 +177,7 @@ WORDS = r"""
 
 
 class Act(StatefulAction):
-    """A leaf of the random trees, as are those that follow."""
+    """A leaf of the random trees, like the next classes."""
 
     def on_start(self) -> NodeStatus:
         return NodeStatus.RUNNING
@@ -190,7 +190,7 @@ class Act(StatefulAction):
 
 
 def _registry() -> NodeRegistry:
-    """Return the nodes of the server, and those of the random trees."""
+    """Return the nodes of the server and of the random trees."""
 
     def refuse(source: str, error: Exception) -> None:
         raise error
@@ -213,7 +213,7 @@ def _seeds() -> list[str]:
 
 
 class XmlTarget(Target):
-    """:func:`load_xml`, and what becomes of a document."""
+    """A target that reads a document with :func:`load_xml`, then checks it and runs its trees."""
 
     words = tuple(WORDS)
 
@@ -264,7 +264,7 @@ class XmlTarget(Target):
             counts['ticked'] += 1
 
 
-# The inputs of an executive: commands of operators, by a real one on its topics, and the journal that it finds.
+# Inputs of an executive: commands that a real operator sends on its topics, and the journal of an earlier process.
 
 COMMAND_WORDS = """
     id kind operator_id executive_id run_id decision_id path outcome autonomy behavior arguments inputs grantee text
@@ -297,7 +297,7 @@ JOURNALS = (
 
 
 class Waiting(EventState):
-    """Until an operator forces an outcome."""
+    """A state that waits until an operator forces an outcome."""
 
     def __init__(self) -> None:
         super().__init__(outcomes=['done', 'failed'])
@@ -315,7 +315,7 @@ def machine() -> OperatableStateMachine:
 
 
 class CommandTarget(Target):
-    """Each command is answered, or ignored for a reason, and the executive goes on."""
+    """Commands: each is answered, or ignored for a reason, and the executive continues."""
 
     words = tuple(COMMAND_WORDS)
 
@@ -354,7 +354,7 @@ class CommandTarget(Target):
 
 
 class JournalTarget(Target):
-    """A journal, each line of it numbered and with its checksum, or as it is; what is found in it can be asked for."""
+    """A journal, as raw text or with a number and a checksum on each line. Its contents are then queried."""
 
     words = tuple(JOURNAL_WORDS)
 
@@ -392,7 +392,7 @@ class JournalTarget(Target):
 
 
 def _numbered(data: bytes) -> bytes:
-    """Return the lines that are JSON, as a journal has them."""
+    """Return the lines that are JSON, in the format of a journal."""
     lines = [encode_head()]
     for raw in data.decode('utf-8', 'replace').splitlines():
         try:
@@ -402,7 +402,7 @@ def _numbered(data: bytes) -> bytes:
     return b''.join(lines)
 
 
-# The targets by their names.
+# The targets by name.
 
 TARGETS: Final[Mapping[str, Callable[[], Target]]] = {
     'xml': XmlTarget,

@@ -31,17 +31,17 @@ ACTIONS: Final[Mapping[str, Any]] = {
         names.NAVIGATE_THROUGH_POSES,
     )
 }
-"""Types of the actions of navigation, which are called as these are."""
+"""Types of the navigation actions, by name."""
 
 
 class SentGoal:
-    """A goal with its feedback and its end. Must not be waited for on the executor thread.
+    """A goal with its feedback and its end. Do not wait for it on the executor thread.
 
-    ``accepted`` is set when the server has accepted the goal; ``call`` is the call.
+    ``accepted`` is set once the server has accepted the goal; ``call`` is the call.
     """
 
     def __init__(self, link: ActionServerLink, goal: Any, deadline: float = 20.0) -> None:
-        """``deadline``: s of wall time for the server to appear, to accept, to cancel, and for each :meth:`wait`."""
+        """Send a goal. ``deadline``, s of wall time, limits discovery, acceptance, canceling, and each :meth:`wait`."""
         self._deadline = deadline
         self._ended = threading.Event()
         self.feedback: list[Any] = []
@@ -63,7 +63,7 @@ class SentGoal:
 
     @property
     def ended(self) -> bool:
-        """True if there is an outcome."""
+        """True once the outcome is known."""
         return self._ended.is_set()
 
     def cancel(self) -> None:
@@ -74,7 +74,7 @@ class SentGoal:
         """Return the outcome.
 
         Raises:
-            TimeoutError: there is none in time.
+            TimeoutError: the goal did not end in time.
         """
         timeout = self._deadline if timeout is None else timeout
         if not self._ended.wait(timeout):
@@ -84,51 +84,53 @@ class SentGoal:
 
     @property
     def result(self) -> Any:
-        """The result message. Raises as :meth:`wait`, and RuntimeError when the goal ended without one."""
+        """The result message. Raises like :meth:`wait`, and RuntimeError if the goal ended without one."""
         outcome = self.wait()
         if outcome.result is None:
             raise RuntimeError(outcome.reason)
         return outcome.result
 
 
-# The services of a managed node, called as lifecycle managers do; for tests.
+# Lifecycle services of a managed node, called as lifecycle managers do.
 
 T = TypeVar('T')
 
 
 class LifecycleClient:
-    """A client that sends requests to the node ``name`` and waits for its answers. Not on the executor thread of
-    ``runtime``."""
+    """A client that sends requests to the node ``name`` and waits for the answers.
+
+    Do not use it on the executor thread of ``runtime``.
+    """
 
     def __init__(self, runtime: NodeRuntime, name: str) -> None:
         self._links = ServiceLinks(runtime)
         self._name = name
 
     def state(self) -> str:
-        """Label of the present state."""
+        """Return the label of the current state."""
         return str(self._ask(GetState, 'get_state', GetState.Request()).current_state.label)
 
     def states(self) -> list[str]:
-        """Labels of all states."""
+        """Return the labels of all states."""
         answer = self._ask(GetAvailableStates, 'get_available_states', GetAvailableStates.Request())
         return [state.label for state in answer.available_states]
 
     def transitions(self, service: str = 'get_available_transitions') -> list[tuple[int, str, str]]:
-        """Return number, label and start of the transitions possible now, or of all in ``get_transition_graph``."""
+        """Return number, label and start of the possible transitions, or of all (``get_transition_graph``)."""
         answer = self._ask(GetAvailableTransitions, service, GetAvailableTransitions.Request())
         return [
             (one.transition.id, one.transition.label, one.start_state.label) for one in answer.available_transitions
         ]
 
     def change(self, transition: int | str) -> bool:
-        """Make a transition, by number or label; whether it succeeded, which is known when it is over."""
+        """Make a transition, by number or label. Wait for its end and return whether it succeeded."""
         return self.begin(transition).result(DEADLINE)
 
     def begin(self, transition: int | str) -> Future[bool]:
-        """Ask for a transition; whether it succeeded comes when it is over.
+        """Request a transition. The future returns whether it succeeded, once it is over.
 
-        The answer to a node that was discovered just now may be lost, and a transition is not asked for twice: the
-        state is asked for first.
+        The answer of a node that was just discovered may be lost, and a transition must not be requested twice. So
+        query the state first.
         """
         self.state()
         wanted = Transition(label=transition) if isinstance(transition, str) else Transition(id=transition)
@@ -136,7 +138,7 @@ class LifecycleClient:
         return self._send(ChangeState, 'change_state', request, lambda answer: bool(answer.success), DEADLINE)
 
     def _ask(self, service_type: Any, service: str, request: Any) -> Any:
-        """Return the answer to a question, which is asked until there is one."""
+        """Return the answer to a request, repeated until one arrives."""
         deadline = time.monotonic() + DEADLINE
         while True:
             try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bench for the executive: it runs on a separate node, and a console on another one supervises it."""
+"""A bench for the executive, which runs on one node while an operator on another node supervises it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .operator import Operator
 
 
 def entry_of(behavior: type[Behavior]) -> BehaviorEntry:
-    """Return a library entry as an installed package would give it."""
+    """Return a library entry like that of an installed package."""
     return BehaviorEntry(
         behavior.manifest.name, 'test', behavior.manifest, tuple(behavior().parameters.values()), behavior
     )
 
 
 def behavior_of(make: Callable[[], OperatableStateMachine], name: str = 'Test') -> type[Behavior]:
-    """Return a behavior without parameters that is made of a machine."""
+    """Return a behavior without parameters whose machine ``make`` creates."""
 
     class Made(Behavior):
         manifest = BehaviorManifest(name)
@@ -36,7 +36,7 @@ def behavior_of(make: Callable[[], OperatableStateMachine], name: str = 'Test') 
 
 
 class ExecutiveBench(Operator):
-    """An executive, and an operator of it on a separate node."""
+    """An executive, and its operator on a separate node."""
 
     def __init__(
         self,
@@ -51,6 +51,6 @@ class ExecutiveBench(Operator):
         self.wait_connected()
 
     def close(self) -> None:
-        """End both nodes."""
+        """Close both nodes."""
         self.runtime.close()
         super().close()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An operator that supervises an executive, on the bare topics, for tests without the console."""
+"""An operator that supervises an executive directly through the topics, for tests without the console."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from flexbt_testing.waiting import RESEND_SECONDS, wait_until
 
 
 class Operator:
-    """An operator that receives everything that an executive sends on the node of ``runtime``, and commands it."""
+    """An operator that receives all messages of an executive on the node of ``runtime``, and sends it commands."""
 
     def __init__(self, runtime: NodeRuntime, operator_id: str = 'tester') -> None:
         self.console = runtime
@@ -57,16 +57,16 @@ class Operator:
 
     @property
     def status(self) -> ExecutiveStatus:
-        """The latest status; an empty one, of state UNKNOWN, before the first."""
+        """Latest status; before the first one, an empty status with state UNKNOWN."""
         return self.statuses[-1] if self.statuses else ExecutiveStatus()
 
     @property
     def run_id(self) -> str:
-        """The run that the latest status shows."""
+        """Run in the latest status."""
         return str(self.status.run_id)
 
     def send(self, kind: int, *, id: str = '', **fields: Any) -> str:
-        """Send a command for the present run; gives its id."""
+        """Send a command for the current run and return its id."""
         fields.setdefault('run_id', '' if kind == ExecutiveCommand.START else self.run_id)
         fields.setdefault('operator_id', self.operator_id)
         command = ExecutiveCommand(id=id or f'{self._prefix}{next(self._numbers)}', kind=kind, **fields)
@@ -75,18 +75,20 @@ class Operator:
         return str(command.id)
 
     def resend(self, command_id: str) -> None:
-        """Send a command again, as it was."""
+        """Send a command again, unchanged."""
         self._publish(self.sent[command_id])
 
     def _publish(self, command: ExecutiveCommand) -> None:
-        """As consoles do: a stop has a separate topic in addition to that of all commands."""
+        """Publish a command as consoles do: a stop goes to a separate topic too."""
         if command.kind == ExecutiveCommand.STOP:
             self._stops.publish(command)
         self._commands.publish(command)
 
     def result(self, command_id: str) -> CommandResult:
-        """Return the result of a command, when it is there. Until then it is sent again, as consoles do: an executive
-        that is found may not have found this node."""
+        """Return the result of a command. Resend the command until the result arrives, as consoles do.
+
+        This node may have discovered the executive before the executive has discovered this node.
+        """
         sent_at = time.monotonic()
 
         def find() -> CommandResult | None:
@@ -102,13 +104,13 @@ class Operator:
         return found
 
     def applied(self, kind: int, **fields: Any) -> CommandResult:
-        """Send a command that has to be applied."""
+        """Send a command, and check that it is applied."""
         result = self.result(self.send(kind, **fields))
         assert result.code == CommandResult.APPLIED, result.reason
         return result
 
     def refused(self, kind: int, **fields: Any) -> str:
-        """Send a command that has to be refused; gives the reason."""
+        """Send a command, check that it is refused, and return the reason."""
         result = self.result(self.send(kind, **fields))
         assert result.code == CommandResult.REFUSED
         assert result.reason
@@ -117,7 +119,7 @@ class Operator:
     def start(
         self, behavior: str = 'Test', autonomy: int = 3, arguments: Mapping[str, str] | None = None, **fields: Any
     ) -> str:
-        """Start a behavior; gives the run."""
+        """Start a behavior and return the run id."""
         self.applied(
             ExecutiveCommand.START,
             behavior=behavior,
@@ -128,25 +130,25 @@ class Operator:
         return self.run_id
 
     def wait_for(self, condition: Callable[[ExecutiveStatus], Any], what: str) -> Any:
-        """Wait for a status; gives the true value of the condition."""
+        """Wait until a status satisfies the condition, and return the condition's value."""
         return wait_until(lambda: condition(self.status), lambda: f'{what}; last: {self.status}; logs: {self.logs}')
 
     def wait_for_next_status(self) -> None:
-        """Wait for a status that is not there yet."""
+        """Wait for a new status."""
         count = len(self.statuses)
         wait_until(lambda: len(self.statuses) > count, 'next status')
 
     def wait_connected(self) -> None:
-        """Wait until messages of the executive arrive, and it receives ours."""
+        """Wait until messages arrive in both directions."""
         wait_until(lambda: self.statuses and self._commands.get_subscription_count(), 'an executive')
 
     def wait_idle(self) -> str:
-        """Wait for the end of the run; gives its outcome."""
+        """Wait for the end of the run and return its outcome."""
         self.wait_for(lambda status: status.state == ExecutiveStatus.IDLE and status.outcome, 'end of the run')
         return str(self.status.outcome)
 
     def wait_active(self, path: str) -> None:
-        """Wait until a state is shown as active."""
+        """Wait until the status shows a state as active."""
         self.wait_for(lambda status: path in [state.path for state in status.active_states], f'{path} active')
 
     def logged(self, text: str) -> ExecutiveLog:
@@ -159,5 +161,5 @@ class Operator:
         return found
 
     def close(self) -> None:
-        """End the node."""
+        """Close the node."""
         self.console.close()

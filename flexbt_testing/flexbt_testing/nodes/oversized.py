@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages with far too much in them, derived from the definitions of their interfaces: one for each text and list."""
+"""Oversized messages, derived from their interface definitions: one for each text and list."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ from rosidl_parser.definition import AbstractSequence, AbstractString, BasicType
 from flexbt_common.values.value_types import resolve_type
 
 TOO_MUCH: Final = 10_000_000
-"""Bytes in the one field."""
+"""Bytes in the oversized field."""
 
 _TEXT_OF_LIST: Final = 995
-"""Characters of each text of a list: as many as a text may have, so that it is the list that has too much in it."""
+"""Characters of each text in a list: the maximum for a text, so that only the list is oversized."""
 
 MOST_ELEMENTS: Final = 21_000
-"""Maximum elements of a list of messages: the process that makes them has to do more for it than the one that refuses
-them."""
+"""Maximum elements of a list of messages: making them costs more than refusing them."""
 
 _ARRAY_CODES: Final = {
     'uint8': 'B',
@@ -42,9 +41,9 @@ _OTHER_ELEMENTS: Final[dict[str, Any]] = {'boolean': True, 'octet': b'x'}
 def oversized(
     message_type: type[Any], most: int = TOO_MUCH, elements: int = MOST_ELEMENTS
 ) -> Iterator[tuple[str, Any]]:
-    """For each text and list of a message, at any depth: its path, and a message with ``most`` bytes in it alone.
+    """Yield, for each text and list of a message at any depth, its path and a message with ``most`` bytes in it alone.
 
-    A list of messages has ``elements`` at most.
+    A list of messages has at most ``elements`` elements.
     """
     fields = message_type.get_fields_and_field_types()
     for name, slot in zip(fields, message_type.SLOT_TYPES, strict=True):
@@ -62,7 +61,7 @@ def _values(slot: Any, most: int, elements: int) -> Iterator[tuple[str, Any]]:
         element = slot.value_type
         if isinstance(element, BasicType):
             if element.typename in _OTHER_ELEMENTS:
-                yield '', [_OTHER_ELEMENTS[element.typename]] * (most // 8)  # as many as there are of int64
+                yield '', [_OTHER_ELEMENTS[element.typename]] * (most // 8)  # as many elements as int64 would need
             else:
                 yield '', array(_ARRAY_CODES[element.typename], bytes(most))
             return

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A real action server whose goals end as a test says; also a program, which serves ``wait``.
+"""A real action server whose goals end as a test decides; also a program, which serves ``wait``.
 
-The program, ``scripted``, holds a liveliness token if its arguments have ``token``, and prints a line for each goal and
-each cancel. It ends no goal that is canceled if they have ``stubborn``, and has a service ``held`` that never answers.
+The program, ``scripted``, prints a line for each goal and each cancel, and has a service ``held`` that never answers.
+With the argument ``token`` it holds a liveliness token. With ``stubborn`` it does not end canceled goals.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_testing.waiting import wait_until
 
 GoalScript = Callable[[ServerGoalHandle], Awaitable[Any]]
-"""A script of a goal, which ends it by its handle and returns the result. It may wait for :meth:`future`."""
+"""A script of a goal: it ends the goal through its handle and returns the result. It may await :meth:`future`."""
 
 GoalAnswer = Callable[[int, Any], 'tuple[str, Any] | None']
-"""A function that returns the end of goal number n: ``(how, result)`` with ``succeed`` or ``abort``; None holds it."""
+"""A function that returns the end of goal number n: ``succeed`` or ``abort`` and the result; None holds the goal."""
 
 DEEP_QUEUES: Final = {
     'goal_service_qos_profile': service_qos(),
     'result_service_qos_profile': service_qos(),
     'cancel_service_qos_profile': service_qos(),
 }
-"""Arguments of rclpy's ``ActionClient`` and ``ActionServer`` with which a burst of goals is not lost."""
+"""Arguments of rclpy's ``ActionClient`` and ``ActionServer`` that prevent the loss of goals in a burst."""
 
 _HOW: Final = {4: 'succeed', 5: 'canceled', 6: 'abort'}  # action_msgs/GoalStatus
 
 
 def ends(result: Any, how: str = 'succeed') -> GoalScript:
-    """Return a script that ends each goal at once: succeed, abort."""
+    """Return a script that ends each goal at once, by ``succeed`` or ``abort``."""
 
     async def script(handle: ServerGoalHandle) -> Any:
         getattr(handle, how)()
@@ -50,8 +50,10 @@ def ends(result: Any, how: str = 'succeed') -> GoalScript:
 
 
 class ScriptedActionServer:
-    """An action server on a node. A goal goes by ``script`` or by ``answer``; without either it is held until
-    :meth:`end`, until it is canceled, or, if ``preempting``, until there is a newer one.
+    """An action server on a node. ``script`` or ``answer`` decides the end of a goal.
+
+    Without them, a goal is held until :meth:`end`, until it is canceled or, if ``preempting``, until a newer one
+    arrives.
     """
 
     def __init__(
@@ -72,13 +74,13 @@ class ScriptedActionServer:
         self.answer = answer
         self.preempting = False
         self.delay_accept = 0.0
-        """Seconds that acceptance takes; the server's executor is blocked meanwhile."""
+        """Duration of the acceptance, s; it blocks the server's executor."""
         self.delay_cancel = 0.0
-        """Seconds between a cancel and the end of a goal that is held."""
+        """Time between a cancel and the end of a held goal, s."""
         self.goals: list[Any] = []
-        """The requests, in the order of their acceptance."""
+        """Requests, in the order of acceptance."""
         self.statuses: dict[int, str] = {}
-        """End of each goal, by its number: succeed, abort, canceled."""
+        """End of each goal by number: succeed, abort, canceled."""
         self.cancels = 0
         self._action_type = action_type
         self._script = script
@@ -99,7 +101,7 @@ class ScriptedActionServer:
 
     @property
     def running(self) -> list[int]:
-        """Numbers of the goals that have not ended."""
+        """Numbers of the running goals."""
         return [number for number in range(len(self.goals)) if number not in self.statuses]
 
     def forget(self) -> None:
@@ -108,7 +110,7 @@ class ScriptedActionServer:
             known.clear()
 
     def end(self, number: int, how: str = 'succeed', result: Any = None) -> None:
-        """End a goal that is held; waits until it is there."""
+        """End a held goal. Wait until the goal exists."""
         wait_until(lambda: len(self.goals) > number, f'goal {number}')
         self.runtime.post(lambda: self._end(number, how, result))
 
@@ -117,11 +119,11 @@ class ScriptedActionServer:
         self.runtime.post(lambda: self._handles[number].publish_feedback(message))
 
     def future(self) -> Future:
-        """Something for a script to wait for."""
+        """Return a future for a script to await."""
         return self.runtime.call(Future)
 
     def resolve(self, future: Future) -> None:
-        """Let a script go on."""
+        """Complete the future so that a script continues."""
         self.runtime.post(lambda: None if future.done() else future.set_result(None))
 
     def _end(self, number: int, how: str, result: Any = None) -> None:
@@ -156,7 +158,7 @@ class ScriptedActionServer:
             for older in self.running[:-1]:
                 self._end(older, 'abort')
         answer = self.answer(number, handle.request)
-        if answer is None and handle.is_cancel_requested:  # before there was a goal to end
+        if answer is None and handle.is_cancel_requested:  # canceled before the goal could be ended
             self._end(number, 'canceled')
         how, result = answer if answer is not None else await self._ends[number]
         getattr(handle, how)()

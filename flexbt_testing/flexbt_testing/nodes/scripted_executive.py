@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An executive for the console's tests: the contract of the operator link on real topics, with a small behavior.
+"""An executive for tests of the console: the contract of the operator link on real topics, with a small behavior.
 
-The behavior ``Drive``: AskGoal asks for a pose; Accept wants ``done``, which requires High autonomy; Driving goes on
-until it is forced; after ``rounds`` rounds the run ends with ``finished``. ``Accept`` ends the run by ``failed``.
+In the behavior ``Drive``, AskGoal asks for a pose. Accept suggests ``done``, which requires High autonomy; its outcome
+``failed`` ends the run. Driving continues until an outcome is forced. After ``rounds`` rounds the run ends with
+``finished``.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ REQUIRED = {'done': 2}
 
 @dataclass
 class Faults:
-    """The faults of a link: shares of those that are lost or doubled, and commands swallowed."""
+    """The faults of a link: the shares of lost and duplicated messages, and swallowed commands."""
 
     seed: int = 0
     lose_commands: float = 0.0
@@ -56,14 +57,14 @@ class Faults:
         self.random = random.Random(self.seed)
 
     def copies(self, share_lost: float) -> int:
-        """Return how often a message arrives."""
+        """Return how many copies of a message arrive."""
         if self.random.random() < share_lost:
             return 0
         return 2 if self.random.random() < self.double else 1
 
 
 class ScriptedExecutive:
-    """All of it runs on the executor thread of its runtime; :meth:`do` is how a test gets there."""
+    """A scripted executive. It runs on the executor thread of its runtime; tests call it through :meth:`do`."""
 
     def __init__(self, runtime: NodeRuntime, *, heartbeat: float = 0.25, faults: Faults | None = None) -> None:
         self.faults = faults or Faults()
@@ -80,11 +81,11 @@ class ScriptedExecutive:
         runtime.call(self._join)
 
     def do(self, fn: Callable[[], Any]) -> Any:
-        """Run on the executor thread."""
+        """Run a function on the executor thread and return its result."""
         return self._runtime.call(fn)
 
     def log(self, text: str, severity: int = ExecutiveLog.INFO, path: str = '') -> None:
-        """Tell the operator a line."""
+        """Send the operator a log line."""
         self._log_sequence += 1
         self._log.publish(
             ExecutiveLog(
@@ -97,13 +98,13 @@ class ScriptedExecutive:
         )
 
     def publish(self) -> None:
-        """Send the status with the next number."""
+        """Publish the status with the next number."""
         self.status.sequence += 1
         for _ in range(self.faults.copies(self.faults.lose_status)):
             self._status.publish(self.status)
 
     def enter(self, label: str) -> None:
-        """Make a state the active one, with what it asks for."""
+        """Make a state the active one, with its request to the operator."""
         self._numbers += 1
         status = self.status
         status.active_states = [ActiveState(path='/' + label, activity=[f'busy with {label}'])]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes of a separate package, as its entry point would register them: faulty leaves, and one that hears a topic."""
+"""Nodes of a separate package, as its entry point registers them: faulty leaves, and one that subscribes to a topic."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flexbt_testing.behavior_trees import faulty_leaves
 
 
 class DoorOpen(TopicCondition):
-    """SUCCESS while the last message on 'door' says true."""
+    """A condition that returns SUCCESS while the last message on 'door' is true."""
 
     message_type = Bool
     default_topic = 'door'
@@ -23,6 +23,6 @@ class DoorOpen(TopicCondition):
 
 
 def register(registry: NodeRegistry) -> None:
-    """Run as the entry point does."""
+    """Register the nodes, like the entry point of a package."""
     registry.register_classes((DoorOpen,))
     faulty_leaves.register(registry)

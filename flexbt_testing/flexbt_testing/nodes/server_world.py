@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A BT server, real action and service servers that stand in for navigation, and a client: all in this process."""
+"""A BT server, real action and service servers in place of navigation, and a client, all in this process."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ ALWAYS: Final = (
     names.WAIT,
     names.DRIVE_ON_HEADING,
 )
-"""Actions that are served in every world."""
+"""Actions served in every world."""
 
 ON_DEMAND: Final = {name: action for name, action in ACTIONS.items() if name not in ALWAYS}
 """Actions that a test serves by :meth:`Navigation.serve`."""
 
 
 class Navigation:
-    """Stand-ins for the navigation servers, with counts; every one succeeds unless set to fail its first goals."""
+    """Stand-ins for the navigation servers, with counters. Each succeeds unless set to fail its first goals."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self.fail: dict[str, tuple[int, int]] = {}
-        """Server: how many of its first goals fail, and with which error code."""
+        """By server: the number of first goals that fail, and their error code."""
         self.hold: set[str] = set()
         self.cleared = {'global': 0, 'local': 0}
         self.path_valid = True
@@ -73,13 +73,13 @@ class Navigation:
         runtime.call(services)
 
     def serve(self, actions: Mapping[str, type[Any]]) -> None:
-        """Serve these as well."""
+        """Serve these actions too."""
         for name, action in actions.items():
             answer = self._answer(name, action)
             self.actions[name] = ScriptedActionServer(self._runtime, action, name, answer=answer)
 
     def count(self, name: str) -> int:
-        """Goals that a server has got."""
+        """Return the number of goals that a server has received."""
         return len(self.actions[name].goals)
 
     def _answer(self, name: str, action: Any) -> GoalAnswer:
@@ -96,7 +96,7 @@ class Navigation:
                 target = goal.goal if hasattr(goal, 'goal') else goal.goals[-1]
                 result.path.header.frame_id = 'map'
                 result.path.poses = [pose_stamped(0.0), target]
-                if hasattr(result, 'route'):  # which begins and ends beside start and goal: Nav2's tree fails else
+                if hasattr(result, 'route'):  # a route that does not begin and end exactly at start and goal
                     goal_at = target.pose.position
                     result.path.poses = [pose_stamped(0.0, 1.0), pose_stamped(goal_at.x, goal_at.y + 1.0)]
                     result.route.header.frame_id = 'map'
@@ -129,20 +129,20 @@ class Client:
 
     @cached_property
     def getter(self) -> ActionServerLink:
-        """Client that reads entries; few tests do."""
+        """Client that reads entries, created on first use."""
         return self._links.link(BtGetData, names.BT_GET_DATA)
 
     @cached_property
     def setter(self) -> ActionServerLink:
-        """Client that writes entries."""
+        """Client that writes entries, created on first use."""
         return self._links.link(BtSetData, names.BT_SET_DATA)
 
     def load(self, *files: str, xml: str = '') -> Any:
-        """Load, and give the result."""
+        """Load files or XML, and return the result."""
         return SentGoal(self.loader, BtLoad.Goal(files=list(files), xml=xml)).result
 
     def load_tree(self, body: str, tree: str = 'Main') -> None:
-        """Load one tree with this body; it has to be accepted."""
+        """Load one tree with this body, and check that it is accepted."""
         result = self.load(xml=document(body, tree))
         assert result.code == BtLoad.Result.SUCCESS, result.message
 
@@ -154,12 +154,12 @@ class Client:
         return SentGoal(self.executor, BtExecute.Goal(behavior_tree=tree, goals=list(goals), inputs=entries, **fields))
 
     def get(self, *keys: str, blackboard: str = '', encoding: int = BtGetData.Goal.BINARY) -> Any:
-        """Read entries, and give the result."""
+        """Read entries and return the result."""
         goal = BtGetData.Goal(keys=list(keys), blackboard=blackboard, encoding=encoding)
         return SentGoal(self.getter, goal).result
 
     def set(self, *entries: Any, blackboard: str = '') -> Any:
-        """Write entries, and give the result."""
+        """Write entries and return the result."""
         return SentGoal(self.setter, BtSetData.Goal(entries=list(entries), blackboard=blackboard)).result
 
 
@@ -171,7 +171,7 @@ def document(body: str, tree: str = 'Main') -> str:
 
 
 class ServerWorld:
-    """Everything together."""
+    """A server, navigation and a client."""
 
     def __init__(self, server: NodeRuntime, navigation: NodeRuntime, client: NodeRuntime) -> None:
         self.server_runtime = server
@@ -193,7 +193,7 @@ def open_server_world(**parameters: Any) -> Iterator[ServerWorld]:
 
 
 def install_nodes(directory: Path, module: str) -> None:
-    """Make ``module:register`` appear to Python as an entry point of an installed package."""
+    """Make ``module:register`` visible to Python as an entry point of an installed package."""
     info = directory / 'flexbt_test_nodes-1.0.dist-info'
     info.mkdir()
     (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: flexbt-test-nodes\nVersion: 1.0\n')

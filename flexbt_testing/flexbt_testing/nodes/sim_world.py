@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A simulator, navigation servers and a client of them: real nodes in this process."""
+"""A simulator, navigation servers and a client, as real nodes in this process."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from .clients import ACTIONS, SentGoal
 T = TypeVar('T')
 
 DOCK = (0.8, 4.45, 0.0)
-"""Start pose of the robot: at the west end of the corridor, heading along it."""
+"""Start pose of the robot: at the west end of the corridor, facing along it."""
 
 OFFICE = (3.8, 1.2, -1.57)
 
 
 class Sighting(NamedTuple):
-    """The pose of the robot at a time: s, m, m, rad."""
+    """The pose of the robot at a time: time in s, x and y in m, heading."""
 
     time: float
     x: float
@@ -47,12 +47,12 @@ class Sighting(NamedTuple):
     yaw: float
 
     def distance(self, place: Sequence[float]) -> float:
-        """To a place (x, y, ...), m."""
+        """Return the distance to a place (x, y, ...), m."""
         return math.hypot(place[0] - self.x, place[1] - self.y)
 
 
 def pose(place: Sequence[float], frame: str = 'map') -> PoseStamped:
-    """Return a message of a place (x, y) or (x, y, yaw)."""
+    """Return a message for a place (x, y) or (x, y, yaw)."""
     x, y, yaw = (*map(float, place), 0.0)[:3]
     stamped = PoseStamped()
     stamped.header.frame_id = frame
@@ -62,7 +62,7 @@ def pose(place: Sequence[float], frame: str = 'map') -> PoseStamped:
 
 
 def line(start: Sequence[float], end: Sequence[float], frame: str = 'map', spacing: float = 0.05) -> Path:
-    """Return a straight path."""
+    """Return a straight path; ``spacing`` is in m."""
     count = max(1, math.ceil(math.dist(start[:2], end[:2]) / spacing))
     yaw = math.atan2(end[1] - start[1], end[0] - start[0])
     path = Path()
@@ -75,7 +75,7 @@ def line(start: Sequence[float], end: Sequence[float], frame: str = 'map', spaci
 
 
 class RobotProbe:
-    """A probe that observes the robot, sends it goals and commands, and moves it to other places."""
+    """A probe that observes the robot, sends it goals and commands, and moves it."""
 
     def __init__(self, runtime: NodeRuntime, *, hears_commands: bool = True) -> None:
         self.runtime = runtime
@@ -87,7 +87,7 @@ class RobotProbe:
 
         def connect() -> None:
             node = runtime.node
-            # All that have come are taken at once, so that what is seen is not seconds old on a busy machine.
+            # Process all waiting messages at once; otherwise observations would be seconds old on a busy machine.
             qos = QoSProfile(depth=100)
             self._poses = ReceivedMessages(node, PoseStamped, names.POSE, qos, self._on_pose, MESSAGE_BYTES)
             if hears_commands:
@@ -109,77 +109,77 @@ class RobotProbe:
         self._seen.set()
 
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
-        """Return the first true value of a condition; it is asked whenever something is seen, and now and then."""
+        """Return the first true value of a condition, checked at each observation and now and then."""
         end = time.monotonic() + timeout
         self._seen.clear()
         while not (value := condition()):
             assert time.monotonic() < end, f'{what}: not within {timeout:g} s; last seen: {self.sightings[-1:]}'
             self._seen.wait(0.02)
-            self._seen.clear()  # before the next look, so that nothing is missed that comes after it
+            self._seen.clear()  # before the next check, so that later events are not missed
         return value
 
     @property
     def now(self) -> Sighting:
-        """The last sighting of all that have come by now, so that a rest before is not taken for one after it."""
+        """Return the newest sighting of all received so far, so that an earlier rest is not taken for a later one."""
         self.runtime.call(self._poses.take)
         self.wait(lambda: self.sightings, 'a pose of the robot')
         return self.sightings[-1]
 
     def later(self, seconds: float) -> Sighting:
-        """Return the robot after this much simulated time."""
+        """Wait for this much simulated time, and return the robot's pose."""
         until = self.now.time + seconds
         self.wait(lambda: self.sightings[-1].time >= until, f'{seconds:g} s of simulated time')
         return self.sightings[-1]
 
     def moving(self, seconds: float = 0.1) -> bool:
-        """Return whether the robot has moved within the last ``seconds`` of its observed poses."""
+        """Return whether the robot has moved in the last ``seconds`` of its observed poses."""
         last = self.sightings[-1]
         recent = [seen for seen in self.sightings[-200:] if seen.time >= last.time - seconds - 0.02]
         return any(seen.distance(last[1:]) > 1e-6 or abs(seen.yaw - last.yaw) > 1e-6 for seen in recent)
 
     def wait_at_rest(self) -> Sighting:
-        """Return the first sighting of the robot at rest, once it has been for 0.3 s."""
+        """Wait until the robot has stood still for 0.3 s, and return the first sighting of that rest."""
         since = self.now.time + 0.3
         self.wait(lambda: self.sightings[-1].time > since and not self.moving(0.3), 'the robot at rest')
         last = self.sightings[-1]
         return list(takewhile(lambda seen: seen[1:] == last[1:], reversed(self.sightings)))[-1]
 
     def wait_driving(self, speed: float = 0.2) -> Sighting:
-        """Return the first sighting, from now on, of the robot at a speed, m/s."""
+        """Return the first sighting, from now on, with the robot at this speed, m/s."""
         seen = len(self.sightings)
         self.wait(lambda: any(v >= speed for v in self.speeds(self.sightings[seen:])), f'{speed:g} m/s')
         return self.now
 
     @staticmethod
     def speeds(sightings: Sequence[Sighting]) -> list[float]:
-        """Speed from each sighting to the next, m/s."""
+        """Return the speed from each sighting to the next, m/s."""
         return [here.distance(ahead[1:]) / (ahead.time - here.time) for here, ahead in pairwise(sightings)]
 
     def set_speed_factor(self, factor: float) -> None:
-        """Change the speed of the simulated time."""
+        """Set the speed of simulated time."""
         change = Parameter('speed_factor', value=factor).to_parameter_msg()
         response = self.ask(SetParameters, 'simulator/set_parameters', SetParameters.Request(parameters=[change]))
         assert response.results[0].successful, response.results[0].reason
 
     def drive(self, linear: float, angular: float = 0.0) -> None:
-        """Give one velocity command."""
+        """Send one velocity command."""
         command = Twist()
         command.linear.x, command.angular.z = float(linear), float(angular)
         self._drive.publish(command)
 
     def put(self, place: Sequence[float], frame: str = 'map') -> None:
-        """Send the robot's place, once."""
+        """Send a place for the robot, once."""
         stamped = pose(place, frame)
         message = PoseWithCovarianceStamped(header=stamped.header)
         message.pose.pose = stamped.pose
         self._places.publish(message)
 
     def place(self, place: Sequence[float]) -> Sighting:
-        """Put the robot somewhere, at rest; the first sighting there."""
+        """Put the robot somewhere, at rest, and return the first sighting there."""
         self.wait(lambda: self._places.get_subscription_count(), 'the simulator')
         seen = len(self.sightings)
         self.put(place)
-        yaw = (*place, 0.0)[2]  # it may have been there already, turned another way
+        yaw = (*place, 0.0)[2]  # it may have been there already, with another heading
 
         def is_there(one: Sighting) -> bool:
             return one.distance(place) < 1e-6 and abs(math.remainder(one.yaw - yaw, math.tau)) < 1e-6
@@ -192,22 +192,22 @@ class RobotProbe:
         return SentGoal(self.links.link(ACTIONS[action], action), ACTIONS[action].Goal(**fields), DEADLINE)
 
     def plan(self, goal: Sequence[float], **fields: Any) -> SentGoal:
-        """Ask for a path to a place."""
+        """Request a path to a place."""
         return self.send(names.COMPUTE_PATH_TO_POSE, goal=pose(goal), **fields)
 
     def follow(self, path: Path, **fields: Any) -> SentGoal:
-        """Have a path followed."""
+        """Send a path to follow."""
         return self.send(names.FOLLOW_PATH, path=path, **fields)
 
     def ask(self, service_type: Any, name: str, request: Any) -> Any:
-        """Ask a service; the response."""
+        """Call a service and return the response."""
         outcome = service_outcome(self.services.link(service_type, name), request, DEADLINE)
         assert outcome.ok, outcome.reason
         return outcome.response
 
 
 def aborted(goal: SentGoal, code: int) -> Any:
-    """Return the result of a goal that has to end aborted, with this error code."""
+    """Return the result of a goal that must be aborted with this error code."""
     assert goal.wait().status is GoalStatus.ABORTED, goal.wait()
     assert goal.result.error_code == code, goal.result.error_msg
     return goal.result
@@ -215,7 +215,7 @@ def aborted(goal: SentGoal, code: int) -> Any:
 
 @contextlib.contextmanager
 def without_faults(name: str, **settings: Any) -> Iterator[NodeRuntime]:
-    """Provide a runtime; at the end, no callback may have let an exception escape."""
+    """Provide a runtime. At the end, check that no callback has let an exception escape."""
     faults: list[BaseException] = []
     with NodeRuntime.open(name, **settings) as runtime:
         runtime.on_fault(faults.append)
@@ -225,7 +225,7 @@ def without_faults(name: str, **settings: Any) -> Iterator[NodeRuntime]:
 
 @contextlib.contextmanager
 def open_probe() -> Iterator[RobotProbe]:
-    """Provide a probe, before there is anything to see."""
+    """Provide a probe, before a simulator exists."""
     with without_faults('probe') as runtime:
         yield RobotProbe(runtime)
 
@@ -241,7 +241,7 @@ def open_simulator(**parameters: Any) -> Iterator[RobotProbe]:
 
 @contextlib.contextmanager
 def open_navigation(**parameters: Any) -> Iterator[NodeRuntime]:
-    """Navigation servers on simulated time."""
+    """Provide navigation servers on simulated time."""
     settings = {'use_sim_time': True} | parameters
     with without_faults(names.NAVIGATION, parameters=settings) as runtime:
         Navigation(runtime)

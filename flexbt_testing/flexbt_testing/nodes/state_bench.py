@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A bench to test states with: they run in a real machine on a real thread, with scripted action servers."""
+"""A bench for testing states: they run in a real machine on a real thread, with scripted action servers."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from .scripted_action_server import GoalScript, ScriptedActionServer
 
 
 class Run(RunReader):
-    """A run of a behavior, and what was seen of it."""
+    """A run of a behavior, and a record of it."""
 
     def __init__(
         self, entry: BehaviorEntry, services: StateServices, autonomy: int, arguments: Sequence[tuple[str, str]] = ()
@@ -48,9 +48,9 @@ class Run(RunReader):
         self.message = ''
         self.outputs: Mapping[str, Any] = {}
         self.told: list[RunSnapshot] = []
-        """The run at each moment at which it reported a change."""
+        """Snapshot of the run at each reported change."""
         self.answers: list[str | None] = []
-        """Answers to the commands that were decided: None, or the refusal."""
+        """Answers to commands: None, or the reason for a refusal."""
         request = RunRequest(entry, arguments, (), autonomy)
         self.behavior_run = BehaviorRun(request, 'run', services, RunReader(), [self])
         self.behavior_run.start()
@@ -74,35 +74,35 @@ class Run(RunReader):
                 self.told.append(self.behavior_run.snapshot)
 
     def active(self) -> Sequence[ActiveLeaf]:
-        """Return the active states, which are asked what they are doing for the next time."""
+        """Return the active states. Each call asks them for their activity again."""
         self.behavior_run.ask_activities()
         return self.behavior_run.snapshot.active
 
     def decisions(self) -> Sequence[RunDecision]:
-        """Return what waits for the operator."""
+        """Return the decisions that wait for the operator."""
         return self.behavior_run.snapshot.decisions
 
     def confirm(self, decision_id: str) -> str | None:
-        """Confirm a decision; return the refusal."""
+        """Confirm a decision; return the reason if it is refused."""
         try:
             return self.answer_to(confirm, self.behavior_run.decision_number(decision_id))
         except CommandRefusedError as error:
             return str(error)
 
     def force(self, path: str, outcome: str, decision_id: str = '') -> str | None:
-        """Leave a state by an outcome; return the refusal."""
+        """Leave a state by an outcome; return the reason if it is refused."""
         number = self.behavior_run.decision_number(decision_id) if decision_id else ''
         return self.answer_to(force, path, outcome, number)
 
     def answer_to(self, command: Callable[..., str | None], *arguments: Any) -> str | None:
-        """Give the machine a command; return its refusal."""
+        """Send the machine a command; return the reason if it is refused."""
         before = len(self.answers)
         self.behavior_run.command(None, command, *arguments)
         wait_until(lambda: len(self.answers) > before, 'answer')
         return self.answers[before]
 
     def wait(self) -> str:
-        """Return the outcome, when the run has ended."""
+        """Wait until the run has ended, and return the outcome."""
         wait_until(lambda: self.outcome is not None or self.refusal is not None, f'end of the run; said: {self.lines}')
         assert self.refusal is None, self.refusal
         assert self.outcome is not None
@@ -119,13 +119,13 @@ class Run(RunReader):
 
 
 class StateBench:
-    """A bench that makes servers and runs states; a context, at whose end all of them end."""
+    """A context manager that makes servers and runs states, and ends all of them on exit."""
 
     def __init__(self) -> None:
         self.runtime = NodeRuntime('bench_executive', args=())
         self.services = StateServices.of(self.runtime)
         self.closing: list[Callable[[], object]] = []
-        """Further objects to be closed at the end."""
+        """Functions that close further objects at the end."""
         self._servers: list[NodeRuntime] = []
         self._runs: list[Run] = []
 
@@ -155,8 +155,10 @@ class StateBench:
         read: dict[str, Any] | None = None,
         autonomy: int = 3,
     ) -> Run:
-        """Run one state; each outcome of it is an outcome of the run. ``userdata`` is what there is for it; of the keys
-        ``outputs``, those that have a value at its end are copied to ``read``."""
+        """Run one state. Each of its outcomes is an outcome of the run.
+
+        ``userdata`` is its input. At the end, those of the keys ``outputs`` that have a value are copied to ``read``.
+        """
 
         def machine() -> OperatableStateMachine:
             state = make()

@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A bench for the state machine: scripted and counting states, and a host with a manual clock.
 
-As the executive does, the host steps the run after each wake-up and when it is due, and never otherwise: what is
-forgotten here hangs there.
+Like the executive, the host steps the run only after a wake-up and when it is due. A forgotten wake-up hangs the run
+here.
 
-A trace is a list of callbacks in the order of their calls: ``on_enter``, with `` resumed`` when the run goes on
-there; ``on_exit`` with the name of the :class:`ExitReason`, as in ``on_exit PARENT_LEFT``; the others by their names
-alone. The common trace of a bench has the path of the state behind the name: ``on_exit /Outer/Inner OUTCOME``. Calls
-of ``halting`` and ``activity`` are not in it.
+A trace is a list of callbacks in call order: ``on_enter``, with `` resumed`` if the run resumes there; ``on_exit`` with
+the name of the :class:`ExitReason`, as in ``on_exit PARENT_LEFT``; and the names of the others. The common trace of a
+bench adds the path of the state: ``on_exit /Outer/Inner OUTCOME``. It omits calls of ``halting`` and ``activity``.
 """
 
 from __future__ import annotations
@@ -47,16 +46,16 @@ from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_core.state_machine.model.userdata import UserData
 
 Do = Callable[['Scripted', Any], Any]
-"""A callback of a scripted state, called with the state and its userdata (None if it gets none)."""
+"""A callback of a scripted state. Its arguments are the state and its userdata (None if it has none)."""
 
 STEPS_AT_ONCE = 50
-"""Steps without a pause that count as a busy loop."""
+"""Number of steps without a pause that counts as a busy loop."""
 
 
 class Scripted(EventState):
     """A state that keeps a ``trace`` of its callbacks; ``do`` adds an action to each of them, by its name.
 
-    Unless ``execute`` gives something, the state is left by ``outcome``, as soon as there is one.
+    If ``execute`` returns nothing, the state is left by ``outcome`` once it is set.
     """
 
     def __init__(
@@ -76,11 +75,11 @@ class Scripted(EventState):
         self._calls: Counter[str] = Counter()
 
     def calls(self, callback: str) -> int:
-        """Return how often a callback was called."""
+        """Return the number of calls of a callback."""
         return self._calls[callback]
 
     def end(self, outcome: str) -> None:
-        """Have the state left by an outcome: what it waits for has happened."""
+        """Leave the state by an outcome, as if its event had happened."""
         self.outcome = outcome
         self.wake()
 
@@ -119,7 +118,7 @@ class Scripted(EventState):
 
 
 def passing(*, outcome: str = 'done', outcomes: Iterable[str] = ('done',)) -> Scripted:
-    """Return a state that is left at once."""
+    """Return a state that finishes immediately."""
     return Scripted(*outcomes, outcome=outcome)
 
 
@@ -149,7 +148,7 @@ def machine(
 
 
 def nested(state: EventState, labels: str, autonomy: Mapping[str, int] | None = None) -> OperatableStateMachine:
-    """Machines around a state whose outcomes are all handed out. ``labels`` from outside to inside, as in 'A/B/C'."""
+    """Return machines around a state that forward its outcomes. ``labels`` go from outside in, as in 'A/B/C'."""
     first, _, rest = labels.partition('/')
     inner = nested(state, rest, autonomy) if rest else state
     ways = {outcome: outcome for outcome in state.outcomes}
@@ -158,7 +157,7 @@ def nested(state: EventState, labels: str, autonomy: Mapping[str, int] | None = 
 
 @dataclass(frozen=True)
 class BenchSnapshot:
-    """The view of the operator at some time."""
+    """The operator's view at some time."""
 
     active: tuple[str, ...]
     decisions: tuple[Decision, ...]
@@ -169,9 +168,9 @@ class BenchSnapshot:
 class Bench(RunReader):
     """The host of one run, and a reader of its events.
 
-    States get it as ``services``, and write to the common ``trace``.
+    States use it as ``services``, and write to the common ``trace``.
 
-    Monitors watch each run: what they find wrong fails the test.
+    Monitors check each run; any problem fails the test.
     """
 
     def __init__(
@@ -195,7 +194,7 @@ class Bench(RunReader):
         self.steps = 0
         self._has_changed = False
         self.answers: list[str | None] = []
-        """Answers to the commands that were decided: None, or the refusal."""
+        """Answers to commands: None, or the reason for a refusal."""
         self.wake_event = WakeEvent()
         self.violations: list[Violation] = []
         self.run = MachineRun(
@@ -236,7 +235,7 @@ class Bench(RunReader):
                 self.show()
 
     def show(self) -> None:
-        """Take a snapshot of what the operator is shown."""
+        """Take a snapshot of the operator's view."""
         self._has_changed = False
         active = self.active
         decisions = tuple(self.run.decisions)
@@ -250,7 +249,7 @@ class Bench(RunReader):
     # -- the host ----------------------------------------------------------------------------------------------------
 
     def settle(self) -> None:
-        """Step the run until nobody wakes it any more."""
+        """Step the run until nothing wakes it any more."""
         at_once = 0
         while self.run.outcome is None and self.wake_event.take():
             self._step()
@@ -258,7 +257,7 @@ class Bench(RunReader):
             assert at_once <= STEPS_AT_ONCE, f'busy: {self.trace[-8:]}'
 
     def pass_time(self, seconds: float) -> None:
-        """Let time go by, waking up in between exactly when something is due."""
+        """Let time pass, and wake up exactly when something is due."""
         end = self.clock.now() + seconds
         while self.run.outcome is None:
             due, timer = self.run.next_wake, self.clock.next_timer()
@@ -287,7 +286,7 @@ class Bench(RunReader):
         return self.run.outcome
 
     def shown_end(self) -> tuple[str | None, str]:
-        """Return the outcome, and what has not halted yet."""
+        """Return the outcome, and the text about states that have not halted yet."""
         return self.run.outcome, self.run.not_halted
 
     @property
@@ -297,12 +296,12 @@ class Bench(RunReader):
 
     @property
     def decision(self) -> Decision:
-        """The only one that is pending."""
+        """The only pending decision."""
         (decision,) = self.run.decisions
         return decision
 
     def answer_to(self, command: Callable[..., str | None], *arguments: Any) -> str | None:
-        """Give a command; returns its refusal, of which there has to be exactly one."""
+        """Send a command, check that there is exactly one answer, and return the reason for a refusal."""
         self.answers.clear()
         self.run.command('', command, *arguments)
         self.settle()
@@ -310,11 +309,11 @@ class Bench(RunReader):
         return answer
 
     def confirm(self, decision_id: str | None = None) -> str | None:
-        """Confirm the pending decision, or one of an id; gives the refusal."""
+        """Confirm the pending decision, or one by id; return the reason for a refusal."""
         chosen = self.decision.id if decision_id is None else decision_id
         return self.answer_to(operator_commands.confirm, chosen)
 
-    # Give a command; return its refusal.
+    # Send a command; return the reason for a refusal.
     force = partialmethod(answer_to, operator_commands.force)
     set_autonomy = partialmethod(answer_to, operator_commands.set_autonomy)
     repeat = partialmethod(answer_to, operator_commands.repeat)
@@ -326,7 +325,7 @@ class Bench(RunReader):
     resume = partialmethod(answer_to, operator_commands.resume)
 
     def switch(self, made: OperatableStateMachine) -> str | None:
-        """Go on with another machine; gives the refusal."""
+        """Switch to another machine; return the reason for a refusal."""
         return self.answer_to(switch_machine, define(made))
 
     def stop(self, reason: str = 'test') -> None:
@@ -335,11 +334,11 @@ class Bench(RunReader):
         self.settle()
 
 
-# States by which an operator's confirmations are counted in the userdata.
+# States that count an operator's confirmations in the userdata.
 
 
 class Ask(EventState):
-    """A state that wants to be left."""
+    """A state that asks to be left."""
 
     def __init__(self) -> None:
         super().__init__(outcomes=['again', 'out'], desired_rate=None)
@@ -349,7 +348,7 @@ class Ask(EventState):
 
 
 class Add(EventState):
-    """Counts."""
+    """A state that counts."""
 
     def __init__(self) -> None:
         super().__init__(outcomes=['done'], io_keys=['count'], desired_rate=None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random machines for the test of the engine against a model: what they are, and as machines that run."""
+"""Random machines for tests of the engine against a model: descriptions, and the machines built from them."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from flexbt_core.state_machine.model.event_state import EventState
 from .bench import Scripted, machine
 
 DEPTH: Final = 4
-"""Most machines around a state, the root not counted."""
+"""Maximum nesting of machines around a state, without the root."""
 
 STATES: Final = int(os.environ.get('HFSM_STATES', '40'))
-"""About as many states a machine may have."""
+"""Approximate maximum number of states of a machine."""
 
 UNDECLARED: Final = -1
 _LABELS: Final = 'ABCDEF'
@@ -40,9 +40,9 @@ class Visit:
 
 @dataclass(eq=False)
 class RandomNode:
-    """A state or machine of a random machine. ``ways`` leads an outcome to a sibling, or to an outcome around it.
+    """A state or machine of a random machine. ``ways`` maps an outcome to a sibling, or to an outcome of the parent.
 
-    The children of a concurrency container have no ways: its ``conditions`` are tried in their order.
+    The children of a concurrency container have no ways: its ``conditions`` are tried in order.
     """
 
     path: str
@@ -55,7 +55,7 @@ class RandomNode:
     kind: StateKind = StateKind.STATE
     conditions: list[tuple[str, list[tuple[RandomNode, str]]]] = field(default_factory=list)
     runs_on: bool = False
-    """True if it is executed while it is blocked."""
+    """True if it runs while it is blocked."""
 
     def all(self) -> Iterator[RandomNode]:
         """Yield this node and everything in it."""
@@ -65,7 +65,7 @@ class RandomNode:
 
 
 def random_machine(random: Random, states: int = STATES) -> RandomNode:
-    """Return a machine of about this many ``states``, up to DEPTH levels below the root, which can all be reached."""
+    """Return a machine of about ``states`` states, up to DEPTH levels below the root. All states are reachable."""
     root = RandomNode('/', _outcomes(random, ['x', 'y', 'z']))
     _fill(random, root, DEPTH, [states])
     return root
@@ -92,7 +92,7 @@ def _fill(random: Random, node: RandomNode, depth: int, left: list[int]) -> None
             child.runs_on = random.random() < 0.2
         node.children.append(child)
     for number, child in enumerate(node.children):
-        # By the first outcome the next sibling can be reached, the others lead anywhere.
+        # The first outcome leads to the next sibling, the others anywhere.
         following = node.children[number + 1 : number + 2]
         for outcome in child.outcomes:
             outwards = node.outcomes if node.parent is not None or random.random() < 0.1 else []
@@ -121,7 +121,7 @@ def _visit(random: Random, outcomes: list[str]) -> Visit:
 
 
 class Puppet(Scripted):
-    """A state that does as its visits say, over and over."""
+    """A state that follows its list of visits, again and again."""
 
     def __init__(self, node: RandomNode) -> None:
         super().__init__(*node.outcomes)
@@ -131,12 +131,12 @@ class Puppet(Scripted):
         self._visit = node.visits[-1]
 
     def forget(self) -> None:
-        """Begin with the first visit again."""
+        """Restart with the first visit."""
         self.trace.clear()
         self._calls.clear()
 
     def rest(self) -> None:
-        """Whatever it was doing, it has halted now."""
+        """Mark it as halted, whatever it was doing."""
         self.at_rest = True
         self.wake()
 
@@ -168,7 +168,7 @@ class Puppet(Scripted):
 
 
 def build(node: RandomNode) -> tuple[OperatableStateMachine, list[Puppet]]:
-    """Return the machine of a node, and its states."""
+    """Return the machine built from a node, and its states."""
     children, puppets = [], []
     for child in node.children:
         state: EventState | OperatableStateMachine

@@ -202,7 +202,7 @@ class _Keys:
 
 
 def _clash(type: str, declared: str) -> bool:
-    """Return whether a value of a state's type cannot be one of a port's type. Numbers and text convert to each other."""
+    """Return whether a state's value cannot have a port's type. Numbers and text convert to each other."""
     if type == declared or 'string' in (type, declared):
         return False
     return '/' in type or '/' in declared

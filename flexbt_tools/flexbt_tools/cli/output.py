@@ -47,7 +47,7 @@ def add_report_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[Ch
 
 
 def report_findings(options: argparse.Namespace, found: Iterable[Reported], noun: str, number: int) -> ExitCode:
-    """Print the findings for a ``number`` of things, each called ``noun``. Errors come first, remarks only on request."""
+    """Print the findings for ``number`` things called ``noun``: errors first, remarks only on request."""
     kept = [one for one in found if one.rule.name not in options.ignore]
     order = list(CheckSeverity)
     shown = sorted(kept, key=lambda one: order.index(one.rule.severity))

@@ -148,7 +148,7 @@ class Mocking:
         return node
 
     def wrong(self) -> list[LoadError]:
-        """Return the problems: rules that do not fit their node, rules without a node, nodes without a required mock."""
+        """Return the problems: rules that do not fit their node or have no node, and nodes that lack a mock."""
         return list(self._errors) or list(self._meaningless_rules()) or list(self._missing.values())
 
     def _meaningless_rules(self) -> Iterator[LoadError]:

@@ -107,7 +107,7 @@ def _content(file: str) -> bytes:
 
 
 def _include(path: str, package: str | None, including: str) -> tuple[str, bytes]:
-    """Resolve an include as BehaviorTree.CPP does: relative to the including file, or to a package's share directory."""
+    """Resolve an include as BehaviorTree.CPP does: relative to the including file or a package's share directory."""
     if package is not None and not path.startswith('/'):
         file = str(find_resource(f'{package}/{path}'))
     else:
