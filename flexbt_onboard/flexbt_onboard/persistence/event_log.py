@@ -1,38 +1,38 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The event log: the actions of operators and of the robot with their times, as lines of JSON that are only appended.
+"""The event log: an append-only file of JSON lines with the actions of operators and of the robot, and their times.
 
-A file is ``<node>.jsonl``, where ``<node>`` is the name of the executive with its namespace; by default in a directory
-for its ROS domain, so that no two executives share one. When it has its full size it becomes ``<node>.1.jsonl``, and so
-on up to a number of files. A separate thread writes, so that nobody waits for the disk. Events wait for one that hangs,
-is full or fails, and are written in their order when that is possible; each reason is reported once, until something is
-written again. Events above the maximum that may wait are counted. A line that a crash has cut off is ended before the
-next one.
+The file is ``<node>.jsonl``, where ``<node>`` is the name of the executive with its namespace. By default it is in a
+directory of the ROS domain, so that no two executives share a file. A full file is renamed to ``<node>.1.jsonl``, and
+so on, up to a maximum number of files.
+
+A separate thread writes, so that no caller waits for the disk. While the disk hangs, is full or fails, events wait, and
+are written in order as soon as possible. Each reason is reported once until a write succeeds. Events beyond the maximum
+that may wait are lost and counted. If a crash has cut off the last line, it is ended before the next line is written.
 
 Each line is an object with ``time`` (seconds of wall time since the epoch), ``stamp`` (seconds on the node's clock),
-``steady`` (seconds on a clock that nobody sets, since the computer was booted), ``event``, and what belongs to the
-event:
+``steady`` (seconds since boot, on a clock that cannot be set), ``event``, and the fields of the event:
 
 ==============  ========================================================================================================
 executive       ``state`` 'started' or 'ended', ``executive``
-started         a run: ``run``, ``behavior``, ``arguments``, ``inputs`` (keys), ``autonomy``, ``by``
-resumed         a run goes on after the executive was restarted: ``run``, ``behavior``, ``by``
-refused         it could not be built: ``run``, ``behavior``, ``why``
-skills          what the skills of the states say that the run may contradict: ``run``, ``skills`` by path (see
+started         a run began: ``run``, ``behavior``, ``arguments``, ``inputs`` (keys), ``autonomy``, ``by``
+resumed         a run continues after a restart of the executive: ``run``, ``behavior``, ``by``
+refused         a run could not start: ``run``, ``behavior``, ``why``
+skills          claims of the states' skills that the run may contradict: ``run``, ``skills`` by path (see
                 :func:`claims`)
-entered         a state: ``run``, ``path``
-left            a state or machine: ``run``, ``path``, ``outcome``, ``target``, ``reason``
-waiting         for the operator: ``run``, ``decision``, ``path``, ``kind``, ``outcome``, ``outcomes``, ``required``,
-                ``prompt``
-decided         a decision waits no longer, whatever became of it: ``run``, ``decision``
-switched        the run goes on with another behavior: ``run``, ``behavior``, ``arguments``, ``by``
+entered         a state was entered: ``run``, ``path``
+left            a state or machine was left: ``run``, ``path``, ``outcome``, ``target``, ``reason``
+waiting         a decision waits for the operator: ``run``, ``decision``, ``path``, ``kind``, ``outcome``,
+                ``outcomes``, ``required``, ``prompt``
+decided         a decision no longer waits, for any reason: ``run``, ``decision``
+switched        the run continues with another behavior: ``run``, ``behavior``, ``arguments``, ``by``
 fault           ``run``, ``path``, ``text``
-stopping        a run: ``run``, ``why``
-ended           a run: ``run``, ``behavior``, ``outcome``, ``message``
-command         of an operator, a note too: the fields of ExecutiveCommand that are set (of a long value 1,000
-                characters), ``effect`` 'applied', 'refused' or 'ignored', ``why``
+stopping        a stop of a run was requested: ``run``, ``why``
+ended           a run ended: ``run``, ``behavior``, ``outcome``, ``message``
+command         a command or note of an operator: the fields of ExecutiveCommand that are set (at most 1,000
+                characters of a value), ``effect`` 'applied', 'refused' or 'ignored', ``why``
 authority       ``holder``, ``requests``, ``text``
-operator        ``text``: consoles came or went, and what was done about it
-lost            ``number`` of events that are missing here
+operator        ``text``: consoles connected or disconnected, and the reaction of the executive
+lost            ``number`` of events that are missing at this place
 ==============  ========================================================================================================
 """
 
@@ -58,22 +58,22 @@ if TYPE_CHECKING:
     from flexbt_common.runtime.ros_clock import RosClock
 
 EVENT_LOG_SIZE: Final = 10_000_000
-"""Bytes of a file before the next one is begun."""
+"""Maximum bytes of a file; then a new one is begun."""
 
 EVENT_LOG_FILES: Final = 5
-"""Files that are kept, the one that is being written included."""
+"""Number of files that are kept, including the current one."""
 
 MOST_WAITING: Final = 20_000
-"""Events that may wait for the disk, those included that it is to write now; more of them are lost, and counted."""
+"""Maximum number of events that wait for the disk, including those being written. More are lost, and counted."""
 
 STUCK_SECONDS: Final = 2.0
-"""Time that the disk may take for the waiting events before it is reported, s."""
+"""Time after which a write that has not returned is reported, s."""
 
 RETRY_SECONDS: Final = 0.5
-"""Time between two attempts to write to a disk that has failed, s."""
+"""Time between two attempts to write after the disk has failed, s."""
 
 _MOST_AT_ONCE: Final = 100
-"""Events of one attempt."""
+"""Maximum number of events per write."""
 
 _CLOSE_SECONDS: Final = 0.3
 
@@ -81,9 +81,9 @@ _CLOSE_SECONDS: Final = 0.3
 class EventLog:
     """A log that appends events to a file; from any thread.
 
-    ``on_problem`` is called on the writing thread, or that of ``steady``: with a text when the file cannot be written,
-    or not for a further reason, and with '' when it can be again. Without ``file`` nothing is kept. ``clock`` gives the
-    time stamps.
+    ``on_problem`` is called on the writing thread or on that of ``steady``: with a text for each new reason why the
+    file cannot be written, and with '' when it can be written again. Without ``file`` nothing is written. ``clock``
+    provides the time stamps.
     """
 
     def __init__(
@@ -103,22 +103,22 @@ class EventLog:
         self._files = files
         self._changed = threading.Condition()
         self._waiting: deque[dict[str, Any]] = deque()
-        self._lost = 0  # events after those that wait, which are not noted yet
-        self._lacking = 0  # total of lost events that were not reported yet
+        self._lost = 0  # events lost after the waiting ones, not noted in the log yet
+        self._lacking = 0  # lost events in total, not reported yet
         self._is_closed = False
-        self._may_be_cut = True  # the last line of the file
-        self._problems: set[object] = set()  # reported since something was written
+        self._may_be_cut = True  # the last line of the file may lack its end
+        self._problems: set[object] = set()  # kinds reported since the last successful write
         self._thread = threading.Thread(target=self._write_all, name='event_log', daemon=True)
         if file is not None:
             self._thread.start()
 
     def add(self, event: str, **fields: Any) -> None:
-        """Write an event with plain values: texts, numbers, lists and mappings."""
+        """Add an event with plain values: strings, numbers, lists and mappings."""
         if self._file is None:
             return
         stamp = round(seconds_of(self._clock.stamp()), 6)
         with self._changed:
-            entry = _entry(stamp, event, fields)  # here, so that the lines are in the order of their times
+            entry = _entry(stamp, event, fields)  # with the lock, so that the lines are in the order of their times
             if len(self._waiting) >= MOST_WAITING:
                 self._lost += 1
                 self._lacking += 1
@@ -128,7 +128,7 @@ class EventLog:
                 self._changed.notify()
 
     def close(self) -> None:
-        """Write what waits, for a limited time; nothing is written afterwards."""
+        """Write the waiting events, for a limited time. Later events are dropped."""
         if self._file is not None:
             with self._changed:
                 self._is_closed = True
@@ -158,11 +158,11 @@ class EventLog:
                 return
 
     def _write(self, events: Sequence[dict[str, Any]]) -> bool:
-        """Write the first of those that wait; gives whether that was possible."""
+        """Write the oldest waiting events. Return True if that was possible."""
         try:
             with watchdog(self._steady, STUCK_SECONDS, self._tell_stuck):
                 self._append(events)
-        except Exception as error:  # any error: no other thread writes
+        except Exception as error:  # any error, since no other thread would continue writing
             kind = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
             self._tell(
                 (type(error), getattr(error, 'errno', None)),
@@ -181,10 +181,10 @@ class EventLog:
         return True
 
     def _line(self, event: dict[str, Any]) -> bytes:
-        """One that cannot be written is reported, and recorded as lost."""
+        """Return the line of an event. Report an event that cannot be written, and record it as lost."""
         try:
             text = json.dumps(event, ensure_ascii=False, default=str)
-        except Exception as error:  # whatever a value does that does not let itself be written
+        except Exception as error:  # a value may raise anything when converted
             why = f'{type(error).__name__}: {error}'
             self._tell(type(error), f'the event log {self._file} lacks an event {event["event"]!r}: {why}')
             text = json.dumps(_lost_event(1, event))
@@ -203,19 +203,21 @@ class EventLog:
             self._on_problem(problem)
 
     def _append(self, events: Sequence[dict[str, Any]]) -> None:
-        """Append events, and take each that is written from those that wait. When the file is full the others wait.
+        """Append events, and remove each written one from the queue. Stop when the file is full; the others wait.
 
-        Raises OSError where a line does not fit onto the disk; nothing is left of it. Lines are made one by one: a full
-        disk costs only that of the first.
+        Each line is made when it is written, so that a full disk costs the work for only one line.
+
+        Raises:
+            OSError: a line does not fit onto the disk. The part of it that was written is removed.
         """
-        assert self._file is not None  # else there is no thread
+        assert self._file is not None  # otherwise no thread runs
         self._file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         size = self._file.stat().st_size if self._file.exists() else 0
         lines = map(self._line, events)
         first = next(lines)
         if size and size + len(first) > self._size:
             self._rotate()
-        # Opened each time: moving or deleting the file does not end the log.
+        # Open the file each time, so that the log continues after the file was moved or deleted.
         with open(self._file, 'ab', buffering=0, opener=open_private) as file:
             if self._may_be_cut and _is_cut(self._file):
                 file.write(b'\n')
@@ -226,17 +228,17 @@ class EventLog:
                 self._may_be_cut = True
                 try:
                     rest = line
-                    while rest:  # when not all fits, the rest tells why
+                    while rest:  # after a partial write, writing the rest raises the reason
                         rest = rest[file.write(rest) :]
                 except OSError:
-                    with suppress(OSError):  # else the next line ends it
+                    with suppress(OSError):  # if it fails, the next write ends the cut line
                         file.truncate(begin)
                     raise
                 self._may_be_cut = False
                 self._waiting.popleft()
 
     def _rotate(self) -> None:
-        """Only as far as a number is free: a rotation that has failed is done again without a loss."""
+        """Rename the files, up to the first free number, so that repeating a failed rotation loses no file."""
         assert self._file is not None
         oldest = next((age for age in range(1, self._files) if not rotated(self._file, age).exists()), self._files)
         for age in range(oldest, 0, -1):
@@ -245,17 +247,17 @@ class EventLog:
 
 
 def _entry(stamp: float, event: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-    now, steady = time.time(), time.clock_gettime(time.CLOCK_BOOTTIME)  # together: their difference shows a step
+    now, steady = time.time(), time.clock_gettime(time.CLOCK_BOOTTIME)  # together, to detect steps
     return {'time': round(now, 6), 'stamp': stamp, 'steady': round(steady, 6), 'event': event, **fields}
 
 
 def _lost_event(number: int, before: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the event that reports the number of events lost before another one."""
+    """Return the event that records a number of events lost before another one."""
     return {name: before[name] for name in ('time', 'stamp', 'steady')} | {'event': 'lost', 'number': number}
 
 
 def _is_cut(file: Path) -> bool:
-    """Return whether the last line of a file has no end."""
+    """Return whether the last line of a file lacks its line end."""
     with file.open('rb') as stream:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - 1))
@@ -269,5 +271,5 @@ def newest_log(directory: Path) -> Path | None:
 
 
 def rotated(file: Path, number: int) -> Path:
-    """Return the file that was written ``number`` files before."""
+    """Return the name of a log file after ``number`` rotations."""
     return file if number == 0 else file.with_name(f'{file.stem}.{number}{file.suffix}')

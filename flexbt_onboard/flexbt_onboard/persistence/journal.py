@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The journal and its line format: what the executive must know after a crash, on disk before others learn of it.
+"""The journal and its line format.
 
-The file ``<node>.journal`` holds lines that are only appended (:mod:`.journal_format`). It is rewritten, first beside
-the old one and then in its place, when it has grown, when it was moved or removed, and after the disk has failed. Of
-what a crash has cut off at the end the whole lines count. A file that is corrupt in another way is kept aside, as
-``<node>.<time>.corrupt``, and what can be read of it counts.
+The journal has everything that the executive must know after a crash. It is on disk before consoles and programs see
+the effects.
+
+The file ``<node>.journal`` is append-only. It is replaced as a whole when it has grown, when it was moved or removed,
+and after the disk has failed. If a crash has cut off its end, all complete lines are valid. A file that is corrupt in
+another way is saved as ``<node>.<time>.corrupt``, and its readable lines are used.
 
 A separate thread writes, so that a disk that is slow or hangs delays only callers that wait until their records are
 durable (:meth:`Journal.when_durable`).
@@ -35,19 +37,19 @@ from flexbt_msgs.msg import CommandResult
 from flexbt_onboard.errors import OnboardError
 
 REMEMBERED_COMMANDS: Final = 4096
-"""Commands that are remembered, so that a resend after a restart is not applied again."""
+"""Number of latest commands that are remembered, so that a resend after a restart is not applied again."""
 
 STUCK_SECONDS: Final = 2.0
-"""Time that the disk may take for the waiting lines before it is reported and no longer waited for, s."""
+"""Time after which a write that has not returned is reported, and callers no longer wait for it, s."""
 
 RETRY_SECONDS: Final = 0.5
-"""Time between two attempts to write to a disk that has failed, s."""
+"""Time between two attempts to write after the disk has failed, s."""
 
 _LARGEST: Final = 1_000_000
-"""Size after which the file is rewritten, bytes, unless its necessary contents are larger."""
+"""Size above which the file is rewritten, bytes, or four times its size after the last rewrite if that is more."""
 
 _MOST_WAITING: Final = 1000
-"""Maximum number of lines that wait for the disk. If there are more, the state that they lead to is written instead."""
+"""Maximum number of lines that wait for the disk. Beyond it, the resulting state is written instead."""
 
 _CLOSE_SECONDS: Final = 0.3
 _OPEN_SECONDS: Final = 5.0
@@ -60,8 +62,11 @@ Callback = Callable[[], object]
 
 @dataclass
 class JournalState:
-    """The state that the lines describe: the run that has begun and not ended, where it was, the level for the next one
-    if an operator has set it, and the commands that were decided."""
+    """The state that the lines describe.
+
+    ``begin`` is the run that has begun and not ended, and ``position`` its last position. ``autonomy`` is the level for
+    the next run, if an operator has set one. ``commands`` are the decided commands: code and reason by id.
+    """
 
     begin: dict[str, Any] | None = None
     position: Any = None
@@ -69,8 +74,8 @@ class JournalState:
     commands: OrderedDict[str, tuple[int, str]] = field(default_factory=OrderedDict)
 
     def apply(self, line: JournalLine) -> None:
-        """Take in a line."""
-        # A line of a run that has ended is void: the run was stopped while it moved, or switched, on its thread.
+        """Update the state with a line."""
+        # Ignore lines of a run that has ended: it was stopped while its thread was moving or switching.
         is_of_run = self.begin is not None and line.get('run') == self.begin['run']
         if 'begin' in line and (is_of_run or 'run' not in line):
             self.begin, self.position = line['begin'], None
@@ -87,7 +92,7 @@ class JournalState:
             self.commands.popitem(last=False)
 
     def lines(self) -> list[JournalLine]:
-        """Return the fewest lines that say the same."""
+        """Return the smallest list of lines that describes the same state."""
         commands = [[command_id, code, reason] for command_id, (code, reason) in self.commands.items()]
         lines: list[JournalLine] = [{'commands': commands}] if commands else []
         if self.autonomy is not None:
@@ -100,14 +105,14 @@ class JournalState:
 
 
 _closing: WeakValueDictionary[Path, threading.Thread] = WeakValueDictionary()
-"""The threads of closed journals of this process, which keep them as long as a slow disk has not answered."""
+"""The writing threads of closed journals of this process. Each holds its file until a slow disk has answered."""
 
 
 def await_closed(file: Path | None) -> None:
-    """Wait for a limited time until the disk has taken what was written last to a closed journal of this process.
+    """Wait for a limited time until the last write of a closed journal of this process is on disk.
 
     Raises:
-        OnboardError: it has not.
+        OnboardError: the write has not returned in this time.
     """
     if file is not None and (before := _closing.get(file)) is not None:
         before.join(_OPEN_SECONDS)
@@ -123,7 +128,11 @@ _held: Final[WeakSet[Journal]] = WeakSet()
 
 
 def _release_in_child() -> None:
-    """Prevent that a process which a state has forked keeps the journal from the next executive when ours is killed."""
+    """Release the journals in a forked process.
+
+    Otherwise a process that a state has forked would hold the lock after the executive is killed, and the next
+    executive could not open the journal.
+    """
     for journal in tuple(_held):
         journal.release_files()
 
@@ -134,35 +143,35 @@ os.register_at_fork(after_in_child=_release_in_child)
 class Journal:
     """The journal of one executive, held by one process at a time. From any thread.
 
-    ``on_problem`` is called when it cannot be written any more, once for each reason, and with '' when it can be
-    written again. The executive continues, but after a crash it would not know later events. It is called before
-    anything that is not written is reported. Without ``file`` nothing is written, and all counts as durable.
+    ``on_problem`` is called once for each reason why the journal cannot be written, and with '' when it can be written
+    again. In between the executive continues, but would not know later events after a crash. The call comes before the
+    callbacks for records that are not durable. Without ``file``, nothing is written and everything counts as durable.
     """
 
     def __init__(self, file: Path | None, on_problem: Callable[[str], None], clock: Clock) -> None:
-        """Open the journal; ``clock`` is that of the wall, for how long the disk takes.
+        """Open the journal. ``clock`` measures the wall time that the disk takes.
 
         Raises:
             OnboardError: the directory cannot be used, the file cannot be read, or another process has the journal.
         """
         self.state = JournalState()
         self.corruption = ''
-        """Corruption of the file that was found, for the operator; '' if it is intact."""
+        """Text for the operator about corruption of the file; '' if the file is intact."""
         self.torn = ''
-        """Description of the part that a crash cut off, for the operator; '' for none."""
+        """Text for the operator about a last line that a crash cut off; '' for none."""
         self._on_problem = on_problem
         self._clock = clock
         self._changed = threading.Condition()
         self._lines: list[JournalLine] = []
-        self._appended, self._durable = 1, 0  # lines so far; rewriting the file that was found counts as one
-        self._waiting: deque[tuple[int, Callback]] = deque()  # and how many lines have to be durable for it
+        self._appended, self._durable = 1, 0  # line counts; the first rewrite is one
+        self._waiting: deque[tuple[int, Callback]] = deque()  # with the number of lines that must be durable before
         self._is_anew = True  # the file has to be rewritten
         self._problems: set[object] = set()  # kinds reported since the last write
         self._is_closed = False
         self._count = self._size = self._least_size = 0
         self._descriptor = self._guard = -1
         self.is_kept = file is not None
-        """True if there is a file for it."""
+        """True if the journal has a file."""
         if file is None:
             self._is_closed = True
             return
@@ -180,12 +189,12 @@ class Journal:
         self._thread.start()
 
     def append(self, commands: Sequence[JournaledResult] = (), **line: Any) -> None:
-        """Have a line with the given parts written. After :meth:`close` nothing is written."""
+        """Append a line with the given parts. After :meth:`close`, lines are dropped."""
         if commands:
             line['commands'] = [list(command) for command in commands]
         with self._changed:
             if self._is_closed:
-                return  # a run that was left behind at the end of the process, or there is no file
+                return  # an abandoned run at the end of the process, or no file
             self.state.apply(line)
             self._lines.append(line)
             self._appended += 1
@@ -195,10 +204,10 @@ class Journal:
             self._changed.notify()
 
     def when_durable(self, then: Callback) -> None:
-        """Have ``then`` called when what was appended before survives a crash and a loss of power.
+        """Call ``then`` once all lines appended so far survive a crash and a power loss.
 
-        It is called at once when that is so, and later on the thread that writes; also when the journal cannot be
-        written, after this was told.
+        If they do already, call it at once; otherwise it is called later on the writing thread. If the journal cannot
+        be written, it is also called, after ``on_problem``.
         """
         with self._changed:
             if self._durable < self._appended and not self._problems and not self._is_closed:
@@ -207,13 +216,13 @@ class Journal:
         then()
 
     def sync(self, within: float) -> bool:
-        """Wait until :meth:`when_durable` calls, for that many seconds at most; whether it did."""
+        """Wait up to ``within`` seconds for the callback of :meth:`when_durable`. Return True if it came."""
         done = threading.Event()
         self.when_durable(done.set)
         return done.wait(within)
 
     def close(self) -> None:
-        """Have what waits written, and give the journal up to another process; waits for a limited time."""
+        """Write the waiting lines and release the journal for other processes. Wait for a limited time."""
         if not self.is_kept:
             return
         _closing[self.file] = self._thread
@@ -234,9 +243,9 @@ class Journal:
         if found.corruption:
             aside = self.file.with_suffix(f'.{datetime.now(UTC):%Y%m%dT%H%M%S%f}.corrupt')
             try:
-                os.link(self.file, aside)  # where nothing is lost when the process ends now; needs no space
+                os.link(self.file, aside)  # loses nothing if the process ends here, and needs no space
             except OSError:
-                self.file.replace(aside)  # not every file system has links
+                self.file.replace(aside)  # not every file system supports links
             self.corruption = (
                 f'the journal {self.file} is corrupt: {found.corruption}. It is kept as {aside}; {len(found.lines)} '
                 'lines of it count: a run that was interrupted may not be known, or be known at an earlier state'
@@ -271,7 +280,7 @@ class Journal:
                     else:
                         self._write(lines)
             except Exception as error:
-                # Whatever it is: a thread that ends here would leave all waiting who have something to tell.
+                # Catch everything: if this thread ended, all callers that wait for durable records would wait forever.
                 name = '' if isinstance(error, OSError) else f'{type(error).__name__}: '
                 problem = f'the journal {self.file} cannot be written: {name}{error}; a crash now would lose the run'
                 kind = type(error), getattr(error, 'errno', None)
@@ -294,7 +303,7 @@ class Journal:
         self._release()
 
     def _tell(self, kind: object, problem: str) -> None:
-        """Tell a kind of problem once; None, and '', when there is none any more."""
+        """Report each kind of problem once. ``kind`` None and ``problem`` '' mean that the journal was written."""
         told = {kind} | self._problems if problem else set()
         if told != self._problems:
             self._on_problem(problem)
@@ -302,7 +311,7 @@ class Journal:
                 self._problems = told
 
     def _release(self) -> None:
-        """Call the waiters whose records are durable; all of them if they have been notified that nothing is."""
+        """Call the waiting callbacks whose lines are durable; call all of them after a problem was reported."""
         while True:
             with self._changed:
                 if not self._waiting or (self._waiting[0][0] > self._durable and not self._problems):
@@ -324,11 +333,11 @@ class Journal:
         self._size += len(data)
 
     def _write_anew(self, lines: Sequence[JournalLine]) -> None:
-        """Replace the file by one that says the same: as a whole, or not at all."""
+        """Replace the file atomically with one that describes the same state."""
         self._take_guard()
         data = b''.join([encode_head(), *(encode_line(number, line) for number, line in enumerate(lines, 1))])
         fresh = self.file.with_suffix('.fresh')
-        fresh.unlink(missing_ok=True)  # of a process that was killed; or a link to what must not be written
+        fresh.unlink(missing_ok=True)  # left by a killed process, or a link to a file that must not be written
         descriptor = open_private(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND)
         try:
             _write_whole(descriptor, data)
@@ -347,7 +356,7 @@ class Journal:
         self._descriptor, self._count, self._size, self._least_size = descriptor, len(lines) + 1, len(data), len(data)
 
     def _take_guard(self) -> None:
-        """Keep other processes off the journal; the directory may have been removed since."""
+        """Lock the journal against other processes. Lock it again if the directory was removed since."""
         guard = self.file.with_suffix('.lock')
         if self._guard >= 0 and guard.exists() and os.path.samestat(guard.stat(), os.fstat(self._guard)):
             return
@@ -357,7 +366,7 @@ class Journal:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             os.close(descriptor)
-            if not isinstance(error, BlockingIOError):  # a file system without locks, for one
+            if not isinstance(error, BlockingIOError):  # for example, a file system without locks
                 raise
             raise OSError(
                 'it is in use by another executive of the same name; give them directories of their own, or names'
@@ -368,7 +377,7 @@ class Journal:
         _held.add(self)
 
     def release_files(self) -> None:
-        """Close the files without a word to the disk: so others may have the journal."""
+        """Close the files without writing, which releases the lock for other processes."""
         for descriptor in (self._descriptor, self._guard):
             if descriptor >= 0:
                 os.close(descriptor)
@@ -380,59 +389,57 @@ def _unusable(file: Path, why: object) -> OnboardError:
 
 
 def _write_whole(descriptor: int, data: bytes) -> None:
-    """Raise OSError when not all of it fits onto the disk."""
+    """Write data as a whole. Raise OSError if not all of it fits onto the disk."""
     written = os.write(descriptor, data)
     if written != len(data):
         raise OSError(f'{written} of {len(data)} bytes fit onto the disk')
 
 
-# The lines of a journal: how they are written, and what can be read of a file that is corrupt.
+# The format of the lines, and the reading of a file that may be corrupt.
 #
-# A line is the CRC-32 of its rest as eight hexadecimal digits, its number, and an object of JSON, with a space between
-# them. The first line, number 0, is the head, ``{"format": 2}``; the others have some of these:
+# A line consists of the CRC-32 of the rest of the line as eight hexadecimal digits, its number, and a JSON object,
+# separated by spaces. The first line, number 0, is the head, ``{"format": 2}``. The others have some of these keys:
 #
-# ========
-# ============================================================================================================== begin
-# a run has begun, or goes on with another behavior: its request, as the executive gave it position  of the run that
-# ``run`` names: what the machine needs to go on from there end       the run that ``run`` names has ended, or will not
-# go on: why autonomy  the level for the next run, as an operator set it; null for that of the parameter commands  lists
-# of id, code and reason: commands that were decided with what else is in the line ========
-# ==============================================================================================================
+# - ``begin``: a run has begun, or continues with another behavior. The value is the request of the executive.
+# - ``position``: the position from which the machine of the run ``run`` can continue.
+# - ``end``: the run ``run`` has ended, or will not continue. The value is the reason.
+# - ``autonomy``: the level for the next run that an operator has set; null for the level of the parameter.
+# - ``commands``: lists of id, code and reason of the commands that were decided together with the rest of the line.
 #
 # Each line is self-contained, so that the lines after a corrupt one are usable.
 
 FORMAT: Final = 2
-"""The version of the format; the one before had neither head nor numbers."""
+"""Version of the format. Version 1 had neither head nor numbers."""
 
 JournalLine = dict[str, Any]
 
 _MOST_TOLD: Final = 5
-"""Maximum number of problems of a file that are listed one by one."""
+"""Maximum number of problems of a file that are listed individually."""
 
 _MOST_PROBLEMS: Final = 10_000
-"""Lines that are corrupt, after which nothing more is read: the start of an executive waits for it."""
+"""Number of corrupt lines after which reading stops, since the start of the executive waits for it."""
 
 _LONGEST_NAME: Final = 4096
 _LONGEST_TEXT: Final = 2_000_000
-"""Characters of what is shown of a run, and of what it was given: no command can have more."""
+"""Maximum characters of names, and of arguments and inputs. No command can have longer ones."""
 
 _MOST_PATHS: Final = 10_000
-"""Paths of a position."""
+"""Maximum number of paths in a part of a position."""
 
 
 @dataclass(frozen=True)
 class FoundJournal:
-    """The contents of a file: its lines, and what is wrong with it."""
+    """The contents of a journal file: its lines, and its problems."""
 
     lines: Sequence[JournalLine] = ()
     corruption: str = ''
-    """Damage that no crash causes; '' for none."""
+    """Damage that a crash cannot cause; '' for none."""
     torn: int = 0
-    """Bytes of a last line that was not written to its end, as a crash leaves it."""
+    """Bytes of an incomplete last line, such as a crash leaves."""
 
 
 def encode_line(number: int, content: JournalLine) -> bytes:
-    """Return a line of the file."""
+    """Return a line of the file as bytes, with checksum and number."""
     text = b'%d %s' % (number, json.dumps(content, ensure_ascii=True, separators=(',', ':')).encode())
     return b'%08x %s\n' % (zlib.crc32(text), text)
 
@@ -443,7 +450,7 @@ def encode_head() -> bytes:
 
 
 def read_journal(data: bytes) -> FoundJournal:
-    """Read a file. Never raises: every line that is whole counts, in the order of the numbers."""
+    """Read the contents of a file. Never raise: use every intact line, in the order of the numbers."""
     *raw_lines, rest = data.split(b'\n')
     found: dict[int, JournalLine] = {}
     problems: list[str] = []
@@ -476,14 +483,14 @@ def read_journal(data: bytes) -> FoundJournal:
             problems.append('it has no head')
     elif not data:
         problems.append('it is empty')
-    elif not raw_lines and not encode_head().startswith(data):  # as of zeros, after a loss of power
+    elif not raw_lines and not encode_head().startswith(data):  # for example zeros, after a power loss
         return FoundJournal(corruption=_of_format(None))
     found.pop(0, None)
     return FoundJournal([found[number] for number in sorted(found)], _told(problems), len(rest))
 
 
 def _decode(raw: bytes) -> tuple[int, JournalLine]:
-    """Return number and content of a line; raises ValueError, whose text follows the place of the line."""
+    """Return number and content of a line. Raise ValueError with a predicate, such as "has no number"."""
     checksum, _, text = raw.partition(b' ')
     if checksum != b'%08x' % zlib.crc32(text):
         raise ValueError('does not have the checksum that it gives')
@@ -516,7 +523,7 @@ def _told(problems: Sequence[str]) -> str:
 
 
 def _problem_of(content: JournalLine) -> str:
-    """Why that is no line of a journal; '' when it is one."""
+    """Return why an object is not a line of a journal; '' if it is."""
     for name, value in content.items():
         is_fit = _is_fit(name, value)
         if is_fit is None:
@@ -529,7 +536,7 @@ def _problem_of(content: JournalLine) -> str:
 
 
 def _is_fit(name: str, value: Any) -> bool | None:
-    """Return whether a part of a line has its form; None for a part that is not known."""
+    """Return whether a part of a line is valid; None for an unknown part."""
     match name, value:
         case 'run', _:
             return _is_name(value)
@@ -544,7 +551,7 @@ def _is_fit(name: str, value: Any) -> bool | None:
             are_told = all(map(_is_name, (run, behavior, by))) and _is_level(level)
             are_arguments = _is_list_of(given, _is_name, _is_text)
             return are_told and are_arguments and _is_list_of(inputs, _is_name, _is_name, _is_text, _is_base64)
-        # What is shown of a run before it goes on; all of it is checked when it does.
+        # Check the parts that consoles see before the run resumes. Resuming checks the rest.
         case 'position', {'active': _, 'coming': _, 'levels': dict(levels), 'locked': _, 'breakpoints': _}:
             paths = (value[part] for part in ('active', 'coming', 'levels', 'locked', 'breakpoints'))
             return all(map(_are_paths, paths)) and all(map(_is_level, levels.values()))
@@ -560,7 +567,7 @@ def _is_fit(name: str, value: Any) -> bool | None:
 
 
 def _is_text(value: Any, longest: int = _LONGEST_TEXT) -> bool:
-    """Return whether it is one that a message can have: JSON has lone surrogates, too."""
+    """Return whether a string is allowed in a ROS message. JSON also allows lone surrogates."""
     return isinstance(value, str) and len(value) <= longest and value.encode('utf-8', 'replace').decode() == value
 
 
@@ -589,7 +596,7 @@ def _is_base64(value: Any) -> bool:
 
 
 def _is_list_of(value: Any, *checks: Callable[[Any], bool]) -> bool:
-    """Return whether it is a list of lists, each with one fit item for each check."""
+    """Return whether a value is a list of lists, each with one valid item for each check."""
     return isinstance(value, list) and all(
         isinstance(one, list)
         and len(one) == len(checks)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The journal of an executive's runs: what is written of a run, in which form, and what is read after a crash.
+"""The journal of an executive's runs: the records of a run, and reading them after a crash.
 
-A run that an operator has started continues after a crash if an operator requests it. One that a program has started
-does not: nobody waits for its result any more.
+A run that an operator has started resumes after a crash if an operator requests it. A run that a program has started
+does not resume, since the program no longer waits for its result.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from flexbt_onboard.errors import CommandRefusedError
 from .journal import Journal, JournaledResult
 
 REASON_LENGTH: Final = 2000
-"""Characters of the reason of a refusal; the middle of a longer one is left out."""
+"""Maximum characters of the reason of a refusal. A longer reason is truncated in the middle."""
 
 
 @dataclass(frozen=True)
 class InterruptedRun:
-    """A run that the end of the executive interrupted; everything as it was written."""
+    """A run that the end of the executive interrupted, with the data in the journal."""
 
     run_id: str
     behavior: str
@@ -44,7 +44,7 @@ class InterruptedRun:
     by: str
     autonomy: int
     active: Sequence[str]
-    """Paths of the states that were active, or were to be entered."""
+    """Paths of the states that were active, or were going to be entered."""
     is_paused: bool
     levels: Mapping[str, int]
     locked: Sequence[str]
@@ -52,10 +52,10 @@ class InterruptedRun:
     plain_position: Any
 
     def position(self) -> RunPosition | None:
-        """Return the position at which the run continues; None at its beginning.
+        """Return the position from which the run resumes; None for its beginning.
 
         Raises:
-            CommandRefusedError: what was written cannot be read again.
+            CommandRefusedError: a value in the journal cannot be read again.
         """
         if self.plain_position is None:
             return None
@@ -77,17 +77,17 @@ class RunJournal(Journal):
 
     @property
     def results(self) -> Sequence[CommandResult]:
-        """Results of the commands that were decided before, the oldest first."""
+        """Results of commands that were decided before the restart, oldest first."""
         return [
             CommandResult(
                 command_id=command_id, code=code, reason=sanitize_for_message(reason)
-            )  # cut when it was written
+            )  # its length was limited when it was written
             for command_id, (code, reason) in self.state.commands.items()
         ]
 
     @property
     def interrupted(self) -> InterruptedRun | None:
-        """The run that has begun and not ended; to be asked while none runs."""
+        """Run that has begun and not ended; None if no run has. Read it only while no run is active."""
         begin, position = self.state.begin, self.state.position or {}
         if begin is None:
             return None
@@ -113,13 +113,13 @@ class RunJournal(Journal):
         )
 
     def begin(self, run_id: str, request: RunRequest) -> None:
-        """Write that a run begins or continues, by the command that has requested it."""
+        """Write that a run begins or resumes, and that the command that requested it was applied."""
         if request.is_durable:
             applied = _results([CommandDecided(request.command_id, None)])
             self.append(applied, **({'begin': _begin(run_id, request)} if request.at is None else {}))
 
     def has(self, run_id: str) -> bool:
-        """Return whether the journal keeps a run: it is durable, and has not ended."""
+        """Return whether the journal records a run: the run is durable and has not ended."""
         begin = self.state.begin
         return begin is not None and begin['run'] == run_id
 
@@ -130,9 +130,9 @@ class RunJournal(Journal):
         decided: Sequence[CommandDecided],
         switched_to: RunRequest | None = None,
     ) -> Sequence[str]:
-        """Write the position of a run that the journal has. The decision with it is written in the same line.
+        """Write the position of a run that the journal has, and the decided commands, in one line.
 
-        Return the types of values that could not be written, each once.
+        Return the types of values that cannot be written, each type only once per journal.
         """
         lost: set[str] = set()
         line: dict[str, Any] = {'run': run_id, 'position': to_plain_form(position.to_plain(), lost.add)}
@@ -144,22 +144,22 @@ class RunJournal(Journal):
         return new
 
     def decide(self, command_id: str, reason: str | None) -> None:
-        """Write that a command was decided, if that is not written yet."""
+        """Write that a command was decided, unless the journal has that already."""
         if command_id not in self.state.commands:
             self.append([_result(command_id, reason)])
 
     def end(self, run_id: str, why: str) -> None:
-        """Write that the run has ended, or will not continue."""
+        """Write that a run has ended, or will not resume."""
         if self.has(run_id):
             self.append(run=run_id, end=why)
 
     @property
     def next_autonomy(self) -> int | None:
-        """The level for the next run that an operator set before a crash; None if there is none."""
+        """Autonomy level for the next run that an operator set before a crash; None if no operator did."""
         return self.state.autonomy
 
     def set_next_autonomy(self, level: int | None) -> None:
-        """Write the level for the next run; None when the executive ends in order, and nobody has to know."""
+        """Write the autonomy level for the next run; None when the executive ends normally, which drops the level."""
         if level != self.state.autonomy:
             self.append(autonomy=level)
 
@@ -179,7 +179,7 @@ def _begin(run_id: str, request: RunRequest) -> dict[str, Any]:
 
 
 def _results(decided: Sequence[CommandDecided]) -> list[JournaledResult]:
-    """Return the results of the commands of operators: others have no text as their id."""
+    """Return the results of commands of operators. The ids of other commands are not strings."""
     return [_result(one.command_id, one.refusal) for one in decided if isinstance(one.command_id, str)]
 
 
@@ -188,27 +188,29 @@ def _result(command_id: str, reason: str | None) -> JournaledResult:
     return command_id, code, sanitize_for_message(reason or '', REASON_LENGTH)
 
 
-# Values of userdata as JSON and back, exactly: numbers, texts, bytes, containers of them, and ROS messages.
+# Lossless conversion of userdata to JSON and back: numbers, strings, bytes, containers of these, and ROS messages.
 #
-# Nothing is imported or called by what is read, apart from message types that are installed. A value that has no such
-# form is kept as the name of its type: reading it is an error that says what was lost.
+# Reading imports and calls nothing except installed message types. For a value of another type, only the name of the
+# type is written, and reading it raises an error with that name.
 
 _MARK: Final = '$'
-"""An object with one key that begins with this is something else than a mapping with texts as keys."""
+"""Prefix of the only key of an object that represents something other than a mapping with string keys."""
 
 _MOST_DEPTH: Final = 64
 
 _MOST_BITS: Final = 8192
-"""Maximum bits of an integer. Python refuses to read or write one of more than 4300 digits."""
+"""Maximum bits of an integer. Python refuses to convert integers of more than 4300 digits."""
 
 
 def _ignore(_what: str) -> None:
-    """Nobody wants to know what is lost."""
+    """Ignore a lost value."""
 
 
 def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth: int = 0) -> Any:
-    """Return what ``json.dumps`` takes. Never raises: if a value cannot be written, its type is recorded, and
-    ``on_lost`` is called."""
+    """Convert a value to a form that ``json.dumps`` accepts. Never raise.
+
+    If a value cannot be converted, the result has the name of its type, and ``on_lost`` is called with it.
+    """
     if value is None or type(value) in (bool, float, str):
         return value
     if type(value) is int:
@@ -229,16 +231,16 @@ def to_plain_form(value: Any, on_lost: Callable[[str], object] = _ignore, depth:
         try:
             data = base64.b64encode(bytes(serialize_message(value))).decode()
             return {'$message': [message_type_name(type(value)), data]}
-        except Exception:  # fields of wrong types; whatever the middleware makes of them
+        except Exception:  # the middleware may raise anything for fields of wrong types
             return _lost(value, on_lost)
     return _lost(value, on_lost)
 
 
 def from_plain_form(value: Any, depth: int = 0) -> Any:
-    """Return the value that was written.
+    """Convert the form of :func:`to_plain_form` back to the value.
 
     Raises:
-        FlexbtError: it could not be written, or is nothing that :func:`to_plain_form` writes.
+        FlexbtError: the value could not be written, or is not in this form.
     """
     if depth > _MOST_DEPTH + 1:
         raise FlexbtError(f'{short_repr(value)} is no value that was written here: it is in {depth} others')

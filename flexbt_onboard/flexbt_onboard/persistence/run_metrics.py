@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The metrics of a run, from its event log: where the time went, how often the operator was needed, and what operators
-did.
+"""The metrics of a run, computed from the event log.
 
 The figures are those of FlexBE's evaluation of its logs: time in each state, time of waiting for the operator, visits,
-and interventions. Times are in seconds on the clock of the node, or of wall time; that the computer's clock was set
-while a run went on is taken out of them.
+and interventions. Times are in seconds, on the clock of the node or in wall time. They exclude steps of the computer's
+clock that was set during a run.
 """
 
 from __future__ import annotations
@@ -25,19 +24,19 @@ LoggedEvent = Mapping[str, Any]
 ROOT: Final = '/'
 
 CLOCK_SET_SECONDS: Final = 0.5
-"""Difference between two events' time and that of the steady clock above which the computer's clock was set, s."""
+"""Difference between wall and steady clock, from one event to the next, above which the clock was set, s."""
 
 _TOLD: Final = ('path', 'outcome', 'decision', 'autonomy', 'text', 'because', 'why')
-"""Fields of a command that are shown with it."""
+"""Fields of a command that make up the text of an :class:`Intervention`."""
 
 _NUMBERS: Final = ('time', 'stamp', 'steady', 'wait_queue', 'wait_interaction')
 _LARGEST: Final = 1e12
-"""Bound above the time of any clock, s."""
+"""Upper bound for the numbers of an event, above the time of any clock, s."""
 
 
 @dataclass(frozen=True)
 class StateVisit:
-    """One stay in a state or machine, from its entry until it was left; ``outcome`` is '' when the run ended in it."""
+    """A visit of a state or machine, from entry to exit. ``outcome`` is '' if it was not left by an outcome."""
 
     path: str
     begin: float
@@ -48,10 +47,10 @@ class StateVisit:
 
 @dataclass(frozen=True)
 class OperatorWait:
-    """Waiting for the operator at a state.
+    """A wait of a state for the operator.
 
-    ``wall`` is how long, s of wall time; ``queue`` of it the operator dealt with other decisions, ``interaction`` with
-    this one, as the console has measured; None when it has not.
+    ``wall`` is its duration, s of wall time. In ``queue`` s of it the operator handled other decisions, and in
+    ``interaction`` s this one, as measured by the console; None if not measured.
     """
 
     path: str
@@ -67,7 +66,7 @@ class OperatorWait:
 
 @dataclass(frozen=True)
 class Intervention:
-    """A command of an operator for the run, and what became of it."""
+    """A command of an operator for the run, with its effect."""
 
     time: float
     operator: str
@@ -78,7 +77,7 @@ class Intervention:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """Something that a run showed and the skill of a state says otherwise."""
+    """An observation in a run that contradicts the skill of a state."""
 
     time: float
     path: str
@@ -87,7 +86,7 @@ class Contradiction:
 
 @dataclass
 class PathMetrics:
-    """Figures of a state or machine; times in seconds."""
+    """The figures of a state or machine. Times are in seconds."""
 
     path: str
     visits: int = 0
@@ -99,7 +98,7 @@ class PathMetrics:
 
 @dataclass
 class RunMetrics:
-    """Figures of one run."""
+    """The figures of one run."""
 
     run: str
     behavior: str = ''
@@ -114,16 +113,16 @@ class RunMetrics:
     faults: int = 0
     contradictions: list[Contradiction] = field(default_factory=list)
     clock_set: list[float] = field(default_factory=list)
-    """Changes of the computer's clock during the run, s each; no time here includes them."""
+    """Steps of the computer's clock during the run, s each. They are excluded from all times."""
 
     @property
     def duration(self) -> float:
-        """From the start to the end, or to the last event of a run that has no end."""
+        """Time from the start to the end, or to the last event if the run has no end, s."""
         return self.end - self.begin
 
     @property
     def waiting(self) -> float:
-        """Time in which at least one decision waited for the operator."""
+        """Time in which at least one decision waited for the operator, s."""
         total, until = 0.0, self.begin
         for wait in sorted(self.waits, key=lambda wait: wait.begin):
             total += max(0.0, wait.end - max(wait.begin, until))
@@ -131,7 +130,12 @@ class RunMetrics:
         return total
 
     def wait_causes(self) -> dict[str, float]:
-        """Wall time of the waits by cause, s: the operator dealt with others, had noticed nothing, dealt with it.
+        """Return the wall time of the waits by cause, s.
+
+        - ``queue``: the operator handled other decisions.
+        - ``unnoticed``: the operator had not noticed the decision.
+        - ``interaction``: the operator handled this decision.
+        - ``not measured``: the console has not measured the wait.
 
         (Wait times by queues, by loss of situation awareness, and by interaction: Cummings and Mitchell 2008.)
         """
@@ -148,7 +152,7 @@ class RunMetrics:
         return causes
 
     def paths(self) -> list[PathMetrics]:
-        """Figures by path, in the order of the first entry, each machine before what is in it."""
+        """Return the figures of each path, in the order of the first entry, each machine before its states."""
         found: dict[str, PathMetrics] = {}
         for visit in sorted(self.visits, key=lambda visit: (visit.begin, visit.path)):
             one = found.setdefault(visit.path, PathMetrics(visit.path))
@@ -163,7 +167,7 @@ class RunMetrics:
         return list(found.values())
 
     def commands(self) -> dict[str, int]:
-        """Return how many commands of each kind were applied, and how many were refused, as ``KIND refused``."""
+        """Return the number of commands by ``KIND`` if applied, else by ``KIND EFFECT``, such as ``START refused``."""
         names = [
             one.command if one.effect == 'applied' else f'{one.command} {one.effect}' for one in self.interventions
         ]
@@ -171,8 +175,9 @@ class RunMetrics:
 
 
 def read_events(files: Iterable[Path]) -> Iterator[LoggedEvent]:
-    """Yield the events of the files of an event log, the oldest file first. Lines that were cut off, or are not events,
-    are left out.
+    """Yield the events in the files of an event log. Pass the oldest file first.
+
+    Skip lines that were cut off or are not events.
 
     Raises:
         OSError: a file cannot be read.
@@ -200,7 +205,10 @@ def _is_event(entry: object) -> bool:
 
 
 def metrics_of(events: Iterable[LoggedEvent], *, wall: bool = False) -> list[RunMetrics]:
-    """Return the runs of an event log, in the order of their starts."""
+    """Return the metrics of all runs in an event log, in the order of their starts.
+
+    Times are on the node's clock, or with ``wall`` in wall time.
+    """
     runs: dict[str, _Reader] = {}
     for event in events:
         kind = event['event']
@@ -225,23 +233,23 @@ class _Reader:
         self._active: dict[str, float] = {}
         self._waiting: dict[str, tuple[float, float, LoggedEvent]] = {}
         self._causes: dict[str, tuple[float, float]] = {}
-        self._before: tuple[float, float] | None = None  # wall and steady time of the event before
-        self._set = 0.0  # s by which the computer's clock was set in all
-        self._wall = 0.0  # without these
+        self._before: tuple[float, float] | None = None  # wall and steady time of the previous event
+        self._set = 0.0  # sum of the steps of the computer's clock, s
+        self._wall = 0.0  # wall time of the event without these steps
         self._now: float | None = None
         self._is_over = False
         self._monitor = SkillMonitor({})
 
     def take(self, kind: str, event: LoggedEvent) -> None:
-        """Take in an event. A clock that was set back stands still until it is there again.
+        """Process an event. If the clock goes back, time stands still until the clock has caught up.
 
-        A command whose effect was the end may be written after it; one that came too late is not of the run.
+        After the end, only applied commands count: the command that ended the run may be logged after the end.
         """
         metrics = self._metrics
         wall, now = float(event.get('time', 0.0)), float(event.get(self._clock, 0.0))
         if not self._is_over:
             self._see_clock_set(wall, event.get('steady'))
-        if abs(now - wall) < CLOCK_SET_SECONDS:  # else it is simulated
+        if abs(now - wall) < CLOCK_SET_SECONDS:  # otherwise the node is on simulated time
             now -= self._set
         self._wall = wall - self._set
         if self._is_over:
@@ -293,8 +301,8 @@ class _Reader:
             self._is_over = True
 
     def interrupt(self, outcome: str = '') -> None:
-        """Everything that is active ends here: with the run, or with the executive."""
-        self._before = None  # the computer may have been booted
+        """End all active visits and waits, because the run or the executive has ended."""
+        self._before = None  # the computer may have rebooted
         if self._now is not None:
             for path in sorted(self._active, reverse=True):
                 self._leave(path, self._now, outcome if path == ROOT else '', '')
@@ -302,7 +310,7 @@ class _Reader:
                 self._decide(decision, self._now)
 
     def finished(self) -> RunMetrics:
-        """Return the figures, when there are no more events."""
+        """Return the metrics after the last event."""
         self.interrupt()
         for place, wait in enumerate(self._metrics.waits):
             if wait.decision in self._causes:
@@ -323,7 +331,7 @@ class _Reader:
         try:
             self._monitor = SkillMonitor(skills if isinstance(skills, dict) else {})
         except SkillError:
-            self._monitor = SkillMonitor({})  # a foreign line, or a corrupt one
+            self._monitor = SkillMonitor({})  # a line of another program, or a corrupt one
 
     def _note(self, path: str, now: float, texts: Iterable[str]) -> None:
         self._metrics.contradictions += [Contradiction(now, path, text) for text in texts]
@@ -352,6 +360,6 @@ class _Reader:
 
 
 def _levels(path: str) -> Sequence[str]:
-    """Return a path and those of the machines around it, the root first."""
+    """Return a path and the paths of the machines around it, root first."""
     labels = [label for label in path.split('/') if label]
     return [ROOT, *('/' + '/'.join(labels[: number + 1]) for number in range(len(labels)))]

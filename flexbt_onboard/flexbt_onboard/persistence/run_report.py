@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executable ``run_report``: figures of a run from the event log of its executive, as text, JSON, or a picture."""
+"""The executable ``run_report``, which reports the metrics of a run in the event log as text, JSON or SVG."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .run_metrics import ROOT, Intervention, RunMetrics, metrics_of, read_events
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the report; return 0, or 1 if the run does not exist, 2 if a file cannot be read."""
+    """Print the report. Return 0, or 1 if the run does not exist or is ambiguous, or 2 if a file cannot be read."""
     make_streams_safe()
     options = _parser().parse_args(arguments)
     try:
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def as_json(run: RunMetrics) -> dict[str, object]:
-    """Return the figures and what they are made of, for programs. Times in seconds."""
+    """Return the metrics of a run, with its visits, waits and commands, for JSON. Times are in seconds."""
     shown = dataclasses.asdict(run)
     del shown['end']
     shown['visits'].sort(key=lambda visit: visit['begin'])
@@ -67,7 +67,7 @@ def as_json(run: RunMetrics) -> dict[str, object]:
 
 
 def as_text(run: RunMetrics) -> list[str]:
-    """Return the figures for a person."""
+    """Return the metrics of a run as lines of text."""
     ended = one_line(run.outcome or 'no end') + (f' ({one_line(run.message)})' if run.message else '')
     share = 100.0 * run.waiting / run.duration if run.duration else 0.0
     shown = [
@@ -103,9 +103,10 @@ def _summary(run: RunMetrics) -> str:
 
 
 def _files(given: Sequence[str]) -> list[Path]:
-    """Return the files of an event log, the oldest first: those that were rotated belong to it.
+    """Return the files of an event log, including rotated ones, oldest first.
 
-    Raises FileNotFoundError when a directory has none.
+    Raises:
+        FileNotFoundError: a directory contains no event log.
     """
     if len(given) > 1:
         return [Path(name) for name in given]
@@ -140,7 +141,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-# The picture of a run: a row for each state and machine, a bar for each visit, waiting for the operator marked.
+# The timeline of a run has a row for each state and machine, a bar for each visit, and marks for waits.
 
 _ROW: Final = 22
 _LEFT: Final = 260
@@ -148,7 +149,7 @@ _WIDTH: Final = 900
 _TOP: Final = 64
 _TICKS: Final = 10
 _LEAST: Final = 0.8
-"""Pixels of the shortest bar, so that a state without duration is seen."""
+"""Minimum width of a bar, px, so that a state without duration is visible."""
 
 _STYLE: Final = (
     'text{font:12px sans-serif;fill:#222}.time{fill:#666;font-size:11px}.back{fill:#fff}.machine{fill:#c9d6e8}'
@@ -167,12 +168,14 @@ _LEGEND: Final = {
     'who': 'command of an operator',
     'refused': 'refused command',
 }
-"""Legend of the picture by class; only the classes that occur are shown."""
+"""Texts of the legend by class. The legend has only the classes that occur in the picture."""
 
 
 def timeline(metrics: RunMetrics) -> str:
-    """Return an SVG document. Bars have tooltips; red lines are commands of operators, dashed when they were
-    refused."""
+    """Return the timeline of a run as an SVG document.
+
+    Bars have tooltips. Red lines are commands of operators, dashed if refused.
+    """
     rows = [one.path for one in metrics.paths()]
     machines = {path for path in rows for other in rows if other != path and other.startswith(path.rstrip('/') + '/')}
     bottom = _TOP + _ROW * max(1, len(rows)) + 40
@@ -233,7 +236,7 @@ def _mark(at: float, bottom: int, one: Intervention) -> str:
 
 
 def _legend(picture: str, top: int) -> list[str]:
-    """Return a sample and a text of each class that is in a picture."""
+    """Return the SVG elements of the legend: a sample and a text for each class in the picture."""
     shown, x = [], 10.0
     for kind, text in _LEGEND.items():
         if f'<rect class="{kind}"' in picture:
@@ -248,7 +251,7 @@ def _legend(picture: str, top: int) -> list[str]:
 
 
 def _ticks(duration: float) -> list[float]:
-    """Round times, about ten of them."""
+    """Return about ten round times for the axis, s."""
     if duration <= 0.0:
         return [0.0]
     step = 10.0 ** math.floor(math.log10(duration / _TICKS))
@@ -257,7 +260,7 @@ def _ticks(duration: float) -> list[float]:
 
 
 def _plain(text: str) -> str:
-    """Without characters that XML does not allow."""
+    """Replace characters that XML may not allow with spaces."""
     return ''.join(character if character.isprintable() else ' ' for character in text)
 
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One run of a behavior on its own thread, so that a state that blocks delays nobody else.
+"""One run of a behavior on a separate thread, so that a state that blocks delays nothing else.
 
 The thread builds the behavior, then steps its state machine whenever something has happened or is due, and sleeps in
-between. Others see it as a :class:`RunSnapshot`, which is published when it is journaled. A stop needs nothing of the
-thread: it cancels the goals of the run at once, and a run whose thread does not return is left behind.
+between. Other threads read a :class:`RunSnapshot`, which is published when it is journaled. A stop does not depend on
+the thread: it cancels the goals of the run at once. A run whose thread does not return is abandoned.
 """
 
 from __future__ import annotations
@@ -68,18 +68,18 @@ from .run_snapshot import ActivityPoll, RunSnapshot, RunStatus, not_paused_lines
 _HAS_ENDED: Final = 'the run has ended'
 
 _ESCAPES: Final = 3
-"""Exceptions that may escape from the state machine before the run is aborted."""
+"""Number of exceptions that may escape from the state machine before the run is aborted."""
 
 
 _UNREAD: Final = (RunRested, RunEnding, StateExited, OutcomeTaken, DecisionTaken, OutcomeForced)
-"""Events of the machine that no reader of a run needs; it does not make them then."""
+"""Events that no reader of a run needs. The machine does not create events that nobody reads."""
 
 
 class BehaviorRun(RunReader):
-    """A run from the request to the end. Thread-safe, except where it says otherwise.
+    """A run of a behavior, from the request to the end. Thread-safe unless a docstring states a thread.
 
-    It reads the events of its state machine, and gives them, with its own, to its readers: first to the ``recorder``,
-    which journals what has happened, then to the status, which others see, and then to the ``readers`` in their order.
+    It reads the events of its state machine, and passes them and its own events to its readers: first to the
+    ``recorder``, which journals them, then to the status of the run, and then to the ``readers`` in their order.
     """
 
     reads = tuple(event for event in RunEvent.__subclasses__() if event not in _UNREAD)
@@ -94,7 +94,7 @@ class BehaviorRun(RunReader):
         stop_timeout: float = STOP_TIMEOUT,
         monitoring: Monitoring | None = None,
     ) -> None:
-        """``stop_timeout``: seconds of wall time after a stop in which everything has to be confirmed at rest."""
+        """``stop_timeout``: seconds of wall time after a stop, within which everything must have halted."""
         self.run_id = run_id
         self._request = request
         goals = RunGoals()
@@ -109,69 +109,69 @@ class BehaviorRun(RunReader):
         self._stop_reason: str | None = None
         self._has_changed = False
         self._activities = ActivityPoll()
-        self._errors: dict[str, str] = {}  # of the active states, the last of each
+        self._errors: dict[str, str] = {}  # last error of each active state, by path
         self._why_ended = ''
         self._switches: deque[RunRequest] = deque()
-        self._switched: RunBuilt | None = None  # reported when it is journaled
+        self._switched: RunBuilt | None = None  # reported once it is journaled
         self._has_ended = False
         self._stopped_at = 0.0
         self._building: RunningCallback | None = None
         self._watch = BlockedCallbackWatchdog(
             services.runtime.steady, self._calling, self._held_up, self._no_longer_held_up
         )
-        # While it does not answer, the executive is late for those who drive for it, and they keep the robot at rest.
+        # While the thread does not respond, the executive counts as late for its drivers, and they hold the robot.
         self._loop = services.runtime.health.loop(f'the run of {request.entry.name}', self._where)
         self._machine: MachineRun | None = None
         self._thread = threading.Thread(target=self._main, name=f'run_{request.entry.name}', daemon=True)
 
     def add_reader(self, reader: RunReader) -> None:
-        """Give the events of the run to a reader from now on."""
+        """Pass the events of the run to a further reader from now on."""
         self._readers.append(reader)
 
     def start(self) -> None:
-        """Begin to build and run the behavior; it is refused when the computer has no thread left for it."""
+        """Start building and running the behavior. The run is refused if the computer has no thread left."""
         try:
             self._thread.start()
         except RuntimeError as error:
             self._refuse(f'it cannot begin: {error}; end something that runs on this computer, or raise its limits')
 
     def join(self, timeout: float) -> bool:
-        """Wait for the end of the run; whether it came within ``timeout`` seconds."""
+        """Wait up to ``timeout`` seconds for the end of the thread. Return True if it has ended."""
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
     @property
     def snapshot(self) -> RunSnapshot:
-        """The run as it was published last."""
+        """Snapshot of the run that was published last."""
         return self._status.snapshot
 
     def announce(self) -> None:
-        """Show the run as running from now on: the operator knows its structure."""
+        """Show the run as running from now on, since operators have received its structure."""
         self._tell(RunAnnounced())
 
     def ask_activities(self) -> None:
-        """Have the active states asked what they are doing, for the next time that they are shown."""
+        """Request the activities of the active states for the next status."""
         self._activities.request()
         self._wake_event.set()
 
     def stop(self, reason: str) -> None:
-        """Stop the run; :class:`BehaviorEnded` follows when all has halted. The first reason counts."""
+        """Stop the run. :class:`BehaviorEnded` follows once everything has halted. Only the first reason counts."""
         with self._lock:
             if self._stop_reason is not None:
                 return
             self._stop_reason = reason
             self._stopped_at = self._services.runtime.steady.now()
             machine = self._machine
-        self._services.goals.stop()  # at once, whatever the thread of the run is doing
+        self._services.goals.stop()  # at once, even if the thread of the run is blocked
         self._tell(StopRequested(self.run_id, reason))
         if machine is not None:
             machine.preempt(reason)
 
     def abort(self, reason: str) -> None:
-        """End a run as an error that was stopped and is not at rest in its time; before that nothing happens.
+        """End a stopped run as an error. Do nothing if it was not stopped, or less than EXIT_TIMEOUT s ago.
 
-        When a state does not return from a callback, the thread of the run is left behind: it ends when the callback
-        returns, and has no effect on anything but its own goals and states any more.
+        If a state does not return from a callback, the thread of the run is abandoned. It ends when the callback
+        returns, and until then affects only its own goals and states.
         """
         if self._stop_reason is None or self._services.runtime.steady.now() - self._stopped_at < EXIT_TIMEOUT:
             return
@@ -186,7 +186,7 @@ class BehaviorRun(RunReader):
 
     @property
     def has_ended(self) -> bool:
-        """True if its end was reported."""
+        """True if the end of the run was reported."""
         return self._has_ended
 
     @property
@@ -195,7 +195,7 @@ class BehaviorRun(RunReader):
         return bool(self._services.goals)
 
     def show_not_stopped(self, seconds: float) -> None:
-        """Show what has not stopped this many seconds after the stop."""
+        """Report the parts of the run that have not stopped this many seconds after the stop."""
         held, machine = self._watch.held, self._machine
         halting = machine.not_halted if machine is not None else ''
         shown = [str(held) if held is not None else '', f'{halting} for {seconds:.1f} s' if halting else '']
@@ -203,14 +203,14 @@ class BehaviorRun(RunReader):
             self._tell(StopAwaited('; '.join(filter(None, shown)) or f'not at rest for {seconds:.1f} s'))
 
     def nodes_changed(self) -> None:
-        """Look again at the nodes that behaviors need: one has come or gone, or has become ready."""
+        """Check the nodes that behaviors need again, since one has appeared, ended, or become ready."""
         self._wake_event.set()
 
     def decision_number(self, decision: str) -> str:
         """Return the number that the run gave to a decision.
 
         Raises:
-            CommandRefusedError: it is not a decision of this run.
+            CommandRefusedError: the decision does not belong to this run.
         """
         number = decision_number(self.run_id, decision)
         if number is None:
@@ -218,9 +218,9 @@ class BehaviorRun(RunReader):
         return number
 
     def command(self, command_id: object, command: Callable[..., str | None], *arguments: Any) -> None:
-        """Give the machine a command: see :meth:`MachineRun.command`.
+        """Pass a command to the machine; see :meth:`MachineRun.command`.
 
-        :class:`CommandDecided` follows once, on any thread, when the effect can be seen.
+        :class:`CommandDecided` follows exactly once, on any thread, when the effect is visible.
         """
         if self._machine is None:
             self._tell(CommandDecided(command_id, 'the behavior is being built'))
@@ -228,9 +228,9 @@ class BehaviorRun(RunReader):
             self._machine.command(command_id, command, *arguments)
 
     def switch(self, request: RunRequest) -> None:
-        """Go on with another behavior, keeping the active states; it is built on the thread of the run.
+        """Continue with another behavior and keep the active states. The thread of the run builds it.
 
-        The run stays as durable as it was, and keeps its levels of autonomy. :class:`CommandDecided` follows.
+        The run keeps its durability and its autonomy levels. :class:`CommandDecided` follows.
         """
         with self._lock:
             has_ended = self._has_ended
@@ -250,7 +250,7 @@ class BehaviorRun(RunReader):
     # -- the thread of the run ---------------------------------------------------------------------------------------
 
     def read(self, event: RunEvent) -> None:
-        """Take in an event of the machine."""
+        """Handle an event of the machine."""
         match event:
             case Logged(severity, path, text):
                 if severity is Severity.ERROR:
@@ -261,8 +261,8 @@ class BehaviorRun(RunReader):
                     self._commit(event)
                 self._tell(event)
             case StateEntered():
-                # Shown at once, since on_enter may take long; all else when the step is over, so that what a command
-                # has done and the answer to it are written in one.
+                # Publish at once, since on_enter may take long. Other events wait for the end of the step, so that the
+                # effect of a command and its result are journaled in one line.
                 self._tell(event)
                 self._activities.changed()
                 self._commit()
@@ -279,17 +279,18 @@ class BehaviorRun(RunReader):
         is_forced = event.reason is ExitReason.FORCED
         error = self._errors.pop(event.path, '') if not is_forced else ''
         if event.target.startswith('/'):
-            self._why_ended = ''  # it goes on, whatever it was
+            self._why_ended = ''  # the run continues, so the error is not its end
         elif error:
             self._why_ended = f'{event.path}: {error}'
         if is_forced:
-            # Told of what is around: it is no reason for what a state wants that is entered again at that moment.
+            # Log it for the machine around the state. The state itself may be entered again at once, and this is no
+            # reason for its later outcomes.
             around, _, label = event.path.rpartition('/')
             self._log(Severity.INFO, f'{label} left by {event.outcome!r}, as the operator wants it', around or '/')
             self._warn_of_unwritten(event)
 
     def _warn_of_unwritten(self, event: StateLeft) -> None:
-        """Warn of what the following state reads and nobody has written, since a state was forced out before."""
+        """Warn of userdata that the next state reads, but that no state has written because an outcome was forced."""
         target, machine = event.target, self._machine
         keys = machine.unwritten(target) if machine is not None and target.startswith('/') else []
         if keys:
@@ -302,19 +303,19 @@ class BehaviorRun(RunReader):
             self.stop(violation_text(violation))
 
     def _main(self) -> None:
-        self._services.runtime.default_context.open()  # a state of the run before may have shut it down
+        self._services.runtime.default_context.open()  # a state of an earlier run may have shut it down
         with self._watch, RunContext(lambda: self._services, self._log_of_state).entered():
             try:
                 self._build_and_drive()
-            except BaseException as error:  # a fault of ours: a run that nobody drives must not be shown as one
+            except BaseException as error:  # a fault of the executive: do not show a dead run as running
                 message = 'fault in the executive'
-                try:  # without memory, even what it was cannot be said
+                try:  # without free memory, even formatting the error may fail
                     message += f': {error!r}'
                     self._log(Severity.ERROR, ''.join(traceback.format_exception(error)))
                 finally:
                     self._end(ERROR, message)
             finally:
-                self._services.goals.stop()  # nobody is left to wait for their results
+                self._services.goals.stop()  # nothing waits for their results any more
 
     def _log_of_state(self, severity: Severity, path: str, text: str) -> None:
         self.read(Logged(severity, path, text))
@@ -365,7 +366,7 @@ class BehaviorRun(RunReader):
             self._tell(end)
 
     def _ends(self) -> bool:
-        """Return whether the end is still to be reported; it is reported once."""
+        """Mark the run as ended. Return True for the first call only, so that the end is reported once."""
         with self._lock:
             has_ended, self._has_ended = self._has_ended, True
         return not has_ended
@@ -397,7 +398,7 @@ class BehaviorRun(RunReader):
         return machine, built
 
     def _monitor(self, machine: MachineRun) -> None:
-        """Let a monitor check the machine, if anything is monitored."""
+        """Attach a monitor to the machine if monitoring is on."""
         monitoring, behavior = self._monitoring, self._request.entry.name
         if monitoring.is_on:
             for problem in monitoring.problems_of(behavior, machine_vocabulary(machine.definition)):
@@ -405,7 +406,7 @@ class BehaviorRun(RunReader):
             machine.add_reader(MachineMonitor(machine, self._findings.add, monitoring.requirements_of(behavior)))
 
     def _await_nodes(self) -> None:
-        """Wait for nodes that are alive and not ready yet: one would let the first state that needs it fail."""
+        """Wait for nodes that are alive but not ready yet, since the first state that needs one would fail."""
         steady, unready = self._services.runtime.steady, self._services.unready
         deadline = steady.now() + READY_SECONDS
         told: Sequence[str] = ()
@@ -433,13 +434,13 @@ class BehaviorRun(RunReader):
         request = replace(wanted, autonomy=self._request.autonomy, is_durable=self._request.is_durable)
         try:
             definition, built = self._define(request)
-        except BaseException as error:  # code of the behavior
+        except BaseException as error:  # code of the behavior may raise anything
             self.read(CommandDecided(request.command_id, self._reason_of(error)))
             return
         machine.command(request.command_id, self._switch_to, definition, built)
 
     def _switch_to(self, machine: MachineRun, definition: MachineDefinition, built: RunBuilt) -> str | None:
-        """Go on with another behavior: a command to the machine."""
+        """Switch the machine to another behavior. A command that the machine applies between two steps."""
         refusal = switch_machine(machine, definition)
         if refusal is None:
             self._request, self._switched = built.request, built
@@ -447,7 +448,7 @@ class BehaviorRun(RunReader):
         return refusal
 
     def _tell_skills(self, definition: MachineDefinition) -> None:
-        """Tell what the skills of the states say that the run may contradict, for its report."""
+        """Report the claims of the states' skills, so that the run report can list contradictions."""
         leaves = (node for node in definition.nodes() if isinstance(node, StateDefinition))
         told = {leaf.path: said for leaf in leaves if (said := claims(state_skill(leaf.state)))}
         if told:
@@ -459,18 +460,18 @@ class BehaviorRun(RunReader):
             return 'its state machine is wrong:' + ''.join(f'\n- {problem}' for problem in error.problems)
         if isinstance(error, FlexbtError):
             return str(error)
-        # Code of the behavior; a thread must not end without saying so.
+        # The code of the behavior has raised something. Log the traceback for its author.
         self._log(Severity.ERROR, ''.join(traceback.format_exception(error)))
         return f'building it raised {type(error).__name__}: {error}'
 
     def _drive(self, machine: MachineRun) -> tuple[str, str]:
-        """Step the machine to its end; return the outcome and a message."""
+        """Step the machine until its end. Return the outcome and a message."""
         try:
             if self._request.at is None:
                 machine.start()
             else:
                 start_at(machine, self._request.at)
-            self._has_changed = True  # the states that were entered may have written userdata
+            self._has_changed = True  # states may have written userdata when entered
         except BaseException as error:
             self._escaped(machine, error)
         for _ in range(_ESCAPES):
@@ -487,7 +488,7 @@ class BehaviorRun(RunReader):
                     with self._loop.resting():
                         self._wake_event.wait(self._services.runtime.clock, machine.next_wake)
                 return machine.outcome or ERROR, machine.message or self._why_ended
-            except BaseException as error:  # not one that a state may raise: SystemExit, or a fault of the engine
+            except BaseException as error:  # no exception of a state: SystemExit, or a fault of the engine
                 self._escaped(machine, error)
         return ERROR, 'it could not be ended in order; see the log'
 
@@ -504,8 +505,8 @@ class BehaviorRun(RunReader):
 
     def _held_up(self, held: BlockedCallback) -> None:
         if self._machine is None:
-            return  # it is being built, and the status says so
-        # The executive's own word, without a path: the state may have said why it wants what it wants.
+            return  # the behavior is being built, and the status shows that
+        # Without a path, so that it does not replace the state's own reason for a decision.
         text = f'{held}, and holds up the behavior: no command has an effect until it returns'
         self._log(Severity.WARN, text)
 
@@ -532,7 +533,7 @@ class BehaviorRun(RunReader):
             self._tell(RunShown())
 
     def _commit(self, *decided: CommandDecided) -> None:
-        """Journal where the machine is and what was decided; its readers publish it then."""
+        """Journal the position of the machine and the decided commands. The readers then publish them."""
         if self._machine is None:
             return
         self._has_changed = False

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The watchdog for callbacks that hold up a run.
+"""The watchdog for callbacks that block a run.
 
-The callbacks of all states are called on the thread of the run, which can do nothing else until they return. The engine
-says which it calls, and that is checked from outside now and then.
+The thread of the run calls the callbacks of all states, and is blocked until they return. The engine publishes which
+callback it is calling, and the watchdog checks that periodically from another thread.
 """
 
 from __future__ import annotations
@@ -16,15 +16,18 @@ from flexbt_core.clock.clock import Clock, Timer
 from flexbt_core.state_machine.engine.engine import RunningCallback
 
 LIMIT: Final = 1.0
-"""Time that a callback may take before it is reported, s of wall time."""
+"""Time after which a callback is reported as blocked, s of wall time."""
 
 _PERIOD: Final = 0.5
 
 
 @dataclass(frozen=True)
 class BlockedCallback:
-    """A callback that takes long: the path of its state ('' for the behavior itself), its name, and for how long now,
-    in seconds of wall time."""
+    """A callback that has not returned for some time.
+
+    ``path`` is that of its state, '' for the behavior itself. ``callback`` is the name, and ``seconds`` the time since
+    the call, in seconds of wall time.
+    """
 
     path: str
     callback: str
@@ -40,10 +43,10 @@ class BlockedCallback:
 
 
 class BlockedCallbackWatchdog:
-    """Checks what ``calling`` gives while it is in its ``with`` block.
+    """A watchdog that checks the callback that ``calling`` returns, within its ``with`` block.
 
-    ``held_up`` is called once for each callback of each state that takes longer than the limit, on the thread of the
-    clock; ``returned`` when one of these has returned.
+    It calls ``held_up`` once for each callback of each state that exceeds the limit, on the thread of the clock. It
+    calls ``returned`` when such a callback has returned.
     """
 
     def __init__(
@@ -58,7 +61,7 @@ class BlockedCallbackWatchdog:
         self._held_up = held_up
         self._returned = returned
         self._told: set[tuple[str, str]] = set()
-        self._seen: RunningCallback | None = None  # that was seen last, and when it was seen first
+        self._seen: RunningCallback | None = None  # the call at the last check; _since is the time of its first
         self._since = 0.0
         self._is_shown = False
         self._is_watching = False
@@ -81,7 +84,7 @@ class BlockedCallbackWatchdog:
 
     @property
     def held(self) -> BlockedCallback | None:
-        """The callback that takes longer than the limit now. From any thread."""
+        """Callback that exceeds the limit now; None if no callback does. From any thread."""
         with self._lock:
             returned = self._observe(self._calling() if self._is_watching else None)
             held = self._present()
@@ -107,7 +110,7 @@ class BlockedCallbackWatchdog:
             self._held_up(held)
 
     def _observe(self, calling: RunningCallback | None) -> BlockedCallback | None:
-        """Note what is called now, with the lock; return the callback that has returned, if it was reported as slow."""
+        """Note the current call, with the lock held. Return the callback that has returned, if it was reported."""
         if calling is self._seen:
             return None
         returned = self._present() if self._is_shown else None
@@ -115,7 +118,7 @@ class BlockedCallbackWatchdog:
         return returned
 
     def _tell_returned(self, returned: BlockedCallback | None) -> None:
-        if returned is not None:  # without the lock, which who asks for the status needs
+        if returned is not None:  # without the lock, since reading the status needs it
             self._returned(returned)
 
     def _present(self) -> BlockedCallback | None:

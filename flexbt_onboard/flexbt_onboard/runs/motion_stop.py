@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A stop of the robot that bypasses the nodes that drive it: for a stop whose cancel nobody confirms.
+"""A stop of the robot that bypasses the nodes that drive it, for stops whose cancel no server confirms.
 
-The servers that move the robot are asked to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id
-nor a time means all of them), and zero velocity is commanded until the robot stands still. A server may ignore that.
-The status of its goals shows whether one goes on, as long as the server is alive: its replacement publishes nothing
-before its first goal. The answer to a cancel of all goals does not show it: it lists neither goals whose cancel is
-refused, nor those that are being canceled already.
+It asks the servers that move the robot to cancel all of their goals (action_msgs/srv/CancelGoal with neither an id nor
+a time means all goals), and commands zero velocity until the robot stands still.
+
+A server may ignore the cancel. The status topic of its goals shows if one continues, as long as the server is alive; a
+restarted server publishes nothing before its first goal. The response to a cancel of all goals is not sufficient, since
+it lists neither goals whose cancel is refused nor goals that are already being canceled.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ MOTION_ACTIONS: Final = (
     'dock_robot',
     'undock_robot',
 )
-"""Actions that move the robot, by their default names: trees of the BT server, and those of Nav2."""
+"""Actions that move the robot, by their default names: the one of the BT server, and those of Nav2."""
 
 _FRONT: Final = {
     BT_EXECUTOR: 0,
@@ -54,9 +55,9 @@ _FRONT: Final = {
     'navigate_to_pose': 3,
     'navigate_through_poses': 3,
 }
-"""Actions by which other programs send the robot somewhere, each through servers of the actions that follow. They are
-canceled in this order, before the rest. An action whose own goal was taken away has failed and was not canceled;
-opennav_docking then sends it again."""
+"""Actions that move the robot through other actions, with their rank. They are canceled in the order of the ranks,
+before all other actions. An action whose subordinate goal is canceled first fails instead of being canceled, and
+opennav_docking then sends that goal again."""
 
 _REST: Final = max(_FRONT.values()) + 1
 
@@ -64,17 +65,17 @@ _STATUS_BYTES: Final = 1_000_000
 """Maximum size of the status of a server's goals, bytes: 35,000 goals."""
 
 _PERIOD: Final = 0.05
-"""Time between two commands of zero velocity, s; that of Nav2's controller server."""
+"""Time between two commands of zero velocity, s; as in Nav2's controller server."""
 
 _CANCEL_PERIODS: Final = 10
 """Number of these periods between two cancels of all goals."""
 
 _FRONT_SECONDS: Final = 0.2
-"""Total time for which the actions that follow wait for the answers of those in front, s; zero velocity is commanded
-meanwhile if the robot is to be stopped."""
+"""Maximum total time that actions of later ranks wait for the answers of earlier ones, s. While the robot is being
+held, zero velocity is commanded meanwhile."""
 
 _LEAST_SECONDS: Final = 1.0
-"""Minimum time for which zero velocity is commanded, s; it is commanded again when the robot moves."""
+"""Minimum time for which zero velocity is commanded, s. It is commanded again if the robot moves later."""
 
 _BEGINS: Final = frozenset((GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING))
 _GOES_ON: Final = _BEGINS | {GoalStatus.STATUS_CANCELING}
@@ -82,12 +83,12 @@ _GOES_ON: Final = _BEGINS | {GoalStatus.STATUS_CANCELING}
 _REST_SECONDS: Final = 0.3
 _REST_METRES: Final = 0.01
 _REST_RADIANS: Final = 0.02
-"""A robot stands still whose pose has changed by less in this time; poses of a localization are noisy."""
+"""The robot stands still if its pose has changed by less than this in ``_REST_SECONDS``. Localized poses are noisy."""
 
 
 @dataclass(frozen=True)
 class MotionParameters:
-    """The ways to stop the robot without the nodes that drive it."""
+    """The parameters for stopping the robot without the nodes that drive it."""
 
     pose_topic: str = parameter('pose_topic', names.POSE, 'topic of the robot pose (geometry_msgs/msg/PoseStamped)')
     motion_actions: tuple[str, ...] = parameter(
@@ -106,10 +107,10 @@ class MotionParameters:
 
 
 class MotionStop:
-    """Used on the executor thread only.
+    """The stop of the robot with direct cancels and zero velocity. Used on the executor thread only.
 
-    Of the actions those count that exist. ``peers`` know when the process of a server has ended for certain, which the
-    middleware reports only when the lease is over.
+    It ignores configured actions that have no server. ``peers`` knows at once when the process of a server has ended,
+    which the middleware reports only after the lease.
     """
 
     def __init__(
@@ -129,9 +130,9 @@ class MotionStop:
         self._commands = runtime.node.create_publisher(message_type, parameters.cmd_vel_topic, 1)
         runtime.on_close(lambda: runtime.call(self.release))
         self._asked: dict[str, ServiceCall] = {}
-        self._busy: dict[str, set[bytes]] = {}  # by action: the writers that have reported a goal that goes on
+        self._busy: dict[str, set[bytes]] = {}  # by action: writers with an active goal
         self._timer: Timer | None = None
-        self._unasked: list[list[str]] = []  # actions of one rank each
+        self._unasked: list[list[str]] = []  # each list has the actions of one rank
         self._patience: Timer | None = None
         self._round = 0
         self._zero_until = 0.0
@@ -140,20 +141,22 @@ class MotionStop:
 
     @property
     def is_holding(self) -> bool:
-        """True if it is stopping the robot now."""
+        """True while it holds the robot."""
         return self._timer is not None
 
     def prepare(self) -> None:
-        """Know the servers already, so that a cancel need not wait for their discovery."""
+        """Discover the servers in advance, so that a later cancel need not wait for that."""
         for name in self.servers():
-            self._services.link(CancelGoal, f'{name}/_action/cancel_goal').is_ready()  # or is so in a moment
+            self._services.link(CancelGoal, f'{name}/_action/cancel_goal').is_ready()  # or its discovery begins
             self._listen(name)
 
     @property
     def going_on(self) -> Mapping[tuple[str, bytes], str]:
-        """The actions of which a goal has not ended, by their writers, each with the node that serves it, as far as
-        live servers have reported since :meth:`prepare` or :meth:`hold`. One that was killed is there until its lease
-        is over, if it is not known to have ended."""
+        """Actions with a goal that has not ended, by action and writer, as texts with the node of the server.
+
+        They are based on reports of live servers since :meth:`prepare` or :meth:`hold`. A killed server is included
+        until its lease expires, unless it is known to have ended.
+        """
         node = self._runtime.node
         return {
             (name, writer): f'{name} (of {writer_name(node, _status_topic(name), writer) or "a node that is gone"})'
@@ -163,25 +166,25 @@ class MotionStop:
         }
 
     def hold(self) -> None:
-        """Keep the robot stopped from now on, until :meth:`release`."""
+        """Hold the robot from now on, until :meth:`release`."""
         if self._timer is None:
             self._round = 0
             self._zero_until = self._runtime.steady.now() + _LEAST_SECONDS
             self._act()
 
     def cancel_others(self) -> None:
-        """Cancel what other programs have sent the robot to do, once."""
+        """Cancel once the goals with which other programs move the robot."""
         if not self._unasked:
             self._cancel_all_of([name for name in self.servers() if name in _FRONT])
 
     def drop_cancels(self) -> None:
-        """Send no cancel any more that still waits for its server: it would end what is about to begin."""
+        """Drop the cancels that still wait for their servers, since they would cancel the goals of the next run."""
         self._unasked = []
         for call in self._asked.values():
             call.cancel()
 
     def release(self) -> None:
-        """Let the robot move again."""
+        """Stop holding the robot, so that it can move again."""
         self._unasked = []
         for timer in (self._timer, self._patience):
             if timer is not None:
@@ -197,7 +200,7 @@ class MotionStop:
         self._round += 1
 
     def servers(self) -> list[str]:
-        """Return the actions that move the robot and have a server now."""
+        """Return the actions that move the robot and currently have a server."""
         node = self._runtime.node
         there = {name for name, _ in node.get_service_names_and_types()}
         return [
@@ -215,11 +218,11 @@ class MotionStop:
             try:
                 goals = received.unpack(GoalStatusArray).status_list
             except ValueError:
-                return  # no word of a server
+                return  # not a status of an action server
             writers = self._writers(name) if received.writer == UNKNOWN_WRITER else {received.writer}
             statuses = {goal.status for goal in goals}
             if not _BEGINS.isdisjoint(statuses) and self.is_holding:
-                self._cancel_all(name)  # a goal that came meanwhile does not move the robot until the next round
+                self._cancel_all(name)  # a new goal must not move the robot until the next round of cancels
             if not _GOES_ON.isdisjoint(statuses):
                 busy.update(writers)
             else:
@@ -229,13 +232,13 @@ class MotionStop:
         ReceivedMessages(self._runtime.node, GoalStatusArray, _status_topic(name), qos, told, _STATUS_BYTES)
 
     def _writers(self, name: str) -> set[bytes]:
-        """Return the writers that report the goals of an action, as :class:`Received` names them."""
+        """Return the ids of the writers that report the goals of an action, in the form of :class:`Received`."""
         node = self._runtime.node
         endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(_status_topic(name)))
         return {bytes(endpoint.endpoint_gid) for endpoint in endpoints}
 
     def _cancel_all_of(self, actions: Sequence[str]) -> None:
-        """Ask each when those in front of it have answered, or in a moment."""
+        """Cancel all goals of actions, rank by rank: when the earlier ranks have answered, or after a short time."""
         unasked = self._unasked = [list(rank) for _, rank in groupby(sorted(actions, key=_rank), _rank)]
         if self._patience is not None:
             self._patience.cancel()
@@ -258,7 +261,7 @@ class MotionStop:
     def _cancel_all(self, name: str) -> None:
         self._listen(name)
         if name in self._asked:
-            return  # it has not answered yet
+            return  # its last answer is still pending
         service = f'{name}/_action/cancel_goal'
 
         def answered(_outcome: ServiceOutcome) -> None:

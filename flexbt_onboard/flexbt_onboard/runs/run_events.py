@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The events of a behavior's run, beside those of its state machine, and the reader that records them.
+"""The events of a behavior's run, in addition to those of its state machine, and the reader that records them.
 
-A run gives all of them to its readers, in their order: first :class:`RunRecorder` writes them down, then the status of
-the run follows from them, then the executive shows and supervises it.
+A run passes all events to its readers, in this order: :class:`RunRecorder` records them, the status of the run is
+updated, and then the executive publishes and supervises the run.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ from flexbt_onboard.persistence.run_journal import RunJournal
 
 @dataclass(slots=True)
 class RunRequested(RunEvent):
-    """A run begins to be built."""
+    """The event that a run is requested, and its behavior is going to be built."""
 
     request: RunRequest
 
 
 @dataclass(slots=True)
 class RunBuilt(RunEvent):
-    """A behavior is built and begins, or the run goes on with it.
+    """The event that a behavior was built, for the start of a run or for a switch to it.
 
-    ``operator_gone`` is what it wants when no operator was there for ``operator_gone_after`` s.
+    ``operator_gone`` is its reaction after ``operator_gone_after`` s without a connected operator.
     """
 
     request: RunRequest
@@ -58,37 +58,37 @@ class RunBuilt(RunEvent):
 
 @dataclass(slots=True)
 class RunRefused(RunEvent):
-    """The behavior could not be built. Nothing follows."""
+    """The event that a run could not start. It is the last event of the run."""
 
     request: RunRequest
     reason: str
 
 
 class RunAnnounced(RunEvent):
-    """The structure of the run is published."""
+    """The event that the structure of the run was published."""
 
     __slots__ = ()
 
 
 class RunReady(RunEvent):
-    """The nodes that the run needs are ready, or were waited for long enough."""
+    """The event that the nodes that the run needs are ready, or that the wait for them has timed out."""
 
     __slots__ = ()
 
 
 @dataclass(slots=True)
 class SkillsDeclared(RunEvent):
-    """An event: the declarations of the states' skills that the run may contradict, by path."""
+    """The event with the claims of the states' skills that the run may contradict, by path."""
 
     skills: Mapping[str, Any]
 
 
 @dataclass(slots=True)
 class RunMoved(RunEvent):
-    """The machine is where it was not before, and these commands were ``decided``; on the thread of the run.
+    """The event that the machine has a new position and has ``decided`` commands. On the thread of the run.
 
-    Readers look at the machine while they read this; later it is elsewhere. ``switched`` is the behavior with which the
-    run continues, if it is another one.
+    Readers must inspect the machine while they read this event, since it moves on afterwards. ``switched`` is set if
+    the run continues with another behavior.
     """
 
     machine: MachineRun
@@ -98,7 +98,7 @@ class RunMoved(RunEvent):
 
 @dataclass(slots=True)
 class ViolationFound(RunEvent):
-    """A monitor has found that something is wrong."""
+    """The event that a monitor has found a violation."""
 
     violation: Violation
     is_first: bool
@@ -106,7 +106,7 @@ class ViolationFound(RunEvent):
 
 @dataclass(slots=True)
 class StopRequested(RunEvent):
-    """The run is requested to stop. From any thread."""
+    """The event that a stop of the run was requested. From any thread."""
 
     run_id: str
     why: str
@@ -114,14 +114,14 @@ class StopRequested(RunEvent):
 
 @dataclass(slots=True)
 class StopAwaited(RunEvent):
-    """An event: part of a run has not stopped yet after a stop. On the executor thread."""
+    """The event that part of a run has not stopped yet after a stop. On the executor thread."""
 
     text: str
 
 
 @dataclass(slots=True)
 class BehaviorEnded(RunEvent):
-    """A run that was built has ended. ``outputs`` are the values of the machine's output keys."""
+    """The event that a run has ended after it was built. ``outputs`` are the values of the output keys."""
 
     outcome: str
     message: str
@@ -129,19 +129,19 @@ class BehaviorEnded(RunEvent):
 
 
 class RunShown(RunEvent):
-    """An event: operators are shown another run, or another level for the next one. On the executor thread."""
+    """The event that the shown run, or the autonomy level for the next run, has changed. On the executor thread."""
 
     __slots__ = ()
 
 
 class StatusSent(RunEvent):
-    """Operators were sent a status. On the executor thread."""
+    """The event that a status is sent to operators. On the executor thread."""
 
     __slots__ = ()
 
 
 class RunRecorder(RunReader):
-    """A recorder of a run: to the journal, the event log and the log of the operators."""
+    """A reader that records a run in the journal, the event log and the operators' log."""
 
     def __init__(self, run_id: str, behavior: str, journal: RunJournal, report: Reporter) -> None:
         self._run_id = run_id
@@ -193,7 +193,7 @@ class RunRecorder(RunReader):
                 report.log(Severity.ERROR.value, text, path, run_id)
                 self._event('violation', property=violation.property.name, path=violation.where, text=text)
             case StopRequested(_, why):
-                self._journal.end(run_id, why)  # a run that was requested to stop does not continue after a crash
+                self._journal.end(run_id, why)  # a stopped run does not resume after a crash
                 self._event('stopping', why=why)
             case BehaviorEnded(outcome, message):
                 self._journal.end(run_id, outcome)
@@ -234,11 +234,11 @@ class RunRecorder(RunReader):
 
 
 def decision_id(run_id: str, number: str) -> str:
-    """Return the name of a decision in this executive: the run numbers its decisions."""
+    """Return the id of a decision within this executive, made from the run and the number within the run."""
     return f'{run_id[:8]}-{number}'
 
 
 def decision_number(run_id: str, decision: str) -> str | None:
-    """Return the number that the run gave to a decision; None if it is not a decision of this run."""
+    """Return the number of a decision within its run; None if it does not belong to this run."""
     prefix = decision_id(run_id, '')
     return decision.removeprefix(prefix) if decision.startswith(prefix) else None

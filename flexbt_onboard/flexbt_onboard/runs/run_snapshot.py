@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The status of a run, which others see: one immutable value that follows from its events."""
+"""The status of a run: an immutable snapshot that is computed from the events of the run."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from .run_events import (
 
 _MOST_LINES: Final = 20
 _LONGEST_LINE: Final = 200
-"""Maximum length of the line in which a state reports what it does: each status has it, and the link may be slow."""
+"""Maximum characters of a line with the activity of a state. Every status has these, and the link may be slow."""
 
 _RAISED: Final = ('activity() raised; see the log',)
-"""Instead of what a state says that it does. It is not asked again as long as it is active."""
+"""Text in place of the activity of a state after an exception. The state is not asked again while it is active."""
 
 _PAUSE_RAISED: Final = ('not_paused() raised; see the log',)
-"""Text in place of a state's report of what goes on while it is paused. It is not asked again in that pause."""
+"""Text in place of the not paused parts of a state after an exception. It is not asked again in that pause."""
 
 _NOT_ENTERED: Final = ('is entered when the run is resumed',)
 
@@ -60,8 +60,9 @@ class RunPhase(Enum):
 class ActiveLeaf:
     """A state that is active; ``entered`` is in nanoseconds of ROS time.
 
-    ``held_back`` are lines about transitions that locks hold back, ``activity`` those of the state itself, and
-    ``not_paused`` those about what goes on while it is paused; ``progress`` is how far it says that it has come.
+    ``held_back`` are lines about transitions that locks block, ``activity`` lines of the state itself, and
+    ``not_paused`` lines about parts that continue while the state is paused. ``progress`` is the progress that the
+    state reports.
     """
 
     path: str
@@ -75,9 +76,9 @@ class ActiveLeaf:
 
 @dataclass(frozen=True)
 class RunDecision:
-    """A transition that waits for the operator; see flexbt_msgs/msg/PendingDecision. ``since`` is in ns of ROS time.
+    """A transition that waits for the operator; see flexbt_msgs/msg/PendingDecision.
 
-    ``subject`` is what it is about, if it is about any value.
+    ``since`` is in nanoseconds of ROS time. ``subject`` has the values that the operator judges, None for none.
     """
 
     id: str
@@ -93,25 +94,25 @@ class RunDecision:
 
 @dataclass(frozen=True)
 class RunSnapshot:
-    """A run at one moment.
+    """An immutable snapshot of a run.
 
-    ``levels`` has the level of autonomy of the root, and of each sub-tree that has another one than what is around it,
-    by path. ``operator_gone`` is what the behavior wants when no operator was there for ``operator_gone_after`` s.
+    ``levels`` has the autonomy level of the root, and of each subtree whose level differs from that of its parent, by
+    path. ``operator_gone`` is the reaction of the behavior after ``operator_gone_after`` s without an operator.
     """
 
     run_id: str
     behavior: str
     levels: Mapping[str, int]
     is_announced: bool = False
-    """The operator knows the structure of the run."""
+    """True if the structure of the run was published."""
     has_begun: bool = False
-    """The nodes that it needs are ready, or were waited for long enough."""
+    """True if the nodes that the run needs are ready, or the wait for them has timed out."""
     is_paused: bool = False
     is_stopping: bool = False
     not_stopped: str = ''
-    """While it is stopping: what has not stopped yet, and for how long."""
+    """Parts that have not stopped yet after a stop, and for how long; '' for none."""
     wrong: str = ''
-    """First violation that the monitors have found."""
+    """First violation that the monitors have found; '' for none."""
     active: tuple[ActiveLeaf, ...] = ()
     decisions: tuple[RunDecision, ...] = ()
     locked: tuple[str, ...] = ()
@@ -130,14 +131,14 @@ class RunSnapshot:
 
     @property
     def autonomy(self) -> int:
-        """The level of the run."""
+        """Autonomy level of the run."""
         return self.levels[ROOT_PATH]
 
 
 class RunStatus(RunReader):
-    """The status of a run: a fold of its events, published when they are journaled.
+    """The status of a run, computed from its events and published after they are journaled.
 
-    ``snapshot`` is the run as it was published last; from any thread.
+    ``snapshot`` is the last published snapshot. It may be read from any thread.
     """
 
     def __init__(self, run_id: str, behavior: str, autonomy: int, clock: RosClock, goals: RunGoals) -> None:
@@ -145,13 +146,13 @@ class RunStatus(RunReader):
         self._goals = goals
         self._clock = clock
         self._lock = threading.Lock()
-        self._entered_at: dict[str, float] = {}  # of what the last snapshot has
-        self._subjects: dict[str, dict[str, Any]] = {}  # by decision: the values of which its subject was made
+        self._entered_at: dict[str, float] = {}  # of the states in the last snapshot, by path
+        self._subjects: dict[str, dict[str, Any]] = {}  # by decision: the values from which its subject was made
 
     def read(self, event: RunEvent) -> None:
         match event:
             case StateLeft(path):
-                self._entered_at.pop(path, None)  # it is entered again next time, even if no time has passed
+                self._entered_at.pop(path, None)  # its next entry is a new one, even if no time has passed
             case RunMoved(machine, _, switched):
                 self.publish(**(_of_behavior(switched) if switched is not None else {}), **self._of_machine(machine))
             case RunBuilt():
@@ -168,12 +169,12 @@ class RunStatus(RunReader):
                 self.publish(not_stopped=text)
 
     def publish(self, **changes: Any) -> None:
-        """Publish the snapshot with changes."""
+        """Publish a snapshot with changed fields."""
         with self._lock:
             self.snapshot = replace(self.snapshot, **changes)
 
     def _of_machine(self, machine: MachineRun) -> dict[str, Any]:
-        """Return what the machine says of the fields of a snapshot. Unchanged parts keep their time stamp."""
+        """Return the fields of a snapshot that depend on the machine. Unchanged parts keep their time stamps."""
         known = {leaf.path: leaf for leaf in self.snapshot.active}
         active = []
         blocked = machine.blocked
@@ -183,7 +184,8 @@ class RunStatus(RunReader):
             if shown is None or self._entered_at.get(leaf.path) != leaf.entered_at:
                 shown = ActiveLeaf(leaf.path, self._stamp(leaf.entered_at))
             lines = tuple(_line(one, leaf.path) for one in blocked if is_inside(leaf.path, one.path))
-            # One that was done before a crash is not entered again: it does nothing. One that was left may still halt.
+            # A state that was done before a crash is not entered again and does nothing. A state that was left may
+            # still be halting.
             does_nothing = machine.is_paused and not leaf.is_entered and leaf.halting() is None
             active.append(replace(shown, is_paused=leaf.is_paused or does_nothing, held_back=lines))
         self._entered_at = {leaf.path: leaf.entered_at for leaf in leaves}
@@ -200,7 +202,7 @@ class RunStatus(RunReader):
         }
 
     def asked(self, machine: MachineRun) -> tuple[ActiveLeaf, ...]:
-        """Return the active states with what they say that they are doing, and not pausing; this calls their code."""
+        """Return the active states with their current activity, progress and not paused parts. Calls their code."""
         runs = {leaf.path: leaf for leaf in machine.active_states()}
         active = self.snapshot.active
         return tuple(self._asked(leaf, runs[leaf.path]) if leaf.path in runs else leaf for leaf in active)
@@ -236,7 +238,7 @@ class RunStatus(RunReader):
         return tuple(decisions)
 
     def _with_subject(self, machine: MachineRun, shown: RunDecision, decision: Decision) -> RunDecision:
-        """Return a decision with its subject, which is made again if one of the values was replaced."""
+        """Return a decision with its subject. A new subject is made if one of the values was replaced."""
         values, missing = machine.subject(decision)
         before = self._subjects.get(shown.id, {})
         is_known = before.keys() == values.keys() and all(before[key] is value for key, value in values.items())
@@ -247,7 +249,10 @@ class RunStatus(RunReader):
         return replace(shown, subject=subject_message(shown.id, number, values, missing))
 
     def _stamp(self, when: float) -> int:
-        """ROS time of a time of the run's clock, which may be ahead of ROS time by jumps that were taken out."""
+        """Return the ROS time, ns, for a time of the run's clock, s.
+
+        The clock of the run leaves out jumps of ROS time, so it may be ahead of ROS time.
+        """
         now = self._clock.stamp()
         return max(0, now.sec * 10**9 + now.nanosec - int((self._clock.now() - when) * 1e9))
 
@@ -275,34 +280,37 @@ def _shown(lines: list[str] | None, raised: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(sanitize_for_message(line, _LONGEST_LINE) for line in lines)
 
 
-# When the active states of a run are asked what they are doing, which calls their code.
+# The active states of a run are asked for their activity only when needed, since that calls their code.
 
 
 class ActivityPoll:
-    """Asked for from any thread; the states are asked on the thread of the run."""
+    """The poll of the activities of the active states.
+
+    Any thread may request it. The states are asked on the thread of the run.
+    """
 
     def __init__(self) -> None:
         self._has_changed = False
         self._is_requested = False
-        self._is_untold = False  # what was found when it was requested, and nothing had changed
+        self._is_untold = False  # a poll has found a difference that was not reported
 
     def changed(self) -> None:
-        """Have the states asked: what they are doing may be another thing now, which is to be shown."""
+        """Request a poll whose result is shown at once, since an activity may have changed."""
         self._has_changed = True
 
     def request(self) -> None:
-        """Have the states asked for the next status."""
+        """Request a poll whose result is shown in the next status."""
         self._is_requested = True
 
     @property
     def is_due(self) -> bool:
-        """True if the states are to be asked."""
+        """True if a poll was requested."""
         return self._has_changed or self._is_requested
 
     def ask(self, status: RunStatus, machine: MachineRun) -> bool:
-        """Publish the active states with what they say now; return whether that is to be shown at once.
+        """Publish the current activities of the active states. Return True if they should be shown at once.
 
-        A value that differs each time that it is requested, such as a time, is not an event: the next status has it.
+        A value that differs on every poll, such as a time, does not count as a change. The next status shows it.
         """
         has_changed, self._has_changed, self._is_requested = self._has_changed, False, False
         active = status.asked(machine)
@@ -314,7 +322,7 @@ class ActivityPoll:
 
 
 def not_paused_lines(before: Sequence[ActiveLeaf], now: Sequence[ActiveLeaf]) -> Iterator[str]:
-    """For operators: what goes on although its state is paused, where that is new."""
+    """Yield a line for operators for each paused state whose not paused parts have changed."""
     known = {leaf.path: leaf.not_paused for leaf in before}
     for leaf in now:
         if leaf.not_paused and leaf.not_paused != known.get(leaf.path):

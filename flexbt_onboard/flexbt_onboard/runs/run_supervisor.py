@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Start, supervise and end runs, one at a time, also when no operator has been there for some time."""
+"""The supervision of runs, one at a time, including reactions to the absence of operators."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from .stop_enforcer import StopEnforcer
 
 @dataclass(frozen=True)
 class LastRun:
-    """The run before, while none goes on; empty before the first. ``autonomy`` is the level for the next one."""
+    """The last run, while no run is active; empty before the first. ``autonomy`` is the level for the next run."""
 
     autonomy: int
     run_id: str = ''
@@ -58,8 +58,8 @@ ShownRun = RunSnapshot | InterruptedRun | LastRun
 class RunSupervisor(RunReader):
     """A supervisor that starts runs, one at a time. Used on the executor thread, except :meth:`read`.
 
-    ``readers`` are given the events of each run, in their order, after it; ``admission`` says why nothing can be
-    started.
+    Each run passes its events to the supervisor and then to the ``readers``, in their order. ``admission`` has the
+    reason if no run can start.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class RunSupervisor(RunReader):
     ) -> None:
         self.readers: list[RunReader] = []
         self.run: BehaviorRun | None = None
-        """The run that goes on."""
+        """Current run; None while idle."""
         self._runtime = runtime
         self._services = services
         self._admission = admission
@@ -90,47 +90,47 @@ class RunSupervisor(RunReader):
 
     @property
     def snapshot(self) -> RunSnapshot | None:
-        """The run that goes on."""
+        """Snapshot of the current run; None while idle."""
         return self.run.snapshot if self.run is not None else None
 
     @property
     def interrupted(self) -> InterruptedRun | None:
-        """The run that the end of the executive interrupted, until an operator decides about it."""
+        """Run that the end of the executive interrupted, until an operator resumes or aborts it."""
         return self._journal.interrupted if self.run is None else None
 
     @property
     def shown(self) -> ShownRun:
-        """The run that operators see."""
+        """Run that operators see: the current, the interrupted or the last one."""
         return self.snapshot or self.interrupted or self._last
 
     def behaviors_in_use(self) -> set[str]:
-        """Return the name of the behavior that runs, and of the one that was interrupted."""
+        """Return the names of the running and of the interrupted behavior."""
         return {one.behavior for one in (self.snapshot, self.interrupted) if one is not None}
 
     def nodes_changed(self) -> None:
-        """Look again at the nodes that behaviors need: one has come or gone, or has become ready."""
+        """Check the nodes that behaviors need again, since one has appeared, ended, or become ready."""
         if self.run is not None:
             self.run.nodes_changed()
 
     def status_sent(self) -> None:
-        """Have the active states asked what they are doing, for the next status."""
+        """Request the activities of the active states for the next status, and notify the readers."""
         if self.run is not None:
             self.run.ask_activities()
         self._tell(StatusSent())
 
     def set_next_autonomy(self, level: int) -> None:
-        """Set the level for the next run."""
+        """Set the autonomy level for the next run."""
         self._journal.set_next_autonomy(level)
         self._last = replace(self._last, autonomy=level)
         self._tell(RunShown())
 
     def start(self, request: RunRequest, run_id: str | None = None) -> BehaviorRun:
-        """Begin a run. :class:`RunBuilt` or :class:`RunRefused` follows.
+        """Start a run. :class:`RunBuilt` or :class:`RunRefused` follows.
 
-        ``run_id`` is that of the interrupted run that is to go on.
+        To resume the interrupted run, pass its ``run_id``.
 
         Raises:
-            CommandRefusedError: the executive is not active, a run goes on, or another one was interrupted.
+            CommandRefusedError: the executive is not active, a run is active, or another run was interrupted.
         """
         if self._admission.refusal:
             raise CommandRefusedError(self._admission.refusal)
@@ -157,17 +157,17 @@ class RunSupervisor(RunReader):
         return self.run
 
     def stop(self, why: str) -> BehaviorRun | None:
-        """Stop the current run, if there is one."""
+        """Stop the current run, and return it; None while idle."""
         if self.run is not None:
             self.run.stop(why)
         return self.run
 
     def halt_robot(self) -> None:
-        """Stop everything that drives the robot except the current run, if there is one."""
+        """Stop everything that drives the robot, except the current run."""
         self._stops.halt_robot(self.run is not None)
 
     def abort(self, interrupted: InterruptedRun, why: str) -> None:
-        """End an interrupted run, which will not continue."""
+        """End an interrupted run, so that it cannot resume."""
         recorder = RunRecorder(interrupted.run_id, interrupted.behavior, self._journal, self._report)
         recorder.read(BehaviorEnded(PREEMPTED, why, {}))
         self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
@@ -179,7 +179,7 @@ class RunSupervisor(RunReader):
             case StopRequested(run_id):
                 self._runtime.post(partial(self._stopping, run_id))
             case RunRefused(_, reason):
-                self._runtime.post(partial(self._ended, '', reason))  # no outcome: it has not run
+                self._runtime.post(partial(self._ended, '', reason))  # no outcome, since the behavior did not run
             case BehaviorEnded(outcome, message):
                 self._runtime.post(partial(self._ended, outcome, message))
 
@@ -188,7 +188,7 @@ class RunSupervisor(RunReader):
             reader.read(event)
 
     def _watch_over(self) -> None:
-        """Watch over a run that has begun, or goes on with a behavior that wants something else without an operator."""
+        """Watch over a run that has begun, or has switched to a behavior with another reaction to absent operators."""
         self._operators.watch_over(self.run)
 
     def _stopping(self, run_id: str) -> None:
@@ -196,7 +196,7 @@ class RunSupervisor(RunReader):
             self._stops.stopping(self.run)
 
     def _ended(self, outcome: str, message: str) -> None:
-        assert self.run is not None  # there is no other before this one has ended
+        assert self.run is not None  # no other run starts before this one has ended
         last, self.run = self.run.snapshot, None
         self._report.run_id = ''
         self._operators.watch_over(None)
@@ -209,14 +209,14 @@ class RunSupervisor(RunReader):
         self._tell(RunShown())
 
 
-# Handling of a run when no operator has been connected for some time, as its behavior requests.
+# The reaction of a run to the absence of operators, as its behavior requests.
 
 
 class OperatorAbsenceWatch:
-    """A watch for the presence of any console. Used on the executor thread only.
+    """A watch that pauses or stops a run while no operator is connected. Used on the executor thread only.
 
-    ``presence`` reports the connected operators. A run that continues anyway does not report it: programs that ask and
-    leave would fill the log.
+    ``presence`` reports the connected operators. For a run that continues anyway, changes are not reported, since
+    programs that connect only briefly would fill the log.
     """
 
     def __init__(self, runtime: Runtime, presence: PresenceWatch, report: Reporter) -> None:
@@ -229,7 +229,7 @@ class OperatorAbsenceWatch:
         presence.add_listener(self._changed)
 
     def watch_over(self, run: BehaviorRun | None) -> None:
-        """Watch over a run that begins, or over none. The time without an operator counts from its beginning on."""
+        """Watch over a run that begins; None for no run. The time without an operator counts from this call."""
         self._run = run
         self._set_timer()
 
@@ -266,4 +266,4 @@ class OperatorAbsenceWatch:
         else:
             text = f'{why}: behavior {shown.behavior!r} is paused until an operator resumes it'
             self._report.operators(text, is_warning=True)
-            run.command(None, pause)  # refused when it is paused already
+            run.command(None, pause)  # refused if the run is paused already

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The enforcement of stops: the handling of a run that was requested to stop, until all of it has stopped.
+"""The enforcement of stops, from the request to stop a run until all of it has stopped.
 
-The run cancels what it has begun. When that is not confirmed within a moment, the robot is stopped by another way; the
-operator sees what has not stopped; and after a while the run is given up. A server that moves the robot may go on after
-its client has given it up: the robot is kept stopped as long as it does.
+The run cancels its own goals. If that is not confirmed within a short time, :class:`MotionStop` stops the robot, and
+the operator sees the parts that have not stopped. After a timeout the run is aborted. A server may continue to move the
+robot after its client has given up, so the robot is held until the server has ended its goals.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from .behavior_run import BehaviorRun
 from .motion_stop import MotionStop
 
 MOTION_SECONDS: Final = 0.3
-"""A stop that is not confirmed within this time stops the robot by another way. A cancel that travels through a BT
-server and a navigation server takes a tenth of a second; and the robot has to be at rest within a second."""
+"""Time after which an unconfirmed stop is enforced with :class:`MotionStop`, s. A cancel that passes a BT server and a
+navigation server takes a tenth of a second, and the robot must stand still within a second."""
 
 HALT_SECONDS: Final = 5.0
-"""Time for which a stop that is meant for no run keeps the robot stopped, s."""
+"""Minimum time for which a STOP without a run holds the robot, s."""
 
 _PERIOD: Final = 0.5
 
 
 class StopEnforcer:
-    """Used on the executor thread only. ``timeout`` is in seconds of wall time from the stop of the run on.
+    """The enforcer of stops. Used on the executor thread only.
 
-    Operators are told what goes on after the end of the run, and when it has ended.
+    ``timeout`` is in seconds of wall time since the stop of the run. It reports to operators the actions that continue
+    after the stop, and their end.
     """
 
     def __init__(self, runtime: Runtime, robot: MotionStop, timeout: float, report: Reporter) -> None:
@@ -46,16 +47,20 @@ class StopEnforcer:
         self._timer: Timer | None = None
 
     def begins(self) -> None:
-        """Let a run begin. A server that has just been started may not have been asked yet to end what went on
-        before."""
+        """Prepare for a new run: release the robot, and drop cancels that are still pending.
+
+        A server that has just started might otherwise receive an old cancel during the new run.
+        """
         self._leave()
         self._robot.drop_cancels()
         self._robot.prepare()
 
     def halt_robot(self, is_running: bool) -> None:
-        """Stop the robot, whoever drives it, as an operator wants it; ``is_running``: there is a run, which is
-        stopped."""
-        run = self._run  # one that has ended may have goals that have not
+        """Stop the robot for a STOP of an operator, no matter which program drives it.
+
+        ``is_running`` is True if a run exists, which the caller has stopped.
+        """
+        run = self._run  # a run that has ended may still have active goals
         if is_running or (run is not None and (run.has_goals or self._robot.is_holding)):
             self._robot.cancel_others()
             return
@@ -75,10 +80,14 @@ class StopEnforcer:
             self._leave()
 
     def stopping(self, run: BehaviorRun) -> None:
-        """Enforce the stop of a run. The robot is kept at rest until the goals of the run have ended, and those of all
-        that move it, or the next run begins; what goes on when the run has ended at once is seen in a moment."""
+        """Enforce the stop of a run.
+
+        The robot is held until the goals of the run and all other goals that move the robot have ended, or until the
+        next run begins. The first check comes after a short time, even if the run ends at once, since a server may
+        still be moving the robot.
+        """
         self._run = run
-        self._robot.prepare()  # for servers that have come since the run began
+        self._robot.prepare()  # for servers that have started since the run began
         self._since = self._runtime.steady.now()
         self._check_in(MOTION_SECONDS, run)
 
@@ -107,7 +116,7 @@ class StopEnforcer:
         self._check_in(_PERIOD, run)
 
     def goes_on(self) -> bool:
-        """Return whether something moves the robot anyway, which is reported to operators."""
+        """Return True if a server still moves the robot. Report changes to operators."""
         going_on = self._robot.going_on
         if going_on and going_on.keys() != self._told.keys():
             self._report.log(
