@@ -283,8 +283,8 @@ class BehaviorRun(RunReader):
         elif error:
             self._why_ended = f'{event.path}: {error}'
         if is_forced:
-            # Log it for the machine around the state. The state itself may be entered again at once, and this is no
-            # reason for its later outcomes.
+            # Log it for the machine around the state. The state itself may be entered again at once, and this
+            # text does not explain its later outcomes.
             around, _, label = event.path.rpartition('/')
             self._log(Severity.INFO, f'{label} left by {event.outcome!r}, as the operator wants it', around or '/')
             self._warn_of_unwritten(event)

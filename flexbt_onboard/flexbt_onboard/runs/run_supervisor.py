@@ -213,7 +213,9 @@ class RunSupervisor(RunReader):
 
 
 class OperatorAbsenceWatch:
-    """A watch that pauses or stops a run while no operator is connected. Used on the executor thread only.
+    """A watch that pauses or stops a run after no operator was connected for some time.
+
+    Used on the executor thread only.
 
     ``presence`` reports the connected operators. For a run that continues anyway, changes are not reported, since
     programs that connect only briefly would fill the log.
