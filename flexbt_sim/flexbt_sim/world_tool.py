@@ -19,14 +19,14 @@ from flexbt_sim.world.world import World
 from .errors import SimulationError
 
 NAVIGATORS: Final = 'flexbt.navigators'
-"""Entry points of classes that drive a robot of a world to goals: that of flexbt_navigation."""
+"""Entry-point group of classes that drive a robot of a world to goals, such as flexbt_navigation's."""
 
 FRAMES = 200
-"""Most frames of a moving picture."""
+"""Maximum number of frames of an animation."""
 
 
 def main(args: list[str] | None = None) -> int:
-    """Entry point of the executable ``world_tool``; 1 when something is wrong with the file or the request."""
+    """Entry point of the executable ``world_tool``; returns 1 if the file or the request is invalid."""
     options = _parser().parse_args(args)
     try:
         world = World.load(options.file, seed=options.seed)
@@ -106,7 +106,7 @@ def _run(world: World, options: argparse.Namespace) -> str:
 
 
 def _navigator(world: World, robot: str) -> Any:
-    """Return what drives a robot to goals. Raises SimulationError if the package is not installed."""
+    """Return a navigator that drives a robot to goals. Raises SimulationError if the package is not installed."""
     points = sorted(entry_points(group=NAVIGATORS), key=lambda point: point.name)
     if not points:
         raise SimulationError('--goal: nothing is installed that navigates; install the package flexbt_navigation')
@@ -133,7 +133,7 @@ def _goal(world: World, text: str) -> tuple[str, Pose]:
 
 
 def _numbers(text: str) -> tuple[float, ...]:
-    """Numbers with commas between them; none if one of them is not a number."""
+    """Return comma-separated numbers; an empty tuple if one of them is not a number."""
     try:
         return tuple(map(float, text.split(',')))
     except ValueError:

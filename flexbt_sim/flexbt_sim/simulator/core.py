@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The simulator without its services: steps a world in time, and has the topics of its robots."""
+"""The simulator without its services: it steps a world and publishes the topics of its robots."""
 
 from __future__ import annotations
 
@@ -39,17 +39,18 @@ from .robot_topics import Commands, Message, RobotTopics
 
 
 class SimulatorCore:
-    """A world that moves on its own thread, and what its services need of it.
+    """A world that runs on its own thread, with the operations that its services need.
 
-    ``lock`` is held while the world is stepped, looked at or changed; what is only read by one name need not.
-    Without it, methods are called on the executor thread.
+    Hold ``lock`` to step, inspect or change the world; reading a single attribute does not need it. Call methods that
+    do not need the lock on the executor thread.
     """
 
     def __init__(self, runtime: NodeRuntime, in_process: IntraProcessTopics | None = None) -> None:
-        """Must be called off the executor thread. ``in_process`` gets the topics that others in the process may have.
+        """Must be called off the executor thread. ``in_process`` receives the topics that are shared within the
+        process.
 
         Raises:
-            SimulationError: a parameter, the world or the map cannot be used.
+            SimulationError: a parameter, the world or the map is invalid.
         """
         self.runtime = runtime
         self._in_process = in_process or IntraProcessTopics()
@@ -58,14 +59,14 @@ class SimulatorCore:
         self.world = self.parameters.make_world()
         self.pacer = Pacer(float(runtime.node.get_parameter(SPEED_FACTOR).value), runtime.post)
         self._began = 0
-        """Time of the world, ns, at which that of the clock began."""
+        """Time of the world, ns, at which the clock was 0."""
         self._steps = 0
         self._set_periods()
         self._robots: dict[str, RobotTopics] = {}
         self._logged_faults = frozenset[Fault]()
         self._logged_violations: dict[str, int] = {}
         self._spawned: dict[str, str] = {}
-        """Entities that were spawned by service, and their requested namespaces."""
+        """Entities that were spawned by a service, with their requested namespaces."""
         self._map_servers: dict[str, MapServer] = {}
         self._token = LivelinessToken(runtime)
         runtime.call(self._connect)
@@ -78,8 +79,9 @@ class SimulatorCore:
 
     def _set_periods(self) -> None:
         """Set the periods of messages, in steps. Each message wakes every node that receives it, which is most of the
-        cost of a simulation at rest, in all processes. So poses at rest come with every second message of /clock. That
-        itself has to come more often than what others do by it, such as ticking a tree each 0.1 s."""
+        cost of an idle simulation, over all processes. So poses of a robot at rest are sent with every second message
+        of /clock. /clock itself must be faster than the activities that depend on it, such as ticking a tree every 0.1
+        s."""
 
         def steps(rate: float) -> int:
             return max(1, round(1.0 / (rate * self.world.step_size)))
@@ -89,7 +91,7 @@ class SimulatorCore:
         self._steps_per_rest = max(self._steps_per_odom, 2 * at_rest)
 
     def _compile(self) -> None:
-        """In a separate thread: otherwise the world would stop for seconds."""
+        """Compile the loops in a separate thread: otherwise the world would stop for seconds."""
         prepare_world()
         self._can_cast = True
 
@@ -117,7 +119,7 @@ class SimulatorCore:
     # -- on the executor thread --------------------------------------------------------------------------------------
 
     def _connect_robot(self, robot: Robot, namespace: str) -> None:
-        """Make the topics of a robot that has come."""
+        """Create the topics of a new robot."""
         commands = Commands(self._drive, self._initial_pose, self._grip, lambda: self.world.time)
         topics = RobotTopics(self.runtime, robot, namespace, self.parameters, commands, self._in_process)
         self._map_servers[robot.name] = MapServer(
@@ -128,7 +130,7 @@ class SimulatorCore:
         self._watch_computations()
 
     def _disconnect_robot(self, name: str) -> None:
-        """Take back the topics of a robot that has gone."""
+        """Remove the topics of a removed robot."""
         topics = self._robots[name]
         with self.lock:
             self._robots = {key: value for key, value in self._robots.items() if key != name}
@@ -140,14 +142,14 @@ class SimulatorCore:
         self._watch_computations()
 
     def _serve_entities(self) -> None:
-        """Update what depends on the doors and the no-go zones, which may have changed."""
+        """Update the services that depend on the doors and the no-go zones, which may have changed."""
 
     def _stands_in_for(self, namespace: str) -> str:
-        """Return the simulator in the namespace of a robot, whose nodes look for it there."""
+        """Return the name of the simulator in the namespace of a robot, where the robot's nodes look for it."""
         return f'{self.runtime.node.get_namespace().rstrip("/")}/{namespace}{self.runtime.name}'
 
     def _watch_computations(self) -> None:
-        """Watch for nodes that compute, if the world runs as fast as possible and has to wait for them."""
+        """Watch for nodes that compute, if the world runs as fast as possible and must wait for them."""
         namespaces = {topics.namespace for topics in self._robots.values()} if self.pacer.factor == 0.0 else set()
         self._computations.watch(namespaces)
 
@@ -155,7 +157,7 @@ class SimulatorCore:
 
     @property
     def namespaces(self) -> list[str]:
-        """Namespaces of the topics of the robots, within that of the node: '' or 'robot1/'."""
+        """Namespaces of the robots' topics, relative to that of the node: '' or 'robot1/'."""
         return [topics.namespace for topics in self._robots.values()]
 
     def stamp(self) -> Time:
@@ -164,7 +166,7 @@ class SimulatorCore:
         return Time(sec=seconds, nanosec=nanoseconds)
 
     def spawned(self, entity: Entity, namespace: str) -> None:
-        """Something has come: a robot gets its topics, in a namespace of its name unless another one is given."""
+        """Handle a new entity: create the topics of a robot, in a namespace of its name unless another one is given."""
         self._spawned[entity.name] = namespace
         with self.lock:
             self._tell_scene()
@@ -173,11 +175,11 @@ class SimulatorCore:
         self._serve_entities()
 
     def is_free_namespace(self, namespace: str) -> bool:
-        """Return whether no robot is there."""
+        """Return whether no robot uses this namespace."""
         return f'{namespace.strip("/")}/' not in {topics.namespace for topics in self._robots.values()}
 
     def remove(self, entity: Entity) -> None:
-        """Take something away."""
+        """Remove an entity."""
         if isinstance(entity, Robot):
             self._disconnect_robot(entity.name)
         with self.lock:
@@ -187,12 +189,12 @@ class SimulatorCore:
         self._serve_entities()
 
     def remove_spawned(self) -> None:
-        """Take away all that has come by service."""
+        """Remove all entities that were spawned by a service."""
         for name in list(self._spawned):
             self.remove(self.world.entities[name])
 
     def move(self, entity: Entity, pose: Pose) -> None:
-        """Put something somewhere. Raises SimulationError where it does not fit."""
+        """Put an entity at a pose. Raises SimulationError if it does not fit there."""
         with self.lock:
             self.world.move(entity.name, pose)
             self._tell_scene()
@@ -200,10 +202,10 @@ class SimulatorCore:
         self._serve_entities()
 
     def reset_state(self) -> None:
-        """Everything is where it was at the start; the time goes on.
+        """Put everything back where it was at the start; time continues.
 
         Raises:
-            SimulationError: two of what there is cannot both be there; nothing is changed.
+            SimulationError: two entities would overlap; nothing is changed.
         """
         with self.lock:
             self.world.reset()
@@ -217,10 +219,10 @@ class SimulatorCore:
             self._began = self.world.nanoseconds
 
     def restart(self) -> None:
-        """Restart, as if the simulator had been started.
+        """Restart, as if the simulator had just been started.
 
         Raises:
-            SimulationError: the world cannot be made any more.
+            SimulationError: the world can no longer be created.
         """
         world = self.parameters.make_world()
         for name, topics in list(self._robots.items()):
@@ -241,11 +243,11 @@ class SimulatorCore:
         self._serve_entities()
 
     def has_navigation(self, robot: str) -> bool:
-        """Return whether a node navigation is there for a robot, and carries out the faults of its servers."""
+        """Return whether a robot has a node navigation, which carries out the faults of its servers."""
         return self._robots[robot].has_navigation
 
     def publish_faults(self) -> None:
-        """Tell the navigation servers which faults they have, though time may stand still."""
+        """Publish the faults of the navigation servers, even while time is paused."""
         with self.lock:
             self._publish_faults()
 
@@ -254,7 +256,7 @@ class SimulatorCore:
             topics.publish_server_faults()
 
     def _events(self) -> list[str]:
-        """Return which faults have begun, and which are over; and who has entered a no-go zone."""
+        """Return the faults that have begun or ended, and the robots that have entered a no-go zone."""
         events = []
         for robot in self.world.robots.values():
             if robot.violations > self._logged_violations.get(robot.name, 0):
@@ -269,7 +271,7 @@ class SimulatorCore:
         return events
 
     def _tell_scene(self) -> None:
-        """Publish what displays show of the world, if it has changed, also while time is paused. Under the lock."""
+        """Publish the scene for displays if it has changed, even while time is paused. Requires the lock."""
         self._scene.tell(self.world, self.stamp())
 
     # -- on the executor thread --------------------------------------------------------------------------------------
@@ -277,7 +279,7 @@ class SimulatorCore:
     def _drive(self, robot: Robot, linear: float, angular: float) -> None:
         with self.lock:
             if self.world.robots.get(robot.name) is not robot:
-                return  # it was removed meanwhile: nobody waits for its driver
+                return  # the robot was removed meanwhile: do not wait for its driver
             now = self.world.time
             robot.command(linear, angular, now)
             until = now + robot.model.drive.watchdog
@@ -340,7 +342,7 @@ class SimulatorCore:
             return self._steps_per_clock[any(topics.is_busy for topics in self._robots.values())]
 
     def _step(self, is_single: bool, per_clock: int) -> bool:
-        """Make a step, unless time stands still since it was begun; whether it was made."""
+        """Make a step and return True, or return False if time was paused since the step was requested."""
         messages: list[Message] = []
         with self.lock:
             if self.pacer.is_paused != is_single:
@@ -350,7 +352,7 @@ class SimulatorCore:
             self._publish_faults()
             events = self._events()
             stamp = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
-            # Made beforehand, so that all arrive at once: a node that waits for several is woken up once.
+            # Create the messages first, so that all arrive at once: a node that waits for several is woken up once.
             if self._steps % per_clock == 0:
                 self._tell_scene()
             for topics in self._robots.values():
@@ -360,7 +362,7 @@ class SimulatorCore:
         for event in events:  # without the lock: commands wait for it
             self.runtime.node.get_logger().warning(event)
         if messages or is_single or self._steps % per_clock == 0:
-            # First, so that no message is from the future.
+            # Publish the clock first, so that no message is from the future.
             self._clock.publish(self._clock_bytes.filled(*stamp))
         for _, send, message in messages:
             with contextlib.suppress(InvalidHandle):  # the robot was removed at this moment
@@ -372,11 +374,11 @@ class SimulatorCore:
         self._thread.join(1.0)
 
 
-# Who computes something that a robot waits for: goals of the actions of Nav2 whose servers compute, or are to drive.
+# Computations that a robot waits for: goals of Nav2's actions whose servers plan or drive.
 #
-# A world that goes as fast as possible would be a minute older when a plan is there, and on a busy machine the time of
-# a motion would be over before its first command. Each server of an action says which of its goals are being worked on;
-# so it is known without its help, of Nav2's own servers too.
+# A world that runs as fast as possible would be a minute older when a plan is ready, and on a busy machine the time
+# limit of a motion would pass before its first command. Each action server publishes the status of its goals, so this
+# works with Nav2's own servers, too.
 
 COMPUTING: Final = (
     names.COMPUTE_PATH_TO_POSE,
@@ -388,14 +390,14 @@ COMPUTING: Final = (
     names.BACKUP,
     names.DRIVE_ON_HEADING,
 )
-"""Actions whose goals take no simulated time; and those that drive a robot, which take none before the first command.
-"""
+"""Actions whose goals take no simulated time, and actions that drive a robot, which take none before the first
+command."""
 
 _WORKING: Final = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
 
 class Computations:
-    """A watch that reports computations to the pacer. On the executor thread."""
+    """A watch that reports computations to the pacer. Executor thread only."""
 
     def __init__(self, runtime: NodeRuntime, pacer: Pacer) -> None:
         self._node = runtime.node
@@ -403,7 +405,7 @@ class Computations:
         self._subscriptions: dict[str, list[Any]] = {}
 
     def watch(self, namespaces: Set[str]) -> None:
-        """Watch the servers in these namespaces ('' or 'robot1/'), and no others any more."""
+        """Watch the servers in these namespaces ('' or 'robot1/') only."""
         for namespace in self._subscriptions.keys() - namespaces:
             for action in COMPUTING:
                 self._pacer.set_computing(f'{namespace}{action}', False)

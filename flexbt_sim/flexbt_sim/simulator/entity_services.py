@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The services of simulation_interfaces for entities: spawn, delete, move and list them, by filters of their names.
+"""The services of simulation_interfaces that spawn, delete, move and list entities, with filters for their names.
 
-An entity is described as in a world file: a mapping of one section with one entry, ``robots: {beta: {model:
-burger}}``. Each of its kinds is a tag, too.
+An entity is described as in a world file: a mapping of one section with one entry, ``robots: {beta: {model: burger}}``.
+Each kind of entity is also a tag.
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ from flexbt_sim.world.world_file import WorldFile
 from .core import SimulatorCore
 
 WORLD_FRAME: Final = 'world'
-"""Frame of poses of which none is said, by the standard; here it is that of the map."""
+"""Default frame of poses in the standard; here it is the map frame."""
 
 SUFFIXES: Final = ('.yaml', '.yml')
 
 
 class ServiceRefusedError(SimulationError):
-    """A request is refused, with a ``code`` of its result."""
+    """A refused request, with the ``code`` for its result."""
 
     def __init__(self, code: int, message: str) -> None:
         super().__init__(message)
@@ -70,8 +70,8 @@ class ServiceRefusedError(SimulationError):
 
 
 def answered(answer: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
-    """Return a service callback whose response has a ``result``, the code of what ``answer(request, response)``
-    raises."""
+    """Return a service callback that calls ``answer(request, response)`` and puts the code of its error into
+    ``result``."""
 
     def callback(request: Any, response: Any) -> Any:
         response.result.result = Result.RESULT_OK
@@ -89,7 +89,7 @@ def answered(answer: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
 
 
 class EntityServices:
-    """On the executor thread."""
+    """The services for entities. Executor thread only."""
 
     def __init__(self, simulator: SimulatorCore) -> None:
         self._simulator = simulator
@@ -129,7 +129,7 @@ class EntityServices:
         response.entity_name = name
 
     def _described(self, request: Any, pose: Pose | None) -> tuple[str, Any, Pose | None]:
-        """Name, model and pose of the entity."""
+        """Return the name, model and pose of the entity."""
         codes = SpawnEntity.Response
         text: str | None = None
         if request.uri:
@@ -205,7 +205,7 @@ class EntityServices:
         return entity
 
     def _pose(self, message: PoseMessage, frame: str, code: int) -> Pose:
-        """Return the pose in the map. A frame may be that of the map, or the name of an entity."""
+        """Return the pose in the map. The frame is that of the map, or the name of an entity."""
         turned = message.orientation
         length = math.hypot(turned.x, turned.y, turned.z, turned.w)
         pose = pose_of(message)
@@ -255,7 +255,7 @@ class EntityServices:
         message.twist.angular.z = float(state.angular)
         return message
 
-    # -- what there is -----------------------------------------------------------------------------------------------
+    # -- queries -----------------------------------------------------------------------------------------------------
 
     def _list(self, request: Any, response: Any) -> None:
         with self._simulator.lock:
@@ -312,7 +312,7 @@ def _has_tags(wanted: TagsFilter, tags: tuple[str, ...]) -> bool:
 
 
 def _area(bounds: Bounds) -> tuple[Shape, Pose] | None:
-    """Return what bounds take up in the plane; None where they restrict nothing."""
+    """Return the shape of bounds in the plane, and its pose; None if the bounds restrict nothing."""
     if bounds.type == Bounds.TYPE_EMPTY:
         return None
     points = [(point.x, point.y) for point in bounds.points]
@@ -328,10 +328,10 @@ def _area(bounds: Bounds) -> tuple[Shape, Pose] | None:
     raise ServiceRefusedError(Result.RESULT_FEATURE_UNSUPPORTED, 'bounds are a box or a sphere here')
 
 
-# POSIX extended regular expressions for names, in a time that is bounded by the lengths of both.
+# POSIX extended regular expressions for names, matched in a time bounded by the lengths of expression and name.
 #
-# The expression comes from another process. Python's ``re`` goes back and forth for some expressions for longer than a
-# robot drives, and nothing can stop it; here each part tells once for each place in a name where it may end.
+# The expression comes from another process. For some expressions, Python's ``re`` backtracks for hours and cannot be
+# stopped. Here, each part computes once, for each position in a name, where a match of it may end.
 
 MAX_GROUPS: Final = 100
 
@@ -341,14 +341,14 @@ _CLASSES: Final = {
 }  # fmt: skip
 
 _Part = Callable[[str, int], set[int]]
-"""A part of an expression: where in a name it may end that begins at a place."""
+"""A part of an expression: returns the positions in a name where a match that begins at a position may end."""
 
 
 class NameFilter:
-    """Return whether a whole name is matched by ``pattern``; an empty one matches every name.
+    """A filter that matches whole names by ``pattern``; an empty pattern matches every name.
 
     Raises:
-        SimulationError: the pattern is none, or has too many groups.
+        SimulationError: the pattern is invalid or has too many groups.
     """
 
     def __init__(self, pattern: str) -> None:
@@ -360,12 +360,12 @@ class NameFilter:
             raise self._error(f'{pattern[self._at]!r} has no beginning')
 
     def __call__(self, name: str) -> bool:
-        """Return whether the name is matched."""
+        """Return whether the name matches."""
         self._known.clear()
         return not self._pattern or len(name) in self._after(self._whole, name, {0})
 
     def _after(self, part: _Part, name: str, starts: set[int]) -> set[int]:
-        """Return where a part may end that begins at one of several places."""
+        """Return where a match of a part may end that begins at one of several positions."""
         ends: set[int] = set()
         for start in starts:
             if (part, start) not in self._known:
@@ -451,7 +451,7 @@ class NameFilter:
             reached = {start}
             for count in itertools.count():
                 if count >= least:
-                    reached -= found  # from those that were found earlier all has been found
+                    reached -= found  # matches from positions found earlier are known already
                     found |= reached
                 if not reached or count == most:
                     break
@@ -477,5 +477,5 @@ class NameFilter:
 
 
 def _one(test: Callable[[str], bool]) -> _Part:
-    """Return a part that is one character."""
+    """Return a part that matches one character."""
     return lambda name, start: {start + 1} if start < len(name) and test(name[start]) else set()

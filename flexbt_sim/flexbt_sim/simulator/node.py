@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The node ``simulator``: steps a world in time, and has the topics of its robots and the standard services of
+"""The node ``simulator``: steps a world, publishes the topics of its robots, and provides the standard services of
 simulators.
 
-Publishes /clock, and for each robot map, odom, pose, scan, tf, tf_static, amcl_pose, battery_state, bumper and
-robot_description; takes cmd_vel and initialpose. The robots of a world file are in namespaces of their names; as with
-Nav2, the topics of the transforms are there, too. The standard services of simulators (simulation_interfaces) are in
-the namespace of the node: add, move and remove what is in the world, pause, step and reset it.
+It publishes /clock and, for each robot, map, odom, pose, scan, tf, tf_static, amcl_pose, battery_state, bumper and
+robot_description; it subscribes to cmd_vel and initialpose. The robots of a world file have namespaces of their names,
+which include the transform topics, as with Nav2. The standard services of simulators (simulation_interfaces) are in the
+namespace of the node: they add, move and remove entities, and pause, step and reset the world.
 """
 
 from __future__ import annotations

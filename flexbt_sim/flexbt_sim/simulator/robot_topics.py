@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The topics of one robot and its devices, in its namespace, as far as they are subscribed to; and its commands.
+"""The topics of one robot and its devices, in its namespace, and its commands. Only topics with subscribers are
+published.
 
-The parts of Nav2's bringup that go with a robot are here too, under their names: robot_state_publisher's description,
-amcl's pose and lifecycle.
+This includes the parts of Nav2's bringup that belong to a robot, under their names: robot_state_publisher's
+description, amcl's pose and lifecycle.
 """
 
 from __future__ import annotations
@@ -49,22 +50,22 @@ UPDATE: Final = (0.25, 0.2)
 update_min_a."""
 
 POSES: Final = 1000
-"""Maximum number of true poses that are kept for slow subscribers: all of them make up the way of a robot."""
+"""Queue depth for true poses: a slow subscriber needs all of them for the path of a robot."""
 
 Stamp = tuple[int, int]
-"""Seconds and nanoseconds."""
+"""A time: seconds and nanoseconds."""
 
 Message = tuple[str, Callable[[Any], object], Any]
-"""The topic by its relative name, what sends a message of it, and the message or its bytes."""
+"""The relative name of the topic, the function that publishes a message, and the message or its bytes."""
 
 
 @dataclass(frozen=True)
 class Commands:
-    """The commands of a robot.
+    """The callbacks for the commands of a robot.
 
-    ``drive(robot, linear, angular)`` takes m/s and rad/s, ``place(robot, pose)`` an initial pose.
-    ``grip(robot, close)`` returns the name of what was picked up or put down. The last two raise SimulationError if
-    that is not possible. ``time()`` is the simulated time, s.
+    ``drive(robot, linear, angular)`` gets m/s and rad/s, ``place(robot, pose)`` an initial pose. ``grip(robot, close)``
+    returns the name of the obstacle that was picked up or put down. The last two raise SimulationError if that is not
+    possible. ``time()`` returns the simulated time, s.
     """
 
     drive: Callable[[Robot, float, float], None]
@@ -75,14 +76,14 @@ class Commands:
 
 @dataclass
 class _DeviceTopics:
-    """A device, its publishers by their topics, and the messages that it publishes."""
+    """A device, its publishers by topic, and its messages."""
 
     device: Device
     publishers: dict[str, Any]
     has_stamp: bool
     bytes: MessageTemplate
     sent: Any = None
-    """The news that was sent."""
+    """The news that was last sent."""
 
     @property
     def is_heard(self) -> bool:
@@ -106,7 +107,8 @@ class _DeviceTopics:
 
 
 class RobotTopics:
-    """Made and closed on the executor thread; the messages are made on the thread of the world."""
+    """The topics of a robot. They are created and closed on the executor thread; messages are created on the world
+    thread."""
 
     def __init__(
         self,
@@ -117,7 +119,7 @@ class RobotTopics:
         commands: Commands,
         in_process: IntraProcessTopics,
     ) -> None:
-        """``namespace`` is what goes before the names of the topics: '' or 'robot1/'."""
+        """``namespace`` is the prefix of the topic names: '' or 'robot1/'."""
         self.robot = robot
         self.namespace = namespace
         self._runtime = runtime
@@ -184,7 +186,7 @@ class RobotTopics:
         return subscription
 
     def _describe(self) -> None:
-        """Publish what does not change: URDF and static transforms."""
+        """Publish the URDF and the static transforms, which do not change."""
         parameters = self._parameters
         base, footprint = parameters.base_frame, parameters.footprint_frame
         sensors = {parameters.frame_of(one): one.pose for one in self.robot.sensors if one.frame}
@@ -196,7 +198,7 @@ class RobotTopics:
         self._publisher(TFMessage, names.TF_STATIC, names.transient_local_qos()).publish(TFMessage(transforms=fixed))
 
     def close(self) -> None:
-        """Take everything back: the robot is gone."""
+        """Remove all topics and services: the robot is gone."""
         self._in_process.forget(self._command)
         for publisher in (self._pose, *chain.from_iterable(one.publishers.values() for one in self._devices)):
             if isinstance(publisher, IntraProcessPublisher):
@@ -206,7 +208,7 @@ class RobotTopics:
         self._amcl.close()
 
     def _on_command(self, message: Any) -> None:
-        """On any thread: that of the sender of the command, if it is in this process."""
+        """Handle a command. On any thread: that of the sender, if it is in this process."""
         if self._is_lost(names.CMD_VEL) or self._is_late((names.CMD_VEL, self._drive, message), self._commands.time()):
             return
         self._drive(message)
@@ -278,10 +280,10 @@ class RobotTopics:
         return MessageTemplate(TFMessage(transforms=transforms), *fields)
 
     def look_round(self, now: float, *, can_cast: bool) -> None:
-        """Determine which devices have subscribers, and whether the robot is busy: it is driven, or its odometry or
-        transforms have subscribers. Nothing else is published often.
+        """Determine which devices have subscribers, and whether the robot is busy: it is being driven, or its odometry
+        or transforms have subscribers. Other messages are rare.
 
-        ``can_cast`` is whether beams can be cast without holding up the world.
+        ``can_cast`` is True if casting beams does not hold up the world.
         """
         for one in self._devices:
             one.device.is_read = one.is_heard and (can_cast or not one.device.casts)
@@ -293,7 +295,7 @@ class RobotTopics:
 
     @property
     def has_messages(self) -> bool:
-        """True if there is a message to send between two messages of odometry: a scan, a contact, a late one."""
+        """True if a message is due between two messages of odometry: a scan, a contact or a late message."""
         return any(one.has_news for one in self._devices if one.device.is_prompt) or any(self._late.values())
 
     @property
@@ -304,16 +306,16 @@ class RobotTopics:
         return any(one.node_name == names.NAVIGATION for one in heard_by)
 
     def publish_server_faults(self) -> None:
-        """Say which faults navigation servers have, if that is news. With the lock, on any thread."""
+        """Publish the faults of navigation servers if they have changed. Requires the lock; on any thread."""
         faults = tuple(one for one in self.robot.faults.values() if isinstance(one, ServerFault))
         if faults != self._told_faults:
             self._told_faults = faults
             self._server_faults.publish(faults_message(faults))
 
     def messages(self, now: float, stamp: Stamp, *, moves: bool) -> Iterator[Message]:
-        """Yield what is to be said at a time of the world, s, which is ``stamp`` by the clock that others have.
+        """Yield the messages that are due at a time of the world, s, which is ``stamp`` by the published clock.
 
-        ``moves``: odometry, pose and transforms are due.
+        ``moves`` is True if odometry, pose and transforms are due.
         """
         made = chain(self._moves(stamp) if moves else (), self._sensed(stamp, moves=moves))
         yield from (one for one in made if not (self._is_lost(one[0]) or self._is_late(one, now)))
@@ -326,8 +328,8 @@ class RobotTopics:
         return isinstance(dropped, MessagesDropped) and bool(self._loss.random() < dropped.probability)
 
     def _is_late(self, message: Message, now: float) -> bool:
-        """Return whether it has to wait, for its delay or for those of its topic that do; :meth:`messages` has it
-        then."""
+        """Return whether the message is held back by its delay or behind others of its topic; :meth:`messages` yields
+        it later."""
         late, queue = self.robot.faults.get(MessagesLate.slot_of(message[0])), self._late[message[0]]
         due = max(now + late.delay if isinstance(late, MessagesLate) else now, queue[-1][0] if queue else now)
         if due > now:
@@ -335,8 +337,8 @@ class RobotTopics:
         return due > now
 
     def _sensed(self, stamp: Stamp, *, moves: bool) -> Iterator[Message]:
-        """Yield the messages of devices, after the pose: the driver answers the pose, and the world waits for the
-        answer. A scan can be looked at meanwhile."""
+        """Yield the messages of devices. They follow the pose: the driver answers the pose and the world waits for the
+        answer, while other nodes can process the scan."""
         for one in self._devices:
             if moves or one.device.is_prompt:
                 yield from one.messages(stamp)
@@ -362,7 +364,7 @@ class RobotTopics:
             yield names.AMCL_POSE, self._amcl_pose.publish, self._amcl_message(estimate, stamp)
 
     def restart(self, robot: Robot) -> None:
-        """Follow the robot of a new world, which has the same model."""
+        """Switch to the robot of a new world, which has the same model."""
         self.robot = robot
         self._loss = generator(self._parameters.seed, robot.name, 'messages')
         self._told_at = self._told_faults = None

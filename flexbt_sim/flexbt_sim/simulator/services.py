@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The services of doors, faults and time, and the no-go zones for navigation.
 
-The time of the world has the standard services of simulators: play, pause, step, restart; and what can be done.
+The time services are the standard ones of simulators: play, pause, step, restart, and the list of supported features.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 from .core import SimulatorCore
 from .entity_services import ServiceRefusedError, answered
 
-# Doors by command: ``simulator/doors/NAME`` (std_srvs/SetBool) for each door of the world; true opens it.
+# Door commands: ``simulator/doors/NAME`` (std_srvs/SetBool) for each door of the world; true opens it.
 
 
 class DoorServices:
@@ -53,7 +53,7 @@ class DoorServices:
         self._services: dict[str, Any] = {}
 
     def update(self) -> None:
-        """Have a service for each door that there is, and for no other."""
+        """Add services for new doors and remove those of removed doors."""
         node, doors = self._simulator.runtime.node, self._simulator.world.doors
         for name in self._services.keys() - doors.keys():
             node.destroy_service(self._services.pop(name))
@@ -69,7 +69,7 @@ class DoorServices:
         return response
 
 
-# Faults on command: the service ``set_fault`` for those of the table of faults (docs/reference/world_files.md).
+# Faults on command: the service ``set_fault`` for all faults of the table in docs/reference/world_files.md.
 
 
 class FaultService:
@@ -93,13 +93,15 @@ class FaultService:
                         entity, request.fault, _mapping(request.parameters), request.after, request.duration
                     )
             response.success = True
-            self._simulator.runtime.post(self._simulator.publish_faults)  # when the answer has left: a process may die
+            self._simulator.runtime.post(
+                self._simulator.publish_faults
+            )  # after the response is sent, since the fault may kill a process
         except (FlexbtError, YamlError) as error:
             response.message = str(error)
         return response
 
     def _check(self, entity: str, request: Any) -> None:
-        """Check that a fault of a server is possible, and that a node carries it out. The world checks the rest."""
+        """Check that a server fault is possible and that a node carries it out. The world checks the other faults."""
         parameters = fault_parameters(request.fault, _mapping(request.parameters))
         if isinstance(parameters, ServerFault) and entity in self._simulator.world.robots:
             check_fault(parameters)
@@ -125,11 +127,12 @@ def _mapping(text: str) -> Mapping[str, Any]:
     return value
 
 
-# The no-go zones, published as Nav2's map_server and costmap_filter_info_server publish the mask of a KeepoutFilter.
+# The no-go zones, published like the mask of a KeepoutFilter by Nav2's map_server and costmap_filter_info_server.
 
 
 class KeepoutServer:
-    """The no-go zones as a mask, in the namespace of each robot: as soon as there are any. On the executor thread."""
+    """A publisher of the no-go zones as a mask, in the namespace of each robot, once zones exist. Executor thread
+    only."""
 
     def __init__(self, simulator: SimulatorCore) -> None:
         self._simulator = simulator
@@ -137,7 +140,7 @@ class KeepoutServer:
         self._told: tuple[OccupancyMap | None, tuple[tuple[Shape, Pose], ...]] = None, ()
 
     def update(self) -> None:
-        """Tell of the zones as they are now; robots that have come, too."""
+        """Publish the current zones, also for new robots."""
         world, no_go = self._simulator.world.map, self._simulator.world.no_go
         node, there = self._simulator.runtime.node, set(self._simulator.namespaces)
         for namespace in self._publishers.keys() - there:
@@ -165,7 +168,7 @@ class KeepoutServer:
 
 
 MOST_STEPS: Final = 1_000_000
-"""Steps of one request: hours of simulated time."""
+"""Maximum number of steps per request: hours of simulated time."""
 
 FEATURES: Final = (
     SimulatorFeatures.SPAWNING,
@@ -249,7 +252,7 @@ class TimeServices:
         if wanted == PLAYING:
             self._pacer.play()
         else:
-            with self._simulator.lock:  # not in the middle of a step: afterwards none is made
+            with self._simulator.lock:  # not in the middle of a step; no step is made afterwards
                 self._pacer.pause()
             if wanted == STOPPED:
                 self._simulator.restart()

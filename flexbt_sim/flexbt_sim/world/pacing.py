@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pacing of simulated time: in step with wall time or with the program that acts in the world, or paused.
+"""Pacing of simulated time: in step with wall time, in step with the program that acts in the world, or paused.
 
-As fast as possible (factor 0) means as fast as everybody keeps up whose work the world waits for:
+As fast as possible (factor 0) means as fast as the nodes that the world waits for keep up:
 
-- a *driver*, which answers messages of its robot by velocity commands: the world goes on when each has answered;
+- a *driver*, which answers messages of its robot with velocity commands: the world continues when each has answered;
 - a node that *computes* something that the robot waits for, such as a plan or the first command of a motion: the
-  world goes on in real time meanwhile, since on a robot a plan takes time too;
-- with neither, at :data:`IDLE_FACTOR`: faster, and the clock alone would keep the nodes of a robot busy.
+  world continues in real time meanwhile, since a plan takes time on a robot, too;
+- with neither, at :data:`IDLE_FACTOR`: if it were faster, the clock alone would keep the nodes of a robot busy.
 
-Somebody may have begun to act, and his message not be handled yet, because the computer is busy. So until what has
-arrived is handled (:data:`LOOK_SECONDS`) the world goes on in real time, and no lag is made good.
+A node may have started to act while its message is not handled yet, because the computer is busy. So the world runs in
+real time until the messages that have arrived are handled (:data:`LOOK_SECONDS`), and does not catch up afterwards.
 """
 
 from __future__ import annotations
@@ -24,16 +24,15 @@ from statistics import median_low
 from typing import Final
 
 MAX_LAG: Final = 0.2
-"""Wall time, s, by which the simulation may fall behind before the loss is given up."""
+"""Maximum lag of the simulation, s of wall time, that it catches up."""
 
 IDLE_FACTOR: Final = 50.0
-"""Speed factor of 'as fast as possible' while nobody acts."""
+"""Speed factor of 'as fast as possible' while no node acts."""
 
 LOOK_SECONDS: Final = 0.02
-"""Wall time, s, from one look whether messages have arrived to the next, at :data:`IDLE_FACTOR`; and maximum delay of
-'as fast as possible' behind its schedule: more is given up at once, since catching up would rush past nodes that are
-about to act.
-"""
+"""Wall time, s, between two checks for arrived messages at :data:`IDLE_FACTOR`. It is also the maximum lag of 'as fast
+as possible' behind its schedule: more is dropped immediately, since catching up would rush past nodes that are about to
+act."""
 
 COMPUTING_FACTOR: Final = 1.0
 """Speed factor of 'as fast as possible' while a node computes."""
@@ -46,7 +45,7 @@ STALL_SECONDS: Final = 0.5
 waits never make the world slower than real time."""
 
 Post = Callable[[Callable[[], object]], object]
-"""A function that schedules a call after everything that has arrived until now was handled."""
+"""A function that schedules a call after all messages that have arrived so far are handled."""
 
 OnStepped = Callable[[int, bool], None]
 """See :meth:`Pacer.step`."""
@@ -55,18 +54,18 @@ OnStepped = Callable[[int, bool], None]
 class Schedule:
     """A schedule of simulated time on the wall clock. Wall time is the argument ``now``; all times in s.
 
-    ``factor`` is the seconds of the simulated world per second; 0 for as fast as possible.
+    ``factor`` is simulated seconds per second of wall time; 0 for as fast as possible.
     """
 
     def __init__(self, factor: float, now: float) -> None:
-        """Raise ValueError for a factor that is negative or not finite."""
+        """Raise ValueError if the factor is negative or not finite."""
         if not 0.0 <= factor < math.inf:
             raise ValueError(f'speed factor {factor}: give 0 or a positive, finite number')
         self.factor = factor
         self.due = now
 
     def advance(self, simulated: float, now: float, fastest: float = IDLE_FACTOR) -> float:
-        """Go on by a piece of simulated time; when the world is to have got there.
+        """Advance by a piece of simulated time, and return the wall time at which the world should get there.
 
         ``fastest`` is the factor of 'as fast as possible' for this piece.
         """
@@ -80,25 +79,26 @@ class Schedule:
 class _Driver:
     commanded_at: float
     until: float
-    """Time from which the robot brakes by itself."""
+    """Time at which the robot starts to brake by itself."""
     is_stopping: bool
-    """True if its last command was to stop: there may be no further command."""
+    """True if its last command was to stop: no further command may follow."""
     intervals: deque[float] = field(default_factory=lambda: deque(maxlen=9))
 
     def is_due(self, now: float) -> bool:
-        """Return whether its next command should have come, by the interval that its commands usually have."""
+        """Return whether its next command is due, by the usual interval of its commands."""
         usual = median_low(self.intervals) if self.intervals else 0.0
         return self.commanded_at < now < self.until and now - self.commanded_at > usual - 1e-6
 
 
 class Drivers:
-    """The drivers of robots, and whose next command is due. Simulated time is the argument ``now``; all times in s."""
+    """The drivers of robots and the due times of their commands. Simulated time is the argument ``now``; all times in
+    s."""
 
     def __init__(self) -> None:
         self._drivers: dict[str, _Driver] = {}
 
     def commanded(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
-        """Note a command: the robot follows it ``until`` a time; ``is_stopping`` if it is to stop."""
+        """Record a command, which the robot follows ``until`` a time; ``is_stopping`` is True if it stops the robot."""
         driver = self._drivers.get(robot)
         if driver is None:
             self._drivers[robot] = _Driver(now, until, is_stopping)
@@ -116,17 +116,17 @@ class Drivers:
         self._drivers.clear()
 
     def acting(self, now: float) -> bool:
-        """Return whether anybody drives."""
+        """Return whether any robot has a driver."""
         for robot in [name for name, driver in self._drivers.items() if now >= driver.until]:
             self.forget(robot)
         return bool(self._drivers)
 
     def due(self, now: float) -> list[str]:
-        """Return the robots whose next command should have come."""
+        """Return the robots whose next command is due."""
         return [robot for robot, driver in self._drivers.items() if driver.is_due(now)]
 
     def did_not_answer(self, robot: str) -> None:
-        """Note that the command of this robot did not come. If its last command was to stop, expect no other."""
+        """Record that no command of this robot arrived. If its last command was to stop, expect no other."""
         driver = self._drivers.get(robot)
         if driver is not None and driver.is_stopping:
             self.forget(robot)
@@ -142,11 +142,11 @@ class _StepRequest:
 
 
 class Pacer:
-    """A pacer that waits on the wall clock after each piece of simulated time. ``stop`` ends all waiting. From any
-    thread."""
+    """A pacer that waits on the wall clock after each piece of simulated time. ``stop`` ends all waiting.
+    Thread-safe."""
 
     def __init__(self, factor: float, post: Post = lambda told: told()) -> None:
-        """Use the default ``post`` if messages are handled at once. Raises ValueError, as :class:`Schedule`."""
+        """Use the default ``post`` if messages are handled immediately. Raises ValueError, as :class:`Schedule`."""
         self._schedule = Schedule(factor, time.monotonic())
         self._post = post
         self._looked = -math.inf
@@ -160,7 +160,7 @@ class Pacer:
         self._request: _StepRequest | None = None
         """The remaining steps that were requested while time is paused."""
         self._begun: _StepRequest | None = None
-        """The request that the steps being made belong to."""
+        """The request of the steps in progress."""
 
     @property
     def factor(self) -> float:
@@ -174,10 +174,10 @@ class Pacer:
             self._schedule = Schedule(factor, time.monotonic())
             self._event.notify_all()
 
-    # -- who acts ----------------------------------------------------------------------------------------------------
+    # -- nodes that act ----------------------------------------------------------------------------------------------
 
     def command_received(self, robot: str, now: float, until: float, *, is_stopping: bool) -> None:
-        """Note a velocity command; see :meth:`Drivers.commanded`."""
+        """Record a velocity command; see :meth:`Drivers.commanded`."""
         with self._event:
             self._drivers.commanded(robot, now, until, is_stopping=is_stopping)
             self._event.notify_all()
@@ -200,7 +200,7 @@ class Pacer:
             (self._computing.add if is_computing else self._computing.discard)(who)
             self._event.notify_all()
 
-    # -- standing still ----------------------------------------------------------------------------------------------
+    # -- pausing -----------------------------------------------------------------------------------------------------
 
     @property
     def is_paused(self) -> bool:
@@ -208,24 +208,24 @@ class Pacer:
         return self._is_paused
 
     def pause(self) -> None:
-        """Let time stand still."""
+        """Pause time."""
         with self._event:
             self._is_paused = True
             self._event.notify_all()
 
     def play(self) -> None:
-        """Let time go on. Steps that were left are not made."""
+        """Resume time. Remaining steps are dropped."""
         with self._event:
             self._is_paused = False
             self._schedule = Schedule(self._schedule.factor, time.monotonic())
         self.cancel_steps()
 
     def step(self, count: int, on_stepped: OnStepped, piece: int) -> bool:
-        """Have this many steps made while time is paused; False, and nothing, while others are being made, or it does
-        not stand still.
+        """Request this many steps while time is paused. Return False, without effect, if time is not paused or other
+        steps are in progress.
 
-        ``on_stepped(left, is_over)`` is called after each ``piece`` of them or less, on the thread that steps; when no
-        more are made, for whatever reason, ``is_over``.
+        ``on_stepped(left, is_over)`` is called after at most ``piece`` steps each, on the thread that steps.
+        ``is_over`` is True if no more steps follow, for whatever reason.
         """
         with self._event:
             if not self._is_paused or self._request is not None or self._stopped:
@@ -235,7 +235,7 @@ class Pacer:
             return True
 
     def cancel_steps(self) -> None:
-        """Make no more steps."""
+        """Cancel the remaining steps."""
         with self._event:
             request, self._request = self._request, None
             self._event.notify_all()
@@ -243,9 +243,8 @@ class Pacer:
             request.on_stepped(request.left, True)
 
     def begin(self, most: int) -> tuple[int, bool]:
-        """Return how many steps may be made now, up to ``most``, and whether they are those that were asked for while
-        time stands still; it waits for them then. 0 after :meth:`stop`.
-        """
+        """Return the number of steps to make now, up to ``most``, and whether they were requested with :meth:`step`.
+        While time is paused, wait for such a request. Return 0 steps after :meth:`stop`."""
         with self._event:
             self._event.wait_for(lambda: self._stopped or not self._is_paused or self._request is not None)
             if self._stopped:
@@ -267,7 +266,8 @@ class Pacer:
     # -- on the thread that steps ------------------------------------------------------------------------------------
 
     def wait(self, steps: int, simulated: float, now: float) -> None:
-        """Let the wall time of ``steps`` pass that took ``simulated`` seconds, until the simulated time ``now``."""
+        """Wait until the wall time for ``steps`` has passed: ``simulated`` seconds, up to the simulated time
+        ``now``."""
         with self._event:
             request = self._begun if self._begun is self._request else None
             if request is not None:
@@ -293,12 +293,12 @@ class Pacer:
         while not self._stopped and (left := self._schedule.due - time.monotonic()) > 0.0:
             is_over = self._drivers.acting(now) or (computing and not self._computing)
             if is_over and self._schedule.factor == 0.0:
-                self._schedule = Schedule(0.0, time.monotonic())  # it is done, and waited for no longer
+                self._schedule = Schedule(0.0, time.monotonic())  # the computation is done: stop waiting for it
                 return
             self._event.wait(min(left, threading.TIMEOUT_MAX)) if left > 0.005 else self._sleep(left)
 
     def _look(self, simulated: float) -> None:
-        """See now and then that what has arrived is handled. It is waited for in real time."""
+        """Check regularly that the messages that have arrived are handled; wait for that in real time."""
         now, schedule = time.monotonic(), self._schedule
         if self._has_handled and now - self._looked >= LOOK_SECONDS:
             self._looked, self._has_handled = now, False
@@ -315,7 +315,7 @@ class Pacer:
             self._event.notify_all()
 
     def _wait_for_answers(self, simulated: float, now: float) -> None:
-        """Let the drivers answer, for a short time. Simulated time goes on from then."""
+        """Wait for a short time for the drivers to answer. Simulated time continues from then."""
         schedule, began = self._schedule, time.monotonic()
 
         def is_over() -> bool:

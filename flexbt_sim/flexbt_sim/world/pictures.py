@@ -22,16 +22,16 @@ from .scenery import Obstacle
 from .world import World
 
 PIXELS: Final = 900
-"""Default of the longer side of a picture, pixels."""
+"""Default length of the longer side of a picture, pixels."""
 
 MAX_PIXELS: Final = 8000
 MAX_FRAMES: Final = 5000
 _FINE: Final = 2
-"""Factor by which pictures are drawn larger and then scaled down, so that lines are smooth."""
+"""Factor by which pictures are drawn larger before they are scaled down, for smooth lines."""
 
 _FONT: Final = 20
 _PAD: Final = 4
-"""Size of letters, and of the paper round a text, pixels of the finer picture."""
+"""Font size and margin of a text, pixels of the larger picture."""
 
 _ZONES: Final = {'no_go': (214, 69, 65), 'slow': (230, 168, 23), 'sensor_shadow': (120, 90, 170)}
 _PAPER: Final = (245, 245, 242)
@@ -40,12 +40,12 @@ _ROBOTS: Final = ((0, 122, 135), (196, 78, 22), (85, 107, 47), (125, 60, 152), (
 Colour = tuple[int, ...]
 
 Paths = Mapping[str, Sequence[Point]]
-"""Planned paths by the names of who has planned them."""
+"""Planned paths, by the names of their robots."""
 
 
 @dataclass(frozen=True)
 class TraceFrame:
-    """Everything that moves, at a simulated time, s: outlines and poses of bodies by name, scans with their origins."""
+    """The moving things at a simulated time, s: outlines and poses of bodies by name, scans with their origins."""
 
     time: float
     bodies: Mapping[str, tuple[Shape, Pose]]
@@ -53,34 +53,34 @@ class TraceFrame:
 
 
 class Trace:
-    """A history of a world: each :meth:`record` adds its present state."""
+    """A history of a world: each :meth:`record` adds its current state."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         self.frames = [frame_of(world)]
 
     def record(self) -> None:
-        """Record the present state of the world.
+        """Record the current state of the world.
 
         Raises:
-            SimulationError: there are MAX_FRAMES already.
+            SimulationError: the trace has MAX_FRAMES already.
         """
         if len(self.frames) >= MAX_FRAMES:
             raise SimulationError(f'{MAX_FRAMES} frames are the most that a trace has; record less often')
         self.frames.append(frame_of(self._world))
 
     def driven(self, name: str, until: float = math.inf) -> list[Point]:
-        """Return where a body was, up to a time, s."""
+        """Return the positions of a body, up to a time, s."""
         seen = (one.bodies[name][1] for one in self.frames if one.time <= until and name in one.bodies)
         return [(pose.x, pose.y) for pose in seen]
 
     def animate(
         self, file: Path | str, *, speed: float = 10.0, pixels: int = 500, paths: Paths | None = None
     ) -> None:  # fmt: skip
-        """Write a moving picture, GIF or PNG by the suffix of the file, ``speed`` times as fast as it was.
+        """Write an animation, GIF or PNG by the suffix of the file, at ``speed`` times the simulated speed.
 
         Raises:
-            SimulationError: the suffix or the size is none.
+            SimulationError: the suffix or the size is invalid.
         """
         target = Path(file)
         if target.suffix.lower() not in ('.gif', '.png'):
@@ -95,7 +95,7 @@ class Trace:
 
 
 def frame_of(world: World) -> TraceFrame:
-    """Return how a world is now."""
+    """Return the current state of a world."""
     bodies = {
         name: (body.shape, body.pose)
         for kind in (world.obstacles, world.doors, world.robots)
@@ -116,8 +116,9 @@ def draw_world(
     """Return a picture of a world: map, zones, stations, places, obstacles, doors, robots with footprint, heading and
     scan.
 
-    With a trace, also where the robots have driven up to then; ``paths`` are planned ones by names, dashed. ``pixels``
-    is the longer side, ``time`` the time shown in the picture, s, by default that of the world.
+    With a trace, the picture also shows the driven paths up to its time. ``paths`` are planned paths by name, drawn
+    dashed. ``pixels`` is the length of the longer side. ``time`` is the time shown in the picture, s, by default that
+    of the world.
 
     Raises:
         SimulationError: the number of pixels is invalid.
@@ -128,7 +129,7 @@ def draw_world(
 
 
 class _Drawing:
-    """The still parts of a world, and the scale, at which every frame fits into the picture."""
+    """The static parts of a world, with a scale at which every frame fits into the picture."""
 
     def __init__(self, world: World, pixels: int, frames: Sequence[TraceFrame]) -> None:
         if not 16 <= pixels <= MAX_PIXELS:
@@ -165,7 +166,7 @@ class _Drawing:
     def _paste_map(self, picture: Image.Image, grid: OccupancyMap) -> None:
         grey = numpy.where(grid.cells == UNKNOWN, 205, 255 - grid.cells.astype(int) * 2.2).astype(numpy.uint8)
         cells = Image.fromarray(numpy.ascontiguousarray(grey[::-1]))
-        # From pixels of the picture to those of the map, which may be turned.
+        # Transform pixels of the picture to those of the map, which may be rotated.
         cos, sin = math.cos(grid.origin.yaw) / grid.resolution, math.sin(grid.origin.yaw) / grid.resolution
         step, dx, dy = 1.0 / self._scale, self._left - grid.origin.x, self._top - grid.origin.y
         right = (step * cos, -step * sin, dx * cos + dy * sin)
@@ -212,7 +213,7 @@ class _Drawing:
     def _label(
         self, pen: ImageDraw.ImageDraw, point: Point, anchor: str, text: str, colour: Colour = (90, 90, 90)
     ) -> None:
-        """Draw a text on a plate, all of it in the picture. ``anchor`` as in Pillow."""
+        """Draw a text on a plate, wholly inside the picture. ``anchor`` as in Pillow."""
         left, top, right, bottom = pen.textbbox(point, text, font_size=_FONT, anchor=anchor)
         dx = max(_PAD - left, min(0.0, self._size[0] - _PAD - right))
         dy = max(_PAD - top, min(0.0, self._size[1] - _PAD - bottom))
@@ -243,7 +244,7 @@ class _Drawing:
             pen.rectangle((x - 2, y - 2, x + 1, y + 1), fill=(220, 40, 40))
 
     def _dashes(self, pen: ImageDraw.ImageDraw, points: Sequence[Point]) -> None:
-        """Draw a dashed line, 12 pixels on and 8 off, also round corners."""
+        """Draw a dashed line, 12 pixels on and 8 off, which continues around corners."""
         travelled = 0.0
         for (x0, y0), (x1, y1) in pairwise(points):
             length = math.hypot(x1 - x0, y1 - y0)
@@ -260,7 +261,7 @@ class _Drawing:
 
 
 def _extent(world: World, frames: Sequence[TraceFrame]) -> Iterable[Point]:
-    """Points that have to be on a picture."""
+    """Return the points that a picture must contain."""
     if world.map is not None:
         grid = world.map
         for row in (-0.5, grid.height - 0.5):

@@ -15,21 +15,21 @@ from flexbt_sim.world.plane.space import Normals, WorldView, generator
 from flexbt_sim.world.specification import FaultModel
 
 COMMAND_PERIOD: Final = 0.05
-"""Time from command to command, s, of a program that steps the world itself: 20 Hz, as Nav2's controller server."""
+"""Time between commands, s, of a program that steps the world itself: 20 Hz, as Nav2's controller server."""
 
 CONVERGENCE: Final = (1.0, 0.8)
-"""Within this, m and rad, of where the robot is, an initial pose makes its localization right again."""
+"""Maximum error, m and rad, of an initial pose that corrects the localization."""
 
 D = TypeVar('D', bound=Device)
 
 
 class Robot(Carrier):
-    """A robot. Its state depends on the seed, its name, the commands and the world only.
+    """A robot. Its state depends only on the seed, its name, the commands and the world.
 
-    ``pose`` is where it is; ``odometry`` what its wheels say, from where it was started or placed; ``estimate`` where
-    its localization says that it is. ``linear`` and ``angular`` are the speeds of its wheels, m/s and rad/s.
-    ``in_contact`` says whether something has ended its last movement: it has stopped there. ``devices`` are what it
-    carries, by their names; ``sensors`` those that measure.
+    ``pose`` is its true pose; ``odometry`` the pose by its wheels, relative to its start; ``estimate`` the pose by its
+    localization. ``linear`` and ``angular`` are the speeds of its wheels, m/s and rad/s. ``in_contact`` is True if a
+    contact has ended its last movement; the robot then stops. ``devices`` are the devices that it carries, by name;
+    ``sensors`` those that measure.
     """
 
     def __init__(self, name: str, model: RobotModel, pose: Pose, seed: int = 0) -> None:
@@ -39,7 +39,7 @@ class Robot(Carrier):
         self.faults: dict[str, FaultModel] = {}
         self.zones: tuple[str, ...] = ()
         self.speed_limit = math.inf
-        """m/s, of the slow zones that it is in."""
+        """Speed limit, m/s, of the slow zones that it is in."""
         self.violations = 0
         """Number of times that it entered a no-go zone."""
         self.contacts = 0
@@ -49,7 +49,7 @@ class Robot(Carrier):
         self.sensors = tuple(one for one in self.devices.values() if isinstance(one, Sensor))
         self.battery = self.device(Battery)
         self._is_exact = model.odometry == OdometryModel() and not model.drive.slip
-        """The odometry follows the pose then, and is not integrated."""
+        """If True, the odometry follows the pose instead of being integrated."""
         self.reset()
 
     def reset(self) -> None:
@@ -65,7 +65,7 @@ class Robot(Carrier):
         self.place(self.start)
 
     def place(self, pose: Pose) -> None:
-        """Put the robot somewhere, at rest. Its odometry knows nothing of it, its localization all."""
+        """Put the robot at a pose and stop it. Its odometry does not notice; its localization is corrected."""
         self._measured = compose(self.odometry, inverse(pose))
         self.pose = pose
         self.linear = self.angular = self._linear = self._angular = 0.0
@@ -77,9 +77,9 @@ class Robot(Carrier):
         self._correction = self._by_map if self.in_shadow else None
 
     def command(self, linear: float, angular: float, now: float) -> None:
-        """Take a velocity command, m/s and rad/s, at a simulated time in s.
+        """Follow a velocity command, m/s and rad/s, received at a simulated time, s.
 
-        It is cut to the limits. One that is not finite is not followed in any part: it means to stop.
+        The command is clipped to the limits. A command with a value that is not finite stops the robot.
         """
         model = self.model.drive
         if not (math.isfinite(linear) and math.isfinite(angular)):
@@ -98,15 +98,15 @@ class Robot(Carrier):
 
     @property
     def twist(self) -> tuple[float, float]:
-        """Velocity over ground, m/s and rad/s, which slipping wheels do not measure."""
+        """Velocity over ground, m/s and rad/s. Slipping wheels do not measure it."""
         return self.linear * self._grip, self.angular * self._grip
 
     def is_driven(self, now: float) -> bool:
-        """Return whether it moves, or has a command, which may be to stand, that its watchdog has not ended."""
+        """Return whether it moves or has a command, even one to stop, that its watchdog has not ended."""
         return bool(self.linear or self.angular or now < self._until)
 
     def device(self, kind: type[D]) -> D | None:
-        """Return its device of a kind, if it has one."""
+        """Return its device of this class, or None."""
         one = self.devices.get(kind.name)
         return one if isinstance(one, kind) else None
 
@@ -118,33 +118,33 @@ class Robot(Carrier):
 
     @property
     def is_powered(self) -> bool:
-        """True if its battery, if it has one, has energy."""
+        """True if it has no battery or its battery is not empty."""
         return self.battery is None or self.battery.level > 0.0
 
     # -- localization ------------------------------------------------------------------------------------------------
 
     @property
     def _by_map(self) -> Pose:
-        """The transform from the frame map to the frame odom that is right now."""
+        """The true transform from the frame map to the frame odom."""
         return compose(self.pose, inverse(self.odometry))
 
     @property
     def _tracked(self) -> Pose:
-        """The pose that the localization would have without its error: in a sensor shadow by odometry alone."""
+        """The pose of the localization without its error: in a sensor shadow, by odometry alone."""
         return self.pose if self._correction is None else compose(self._correction, self.odometry)
 
     @property
     def map_to_odom(self) -> Pose:
-        """The transform from the frame map to the frame odom, as the localization has it."""
+        """The transform from the frame map to the frame odom, by the localization."""
         return compose(compose(self._error, self._tracked), inverse(self.odometry))
 
     @property
     def estimate(self) -> Pose:
-        """The pose of the robot in the map, as its localization has it."""
+        """The pose of the robot in the map, by the localization."""
         return compose(self.map_to_odom, self.odometry)
 
     def localize(self, pose: Pose) -> bool:
-        """Tell the localization where the robot is (initialpose); whether it finds the robot from there."""
+        """Set the pose of the localization (initialpose); return whether that localizes the robot."""
         distance, turn = CONVERGENCE
         found = pose.distance(self.pose) <= distance and abs(wrap(pose.yaw - self.pose.yaw)) <= turn
         if found and self._correction is not None:
@@ -166,7 +166,7 @@ class Robot(Carrier):
             self._error = compose(jumped, inverse(self._tracked))
 
     def end(self, slot: str) -> None:
-        """End a fault. A lost localization is right again."""
+        """End a fault. A lost localization is corrected."""
         ended = self.faults.pop(slot, None)
         if isinstance(ended, LocalizationLost):
             self._error = Pose(0.0, 0.0, 0.0)
@@ -176,7 +176,7 @@ class Robot(Carrier):
     # -- movement ----------------------------------------------------------------------------------------------------
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
-        """Move for a short time, s, at speeds that are taken as constant."""
+        """Move for a short time, s, at constant speeds."""
         model = self.model.drive
         linear, angular = self._wanted if surroundings.time < self._until else (0.0, 0.0)
         if self.battery is not None:
@@ -190,7 +190,7 @@ class Robot(Carrier):
             self._get_lost(duration)
         if linear == angular == self._linear == self._angular == 0.0:
             self.linear = self.angular = 0.0
-            return  # and so it stays
+            return  # the robot stays where it is
         self._linear = self.linear = _approach(self._linear, linear, model.linear_acceleration * duration)
         self._angular = self.angular = _approach(self._angular, angular, model.angular_acceleration * duration)
         if self.faults and isinstance(stuck := self.faults.get(StuckWheel.name), StuckWheel):
@@ -198,7 +198,7 @@ class Robot(Carrier):
         self._move(surroundings, duration)
 
     def _drag(self, stuck: StuckWheel) -> None:
-        """One wheel, or both, do not turn."""
+        """Apply the fault of wheels that do not turn."""
         model = self.model.drive
         left = 0.0 if stuck.side != 'right' else self.linear - self.angular * model.wheel_separation / 2.0
         right = 0.0 if stuck.side != 'left' else self.linear + self.angular * model.wheel_separation / 2.0
@@ -234,7 +234,7 @@ class Robot(Carrier):
             self._turn_on(surroundings, angular * grip, duration - moved)
 
     def _turn_on(self, surroundings: WorldView, angular: float, duration: float) -> None:
-        """Turn a robot that is blocked, as far as it can."""
+        """Turn a blocked robot as far as possible."""
         start = self.pose
         reach = abs(angular) * self.shape.turning_radius
         moved = surroundings.advance(self, lambda time: drive(start, 0.0, angular, time), reach, duration)
@@ -243,7 +243,7 @@ class Robot(Carrier):
             self.angular = self._angular = 0.0
 
     def _measure(self, linear: float, angular: float, duration: float) -> None:
-        """Odometry of a movement of the wheels."""
+        """Update the odometry by a movement of the wheels."""
         if self._is_exact:
             return
         model = self.model.odometry
@@ -255,7 +255,7 @@ class Robot(Carrier):
         self._odometry = drive(self._odometry, linear, angular, duration)
 
     def enter(self, zones: tuple[str, ...], speed_limit: float, forbidden: int, *, in_shadow: bool) -> None:
-        """Note the zones that it is in now; ``forbidden`` of them are no-go zones that it was not in before."""
+        """Record the zones that it is in; ``forbidden`` is the number of no-go zones that it was not in before."""
         if in_shadow != self.in_shadow:
             self._correction = self._by_map if in_shadow else None
         self.zones, self.speed_limit, self.in_shadow = zones, speed_limit, in_shadow
