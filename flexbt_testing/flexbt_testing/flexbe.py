@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """FlexBE's tests of states and behaviors (``.test`` files, ``PyTester``), run on FlexBT's engine.
 
-``python3 -m flexbt_testing.flexbe FILE.test ...`` runs files. The exit code is 1 if one fails.
+``python3 -m flexbt_testing.flexbe FILE.test ...`` runs files. The exit code is 1 if a test fails.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from .waiting import wait_until
 
 _KEYS: Final = frozenset({'path', 'class', 'name', 'import_only', 'params', 'input', 'output', 'outcome'})
 _NEEDS: Final = frozenset({'launch', 'data', 'wait_cond', 'require_launch_success'})
-"""Requirements of a test that are not provided here."""
+"""Test requirements that are not supported here."""
 
 _SEQUENCE: Final = 'tag:yaml.org,2002:seq'
 _MAPPING: Final = 'tag:yaml.org,2002:map'
@@ -57,7 +57,7 @@ class StateTestError(FlexbtError):
 
 @dataclass(frozen=True)
 class StateTest:
-    """The content of a file: the class under test and what is expected of it. ``outcome`` is '' for ``import_only``."""
+    """The content of a file: the class under test and the expectations. ``outcome`` is '' for ``import_only``."""
 
     file: Path
     module: str
@@ -72,12 +72,12 @@ class StateTest:
 def read_state_test(file: Path) -> StateTest:
     """Read a test.
 
-    A text that begins with ``lambda`` is a function, ``None`` is None, and ``//x`` is the text ``/x``. Of Python's
-    objects only ROS messages are made, in the form in which PyYAML writes them.
+    A text that begins with ``lambda`` is a function, ``None`` is None, and ``//x`` is the text ``/x``. The only Python
+    objects are ROS messages, in the form in which PyYAML writes them.
 
     Raises:
         StateTestError: the file does not exist, is not YAML, has unknown keys, lacks a key, or
-            needs something that is not made here.
+            needs something that is not supported here.
     """
     try:
         node = compose_yaml(read_text(file), aliases=True)
@@ -108,7 +108,7 @@ def read_state_test(file: Path) -> StateTest:
 
 
 def _subject(file: Path, content: Mapping[str, Any]) -> tuple[str, str]:
-    """Return module and class. A behavior's name stands for both, as FlexBE's editor derives them."""
+    """Return module and class. The name of a behavior implies both, as in FlexBE's editor."""
     path = content.get('path')
     if not isinstance(path, str):
         raise StateTestError(f'{file}: path is missing; give the module of the class')
@@ -138,7 +138,7 @@ def _value(file: Path, value: Any) -> Any:
 
 
 def _function(file: Path, text: str) -> Any:
-    """Return a function that is written in a test, which is code of the same author as what it tests."""
+    """Return a function written in a test. Its author also wrote the code under test."""
     try:
         tree = ast.parse(text, mode='eval')
     except SyntaxError as error:
@@ -149,7 +149,7 @@ def _function(file: Path, text: str) -> Any:
 
 
 def _plain(node: yaml.Node) -> Any:
-    """Plain data, and the messages in it."""
+    """Return plain data, with the messages in it."""
     if node.tag.startswith(_OBJECT):
         found = _MESSAGE.fullmatch(node.tag.removeprefix(_OBJECT))
         if found is None:
@@ -163,7 +163,7 @@ def _plain(node: yaml.Node) -> Any:
 
 
 def _fields(node: yaml.Node) -> Any:
-    """Return the fields of a message, plain: the second item of its state, each with an underscore in front."""
+    """Return a message's fields as plain data: the second item of its state, with underscores before the names."""
     if isinstance(node, yaml.SequenceNode):
         return [_fields(item) for item in node.value]
     if not isinstance(node, yaml.MappingNode):
@@ -189,16 +189,16 @@ def _entries(node: yaml.MappingNode) -> dict[Any, yaml.Node]:
     return entries
 
 
-# Runs a test of FlexBE's, of a state or of a behavior, on the engine of FlexBT.
+# Run a FlexBE test of a state or behavior on the engine of FlexBT.
 
 SECONDS: Final = 10.0
-"""Maximum time for which what is tested may run, s."""
+"""Maximum duration of a test run, s."""
 
 
 def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS) -> list[str]:
-    """Run a test; what is wrong, nothing when it passes.
+    """Run a test and return its failures, none if it passes.
 
-    A state is a separate machine. A behavior runs as FlexBE's unsupervised ones: transitions are taken whatever
+    A state runs in a machine of its own. A behavior runs unsupervised, as in FlexBE: all transitions pass, whatever
     autonomy they require.
     """
     try:
@@ -240,7 +240,7 @@ def _load(test: StateTest) -> type[Any]:
     try:
         shim.install()
         found = getattr(importlib.import_module(test.module), test.class_name, None)
-    except (Exception, SystemExit) as error:  # whatever foreign code raises when it is imported
+    except (Exception, SystemExit) as error:  # foreign code may raise anything when it is imported
         raise StateTestError(f'{where} cannot be imported: {"".join(traceback.format_exception_only(error))}') from None
     if not (isinstance(found, type) and issubclass(found, EventState | Behavior)):
         raise StateTestError(f'{where} is neither an EventState nor a Behavior, but {short_repr(found)}')
@@ -248,7 +248,7 @@ def _load(test: StateTest) -> type[Any]:
 
 
 def _machine(test: StateTest, subject: type[Any]) -> OperatableStateMachine:
-    """Return what is run for a test. On the thread of the run."""
+    """Return the machine to run for a test. Call it on the thread of the run."""
     if issubclass(subject, EventState):
         state = subject(**test.parameters)
         machine = OperatableStateMachine(outcomes=list(state.outcomes))
@@ -282,7 +282,7 @@ def _has_ended(run: Run) -> bool:
     return run.outcome is not None or run.refusal is not None
 
 
-# FlexBE's base of test cases that run ``.test`` files of a package.
+# FlexBE's base class of test cases that run ``.test`` files of a package.
 
 
 class PyTester(unittest.TestCase):
@@ -327,7 +327,7 @@ class PyTester(unittest.TestCase):
         self.node: Any = self._bench.runtime.node
 
     def run_test(self, test_name: str, timeout_sec: float | None = None, max_cnt: int | None = 50) -> None:
-        """Run ``test_name.test``. The time counts; ticks, as in FlexBE (``max_cnt``), there are not."""
+        """Run ``test_name.test`` within a time limit. ``max_cnt``, FlexBE's limit on ticks, has no effect."""
         assert PyTester._file_path is not None
         try:
             test = read_state_test(Path(PyTester._file_path, f'{test_name}.test'))
@@ -337,7 +337,7 @@ class PyTester(unittest.TestCase):
         self.assertEqual(problems, [], f'{test.file} failed')
 
 
-# Runs files with tests of FlexBE's: ``python3 -m flexbt_testing.flexbe FILE.test ...``.
+# Run files with FlexBE tests: ``python3 -m flexbt_testing.flexbe FILE.test ...``.
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

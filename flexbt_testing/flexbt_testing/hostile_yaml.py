@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Texts that keep a careless reader of YAML busy, end its process, or make it raise what nobody expects."""
+"""Texts that make a careless YAML reader hang, crash, or raise unexpected errors."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Waiting for what a test wants to see, with a deadline; and a clock for what has to be fast."""
+"""Waiting for conditions with a deadline, and a clock for tests of speed."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any, Final
 
 DEADLINE: Final = 60.0
-"""Seconds within which what a test waits for has to happen, on a busy machine too."""
+"""Time limit for the events that a test waits for, s; long enough for a busy machine."""
 
 RESEND_SECONDS: Final = 2.0
 """Time after which a message without an answer is sent again, s of wall time."""
 
 MESSAGE_BYTES: Final = 2_000
-"""The greatest poses and velocities that are looked at."""
+"""Maximum size of the poses and velocities that are read, bytes."""
 
 _SHORTEST_PAUSE: Final = 0.002
 _LONGEST_PAUSE: Final = 0.01
@@ -28,15 +28,15 @@ _STATISTICS: Final = Path('/proc/stat')
 
 
 def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadline: float = DEADLINE) -> Any:
-    """Return the first true value of the condition, which is asked again and again for ``deadline`` seconds.
+    """Poll the condition for up to ``deadline`` seconds, and return its first true value.
 
-    A condition that has taken long already is checked less often: the time is known to a hundredth, and the waiting
+    A condition that has taken long is polled less often: the measured time is accurate to one percent, and the waiting
     thread leaves the processors to the awaited one.
 
-    A condition may look at the last of what has come, although nothing has: an IndexError counts as false.
+    An IndexError counts as false, so a condition may look at the last message before any has arrived.
 
     Raises:
-        AssertionError: there was none in time; the text names ``what`` (which is called for it, if it can be).
+        AssertionError: the condition was not true in time; the text contains ``what`` (or its result, if callable).
     """
     start = time.monotonic()
     pause = threading.Event()
@@ -52,20 +52,24 @@ def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadli
 
 
 def uncontended_time() -> float:
-    """Seconds on a clock that stands still, or goes back, while anything on this machine waits for a processor.
+    """Return the seconds on a clock that stands still, or goes back, while anything on this machine waits for a
+    processor.
 
-    A limit measured by it is one for what is tested, and says nothing of how busy the machine was: it is strict on an
-    idle machine and lenient on a busy one. The sources are Linux' pressure stall information ("some" of the processors,
-    `Documentation/accounting/psi.rst`), and the time that a hypervisor took from processors that had work ("steal" in
-    `/proc/stat`, see `proc_stat(5)`), of which the former does not know; several processors from which it takes at once
-    count each. Where the kernel does not give pressure the clock always stands still.
+    A limit on this clock tests the code, regardless of the load of the machine: it is strict on an idle machine and
+    lenient on a busy one.
+
+    It has two sources. One is Linux' pressure stall information ("some" of the processors,
+    `Documentation/accounting/psi.rst`). The other is the time that a hypervisor took from processors with work ("steal"
+    in `/proc/stat`, see `proc_stat(5)`), which pressure does not include; if it takes time from several processors at
+    once, each counts. On a kernel without pressure information the clock always stands still.
     """
     return time.monotonic() - contended_time()
 
 
 def contended_time() -> float:
-    """Seconds in which :func:`uncontended_time` stood still, until now: from one moment to another one, as much as what
-    is bound by the clock of a simulation may be late.
+    """Return the seconds for which :func:`uncontended_time` has stood still so far.
+
+    The difference between two moments is the delay to allow for events that depend on the clock of a simulation.
     """
     try:
         waited = _PRESSURE.read_text().partition('total=')[2].partition('\n')[0]

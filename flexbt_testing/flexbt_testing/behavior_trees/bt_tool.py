@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``bt_tool`` and other commands, called in this process, with documents for them: stock trees, broken and hostile
-XML.
-"""
+"""In-process calls of ``bt_tool`` and other commands, and documents for them: stock, broken and hostile trees."""
 
 from __future__ import annotations
 
@@ -29,12 +27,12 @@ class Done(NamedTuple):
 
 
 def called(main: Callable[[Sequence[str]], int], words: Sequence[str]) -> Done:
-    """Run the main function of a command; the standard streams are caught."""
+    """Run the main function of a command, and capture the standard streams."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             code = main(words)
-        except SystemExit as exit:  # of argparse
+        except SystemExit as exit:  # raised by argparse
             assert isinstance(exit.code, int)
             code = exit.code
     return Done(code, out.getvalue(), err.getvalue())
@@ -46,7 +44,7 @@ def tool(*words: str) -> Done:
 
 
 def document(*trees: str, main: str | None = 'Main') -> str:
-    """Return a file; each tree begins with its ID: ``Main: <AlwaysSuccess/>``, and is on a separate line."""
+    """Return a file with one tree on each line. Each begins with its ID: ``Main: <AlwaysSuccess/>``."""
     head = '<root BTCPP_format="4"' + (f' main_tree_to_execute="{main}">' if main else '>')
     parts = [tree.partition(':') for tree in trees]
     bodies = [f'<BehaviorTree ID="{id}">{body.strip()}</BehaviorTree>' for id, _, body in parts]
@@ -54,7 +52,7 @@ def document(*trees: str, main: str | None = 'Main') -> str:
 
 
 def without_marks(text: str) -> tuple[str, list[str]]:
-    """Return a text in which ``^`` stands before places, without these marks, and the places as ``line:column``."""
+    """Return a text without its ``^`` marks, and the marked places as ``line:column``."""
     places = []
     while (position := text.find('^')) >= 0:
         line = text.count('\n', 0, position) + 1
@@ -68,7 +66,7 @@ def behavior_tool(*words: str) -> Done:
     return called(behavior_main, words)
 
 
-# Documents that are broken, or meant to do harm: contents, and words of the first error that each has to give.
+# Broken or malicious documents: the content, and words that the first error must contain.
 
 TREE = document(
     'Main: <Sequence name="é"><AlwaysSuccess/><SubTree ID="Sub" a="{b}"/></Sequence>', 'Sub: <AlwaysSuccess/>'
@@ -150,8 +148,10 @@ CORPUS: dict[str, tuple[bytes, str]] = {
     'CDATA that never ends': (_TEXT.replace(b'</root>', b'<![CDATA[' + b']' * 500_000), 'never closed'),
     'something after the end': (_TEXT + b'<!-- fine --> and more', 'outside of the root'),
 }  # fmt: skip
-"""Hostile documents, each with words of its error. A document without words ('') may also be accepted, within the same
-bounds of time and memory."""
+"""Hostile documents, each with words of its error.
+
+A document without words ('') may also be accepted, within the same limits of time and memory.
+"""
 
 ACCEPTED: dict[str, bytes] = {
     'a BOM': b'\xef\xbb\xbf' + _TEXT,

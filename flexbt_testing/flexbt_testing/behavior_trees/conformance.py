@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Comparison of the engine with BehaviorTree.CPP, event by event.
 
-``python3 -m flexbt_testing.behavior_trees.conformance --count 20000 --seed 0`` does it from a shell.
+To run it from a shell: ``python3 -m flexbt_testing.behavior_trees.conformance --count 20000 --seed 0``.
 
-A profile says what the random trees consist of: ``wheel`` is a corpus of all nodes, and ``scripts`` has more scripts,
-pre- and post-conditions, and missing entries. A seed always means the same tree.
+A profile selects the contents of the random trees: ``wheel`` is a corpus of all nodes; ``scripts`` has more scripts,
+pre- and post-conditions, and missing entries. A seed always gives the same tree.
 """
 
 from __future__ import annotations
@@ -22,14 +22,13 @@ from .wheel import traces
 PROFILES: Final[dict[str, Callable[[int], dict[str, Any]]]] = {'wheel': wheel_case, 'scripts': script_case}
 
 BLOCKS: Final = range(1 if os.environ.get('FLEXBT_ACCELERATION') == '0' else 4)
-"""Blocks of random trees that the tests compare: one without acceleration, whose cases are all judged with it too."""
+"""Blocks of random trees in the tests; only one without acceleration, whose cases also run with it."""
 
 
 def difference(expected: dict[str, Any], actual: dict[str, Any]) -> str:
-    """Return the first difference between a trace of BehaviorTree.CPP and one of the engine; '' when there is none.
+    """Return the first difference between a trace of BehaviorTree.CPP and one of the engine; '' if none.
 
-    Errors are compared by where they happen, not by their texts. Of the blackboards those are compared which the
-    library shows.
+    Errors are compared by place, not by text. Blackboards are compared only where the library shows them.
     """
     if 'crash' in expected:
         return ''
@@ -40,13 +39,13 @@ def difference(expected: dict[str, Any], actual: dict[str, Any]) -> str:
     steps = zip([*expected['steps'], expected['final']], [*actual['steps'], actual['final']], strict=False)
     for number, (theirs, ours) in enumerate(steps):
         if 'would make a text of' in (ours['error'] or ''):
-            return ''  # it is longer than the engine allows
+            return ''  # longer than the engine allows
         where = f'step {number} {theirs["op"]}'
         for index, (event, mine) in enumerate(zip(theirs['events'], ours['events'], strict=False)):
             if event != mine:
                 return f'{where}, event {index}: {event} != {mine}'
         if theirs['error'] and ours['error'] and theirs['op'] == ['halt']:
-            # A script of _onHalted has failed: there what was not halted yet goes on, here all is halted on purpose.
+            # A script of _onHalted failed. There the remaining nodes keep running; here all are halted, on purpose.
             return ''
         if len(theirs['events']) != len(ours['events']):
             return (
@@ -65,7 +64,7 @@ def difference(expected: dict[str, Any], actual: dict[str, Any]) -> str:
 
 
 def compare(cases: Iterable[dict[str, Any]]) -> Iterator[tuple[dict[str, Any], dict[str, Any], str]]:
-    """For each case: the case, the trace of BehaviorTree.CPP, and the difference of ours to it."""
+    """Yield for each case: the case, the trace of BehaviorTree.CPP, and our difference from it."""
     cases = list(cases)
     for case, expected in zip(cases, traces(cases), strict=True):
         yield case, expected, difference(expected, Run(case).trace())
@@ -87,7 +86,7 @@ def main() -> None:
 
 
 def judge(profile: str, first: int, count: int, show: int) -> int:
-    """Compare the trees of these seeds, print what is found, and return the number of those that differ."""
+    """Compare the trees of these seeds, print the differences, and return the number of differing trees."""
     events = differing = crashed = errors = 0
     for start in range(first, first + count, 1000):
         seeds = range(start, min(start + 1000, first + count))

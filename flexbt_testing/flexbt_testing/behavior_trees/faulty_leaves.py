@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Leaves that work, block, raise and return what they should not, and a record of those whose work goes on."""
+"""Leaves that work, block, raise or return invalid values, and a record of unfinished work."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STATUSES = {'S': NodeStatus.SUCCESS, 'F': NodeStatus.FAILURE, 'K': NodeStatus.SK
 
 
 class Unprintable(Exception):
-    """An error of which no text can be made."""
+    """An error that cannot be converted to text."""
 
     def __str__(self) -> str:
         raise ValueError('no text')
@@ -51,13 +51,13 @@ FAULTS: dict[str, Callable[[], BaseException]] = {
     'Unprintable': Unprintable,
     'ExceptionGroup': lambda: BaseExceptionGroup('several', [SystemExit(), ValueError()]),
 }
-"""Factories of what a leaf raises, by the ``kind`` of its port."""
+"""Factories of the exceptions that a leaf raises, by the value of its port ``kind``."""
 
 KIND = {'kind': input_port(STRING, default='RuntimeError')}
 
 
 def raise_fault(leaf: TreeNode) -> NoReturn:
-    """Raise what the port ``kind`` of a leaf says."""
+    """Raise the exception that the port ``kind`` of a leaf selects."""
     raise FAULTS[leaf.get_input('kind')]()
 
 
@@ -68,32 +68,32 @@ NONSENSE: dict[str, Any] = {
 
 
 class Work:
-    """The leaves whose work has begun and not ended. Safe to use from several threads."""
+    """The leaves with unfinished work. Safe to use from several threads."""
 
     _lock = threading.Lock()
     _running: ClassVar[collections.Counter[str]] = collections.Counter()
 
     @classmethod
     def begin(cls, leaf: TreeNode) -> None:
-        """Work of ``leaf`` begins."""
+        """Record the start of work by ``leaf``."""
         with cls._lock:
             cls._running[leaf.path] += 1
 
     @classmethod
     def end(cls, leaf: TreeNode) -> None:
-        """Work of ``leaf`` is over."""
+        """Record the end of work by ``leaf``."""
         with cls._lock:
             cls._running[leaf.path] -= 1
 
     @classmethod
     def running(cls) -> dict[str, int]:
-        """Paths of leaves, and how many pieces of their work go on; what has ended twice is negative."""
+        """Return the number of unfinished pieces of work by leaf path; negative if work ended twice."""
         with cls._lock:
             return {path: count for path, count in cls._running.items() if count}
 
 
 def tree_threads() -> list[str]:
-    """Name of the threads of runs and of leaves that are alive."""
+    """Return the names of the live threads of runs and of leaves."""
     return [thread.name for thread in threading.enumerate() if thread.name.startswith(('tree ', 'leaf '))]
 
 
@@ -101,7 +101,7 @@ TIMED = {'ms': input_port(INT, default='10'), 'result': input_port(STRING, defau
 
 
 class Runs(StatefulAction):
-    """Runs for a while."""
+    """A leaf that runs for a while."""
 
     ports: ClassVar[dict[str, Any]] = TIMED
 
@@ -122,7 +122,7 @@ class Runs(StatefulAction):
 
 
 class RaisesInHalt(Runs):
-    """Runs for a while, and raises when it is halted."""
+    """A leaf that runs for a while, and raises when it is halted."""
 
     ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
 
@@ -156,13 +156,13 @@ class SlowToStop(CoroutineAction):
             for _ in range(2):
                 await self.sleep(0.002)
             raise
-        finally:  # a halt may come in the block before as well
+        finally:  # a halt may also come in the block above
             Work.end(self)
         return STATUSES[self.get_input('result')]
 
 
 class InCoroutine(CoroutineAction):
-    """A leaf that waits by the clock of the tree, in a coroutine."""
+    """A leaf that waits on the clock of the tree, in a coroutine."""
 
     ports: ClassVar[dict[str, Any]] = TIMED
 
@@ -172,7 +172,7 @@ class InCoroutine(CoroutineAction):
 
 
 class InThread(ThreadedAction):
-    """A leaf that works in a thread, which ends a while after the halt."""
+    """A leaf that works in a thread, which ends some time after the halt."""
 
     ports: ClassVar[dict[str, Any]] = TIMED
 
@@ -188,20 +188,20 @@ class InThread(ThreadedAction):
 
 
 class Held:
-    """Something that never ends, until a test lets it."""
+    """A lock that holds callers until a test releases them."""
 
     release: ClassVar[threading.Event] = threading.Event()
     entered: ClassVar[threading.Event] = threading.Event()
 
     @classmethod
     def reset(cls) -> None:
-        """For the next test."""
+        """Reset for the next test."""
         cls.release.clear()
         cls.entered.clear()
 
     @classmethod
     def hold(cls, busy: bool = False) -> None:
-        """Blocks the caller, in a wait or in a busy loop."""
+        """Block the caller, in a wait or in a busy loop."""
         cls.entered.set()
         while busy and not cls.release.is_set():
             pass
@@ -227,7 +227,7 @@ class HeldInHalt(Runs):
 
 
 class HeldThread(ThreadedAction):
-    """A leaf that works in a thread which ignores a halt."""
+    """A leaf that works in a thread that ignores a halt."""
 
     def run(self) -> NodeStatus:
         Held.hold()
@@ -235,7 +235,7 @@ class HeldThread(ThreadedAction):
 
 
 class RaisesInTick(SyncAction):
-    """Raises."""
+    """A leaf that raises in its tick."""
 
     ports: ClassVar[dict[str, Any]] = KIND
 
@@ -244,7 +244,7 @@ class RaisesInTick(SyncAction):
 
 
 class RaisesInCondition(Condition):
-    """Raises."""
+    """A condition that raises."""
 
     ports: ClassVar[dict[str, Any]] = KIND
 
@@ -253,7 +253,7 @@ class RaisesInCondition(Condition):
 
 
 class RaisesInStart(Runs):
-    """Raises."""
+    """A leaf that raises when it starts."""
 
     ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
 
@@ -267,14 +267,14 @@ class RaisesWhileRunning(Runs):
     ports: ClassVar[dict[str, Any]] = {**TIMED, **KIND}
 
     def on_running(self) -> NodeStatus:
-        if self.status is NodeStatus.RUNNING:  # and stays so: the halt of the tree ends the work
+        if self.status is NodeStatus.RUNNING:  # and keeps this status: the halt of the tree ends the work
             raise_fault(self)
         self.wake()
         return NodeStatus.RUNNING
 
 
 class RaisesInThread(ThreadedAction):
-    """Raises."""
+    """A leaf that raises in its thread."""
 
     ports: ClassVar[dict[str, Any]] = KIND
 
@@ -283,7 +283,7 @@ class RaisesInThread(ThreadedAction):
 
 
 class RaisesInCoroutine(CoroutineAction):
-    """Raises."""
+    """A leaf that raises in its coroutine."""
 
     ports: ClassVar[dict[str, Any]] = KIND
 
@@ -293,7 +293,7 @@ class RaisesInCoroutine(CoroutineAction):
 
 
 class RaisesInDecorator(Decorator):
-    """Raises."""
+    """A decorator that raises."""
 
     ports: ClassVar[dict[str, Any]] = KIND
 
@@ -351,7 +351,7 @@ class Counts(SyncAction):
 
 
 class Fails(SyncAction):
-    """A leaf that fails for a reason of which the test has the text."""
+    """A leaf that fails with a reason that the test checks."""
 
     reason: ClassVar[str] = ''
 
@@ -360,7 +360,7 @@ class Fails(SyncAction):
 
 
 class Scribbles(StatefulAction):
-    """A leaf whose thread writes and removes entries for a while, without any precaution."""
+    """A leaf whose thread writes and removes entries for a while, without synchronization."""
 
     ports: ClassVar[dict[str, Any]] = {'count': input_port(INT)}
 
@@ -394,5 +394,5 @@ ALL = (
 
 
 def register(registry: NodeRegistry) -> None:
-    """Add all of them."""
+    """Register all of these leaves."""
     registry.register_classes(ALL)

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Random trees of all nodes and scripted leaves, by number, for the comparison with BehaviorTree.CPP: a corpus, and
-trees with more scripts.
+"""Random trees of all nodes and scripted leaves, by number, for the comparison with BehaviorTree.CPP.
 
-The same seed always gives the same tree. Left out is what the library does not do the same way twice or in two of its
-versions (timers that fire, text that looks like a number on the ports of a sub-tree or for a Switch, a child of
-SkipUnlessUpdated or WaitValueUpdate that is not done in one tick), and what this engine does differently on purpose.
+One generator makes a fixed corpus, another makes trees with more scripts. The same seed always gives the same tree.
+
+The trees avoid cases in which the library is not deterministic or its versions differ: timers that fire, text that
+looks like a number on the ports of a sub-tree or for a Switch, and a child of SkipUnlessUpdated or WaitValueUpdate that
+is not done in one tick. They also avoid the deliberate differences of this engine.
 """
 
 from __future__ import annotations
@@ -63,16 +64,16 @@ LOOPS = (
 class _Generator:
     """The corpus: the nodes and scripts on which the versions 4.8.2 and 4.10 of the library agree.
 
-    Both were run on it without a difference. So the order of its random choices is fixed, and none may be added or left
-    out.
+    Both versions ran it without a difference. Therefore the order of its random choices is fixed: do not add or remove
+    any.
     """
 
     if_empty: tuple[str, ...] = ('SUCCESS', 'FAILURE', 'SKIPPED')
     then_skip: tuple[str, ...] = ('true', 'false')
-    """Texts that ports of loops and of RunOnce may have."""
+    """Values of the ports of loops and of RunOnce."""
 
     def __init__(self, seed: int) -> None:
-        # A separate generator for each seed: cases do not depend on the order in which they are made.
+        # A separate generator for each seed makes cases independent of the order in which they are made.
         self._random = random.Random(f'btcpp-wheel-{seed}')
         pick, chance = self._random.choice, self._random.random
         self._count = 0
@@ -216,7 +217,7 @@ class _Generator:
         return letters + 'I' if self._random.random() < 0.004 else letters
 
     def _accesses(self) -> Attributes:
-        """Return what a leaf writes and reads."""
+        """Return the attributes for what a leaf writes and reads."""
         pick, chance = self._random.choice, self._random.random
         attributes: Attributes = []
         if chance() <= 0.12:
@@ -330,7 +331,7 @@ class _Generator:
                 ports.append(('max_failures', str(pick((-1, 0, 1, most)))))
         attributes = self._attributes(ports)
         if tag.startswith('Switch'):
-            # Now and then without the default, which is an error when the node is ticked.
+            # Sometimes without the default, which is an error when the node is ticked.
             least = most = count + 1 if chance() < 0.985 else count
         children = self._children(least, most, depth, tag == 'ReactiveSequence')
         return self._element(tag, 'Control', attributes, children)
@@ -414,21 +415,22 @@ class _Generator:
 
 
 def wheel_case(seed: int) -> dict[str, Any]:
-    """Return the case of the corpus of this number."""
+    """Return the case of the corpus with this number."""
     return _Generator(seed).case()
 
 
 NEW = ('u', 'v', 'w')
-"""Entries that only scripts make."""
+"""Entries that only scripts create."""
 
 
 class _ScriptGenerator(_Generator):
-    """Trees with scripts of every kind, of which some fail when they run, and with entries that are missing. New nodes
-    are added here, since the corpus stays as it is.
+    """Trees with all kinds of scripts, including scripts that fail, and with missing entries.
 
-    The scripts mean the same in 4.8.2 as in 4.10, whose grammar the engine has: every operator has its parentheses, and
-    ``true`` stands only where it does not matter whether it is an integer or a double. Left out is what the engine does
-    differently on purpose: numbers that grow out of the type of their entry.
+    Add new nodes here, because the corpus must not change.
+
+    The scripts mean the same in 4.8.2 as in 4.10, whose grammar the engine follows: every operator has parentheses, and
+    ``true`` occurs only where integer and double make no difference. Excluded is one deliberate difference of the
+    engine: numbers that outgrow the type of their entry.
     """
 
     if_empty = ('SUCCESS', 'FAILURE', 'SKIPPED', 'RUNNING')
@@ -440,7 +442,7 @@ class _ScriptGenerator(_Generator):
         pick = self._random.choice
         self._scripts = pick((0.1, 0.3, 0.5))
         self._conditional = pick((0.0, 0.1, 0.25, 0.5))
-        # Entries that are missing at first, or removed.
+        # Some entries are missing at first, or removed.
         self._gaps = pick((True, False))
 
     def case(self) -> dict[str, Any]:
@@ -454,10 +456,10 @@ class _ScriptGenerator(_Generator):
         return case
 
     def _assignment(self, key: str) -> tuple[str, str, Any]:
-        """Return a value of the kind of ``key``, for that entry or one of another kind."""
+        """Return a value of the kind of ``key``, for that entry or for one of another kind."""
         pick = self._random.choice
-        # An entry that was only declared keeps a number of the other kind as it is in the library; here it gets
-        # the type that was declared. So with gaps the kinds are kept apart.
+        # In the library, an entry that was only declared keeps a number of the other kind unchanged. Here the number
+        # gets the declared type. So cases with gaps keep the kinds apart.
         if key in INTEGERS:
             return key if self._gaps else pick((*INTEGERS, *INTEGERS, 'd')), 'i', self._random.randint(0, 5)
         if key in REALS:
@@ -465,7 +467,7 @@ class _ScriptGenerator(_Generator):
         if key in TEXTS:
             return pick((*TEXTS, *TEXTS, 'a', 'd')), 's', pick(('x', '7', 'foo'))
         key = pick(('k', 'k', 'a'))
-        # The library refuses false, and takes true, for an entry of integers; this engine takes both.
+        # For an entry of integers the library rejects false but accepts true; this engine accepts both.
         return key, 'b', True if key == 'a' else pick((True, False))
 
     def _write(self) -> str:
@@ -492,7 +494,7 @@ class _ScriptGenerator(_Generator):
         return f'({self._number(depth + 1)} {pick("++-**/")} {self._number(depth + 1)})'
 
     def _new(self) -> str:
-        """Return an entry that scripts have to make first. It may be missing, which is an error."""
+        """Return an entry that scripts must create first. It may be missing, which is an error."""
         return self._random.choice(NEW) if self._random.random() < 0.2 else 'd'
 
     def _text(self, depth: int = 0) -> str:
@@ -502,7 +504,7 @@ class _ScriptGenerator(_Generator):
             return pick((*TEXTS, "'x'", "'foo'", "''", "'7'"))
         if chance < 0.6:
             return f'({self._truth(depth + 1)} ? {self._text(depth + 1)} : {self._text(depth + 1)})'
-        # Not a number with something behind it, which a Switch of 4.8.2 takes for that number.
+        # Avoid a number followed by other text: a Switch of 4.8.2 reads it as that number.
         return f"(('x' .. {self._text(depth + 1)}) .. {pick((self._text(depth + 1), *INTEGERS, '2', '0.5'))})"
 
     def _truth(self, depth: int = 0) -> str:
@@ -548,7 +550,7 @@ class _ScriptGenerator(_Generator):
             case 'u':
                 return f'{pick(NEW)} := {pick((self._number(1), self._random.randint(0, 9)))}'
             case _:
-                # What may fail.
+                # Statements that may fail.
                 wrong = 's = 1', 'd = s', 'a += s', 'u *= t', 'w = 1'
                 return pick((f'{pick(INTEGERS)} = ({pick(INTEGERS)} / 2)', *wrong))
 
@@ -572,5 +574,5 @@ class _ScriptGenerator(_Generator):
 
 
 def script_case(seed: int) -> dict[str, Any]:
-    """Return the case of this number with more scripts."""
+    """Return the case with more scripts and this number."""
     return _ScriptGenerator(seed).case()

@@ -57,7 +57,7 @@ Event = list[Any]
 
 
 class Script:
-    """The script of a leaf: what it does at its calls."""
+    """The script of a leaf: its results and blackboard accesses, call by call."""
 
     def __init__(self, node: TreeNode, extra: Mapping[str, str], events: list[Event]) -> None:
         self._node = node
@@ -124,7 +124,7 @@ class Deco(Decorator):
 
 def registry() -> NodeRegistry:
     """Return the registry of the engine with the scripted nodes."""
-    # Code is made of a script at its second run, so that all that runs more often tests both of its forms.
+    # Generate code at the second run of a script, so that longer tests cover both of its forms.
     nodes = builtin_registry(ScriptLibrary(min(1, WARM_UP)))
     nodes.register_classes((Act, Sync, Cond, Deco))
     return nodes
@@ -146,10 +146,10 @@ def content(board: Blackboard, key: str) -> list[str]:
 
 
 class Run:
-    """One case on the engine."""
+    """A case that runs on the engine."""
 
     def __init__(self, case: Mapping[str, Any], *, observed: bool = True, monitor: TreeMonitor | None = None) -> None:
-        """Without ``observed`` the trace has no changes of statuses, and the tree does not report them."""
+        """Build the tree. Without ``observed`` the trace omits status changes, and the tree does not report them."""
         self._case = case
         self._monitor = monitor
         self._observers = (self._transition,) if observed else ()
@@ -157,9 +157,10 @@ class Run:
         self._clock = ManualClock()
 
     def trace(self) -> dict[str, Any]:
-        """``{'load_error', 'steps', 'final'}``; a step is ``{'op', 'status', 'error', 'events', 'bb', 'statuses'}``.
+        """Run the case and return ``{'load_error', 'steps', 'final'}``.
 
-        The last are those of all nodes after the step, which the library does not show.
+        A step is ``{'op', 'status', 'error', 'events', 'bb', 'statuses'}``. ``statuses`` has the statuses of all nodes
+        after the step, which the library does not show.
         """
         board = Blackboard()
         for key, value in self._case.get('bb', {}).items():

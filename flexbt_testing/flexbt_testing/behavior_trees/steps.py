@@ -35,15 +35,17 @@ from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 
 PATIENCE = 10.0
-"""Seconds (wall) after which what another thread should have done has not happened."""
+"""Time limit for the actions of another thread, s of wall time."""
 
 LETTERS = {'S': NodeStatus.SUCCESS, 'F': NodeStatus.FAILURE, 'R': NodeStatus.RUNNING, 'K': NodeStatus.SKIPPED}
 NAMES = {status: letter for letter, status in LETTERS.items()}
 
 
 class Step(StatefulAction):
-    """A leaf whose name is ``script_number``: a letter of the script for each call, repeated; calls and halts are
-    noted."""
+    """A leaf with the name ``script_number``: it returns one letter of the script at each call, repeatedly.
+
+    It records its calls and halts.
+    """
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -73,7 +75,7 @@ def make(
     extra: Sequence[type[TreeNode]] = (),
     enums: Mapping[str, int] = {},
 ) -> tuple[Tree, list[str]]:
-    """Return the tree, and the list of what its leaves do. ``extra`` are more node classes that it may have."""
+    """Return the tree, and the list of its leaves' actions. ``extra`` are further node classes."""
     calls: list[str] = []
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(text, 'f', _registry(branch, tuple(extra), tuple(enums.items())))])
@@ -104,7 +106,7 @@ def control(tag: str, *scripts: str, **ports: str) -> str:
 
 
 def check(body: str, expected: str, branch: Nav2Branch = 'jazzy') -> Tree:
-    """Assert that the tree does what is ``expected``, as in the notation above; gives the tree as it is at the end."""
+    """Assert that the tree does what is ``expected``, in the notation above. Return the tree in its final state."""
     tree, calls = make(body, branch=branch)
     for number, text in enumerate(expected.split('|')):
         words = text.split()
@@ -136,7 +138,7 @@ def _write(tree: Tree, word: str) -> None:
 
 
 def first_failure(body: str) -> tuple[str, str, list[str]]:
-    """Why the tree fails at its first tick that completes: node responsible, reason, and the chain from the root."""
+    """Return the failure of the first completed tick: node at fault, reason, and chain from the root."""
     tree, _ = make(body)
     for _ in range(20):
         status = tree.tick_once()
@@ -148,7 +150,7 @@ def first_failure(body: str) -> tuple[str, str, list[str]]:
 
 
 class Woken:
-    """A leaf that waits for the wake-ups of a tree."""
+    """A receiver of a tree's wake-ups, which a test can wait for."""
 
     def __init__(self, tree: Tree) -> None:
         self._event = threading.Event()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The trees that come with Nav2, out of a clone of its repository, if there is one beside the workspace."""
+"""Trees that come with Nav2, read from a clone of its repository if one is available."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ DIRECTORY: Final = 'nav2_bt_navigator/behavior_trees'
 
 
 def stock_trees(branch: str) -> Mapping[str, str]:
-    """Return the files of a branch of ros-navigation/navigation2, name: XML; none if there is no clone.
+    """Return the trees of a branch of ros-navigation/navigation2 as name: XML; none without a clone.
 
-    The clone is the directory that the environment variable FLEXBT_NAVIGATION2 names, or one beside the workspace.
+    The clone is the directory in the environment variable FLEXBT_NAVIGATION2, or one next to the workspace.
     """
     named = os.environ.get('FLEXBT_NAVIGATION2')
     clones = [Path(named)] if named else sorted(WORKSPACE.parent.glob('*/*navigation2/repo'))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes of users, well-behaved and not, and random trees of them and of the nodes of the engine."""
+"""User-defined nodes, well-behaved and not, and random trees of them and the engine's nodes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus.RUNNING, NodeStatus.SUCCESS, Nod
 
 
 class Flip(Condition):
-    """A condition that holds every other time; raises if its name says so."""
+    """A condition that holds every other time. It raises if its name says so."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
@@ -37,7 +37,7 @@ class Flip(Condition):
 
 
 class Busy(StatefulAction):
-    """RUNNING twice, then SUCCESS."""
+    """A leaf that is RUNNING twice, then SUCCESS."""
 
     def on_start(self) -> NodeStatus:
         self.left = 2
@@ -53,7 +53,7 @@ class Busy(StatefulAction):
 
 
 class Moody(SyncAction):
-    """A node that stores statuses by itself."""
+    """A node that stores statuses itself."""
 
     def tick(self) -> NodeStatus:
         self.status = RUNNING
@@ -103,7 +103,7 @@ class Twice(Decorator):
 
 
 class Fickle(ControlNode):
-    """Not derived from Control: nobody knows what it does."""
+    """A node that does not derive from Control, so that its behavior is unknown."""
 
     def execute(self) -> NodeStatus:
         self.status = RUNNING
@@ -114,7 +114,7 @@ class Fickle(ControlNode):
 
 
 def make(body: str, more: Iterable[type[TreeNode]] = (), **options: Any) -> Tree:
-    """Return a tree of these nodes, and of ``more``."""
+    """Return a tree of these nodes and ``more``."""
     registry = builtin_registry()
     register_nav2(registry)
     registry.register_classes((Flip, Busy, Moody, Careless, Twice, Fickle, *more))
@@ -165,7 +165,7 @@ CONTROLS = (
 
 
 def random_body(seed: int) -> str:
-    """Return the XML of a random tree. The entry ``n`` is a number."""
+    """Return the XML of a random tree. The entry ``n`` holds a number."""
     source = random.Random(seed)
 
     def node(depth: int) -> str:
@@ -183,7 +183,7 @@ def random_body(seed: int) -> str:
 
 
 def run_some(tree: Tree, seed: int) -> None:
-    """One random step in the life of a tree."""
+    """Do one random operation on a tree."""
     source = random.Random(seed)
     clock = tree.context.clock
     assert isinstance(clock, ManualClock)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs scripted cases (see ``scripted_nodes``) on BehaviorTree.CPP itself, through the PyPI wheel ``behaviortreepy``.
+"""Run scripted cases (see ``scripted_nodes``) on BehaviorTree.CPP, through the PyPI wheel ``behaviortreepy``.
 
 The library shows inner statuses only to its console logger. So this file is a separate program whose standard output is
-a memory file: the logger writes to it line by line, the scripted leaves write to it too, and so the order is exact.
-Reads cases from standard input, one JSON document a line, and writes one trace a line to where its output went.
+a memory file. The logger and the scripted leaves both write to it line by line, so the order is exact. The program
+reads one JSON case per line from standard input, and writes one trace per line to its original output.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _KEPT: list[Any] = []
 
 
 class ConsoleTape:
-    """Everything that is written to file descriptor 1, as events."""
+    """Everything written to file descriptor 1, as events."""
 
     def __init__(self) -> None:
         self._file = os.memfd_create('events')
@@ -57,7 +57,7 @@ class ConsoleTape:
 
 
 class WheelRun:
-    """One case on BehaviorTree.CPP."""
+    """A case that runs on BehaviorTree.CPP."""
 
     def __init__(self, library: Any, tape: ConsoleTape, case: dict[str, Any]) -> None:
         self._library = library
@@ -100,16 +100,16 @@ class WheelRun:
                 break
         result = {'load_error': None, 'steps': steps, 'final': self._step(['halt'])}
         if '_onHalted' in self._case['xml']:
-            # The destructor of a tree runs these scripts again, and one that raises there ends the process.
+            # The destructor of a tree runs these scripts again, and an exception there ends the process.
             _KEPT.append((logger, self._tree, factory))
         del logger
-        # The tree before the factory, whose manifests it uses.
+        # Delete the tree before the factory, whose manifests it uses.
         self._tree = None
         self._tape.take()
         return result
 
     def _call(self, node: Any, phase: str) -> Any:
-        # An exception would be printed and taken for FAILURE: none may leave this method.
+        # An exception would be printed and treated as FAILURE, so none may leave this method.
         path = node.full_path()
         script = self._scripts.get(node.name(), {})
         scope = path.rpartition('/')[0]
@@ -151,7 +151,7 @@ class WheelRun:
                 case ['halt']:
                     self._tree.halt_tree()
                 case ['sleep', milliseconds]:
-                    time.sleep(milliseconds / 1000.0)  # lets the timer threads of the library run
+                    time.sleep(milliseconds / 1000.0)  # let the timer threads of the library run
                 case ['set', key, kind, value]:
                     _write(self._boards[''], key, kind, value)
                 case ['unset', key]:
@@ -168,7 +168,7 @@ class WheelRun:
 
 
 def _attributes_by_name(xml: str) -> dict[str, dict[str, str]]:
-    """Return the scripts of the case: the library does not show these attributes to its nodes."""
+    """Return the script attributes of the case, which the library does not show to its nodes."""
     try:
         root = ElementTree.fromstring(xml)  # noqa: S314 - cases are made by this project
     except ElementTree.ParseError:
@@ -188,7 +188,7 @@ def _write(board: Any, key: str, kind: str, value: Any) -> None:
 
 
 def _content(board: Any, key: str) -> list[str]:
-    """As ``bt_scripted.content``: the kind of an entry shows in which getters refuse it, and how."""
+    """Return an entry as ``scripted_nodes.content`` does. Its kind follows from which getters refuse it, and how."""
     try:
         board.get_bool(key)
         refusal = ''
@@ -214,12 +214,14 @@ def available() -> bool:
 
 
 def traces(cases: Iterable[dict[str, Any]], deadline: float = 5.0) -> Iterator[dict[str, Any]]:
-    """Yield the traces of the cases, in order. ``{'crash': ...}`` for a case that kills the library, or never ends
-    (s)."""
+    """Yield the traces of the cases, in order.
+
+    Yield ``{'crash': ...}`` for a case that kills the library, or takes longer than ``deadline`` seconds.
+    """
     process: subprocess.Popen[bytes] | None = None
     try:
         for number, case in enumerate(cases):
-            # A new process every now and then: trees that were left behind keep their timer threads.
+            # Replace the process from time to time, because abandoned trees keep their timer threads.
             if process is not None and number % 500 == 0:
                 _end(process)
                 process = None
@@ -260,7 +262,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def main() -> None:
-    """Traces of the cases on standard input."""
+    """Write the traces of the cases on standard input."""
     output = os.fdopen(os.dup(1), 'w')
     tape = ConsoleTape()
     library = importlib.import_module('behaviortreepy')
@@ -268,7 +270,7 @@ def main() -> None:
         json.dump(WheelRun(library, tape, json.loads(line)).trace(), output)
         output.write('\n')
         output.flush()
-    # Timer threads of the library may be alive; its destructors at exit are not part of the trace.
+    # Timer threads of the library may be alive; the destructors at exit must not become part of the trace.
     os._exit(0)
 
 

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Repeated starts of executables, as forks of one process that has loaded what they need.
+"""Repeated starts of executables, as forks of one process that has already loaded their modules.
 
-Loading takes most of the time that a start takes of a processor, and is the same each time. A fork goes on where
-:func:`run_main` has loaded the module: it has the arguments, the environment and the standard streams that it is given,
-and the working directory of the caller, and ends as the executable does. Only the beginning differs: the interpreter,
-its options and the entry point. Tests that are about these start the executable itself.
+Loading takes most of the processor time of a start, and is the same each time. A fork continues where :func:`run_main`
+has loaded the module. It gets its arguments, environment and standard streams with the request, has the working
+directory of the caller, and ends like the executable. Only the beginning differs: the interpreter, its options and the
+entry point. Tests of these start the executable itself.
 """
 
 from __future__ import annotations
@@ -35,17 +35,22 @@ AVAILABLE: Final = hasattr(os, 'pidfd_open')
 
 _MAX_REQUEST: Final = 1_000_000
 _NODES: Final = ('flexbt_navigation.', 'flexbt_onboard.', 'flexbt_server.', 'flexbt_sim.')
-"""Prefixes of the modules whose programs no signal interrupts: their locks are watched."""
+"""Prefixes of modules whose programs no signal interrupts: their locks are watched."""
 _KEEP_STACKS: Final = f'glibc.pthread.stack_cache_size={1 << 40}'
-"""LTTng, which rclpy loads, cancels its threads as a process ends. A fork does not have them; if it has many threads
-itself, the C library returns the memory of those, and the fork would end by a segmentation fault."""
+"""Setting that keeps the stacks of ended threads.
+
+LTTng, which rclpy loads, cancels its threads as a process ends. A fork does not have these threads. If it has many
+threads itself, the C library frees their memory, and the fork would crash with a segmentation fault.
+"""
 _READ_AS_MODULES_ARE_LOADED: Final = ('FLEXBT_', 'PYTHON', 'RMW_', 'RCUTILS_', 'ROS_PYTHON_', 'NUMBA_', 'LANG', 'LC_')
-"""Prefixes of the names of variables that modules read as they are loaded. A process reads the others when it needs
-them, such as ROS_DOMAIN_ID."""
+"""Prefixes of environment variables that modules read as they are loaded.
+
+A process reads others, such as ROS_DOMAIN_ID, when it needs them.
+"""
 
 
 class ForkedProcess:
-    """A process that a :class:`ForkServer` has started: what of :class:`subprocess.Popen` is of use for it."""
+    """A process started by a :class:`ForkServer`. It has the useful part of :class:`subprocess.Popen`."""
 
     def __init__(self, server: ForkServer, pid: int) -> None:
         self.pid = pid
@@ -74,21 +79,21 @@ class ForkedProcess:
         return self.returncode
 
     def send_signal(self, number: int) -> None:
-        """Send a signal, unless it has ended."""
+        """Send a signal, unless the process has ended."""
         if self.returncode is None:
             with contextlib.suppress(ProcessLookupError):
                 signal.pidfd_send_signal(self._end, number)
 
     def kill(self) -> None:
-        """kill -9."""
+        """Send SIGKILL."""
         self.send_signal(signal.SIGKILL)
 
 
 class ForkServer:
-    """The process that starts others, by the modules whose ``main()`` they run.
+    """The process that starts others. Each runs the ``main()`` of a module.
 
-    ``modules``: names of those modules, and of more that they would import, and of functions that load more, which they
-    would call after their start: what numba has compiled takes longer than all else.
+    ``modules`` are the names of those modules, of further modules that they would import, and of functions to call
+    before forking that load more. Loading code that numba has compiled takes longer than all else.
     """
 
     def __init__(self, *modules: str) -> None:
@@ -96,7 +101,8 @@ class ForkServer:
         self._socket, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with other:
             words = [sys.executable, '-m', __name__, str(other.fileno()), *modules]
-            # In its own session: Ctrl-C in the terminal is for the caller, which then ends what it has started.
+            # In a separate session: Ctrl-C in the terminal reaches only the caller, which then ends the processes it
+            # has started.
             self._process = subprocess.Popen(
                 words,
                 stdin=subprocess.DEVNULL,
@@ -115,10 +121,10 @@ class ForkServer:
         module: str = '',
         errors: int | None = None,
     ) -> int:
-        """Start a process with this command line, what it says going to the file ``output``; gives its number.
+        """Start a process with this command line and its output in the file ``output``; return its process id.
 
-        ``fifo``: from where its threads are held up (:mod:`.hold_up`). ``module``: what it runs; without one, the first
-        of the server's. ``errors``: another file for standard error.
+        ``fifo`` is the file for commands that hold up its threads (:mod:`.hold_up`). ``module`` is the module to run,
+        by default the first one of the server. ``errors`` is a separate file for standard error.
         """
         request = {
             'module': module or self._modules[0],
@@ -130,11 +136,11 @@ class ForkServer:
         return self._ask(request, [output, output if errors is None else errors])
 
     def exit_code(self, pid: int) -> int:
-        """Of a process that has ended."""
+        """Return the exit code of a process that has ended."""
         return self._ask({'ended': pid})
 
     def close(self) -> None:
-        """End it, and the processes that it has started and that run still."""
+        """End the server, and the processes that it has started and that still run."""
         self._socket.close()
         self._process.wait()
 
@@ -146,7 +152,7 @@ class ForkServer:
         except OSError as error:
             cause = error
         finally:
-            if not answer:  # interrupted, perhaps: the answer that comes still would be taken for that to the next
+            if not answer:  # maybe interrupted: a late answer would be taken for that of the next request
                 self._socket.close()
         if not answer:
             code = self._process.wait()
@@ -155,9 +161,9 @@ class ForkServer:
 
 
 def fork_server(*modules: str) -> ForkServer:
-    """Return the one of these modules in this process: it begins when it is first asked for, and ends with the process.
+    """Return the server for these modules in this process. It starts on first use, and ends with the process.
 
-    There is another for each environment that modules would find as they are loaded.
+    Each environment that modules read as they are loaded has a separate server.
     """
     environment = {name: value for name, value in os.environ.items() if name.startswith(_READ_AS_MODULES_ARE_LOADED)}
     return _fork_server(frozenset(environment.items()), *modules)
@@ -171,9 +177,9 @@ def _fork_server(_environment: frozenset[tuple[str, str]], *modules: str) -> For
 
 
 def _serve(connection: socket.socket) -> tuple[dict[str, Any], list[int]] | None:
-    """Start processes, and report how they have ended; None when nobody asks any more, and those left are ended.
+    """Start processes and report their exit codes until the caller is gone; then kill the remaining ones, return None.
 
-    In each fork it gives what that has been asked to become: the request, and the files for what it says.
+    In each fork, return the request and the files for its output.
     """
     left: set[int] = set()
     while True:
@@ -197,7 +203,7 @@ def _serve(connection: socket.socket) -> tuple[dict[str, Any], list[int]] | None
 
 
 def _become(request: Mapping[str, Any], files: Sequence[int]) -> str:
-    """In the fork: what a process is given when it is started. Gives the module that it runs."""
+    """Set up the fork as a newly started process, and return the module to run."""
     sys.argv = request['words']
     os.environ.clear()
     os.environ.update(request['environment'])
@@ -205,7 +211,7 @@ def _become(request: Mapping[str, Any], files: Sequence[int]) -> str:
     for stream, file in enumerate(files, 1):
         os.dup2(file, stream)
         os.close(file)
-    # Those of the server know whether its files can be sought in.
+    # Create new streams, because those of the server remember whether its files are seekable.
     said, told = os.fdopen(1, 'w', closefd=False), os.fdopen(2, 'w', 1, errors='backslashreplace', closefd=False)
     vars(sys).update(stdout=said, __stdout__=said, stderr=told, __stderr__=told)
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -215,13 +221,13 @@ def _become(request: Mapping[str, Any], files: Sequence[int]) -> str:
 
 
 def main() -> int:
-    """Load the modules and serve; a fork runs the ``main()`` of its module, and gives its exit code."""
+    """Load the modules and serve. A fork runs the ``main()`` of its module and returns its exit code."""
     descriptor, first, *others = sys.argv[1:]
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if first.startswith(_NODES):
         watch_locks_if_asked()
     load(first)
-    gc.disable()  # as `load` does
+    gc.disable()  # like `load`
     for name in others:
         found = pkgutil.resolve_name(name)
         if callable(found):

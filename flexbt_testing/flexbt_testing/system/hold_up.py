@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs an executable one thread of which can be made to hang, as a callback that does not return would.
+"""Run an executable in which a thread can be made to hang, like a callback that does not return.
 
 Usage: python -m flexbt_testing.system.hold_up FIFO EXECUTABLE [ARGUMENT ...]
 
-A line that is written to FIFO names a method that the thread calls again and again, and seconds:
-``flexbt_common.runtime.node_runtime.NodeRuntime._run_posted 3.0``. Its next call takes longer by this time. The
-interpreter goes on, and with it all other threads of the process: a stopped process (SIGSTOP) is another case.
-``interpreter 3.0`` has the whole interpreter hang, as a collection of garbage or a call of C does that keeps the GIL,
-while the middleware goes on.
+A line written to FIFO names a method that the thread calls repeatedly, and seconds:
+``flexbt_common.runtime.node_runtime.NodeRuntime._run_posted 3.0``. The next call takes this much longer. The
+interpreter and all other threads of the process continue; a stopped process (SIGSTOP) is a different case.
+``interpreter 3.0`` makes the whole interpreter hang, like garbage collection or a C call that holds the GIL, while the
+middleware continues.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from pathlib import Path
 from typing import Any
 
 EXECUTOR = 'flexbt_common.runtime.node_runtime.NodeRuntime._run_posted'
-"""Called in each turn of the executor of a node."""
+"""Called in each cycle of the executor of a node."""
 
 RUN = 'flexbt_core.state_machine.engine.run.MachineRun.step'
-"""Called whenever something has happened to the run of a behavior."""
+"""Called after each event of a behavior's run."""
 
 TREE = 'flexbt_core.behavior_tree.engine.tick_control.TickControl.tick'
-"""Called when a tree of the BT server is to be ticked."""
+"""Called for each tick of a tree in the BT server."""
 
 WORLD = 'flexbt_sim.simulator.core.SimulatorCore._step'
 """Called for each step of the simulated world."""
 
 CLOCK = 'flexbt_common.runtime.health.Health._ask'
-"""Called by the thread of the wall's clock, which keeps all deadlines of a process, some times a second."""
+"""Called several times a second by the thread of the wall clock, which enforces all deadlines of a process."""
 
 INTERPRETER = 'interpreter'
-"""Instead of a method."""
+"""Keyword that replaces the method, to make the whole interpreter hang."""
 
 THREADS = {
     'bt_server': {'executor': EXECUTOR, 'tree': TREE, 'clock': CLOCK},
@@ -45,14 +45,17 @@ THREADS = {
     'onboard_executive': {'executor': EXECUTOR, 'run': RUN, 'clock': CLOCK},
     'simulator': {'executor': EXECUTOR, 'world': WORLD},
 }
-"""Threads by executable whose hang stops the robot, each with a method that it calls again and again. With the clocks
-of navigation and simulator it drives on, and stops when it is commanded to: their executors do both."""
+"""By executable: threads whose hang stops the robot, each with a method that it calls repeatedly.
+
+If the clock threads of navigation and simulator hang, the robot drives on and stops on command, because the executors
+handle both.
+"""
 
 
 def hold_up(method: str, seconds: float) -> None:
     """Make the next call of a method, by its qualified name, take this much longer."""
     if method == INTERPRETER:
-        ctypes.PyDLL(None).poll(None, 0, round(1000.0 * seconds))  # a call by PyDLL keeps the GIL
+        ctypes.PyDLL(None).poll(None, 0, round(1000.0 * seconds))  # PyDLL keeps the GIL during the call
         return
     path, _, name = method.rpartition('.')
     module, _, class_name = path.rpartition('.')
@@ -68,12 +71,12 @@ def hold_up(method: str, seconds: float) -> None:
 
 
 def listen(fifo: Path) -> None:
-    """Hold up whatever is written to a FIFO, from now on."""
+    """Apply each line written to a FIFO, from now on."""
     threading.Thread(target=_listen, args=(fifo,), daemon=True).start()
 
 
 def _listen(fifo: Path) -> None:
-    while True:  # it ends with each who has written
+    while True:  # each writer ends one pass
         for line in fifo.read_text().splitlines():
             method, seconds = line.split()
             hold_up(method, float(seconds))

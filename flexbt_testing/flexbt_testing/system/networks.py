@@ -30,7 +30,7 @@ NEEDED_PROGRAMS: Final = ('ip', 'nsenter')
 
 
 class NetworkNamespace:
-    """A network without any link but its loopback; it is gone with this object and the last process in it."""
+    """A network with only a loopback link. It exists as long as this object and the processes in it."""
 
     def __init__(self, *, loopback: bool = True) -> None:
         """Make one. Without ``loopback`` that is there, but down.
@@ -57,11 +57,11 @@ class NetworkNamespace:
 
     @property
     def path(self) -> str:
-        """Path by which another process finds it, see :func:`enter`."""
+        """Path by which another process can :func:`enter` the namespace."""
         return f'/proc/{os.getpid()}/fd/{self._file}'
 
     def command(self, words: Sequence[str]) -> list[str]:
-        """Return the command line that runs a program in it."""
+        """Return the command line that runs a program in the namespace."""
         return ['nsenter', f'--net={self.path}', *words]
 
     def run(self, *words: str) -> None:
@@ -75,7 +75,7 @@ class NetworkNamespace:
             raise OSError(f'{" ".join(words)}: {done.stderr.strip()}')
 
     def call(self, fn: Callable[[], T]) -> T:
-        """Call ``fn`` in it, on another thread: a socket, device or thread that is made there stays there."""
+        """Call ``fn`` in it, on another thread. A socket, device or thread created there stays in the namespace."""
 
         def inside() -> T:
             enter(self.path)
@@ -98,7 +98,7 @@ def enter(path: str) -> None:
 
 
 def missing() -> str:
-    """Why there are no network namespaces with a link between them on this machine; empty when there are."""
+    """Return why this machine does not support linked network namespaces; empty if it does."""
     absent = [program for program in NEEDED_PROGRAMS if shutil.which(program) is None]
     if absent:
         return f'not installed: {", ".join(absent)} (iproute2, util-linux)'
@@ -125,14 +125,14 @@ def _check(result: int, what: str) -> None:
         raise OSError(number, f'cannot {what}: {os.strerror(number)}')
 
 
-# A bad cable between two networks: packets are lost, late, doubled, out of order, and counted.
+# A bad cable between two networks: it loses, delays, duplicates, reorders and counts packets.
 #
-# A TUN device in each network namespace, and a thread that carries the packets from one to the other. The fate of the
-# packets follows from a seed and from their order.
+# It consists of a TUN device in each network namespace, and a thread that carries packets between them. A seed and the
+# order of the packets decide their fate.
 
 DEVICE: Final = 'cable'
 ADDRESSES: Final = ('10.77.1.1', '10.77.1.2')
-"""IPv4 addresses of the two ends, in the order in which the namespaces are given."""
+"""IPv4 addresses of the two ends, in the order of the namespaces."""
 
 TUNSETIFF: Final = 0x400454CA
 IFF_TUN: Final = 0x0001
@@ -144,9 +144,10 @@ FRAGMENT_OFFSET: Final = 0x1FFF
 
 @dataclass(frozen=True)
 class Weather:
-    """The faults of a link: the probability that a packet is lost or doubled, and its delay in s, evenly distributed.
+    """The faults of a link: the probability that it loses or duplicates a packet, and its delay in s, evenly
+    distributed.
 
-    ``rate`` is in bytes a second in each direction, without a bound for None.
+    ``rate`` is the limit in each direction, bytes per second; None for no limit.
     """
 
     loss: float = 0.0
@@ -161,7 +162,7 @@ FAIR: Final = Weather()
 class LossyLink:
     """The only link between two namespaces, while the context is open.
 
-    ``weather`` may be set at any time, and holds for what is sent from then on; None: nothing comes through.
+    Set ``weather`` at any time to change the faults of packets sent from then on. None: nothing gets through.
     """
 
     def __init__(self, first: NetworkNamespace, second: NetworkNamespace, seed: int = 0) -> None:
@@ -191,7 +192,7 @@ class LossyLink:
             os.close(file)
 
     def sent(self) -> tuple[Counter[int], Counter[int]]:
-        """Bytes that each end has sent while the link was not cut, from the IP header on, by UDP port.
+        """Return the bytes that each end has sent while the link was not cut, from the IP header on, by UDP port.
 
         Port 0 is everything else, such as the later fragments of a large datagram.
         """
@@ -236,7 +237,7 @@ def _open_device(namespace: NetworkNamespace, address: str) -> int:
         return file
 
     file = namespace.call(open_tun)
-    namespace.run('ip', 'link', 'set', DEVICE, 'addrgenmode', 'none')  # no chatter of IPv6
+    namespace.run('ip', 'link', 'set', DEVICE, 'addrgenmode', 'none')  # no background traffic of IPv6
     namespace.run('ip', 'address', 'add', f'{address}/24', 'dev', DEVICE)
     namespace.run('ip', 'link', 'set', DEVICE, 'up')
     namespace.run('ip', 'route', 'add', '224.0.0.0/4', 'dev', DEVICE)
@@ -252,7 +253,7 @@ def _packets(device: int) -> Iterator[bytes]:
 
 
 def _port(packet: bytes) -> int:
-    """Return the UDP port that an IPv4 packet is for, or 0."""
+    """Return the UDP destination port of an IPv4 packet, or 0."""
     header = (packet[0] & 0xF) * 4
     (fragment,) = struct.unpack_from('!H', packet, 6)
     if packet[0] >> 4 != 4 or packet[9] != UDP or fragment & FRAGMENT_OFFSET or len(packet) < header + 8:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An operator and an observer of the robot, on the bare topics: what tests see and do without the console."""
+"""An operator and observer of the robot, directly on the topics: a test without the console uses it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _LOST_SECONDS: Final = 5.0
 
 
 class Probe(Operator):
-    """An operator that sees the robot's pose too, and sends goals to its servers."""
+    """An operator that also sees the robot's pose, and sends goals to its servers."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         super().__init__(runtime, 'test')
@@ -37,11 +37,11 @@ class Probe(Operator):
         self._services = ServiceLinks(runtime)
         self.pose: PoseStamped | None = None
         self.moved_at = 0.0
-        """The uncontended time when the last movement was seen, s."""
+        """Uncontended time of the last observed movement, s."""
         self.moved_stamp = 0.0
-        """The time of the pose that showed the last movement, s on the robot's clock."""
+        """Time stamp of the pose with the last movement, s on the robot's clock."""
         qos = QoSProfile(depth=100)
-        # All that have come are taken at once, so that what is seen is not seconds old on a busy machine.
+        # Process all waiting messages at once; otherwise observations would be seconds old on a busy machine.
         runtime.call(lambda: ReceivedMessages(runtime.node, PoseStamped, names.POSE, qos, self._on_pose, MESSAGE_BYTES))
 
     def _on_pose(self, received: Received) -> None:
@@ -52,15 +52,15 @@ class Probe(Operator):
         self.pose = pose
 
     def wait(self, condition: Callable[[], T], what: str, timeout: float = DEADLINE) -> T:
-        """Return the first true value of the condition; fails with ``what`` when there is none in time."""
+        """Return the first true value of the condition. Fail with ``what`` if it does not become true in time."""
         return cast(T, wait_until(condition, lambda: f'{what}; last status: {self.status}', timeout))
 
     def wait_ready(self) -> None:
-        """Everything runs and is connected."""
+        """Wait until everything runs and is connected."""
         self.wait(lambda: self.pose and self._is_heard() and self._all_ready(), 'readiness')
 
     def _is_heard(self) -> bool:
-        """Return whether the executive receives commands: others, such as a recorder, may do so sooner."""
+        """Return whether the executive receives commands. Other nodes, such as a recorder, may do so earlier."""
         listeners = self.console.node.get_subscriptions_info_by_topic(names.EXECUTIVE_COMMAND)
         is_known = any(one.node_name == 'onboard_executive' for one in listeners)
         return is_known and bool(self._commands.get_subscription_count() >= len(listeners))
@@ -77,7 +77,7 @@ class Probe(Operator):
         self.wait(lambda: self.status.state == state, f'executive in state {state}')
 
     def drive_to(self, x: float, y: float, driven: float = 0.5) -> None:
-        """Start the first demonstration, give it a goal, and wait until the robot has driven this many metres."""
+        """Start the first demonstration, send a goal, and wait until the robot has driven ``driven`` metres."""
         self.wait_state(ExecutiveStatus.IDLE)
         self.applied(ExecutiveCommand.START, behavior='Navigate', autonomy=2)
 
@@ -97,9 +97,9 @@ class Probe(Operator):
         self.wait(lambda: self.pose is not None and _distance(start, self.pose) > driven, 'robot driving')
 
     def reset(self) -> None:
-        """Put the robot back to where the simulation has begun.
+        """Put the robot back to its pose at the start of the simulation.
 
-        It is asked again: the response of a simulator that does not know this client yet is lost.
+        The request is repeated, because a simulator that has not discovered this client yet loses the response.
         """
         link = self._services.link(Trigger, names.RESET)
         answer: Any = self.wait(lambda: service_outcome(link, Trigger.Request(), _LOST_SECONDS).response, 'reset')
@@ -108,7 +108,7 @@ class Probe(Operator):
         self.wait(lambda: self.pose is not before, 'pose after the reset')
 
     def wait_at_rest(self, quiet: float = 1.5) -> None:
-        """Wait until poses, not their absence, have shown the robot at rest for this time, s on the robot's clock."""
+        """Wait until poses, not their absence, show the robot at rest for ``quiet`` s on the robot's clock."""
         began = self.pose
 
         def still() -> bool:
@@ -118,23 +118,23 @@ class Probe(Operator):
         self.wait(still, 'robot at rest')
 
     def stop(self) -> float:
-        """Give the operator's stop; the uncontended time when."""
+        """Send the operator's stop and return the uncontended time."""
         now = uncontended_time()
         self.send(ExecutiveCommand.STOP)
         return now
 
     def ask(self, service_type: Any, name: str, request: Any) -> Any:
-        """Ask a service; the response."""
+        """Call a service and return the response."""
         outcome = service_outcome(self._services.link(service_type, name), request, DEADLINE)
         assert outcome.ok, outcome.reason
         return outcome.response
 
     def call(self, action_type: Any, name: str, goal: Any, timeout: float = DEADLINE) -> GoalOutcome:
-        """Send a goal and wait for its outcome."""
+        """Send a goal, wait for its end and return the outcome."""
         return SentGoal(self._links.link(action_type, name), goal, timeout).wait()
 
     def active_goals(self, action: str) -> int:
-        """Subscribe to nothing: how many goals of an action are being worked on, by the server's own list."""
+        """Return the number of active goals of an action, from the list on its server's status topic."""
         from action_msgs.msg import GoalStatus, GoalStatusArray
 
         seen: list[GoalStatusArray] = []
@@ -151,7 +151,7 @@ class Probe(Operator):
 
 
 def stamp(pose: PoseStamped) -> float:
-    """Return the time of a pose, s on the robot's clock."""
+    """Return the time stamp of a pose, s on the robot's clock."""
     return float(pose.header.stamp.sec + 1e-9 * pose.header.stamp.nanosec)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The processes of a robot, started from the installed executables, and what a test does to them."""
+"""The processes of a robot, started from the installed executables, and operations on them for tests."""
 
 from __future__ import annotations
 
@@ -44,27 +44,27 @@ MODULES: Final[Mapping[str, str]] = {
     'onboard_executive': 'flexbt_onboard.node.onboard_executive',
     'stop_guard': 'flexbt_onboard.node.stop_guard',
 }
-"""Modules that the executables of a robot run, which tests start often."""
+"""Modules of the robot's executables that tests start often."""
 
 LOADED: Final = (
     *MODULES.values(),
     'flexbt_sim.world.world.prepare_world',
     'flexbt_navigation.preparation.prepare_navigation',
 )
-"""Modules and functions that the process from which they are all forked has loaded: most of it is the same for each."""
+"""Modules and functions loaded by the common parent of all forks: most of them are the same for each."""
 
 LAST_CHARACTERS: Final = 3000
 
 
 def _thread_states(process: int) -> Iterator[str]:
-    """Yield the state of each thread of a process, as in ``/proc``: 'T' for one that was stopped."""
+    """Yield the state of each thread of a process, from ``/proc``: 'T' for a stopped one."""
     for thread in Path(f'/proc/{process}/task').iterdir():
-        with contextlib.suppress(OSError):  # it has ended meanwhile
+        with contextlib.suppress(OSError):  # the process may have ended meanwhile
             yield (thread / 'stat').read_text().rpartition(')')[2].split()[0]
 
 
 def executable(name: str) -> str:
-    """Path of an installed executable."""
+    """Return the path of an installed executable."""
     package = PACKAGES[name]
     return str(Path(get_package_prefix(package)) / 'lib' / package / name)
 
@@ -83,7 +83,7 @@ class Ending:
 
 
 class Stack:
-    """Processes by the names of their executables; leaving the context kills those that are left."""
+    """Processes by the names of their executables. Leaving the context kills the remaining ones."""
 
     def __init__(
         self,
@@ -93,10 +93,10 @@ class Stack:
         can_be_held_up: bool = False,
         forked: bool = True,
     ) -> None:
-        """``directory`` takes the logs; the processes are in ``network``, or in that of this process.
+        """Prepare the processes. Their logs go to ``directory``; they run in ``network``, or in that of this process.
 
-        ``can_be_held_up``: whether :meth:`hold_up` is to be used. ``forked``: whether they may be forks of a process
-        that has loaded what they need (:mod:`.fork_server`), which spares most of the time of a start.
+        ``can_be_held_up`` enables :meth:`hold_up`. With ``forked`` they may be forks of a process that has loaded their
+        modules (:mod:`.fork_server`), which saves most of the time of a start.
         """
         self.directory = directory
         self._network = network
@@ -117,7 +117,7 @@ class Stack:
                 end = f'exit code {process.wait()}'
             except RuntimeError as unknown:
                 end = str(unknown)
-            # Shown by pytest when the test fails.
+            # pytest shows this output if the test fails.
             print(f'--- {name}, {end}\n{self.output(name)[-LAST_CHARACTERS:]}')
 
     def start(
@@ -127,10 +127,10 @@ class Stack:
         environment: Mapping[str, str] | None = None,
         parameter_file: Path | None = None,
     ) -> None:
-        """Start an executable, again if it has run before; ``robot/name`` runs in the namespace ``robot``.
+        """Start an executable, also a second time; ``robot/name`` runs in the namespace ``robot``.
 
-        Everything but the simulator and the stop guard follows simulated time, unless the parameters say otherwise;
-        what ``parameter_file`` says counts where they say nothing.
+        By default all except the simulator and the stop guard follow simulated time. ``parameters`` override that; they
+        also take precedence over ``parameter_file``.
         """
         namespace, _, base = name.rpartition('/')
         settings = {} if base in ('simulator', 'simulation', 'stop_guard') else {'use_sim_time': 'true'}
@@ -144,7 +144,7 @@ class Stack:
         if fifo is not None and not fifo.exists():
             os.mkfifo(fifo)
         with self._log(name).open('ab') as log:
-            # Modules read some of the environment as they are loaded: with another one, they are loaded again.
+            # Modules read some environment variables when they are loaded, so another environment needs a new load.
             if self._forked and base in MODULES and environment is None:
                 server = fork_server.fork_server(*LOADED)
                 pid = server.start(words, log.fileno(), os.environ, fifo, module=MODULES[base])
@@ -169,8 +169,8 @@ class Stack:
     ) -> None:
         """Start everything but the console, with these parameters.
 
-        ``in_one``: simulator and navigation are the one process ``simulation``, which spares processor time where a
-        test has nothing to do to either of them.
+        With ``in_one``, simulator and navigation run in one process, ``simulation``. This saves processor time if a
+        test does not act on either of them separately.
         """
         self.start('simulation' if in_one else 'simulator', simulator)
         self.start('bt_server', bt_server)
@@ -180,7 +180,7 @@ class Stack:
         self.start('onboard_executive', onboard_executive)
 
     def kill(self, name: str) -> float:
-        """kill -9; the uncontended time when."""
+        """Send SIGKILL and return the uncontended time."""
         process = self._processes[name]
         process.kill()
         killed = uncontended_time()
@@ -188,9 +188,9 @@ class Stack:
         return killed
 
     def send_signal(self, name: str, number: signal.Signals) -> float:
-        """Send a signal, as SIGSTOP and SIGCONT, by which a process hangs and goes on; the uncontended time when.
+        """Send a signal, such as SIGSTOP to make a process hang and SIGCONT to resume it. Return the uncontended time.
 
-        With SIGSTOP, wait until every thread has stopped: on a busy computer they work on for up to 0.1 s.
+        After SIGSTOP, wait until every thread has stopped: on a busy computer threads run on for up to 0.1 s.
         """
         process = self._processes[name]
         process.send_signal(number)
@@ -199,12 +199,12 @@ class Stack:
         return uncontended_time()
 
     def hold_up(self, name: str, method: str, seconds: float) -> float:
-        """Let the thread that calls a method hang for this time (:mod:`.hold_up`); the uncontended time when."""
+        """Make the thread that calls a method hang for this time (:mod:`.hold_up`). Return the uncontended time."""
         self._fifo(name).write_text(f'{method} {seconds}\n')
         return uncontended_time()
 
     def running(self) -> set[str]:
-        """Return the names of those that run."""
+        """Return the names of the running processes."""
         return {name for name, process in self._processes.items() if process.poll() is None}
 
     def end(self, name: str, number: signal.Signals, timeout: float) -> Ending:
@@ -220,11 +220,11 @@ class Stack:
         return Ending(exit_code, uncontended_time() - sent, self.output(name), contended_time() - held_up)
 
     def process_id(self, name: str) -> int:
-        """Return the number of a process."""
+        """Return the id of a process."""
         return self._processes[name].pid
 
     def output(self, name: str) -> str:
-        """Everything that a process has said."""
+        """Return all output of a process."""
         log = self._log(name)
         return log.read_text(errors='replace') if log.exists() else ''
 
@@ -235,16 +235,16 @@ class Stack:
         return self.directory / f'{name.replace("/", ".")}.log'
 
 
-# Ports of TCP for servers that tests start, and that cannot be asked which port they got.
+# TCP ports for servers of tests that cannot report which port they use.
 
 _PORTS: Final = range(10_000, 32_000, 2)
-"""Below those that Linux gives to connections (32768 to 60999)."""
+"""Ports below the ephemeral range of Linux (32768 to 60999)."""
 
 
 def free_pair() -> int:
-    """Return a port of 127.0.0.1 that nobody has, of which the next one is free, too.
+    """Return a free port of 127.0.0.1 whose next port is free too.
 
-    They are drawn, so that tests that run side by side seldom want the same.
+    It is drawn at random, so that tests that run in parallel rarely choose the same one.
     """
     while True:
         port = random.choice(_PORTS)

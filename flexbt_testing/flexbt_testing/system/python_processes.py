@@ -31,7 +31,7 @@ class ForkedPython(fork_server.ForkedProcess):
     """The useful part of :class:`subprocess.Popen` for a program of a test, with pipes of text for its output."""
 
     def __init__(self, arguments: Sequence[str], preloaded: Sequence[str] = ()) -> None:
-        """As :func:`python_process`."""
+        """Start the process, as :func:`python_process` does."""
         server = fork_server.fork_server(PROGRAM, *preloaded)
         pipes = [os.pipe(), os.pipe()]
         self.args = [sys.executable, *arguments]
@@ -53,14 +53,14 @@ class ForkedPython(fork_server.ForkedProcess):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """Wait for the end, which is brought about when the block has failed."""
+        """Wait for the end. If the block has failed, end the process first."""
         if error is not None:
             self.kill()
         self._close()
         self.wait()
 
     def terminate(self) -> None:
-        """Send SIGTERM, unless it has ended."""
+        """Send SIGTERM, unless the process has ended."""
         self.send_signal(signal.SIGTERM)
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
@@ -83,7 +83,7 @@ class ForkedPython(fork_server.ForkedProcess):
         return output, errors
 
     def _close(self) -> None:
-        """Close what is not being read. To close the rest would wait for those that can still write."""
+        """Close the streams that nothing reads. Closing the others would wait for processes that can still write."""
         being_read = [not said.done() for said in self._said] or [False, False]
         for stream, is_read in zip((self.stdout, self.stderr), being_read, strict=True):
             if not is_read:
@@ -91,14 +91,14 @@ class ForkedPython(fork_server.ForkedProcess):
 
 
 def _read(stream: TextIO) -> Future[str]:
-    """Return all that it says, in a thread for which the end of this process does not wait."""
+    """Return a future of all output, read in a thread that does not keep this process alive."""
     said: Future[str] = Future()
 
     def read() -> None:
         try:
             with stream:
                 text = stream.read()
-        except (OSError, ValueError) as error:  # a text that cannot be decoded
+        except (OSError, ValueError) as error:  # the text cannot be decoded
             said.set_exception(error)
         else:
             said.set_result(text)
@@ -111,7 +111,7 @@ PythonProcess = ForkedPython | subprocess.Popen[str]
 
 
 def python_process(arguments: Sequence[str], preloaded: Sequence[str] = ()) -> PythonProcess:
-    """Start one whose output and errors are read."""
+    """Start a process and capture its output and errors."""
     if fork_server.AVAILABLE:
         return ForkedPython(arguments, preloaded)
     return subprocess.Popen(
@@ -126,7 +126,7 @@ def python_process(arguments: Sequence[str], preloaded: Sequence[str] = ()) -> P
 def logged_python_process(
     arguments: Sequence[str], output: int, preloaded: Sequence[str] = ()
 ) -> fork_server.ForkedProcess | subprocess.Popen[bytes]:
-    """Start one that writes output and errors to a file descriptor."""
+    """Start a process that writes output and errors to a file descriptor."""
     words = [sys.executable, *arguments]
     if fork_server.AVAILABLE:
         server = fork_server.fork_server(PROGRAM, *preloaded)
@@ -134,28 +134,28 @@ def logged_python_process(
     return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
 
 
-# The operator's console as a process, and what a command of its line mode answers.
+# The operator's console as a process, and the answers of its line-mode commands.
 #
-# Each is a fork of a process that has loaded what every command needs (:mod:`.python_process`). Tests that are about
-# the beginning of a console start the executable itself.
+# Each is a fork of a process that has loaded what every command needs (:mod:`.python_process`). Tests of the startup of
+# a console run the executable itself.
 
 COMMAND: Final = ('-m', 'flexbt_console')
-"""Arguments with which the interpreter runs the console."""
+"""Interpreter arguments that run the console."""
 
 LOADED: Final = ('flexbt_console.link.operator_link', 'flexbt_console.ui.line.line_mode')
-"""Modules that each command needs that asks an executive."""
+"""Modules needed by every command that queries an executive."""
 
 _DEADLINE: Final = 120.0
 
 
 def start_console(*words: str) -> PythonProcess:
-    """Start one with this command line, whose output is read."""
+    """Start a console with this command line, and capture its output."""
     return python_process([*COMMAND, *words], LOADED)
 
 
 @contextlib.contextmanager
 def silent_console(*words: str) -> Iterator[ForkedProcess | subprocess.Popen[bytes]]:
-    """One that stays, and whose output nobody reads; it is killed at the end of the block."""
+    """Provide a running console whose output nothing reads; kill it at the end of the block."""
     with open(os.devnull, 'wb') as nothing:  # noqa: PTH123
         process = logged_python_process([*COMMAND, *words], nothing.fileno(), LOADED)
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The program of a fork that is to be a process of Python: that of its command line, as the interpreter takes it."""
+"""The program of a fork that acts as a Python process: it interprets the command line like the interpreter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-# Imports of programs of tests: a fork of a process that has loaded these need not load them.
+# Imports of test programs: a fork of a process that has loaded them need not load them again.
 import flexbt_common.calls.action_call
 import flexbt_common.calls.goal_server
 import flexbt_common.calls.links
@@ -21,7 +21,7 @@ import flexbt_common.runtime.node_runtime  # noqa: F401
 
 
 def main() -> int:
-    """Run ``-c TEXT``, ``-m MODULE`` or ``FILE``, with the arguments that follow; gives the exit code."""
+    """Run ``-c TEXT``, ``-m MODULE`` or ``FILE`` with the arguments that follow, and return the exit code."""
     faulthandler.enable()
     how, *rest = sys.argv[1:]
     if how == '-c':

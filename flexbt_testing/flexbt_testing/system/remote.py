@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Consoles and observers in processes of their own, in any network, and with any settings of the middleware."""
+"""Consoles and observers in separate processes, in any network, and with any middleware settings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LOOK_SECONDS: Final = 0.02
 
 @dataclass(slots=True)
 class RemoteView:
-    """The view of a console from a first to a last reading of it, in seconds of the machine's monotonic clock."""
+    """The view of a console, and the first and last time it was read, in seconds of the monotonic clock."""
 
     first: float
     last: float
@@ -45,7 +45,7 @@ class RemoteView:
 
 
 class RemoteConsole:
-    """A console, and what it shows: with a ``scan_period``, or 0 for no scan, also what is around the robot."""
+    """A console and its views. ``scan_period`` shows the robot's surroundings; 0 for no scan."""
 
     def __init__(self, operator: str, scan_period: float | None = None) -> None:
         self._runtime = NodeRuntime('console', args=())
@@ -60,26 +60,26 @@ class RemoteConsole:
         self._eye.start()
 
     def close(self) -> None:
-        """Leave in order."""
+        """Close the console properly."""
         self._end.set()
         self._eye.join()
         self._runtime.close()
 
     def view(self) -> View:
-        """Return what is shown now."""
+        """Return the current view."""
         return self._mirror.view()
 
     def shown(self) -> list[RemoteView]:
-        """Return all that was shown."""
+        """Return all views so far."""
         return list(self._shown)
 
     def send(self, *words: str, timeout: float = 30.0) -> str:
-        """Give a command, written as on the command line, bound to what is shown now; gives its identifier."""
+        """Send a command, written as on the command line, for the current view. Return its identifier."""
         command = build(parse(words), self._mirror.view(), self._make)
         return self._link.send(command, timeout).command.id
 
     def tracked(self, command_id: str) -> TrackedCommand | None:
-        """Return what became of a command."""
+        """Return the state of a command."""
         return self._mirror.command(command_id)
 
     def _watch(self) -> None:
@@ -93,7 +93,7 @@ class RemoteConsole:
 
 
 class RemoteObserver:
-    """A record of what an executive publishes, and when. It is not an operator, and on a link without faults."""
+    """A record of what an executive publishes, and when. It is not an operator, and its link has no faults."""
 
     def __init__(self) -> None:
         self._runtime = NodeRuntime('observer', args=())
@@ -102,11 +102,11 @@ class RemoteObserver:
         self._runtime.call(self._subscribe)
 
     def close(self) -> None:
-        """Leave in order."""
+        """Close the observer properly."""
         self._runtime.close()
 
     def published(self) -> dict[int, tuple[float, ExecutiveSnapshot]]:
-        """Monotonic time and content of each status, by its sequence number."""
+        """Return the monotonic time and content of each status, by its sequence number."""
         return dict(self._published)
 
     def latest(self) -> ExecutiveSnapshot | None:
@@ -114,7 +114,7 @@ class RemoteObserver:
         return self._published[max(self._published)][1] if self._published else None
 
     def payload(self) -> int:
-        """Bytes of all serialized messages for consoles until now."""
+        """Return the bytes of all serialized messages for consoles so far."""
         return self._bytes
 
     def _subscribe(self) -> None:
