@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A ROS node with its executor thread and clocks, and an orderly start and end of a process.
+"""A ROS node with its executor thread and clocks, and the orderly start and end of a process.
 
-The rule of this code base: every rclpy entity is created, called and destroyed on the executor thread (publishing
-is the exception, it is thread-safe). rclpy's clients fill their table of pending requests only after a request has
-left; when another thread receives the answer in between, the answer is lost. :meth:`NodeRuntime.post` and
-:meth:`NodeRuntime.call` bring work there.
+The rule of this code base: create, call and destroy every rclpy entity on the executor thread. Publishing is the
+exception, because it is thread-safe. The reason: rclpy's clients fill their table of pending requests only after a
+request was sent. If another thread receives the answer before that, the answer is lost. :meth:`NodeRuntime.post` and
+:meth:`NodeRuntime.call` run a function on the executor thread.
 
-A node that cannot continue calls :meth:`NodeRuntime.abort`; so does one whose executor thread has ended for any
-reason. It is not alive for others any more, and its process ends with an exit code that is not 0.
+A node that cannot continue calls :meth:`NodeRuntime.abort`; the runtime calls it when the executor thread has ended for
+any reason. Other nodes then no longer see the node as alive, and its process ends with a nonzero exit code.
 
-The order of the end, which is silent in every situation: the components in reverse order of their
-:meth:`NodeRuntime.on_close`, while callbacks still run; then rclpy's default context, which users' code has; then
-executor, its thread, the node, the context. Of several runtimes of one process, the components of all end first.
+A node ends in this order, silently in every situation:
+
+1. The components, in reverse order of their :meth:`NodeRuntime.on_close`, while callbacks still run.
+2. rclpy's default context, which users' code uses.
+3. The executor, its thread, the node, and the context.
+
+If a process has several runtimes, the components of all of them end first.
 """
 
 from __future__ import annotations
@@ -83,7 +87,7 @@ from .ros_clock import HandledTime, RosClock, SimulatedTime
 T = TypeVar('T')
 
 _CLOSE_SECONDS = 1.7
-"""A process ends within 2 s of its signal; interpreter and middleware need the rest."""
+"""Time to close, s. A process ends within 2 s of its signal; interpreter and middleware need the rest."""
 
 _HELP = """\
 usage: {name} [--ros-args -p PARAMETER:=VALUE ... -r __ns:=/NAMESPACE ...]
@@ -93,28 +97,28 @@ usage: {name} [--ros-args -p PARAMETER:=VALUE ... -r __ns:=/NAMESPACE ...]
 The parameters are in docs/reference/executables.md; ros2 param describe tells them of a node that runs."""
 
 CALL_SECONDS = 30.0
-"""Time after which a call to the executor thread is given up, s. Making the entities of a node can take many seconds
-when a whole fleet starts on one machine."""
+"""Default time-out of a call to the executor thread, s. Creating the entities of a node can take many seconds when a
+whole fleet starts on one machine."""
 
 _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
 
 
 UNSENT_SECONDS: Final = 0.09
-"""Time that sending an answer takes at least if it stays unsent, s: rmw_fastrtps waits 0.1 s for its reader."""
+"""Minimum duration of a failed attempt to send an answer, s: rmw_fastrtps waits 0.1 s for the reader."""
 
 AGAIN_SECONDS: Final = (0.2, 0.5, 1.0, 3.0)
-"""Delays after which an unsent answer is sent again, s of wall time. A client ignores an answer that it has."""
+"""Delays between the attempts to send an answer, s of wall time. A client ignores a duplicate answer."""
 
 MOST_UNSENT: Final = 4
-"""Most answers of a service that are sent again at the same time. Each attempt blocks the executor for 0.1 s."""
+"""Maximum number of unsent answers of a service that are retried. Each attempt blocks the executor for 0.1 s."""
 
 
 class AnswerResender:
-    """A sender that repeats the answers of a service until a reader exists.
+    """A sender that retries the answers of a service until their reader is discovered.
 
-    A request may come before its client has been discovered as a reader of answers, on a busy computer above all. The
-    middleware then leaves the answer unsent, rclpy issues a Python warning, and clients such as BasicNavigator of
+    A request may arrive before its client has been discovered as a reader of answers, mainly on a busy computer. The
+    middleware then does not send the answer, rclpy issues a Python warning, and clients such as BasicNavigator of
     nav2_simple_commander wait forever.
     """
 
@@ -124,7 +128,7 @@ class AnswerResender:
         self._unsent = 0
 
     def send(self, response: Any, header: Any) -> None:
-        """Send an answer, from the thread of the executor."""
+        """Send an answer, and retry it after AGAIN_SECONDS if it stays unsent. Executor thread only."""
         if self._is_sent(response, header) or self._unsent == MOST_UNSENT:
             return
         self._unsent += 1
@@ -153,12 +157,15 @@ class AnswerResender:
 
 
 class LargeQueueNode(Node):
-    """A node whose services have the depth of :func:`service_qos` where no other is given, and
-    answer for any parameters. What it logs is escaped and bounded (:class:`.node_log.NodeLogger`)."""
+    """A node with robust services, parameters and logs.
+
+    Services have the queue depth of :func:`service_qos` by default, and retry unsent answers. The parameter services
+    answer requests with any parameters. Log texts are escaped and bounded (:class:`.node_log.NodeLogger`).
+    """
 
     def get_logger(self) -> NodeLogger:
         """See :meth:`rclpy.node.Node.get_logger`."""
-        if self._bounded_logger is None:  # the base asks while it is made
+        if self._bounded_logger is None:  # the constructor of the base class calls this
             self._bounded_logger = NodeLogger(super().get_logger().name)
         return self._bounded_logger
 
@@ -166,30 +173,30 @@ class LargeQueueNode(Node):
 
     @cached_property
     def default_callback_group(self) -> CallbackGroup:
-        """Reentrant: what awaits holds up nothing else of the node, such as a STOP; one thread calls all anyway."""
+        """Reentrant group, so that a callback that awaits does not block others, such as STOP. One thread runs all."""
         return ReentrantCallbackGroup()
 
     @cached_property
     def qos_misfits(self) -> QosMisfits:
-        """Topics without any exchange of messages, since the qualities of service are incompatible."""
+        """Topics on which no messages are exchanged because of incompatible QoS."""
         return QosMisfits(self)
 
     def create_subscription(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
-        """See :meth:`rclpy.node.Node.create_subscription`. Raises TopicTypeError, too."""
+        """See :meth:`rclpy.node.Node.create_subscription`. Also raises TopicTypeError."""
         events = options.pop('event_callbacks', None) or SubscriptionEventCallbacks()
         watched = self.qos_misfits.watched(events, topic)
         with self._told_types(msg_type, topic):
             return super().create_subscription(msg_type, topic, *args, event_callbacks=watched, **options)
 
     def create_publisher(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
-        """See :meth:`rclpy.node.Node.create_publisher`. Raises TopicTypeError, too."""
+        """See :meth:`rclpy.node.Node.create_publisher`. Also raises TopicTypeError."""
         events = options.pop('event_callbacks', None) or PublisherEventCallbacks()
         watched = self.qos_misfits.watched(events, topic)
         with self._told_types(msg_type, topic):
             return super().create_publisher(msg_type, topic, *args, event_callbacks=watched, **options)
 
     def declare_parameters(self, namespace: str, parameters: Any, ignore_override: bool = False) -> list[Parameter]:
-        """See :meth:`rclpy.node.Node.declare_parameters`. A refusal says what to write instead."""
+        """See :meth:`rclpy.node.Node.declare_parameters`. The error of a refusal explains what to write instead."""
         declared = [(*one, ParameterDescriptor()) if len(one) == 2 else one for one in parameters]
         try:
             return list(super().declare_parameters(namespace, declared, ignore_override))
@@ -201,7 +208,7 @@ class LargeQueueNode(Node):
             raise
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """See :meth:`rclpy.node.Node.set_parameters_atomically`. A refusal says what to write instead."""
+        """See :meth:`rclpy.node.Node.set_parameters_atomically`. A refusal explains what to write instead."""
         try:
             result = super().set_parameters_atomically(parameter_list)
         except ParameterNotDeclaredException as error:
@@ -212,12 +219,12 @@ class LargeQueueNode(Node):
         return result
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
-        """See :meth:`rclpy.node.Node.set_parameters`. A refusal says what to write instead."""
+        """See :meth:`rclpy.node.Node.set_parameters`. A refusal explains what to write instead."""
         return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
 
     @contextlib.contextmanager
     def _told_types(self, msg_type: Any, topic: str) -> Iterator[None]:
-        """Explain the error of a topic that has another type in this process: rcl reports its allocator."""
+        """Raise TopicTypeError where rcl reports an allocator error because the topic has another type here."""
         try:
             yield
         except RuntimeError as error:
@@ -230,7 +237,7 @@ class LargeQueueNode(Node):
 
     @property
     def executor(self) -> Any:
-        """The executor that spins the node. Another one, to which users' code adds the node, is its guest."""
+        """Executor that spins the node. If users' code adds the node to another executor, that becomes its guest."""
         return Node.executor.fget(self)
 
     @executor.setter
@@ -253,7 +260,7 @@ class LargeQueueNode(Node):
         return service
 
     def resend_answers(self, service: Any) -> None:
-        """Have the answers of a service of this node sent until they have a reader."""
+        """Make a service of this node retry unsent answers; see :class:`AnswerResender`."""
 
         def later(seconds: float, fn: Callable[[], object]) -> None:
             if self.executor is not None:
@@ -277,8 +284,8 @@ class _PostedTimer:
 
 
 class Runtime(ABC):
-    """A runtime as the parts of a node use it: that of the node (:class:`NodeRuntime`), or of a part of it that ends by
-    itself (:class:`flexbt_common.lifecycle.managed_node.NodeScope`)."""
+    """The interface of a runtime for the components of a node. It belongs to the whole node (:class:`NodeRuntime`), or
+    to a part of the node that may end earlier (:class:`flexbt_common.lifecycle.managed_node.NodeScope`)."""
 
     node: LargeQueueNode
     name: str
@@ -302,21 +309,21 @@ class Runtime(ABC):
 
     @property
     def closed(self) -> bool:
-        """True if the runtime has begun to end; work that is posted now is dropped."""
+        """True if the runtime has begun to end. Functions posted from then on are dropped."""
         return self._closed.is_set()
 
     @abstractmethod
     def post(self, fn: Callable[[], object]) -> None:
         """Run ``fn`` on the executor thread soon, in the order of posting; from any thread.
 
-        What it raises is logged and given to :meth:`on_fault`. After the end nothing is run any more.
+        Exceptions are logged and passed to the observers of :meth:`on_fault`. After the end nothing runs any more.
         """
 
     @abstractmethod
     def post_at(self, when: float, fn: Callable[[], object]) -> Timer:
         """Run ``fn`` on the executor thread at the time ``when`` of the steady clock; from any thread.
 
-        Cancelled on the executor thread, the timer runs nothing any more, also when it was due already.
+        After the timer was cancelled on the executor thread, ``fn`` does not run, even if it was due already.
         """
 
     def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
@@ -325,17 +332,19 @@ class Runtime(ABC):
 
     @abstractmethod
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
-        """Run ``fn`` once when the executor is awake anyway, within ``tolerance`` seconds of the time ``when`` on the
-        steady clock; wake it at the end of that time. Call this on the executor thread.
+        """Run ``fn`` once, at most ``tolerance`` seconds before or after the time ``when`` of the steady clock.
+
+        ``fn`` runs as soon as the executor is awake in that period; at its end, the executor is woken for ``fn``.
+        Executor thread only.
         """
 
     @abstractmethod
     def run_or_post(self, fn: Callable[[], object]) -> None:
-        """Run ``fn`` at once, on this thread, if the executor has nothing to do, and :meth:`post` it otherwise; not on
-        the executor thread. What this thread has posted before comes first.
+        """Run ``fn`` at once on this thread if the executor is idle; otherwise :meth:`post` it.
 
-        While ``fn`` runs nothing else does on the executor thread. For a thread that has to wait anyway until ``fn`` is
-        done: to have another one woken for it takes longer than most of what there is to do.
+        Do not call this on the executor thread. Functions that were posted before run first, and nothing runs on the
+        executor thread while ``fn`` runs. Use this on a thread that has to wait for ``fn`` anyway: waking the executor
+        thread takes longer than most functions do.
         """
 
     @abstractmethod
@@ -394,9 +403,10 @@ class Runtime(ABC):
 class NodeRuntime(Runtime):
     """One node, one executor thread, two clocks.
 
-    ``node`` is the rclpy node, ``clock`` its clock (simulated time under ``use_sim_time``), ``steady`` the machine's
-    monotonic clock, for deadlines of communication; ``heard`` measures how long others have been silent.
-    ``health`` has what must answer while the node is called alive: the executor, and what others register.
+    ``node`` is the rclpy node, ``clock`` its clock (simulated time under ``use_sim_time``). ``steady`` is the machine's
+    monotonic clock, for deadlines of communication. ``listening_time`` measures how long others have been silent.
+    ``health`` monitors the threads that must respond for the node to count as alive: the executor, and those that
+    components register.
     """
 
     def __init__(
@@ -410,21 +420,21 @@ class NodeRuntime(Runtime):
     ) -> None:
         """Start a node in its own context.
 
-        ``args`` are command line arguments (``--ros-args`` ...), None for those of the process; ``parameters``
-        override what the arguments say.
+        ``args`` are command line arguments (``--ros-args`` ...), None for those of the process. ``parameters``
+        override parameters in the arguments.
         """
         super().__init__()
         self.has_failed = False
         """True if the process ends with exit code 1; see :meth:`fail`."""
         self.are_parameters_declared = True
-        """True if all parameters are declared, so that others do not exist. False if a managed node refuses one."""
+        """True if all parameters are declared, so that others are unknown. False if a managed node refused one."""
         self._on_failure: list[Callable[[], object]] = []
         self._is_closing = False
         self._made: dict[Hashable, Any] = {}
         self._posted: deque[Callable[[], object]] = deque()
         self._coalesced = CoalescedTimers()
         self._calls: set[Future[Any]] = set()
-        self._lock = threading.RLock()  # garbage that is collected while it is held may post, too
+        self._lock = threading.RLock()  # reentrant: destructors may post while it is held
         self._context = rclpy.Context()
         rclpy.init(
             args=None if args is None else list(args),
@@ -439,14 +449,14 @@ class NodeRuntime(Runtime):
             rclpy.try_shutdown(context=self._context)
             raise
         self.default_context = DefaultContext(args, self.node)
-        """rclpy's own, which is opened by what runs users' code. It ends with the runtime."""
+        """rclpy's default context. Components that run users' code open it; it ends with the runtime."""
         self.name = self.node.get_name()
         self.nodes: list[Node] = [self.node]
-        """Nodes that are destroyed at the end, the last one first."""
+        """Nodes to destroy at the end, the last one first."""
         self.further: list[NodeRuntime] = []
-        """Other runtimes of this process, which end with it. The arguments of the process are for their nodes, too."""
+        """Other runtimes of this process, which end with this one. The process arguments also apply to their nodes."""
         self.is_at_rest = False
-        """True if everything has ended except the nodes, which are still to be removed from the graph."""
+        """True if all components have ended, and only the nodes are still to be removed from the graph."""
         self.steady = SteadyClock(lambda error: self.post(lambda: self.report_fault(error, 'a timer of wall time')))
         self._reports = RepeatedReports(COMPLAINT_SECONDS, self.steady.now)
         self.health = Health(self.steady)
@@ -495,11 +505,11 @@ class NodeRuntime(Runtime):
 
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
         self._coalesced.add(when, tolerance, fn)
-        if not self.on_executor_thread:  # it lends its turn, and sleeps meanwhile
+        if not self.on_executor_thread:  # the executor thread sleeps while another one has its turn
             self._doorbell.trigger()
 
     def repeat_near(self, period: float, tolerance: float, fn: Callable[[], object]) -> None:
-        """Run ``fn`` about every ``period`` seconds until the end, each time as :meth:`call_near`."""
+        """Run ``fn`` about every ``period`` seconds until the end, each time as :meth:`call_near` does."""
 
         def call() -> None:
             self.call_near(self.steady.now() + period, tolerance, call)
@@ -508,7 +518,7 @@ class NodeRuntime(Runtime):
         self.call_near(self.steady.now() + period, tolerance, call)
 
     def run_or_post(self, fn: Callable[[], object]) -> None:
-        if self.closed or self._posted or not self._executor.run_here(fn):  # first what was posted before
+        if self.closed or self._posted or not self._executor.run_here(fn):  # functions posted before run first
             self.post(fn)
 
     def call(self, fn: Callable[[], T], timeout: float = CALL_SECONDS) -> T:
@@ -569,7 +579,7 @@ class NodeRuntime(Runtime):
         self.node.get_logger().error(why)
 
     def on_failure(self, fn: Callable[[], object]) -> None:
-        """Call ``fn`` when the node cannot continue, on the thread that notices it. It must not block."""
+        """Call ``fn`` when :meth:`abort` is called, on the same thread. ``fn`` must not block."""
         self._on_failure.append(fn)
 
     def abort(self, problem: str) -> None:
@@ -577,12 +587,12 @@ class NodeRuntime(Runtime):
         try:
             self.health.fail(problem)
             self.node.get_logger().fatal(f'the node cannot go on: {problem}')
-        finally:  # even if that fails, when memory is short for example
+        finally:  # even if that fails, for example without free memory
             for fn in list(self._on_failure):
                 fn()
 
     def close(self) -> None:
-        """End everything in the documented order. May be called twice, not from the executor thread."""
+        """End everything in the order documented above. A second call has no effect. Not on the executor thread."""
         runtimes = (*reversed(self.further), self)
         for runtime in runtimes:
             runtime.close_components()
@@ -597,9 +607,9 @@ class NodeRuntime(Runtime):
                 return
             self._is_closing = True
             self._closed.set()
-        self.default_context.close()  # first, since a callback may wait in it
+        self.default_context.close()  # first, because a callback may wait in it
         self.steady.close()
-        self._doorbell.trigger()  # waking the executor is not enough: it would wait on for work
+        self._doorbell.trigger()  # the thread checks for the end only after a wait
         self._thread.join()
         self._executor.shutdown()
         with self._lock:
@@ -608,7 +618,7 @@ class NodeRuntime(Runtime):
         end_callbacks(self.node)
         for waitable in list(self.node.waitables):
             if isinstance(waitable, ActionServer | ActionClient):
-                waitable.destroy()  # the node does not do it, and would stay in the graph with them
+                waitable.destroy()  # destroy_node does not, and the node would stay in the graph
         for node in reversed(self.nodes):
             node.destroy_node()
         rclpy.try_shutdown(context=self._context)
@@ -629,7 +639,7 @@ class NodeRuntime(Runtime):
                 if self._thread.is_alive():
                     self.report_fault(error, where)
                     self.fail(f'{where} was not done')
-                else:  # the executor, whose end was reported
+                else:  # the executor thread has ended, which was reported
                     self.node.get_logger().warning(f'{where}: {error}')
 
     def _post_locked(self, fn: Callable[[], object]) -> None:
@@ -655,9 +665,9 @@ class NodeRuntime(Runtime):
         self.abort(f'its executor thread has ended: {end}')
 
     def _turn(self) -> None:
-        # The guard condition only ends the wait. It may be lost when the wait ends for another reason (rmw_fastrtps
-        # sets back those that were not triggered when it looked, a moment later): what was posted is checked whenever
-        # a wait has ended.
+        # The guard condition only ends the wait. A trigger may be lost when the wait ends for another reason, because
+        # rmw_fastrtps resets the guard conditions a moment after it has checked them. So check for posted functions
+        # after every wait.
         while not self._closed.is_set():
             latest = self._coalesced.latest
             sleep = None if latest == math.inf else max(0.0, latest - self.steady.now())
@@ -675,10 +685,10 @@ class NodeRuntime(Runtime):
                 self._run(fn, 'a coalesced timer')
 
     def _run_posted(self) -> None:
-        # What comes meanwhile is for the next time, so that messages and timers get their turn.
+        # Functions posted meanwhile wait for the next turn, so that messages and timers are not starved.
         for _ in range(len(self._posted)):
             self._run(self._posted[0], 'posted')
-            # Only now: while it is there, nobody rings.
+            # Remove it only now: while the queue is not empty, post() does not trigger the guard condition.
             with self._lock:
                 self._posted.popleft()
 
@@ -693,18 +703,18 @@ class NodeRuntime(Runtime):
         self.node.get_logger().warning('\n'.join(filter(None, [f'{hang}{note}', hang.stack])))
 
     def _on_escaped(self, error: Exception) -> None:
-        """Report an exception that has escaped from a callback: it must not end the node."""
+        """Report an exception that escaped from a callback, which must not end the node."""
         if self._closed.is_set():
             return
         self.report_fault(error)
         faults = self._faults
         faults.append(time.monotonic())
         if len(faults) == _FAULTS_IN_A_ROW and faults[-1] - faults[0] < 1.0:
-            time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not take a whole core
+            time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not use a whole core
 
 
 def _place_of(error: BaseException) -> tuple[str, int]:
-    """Return the file and line that raised it."""
+    """Return the file and the line that raised the error."""
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
@@ -712,9 +722,10 @@ def _place_of(error: BaseException) -> tuple[str, int]:
 
 
 def qos_misfit(runtime: Runtime, topic: str) -> str:
-    """Return why no messages come on a topic (resolved name), as far as known; '' for nothing. From any thread.
+    """Return why QoS prevents messages on a topic (resolved name); '' if no reason is known. From any thread.
 
-    The result may be outdated by the end of another node; a later call returns the new state.
+    The result may be outdated if another node has ended. The call triggers a check, and a later call returns its
+    result.
     """
     misfits = runtime.node.qos_misfits
     text = misfits.of(topic)
@@ -734,7 +745,7 @@ class _LibraryLog(logging.Handler):
         """See :meth:`logging.Handler.emit`."""
         try:
             text = self.format(record)
-        except Exception as error:  # of the library: its arguments do not fit its text
+        except Exception as error:  # the library's arguments do not fit its text
             text = f'{record.msg} ({error!r})'
         if record.levelno >= logging.ERROR:
             self._logger.error(f'{record.name}: {text}')
@@ -749,13 +760,17 @@ def run_node(
     node_class: type[LargeQueueNode] = LargeQueueNode,
     about: str | None = None,
 ) -> int:
-    """Run the node of an executable until SIGINT or SIGTERM, and give the exit code of the process.
+    """Run the node of an executable until SIGINT or SIGTERM, and return the exit code of the process.
 
-    ``setup`` is called on the main thread with the running runtime; it makes the components and registers their
-    ends. The exit code is 0 after a signal, however many come; 1, with a line on stderr, when the node could not be set
-    up, has failed (:meth:`NodeRuntime.fail`), cannot go on (:meth:`NodeRuntime.abort`), or has not ended in order; 2
-    for arguments that are not for ROS. ``--help`` prints what the node is (``about``), and nothing is run.
-    Must be called on the main thread.
+    Call this on the main thread. ``setup`` is called on the same thread with the running runtime; it creates the
+    components and registers their :meth:`NodeRuntime.on_close`. ``--help`` only prints the usage and ``about``.
+
+    Exit codes:
+
+    - 0 after ``--help``, or after one or more signals;
+    - 1, with a line on stderr, if the node could not be set up, has failed (:meth:`NodeRuntime.fail`), cannot continue
+      (:meth:`NodeRuntime.abort`), or has not ended in order;
+    - 2 for arguments that are not for ROS, or are invalid.
     """
     given = sys.argv[1:] if args is None else args
     if not {'-h', '--help'}.isdisjoint(itertools.takewhile(lambda argument: argument != '--ros-args', given)):
@@ -763,7 +778,7 @@ def run_node(
         return 0
     try:
         unknown = remove_ros_args([name, *given])[1:]
-    except RuntimeError as error:  # of rcl, such as for a namespace that is not a valid name in ROS
+    except RuntimeError as error:  # raised by rcl, for example for an invalid namespace
         print(*escape_lines(f'{name}: {error}'), sep='\n', file=sys.stderr)
         return 2
     if unknown:
@@ -782,7 +797,7 @@ def run_node(
             runtime.on_close(partial(logging.getLogger().removeHandler, handler))
             setup(runtime)
             runtime.post(partial(_tell_unknown_parameters, runtime))
-            gc.freeze()  # what is there now stays: to look through it for garbage takes longer than a tick may
+            gc.freeze()  # these objects stay; scanning them for garbage takes longer than a tick
         except Exception as error:
             reason = str(error) or type(error).__name__
             print(*escape_lines(f'{name}: cannot start: {reason}'), sep='\n', file=sys.stderr, flush=True)
@@ -808,11 +823,11 @@ def _tell_unknown_parameters(runtime: NodeRuntime) -> None:
 
 @contextlib.contextmanager
 def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
-    """Provide a file with a byte for each SIGINT and SIGTERM, which have no other effect, and a function that writes a
-    byte without a signal, from any thread.
+    """Yield a file descriptor that receives a byte for each SIGINT and SIGTERM, and a function that writes a byte
+    without a signal, from any thread. The signals have no other effect.
 
-    The C handler writes the byte on whatever thread the signal arrives: no code of ours is interrupted at an
-    unsuitable moment, nothing is lost during set-up, and a second signal finds no handler.
+    The C handler writes the byte, on whatever thread the signal arrives. So a signal never interrupts Python code, no
+    signal is lost during set-up, and a second signal has no effect.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
@@ -822,7 +837,7 @@ def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
     try:
         yield reading, partial(os.write, writing, b'\0')
     finally:
-        # The interpreter is about to end: a signal must not get it a traceback now.
+        # The interpreter is about to end: a signal must not cause a traceback now.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
         signal.set_wakeup_fd(-1)
@@ -835,20 +850,20 @@ def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
         return
     in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime])
     in_time.daemon = True
-    with contextlib.suppress(RuntimeError):  # no thread is left for it: the watchdog ends the process a second later
+    with contextlib.suppress(RuntimeError):  # no more threads: the watchdog ends the process a second later
         in_time.start()
-    # The watchdog of the fault handler needs no interpreter: it ends the process when that hangs, and reports where. It
-    # stays, since what the interpreter does at its own end (threads that it waits for, destructors) may hang as well.
+    # The watchdog of faulthandler ends the process even if the interpreter hangs, and reports where. It stays active,
+    # because the end of the interpreter may also hang, in threads that it joins or in destructors.
     with contextlib.suppress(RuntimeError):
         faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=watchdog_descriptor())
-    gc.unfreeze()  # the default context finds its nodes among what the collector knows
+    gc.unfreeze()  # the default context finds its nodes through the garbage collector
     runtime.close()
-    gc.freeze()  # else the interpreter collects it at its end, and destructors of the middleware may wait forever
+    gc.freeze()  # so that the interpreter does not collect at its end: destructors of the middleware may block
     in_time.cancel()
 
 
 def _leave_now(name: str, runtime: NodeRuntime) -> None:
-    if runtime.is_at_rest:  # a whole fleet: the others notice that its process is gone
+    if runtime.is_at_rest:  # a whole fleet: other nodes notice that the process is gone
         os._exit(1 if runtime.has_failed else 0)
     print(f'{name}: did not come to an end within {_CLOSE_SECONDS} s; leaving without', file=sys.stderr, flush=True)
     os._exit(1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Values as an operator writes them: a level, a namespace, a named place, ``x y yaw``, or the text of any type."""
+"""Readers of the values that an operator types: levels, namespaces, places, ``x y yaw``, and values of any type."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_core.values.text_files import TextFileError, read_text
 
 MOST_COLUMNS: Final = 1000
-"""Columns, and rows, of a picture in cells."""
+"""Maximum columns, and maximum rows, of a drawing in cells."""
 _FRAME: Final = 6
-"""Columns, and rows, that the frame of a dialog of the screen, or the prompt, takes from those of the terminal."""
+"""Columns, and rows, of the terminal that the frame of a dialog, or the prompt, occupies."""
 
 SHELLS: Final = ('bash', 'zsh')
-"""Shells in which Tab completes."""
+"""Shells with completion by Tab."""
 
 _NAMESPACE: Final = re.compile(r'/|(/(?!\d)\w+)+', re.ASCII)
 
 
 def autonomy_level(text: str) -> AutonomyLevel:
-    """Read a level of autonomy: its name or its number.
+    """Read a level of autonomy, by name or number.
 
     Raises:
-        UsageError: it is neither.
+        UsageError: the text is neither.
     """
     names = {level.name.lower(): level for level in AutonomyLevel}
     numbers = {str(level.value): level for level in AutonomyLevel}
@@ -55,7 +55,7 @@ def assignment(text: str) -> tuple[str, str]:
     """Read ``PARAMETER=VALUE``.
 
     Raises:
-        UsageError: it is not written so.
+        UsageError: the text has another form.
     """
     key, equals, value = text.partition('=')
     if not equals or not key:
@@ -68,10 +68,10 @@ _BOOLEANS: Final = frozenset({'true', 'yes', 'on', '1', 'false', 'no', 'off', '0
 
 
 def parameter_value(parameter: BehaviorParameter, text: str) -> str:
-    """Read the value of a parameter of a behavior. The executive checks values of unknown type.
+    """Check the value of a parameter of a behavior, and return its text. The executive checks values of other types.
 
     Raises:
-        RefusedError: it is not a value of its type, not one of its choices, or beyond its limits.
+        RefusedError: the value does not have the parameter's type, is none of its choices, or is beyond its limits.
     """
     where = f'parameter {short_repr(parameter.name)}: {short_repr(text)}'
     if parameter.choices:
@@ -134,7 +134,7 @@ _CAPABILITIES: Final = 1_000_000
 
 
 def capability_text(file: str) -> str:
-    """Return the text of a capability file of this computer. Raises UsageError when it cannot be read."""
+    """Return the text of a capability file on this computer. Raises UsageError if it is empty or cannot be read."""
     try:
         text = read_text(file, _CAPABILITIES)
     except TextFileError as error:
@@ -145,10 +145,10 @@ def capability_text(file: str) -> str:
 
 
 def full_namespace(text: str) -> str:
-    """Return the absolute namespace of the robot that the operator named.
+    """Return the absolute namespace for the name of a robot, with or without its leading slash.
 
     Raises:
-        UsageError: ROS does not allow this name.
+        UsageError: ROS does not allow the name.
     """
     full = '/' + text.strip('/')
     if _NAMESPACE.fullmatch(full) is None:
@@ -160,10 +160,10 @@ def full_namespace(text: str) -> str:
 
 
 def load_places(file: Path) -> dict[str, FramedPose]:
-    """Read a YAML file of named places, see :func:`load_places`.
+    """Read a YAML file of named places; see :func:`flexbt_core.values.places.load_places`.
 
     Raises:
-        UsageError: the file cannot be read, or an entry is not a place; names file and entry.
+        UsageError: the file cannot be read, or an entry is not a place. The message contains the file and the entry.
     """
     try:
         known = places.load_places(file)
@@ -173,12 +173,12 @@ def load_places(file: Path) -> dict[str, FramedPose]:
 
 
 def value_text(text: str, type: str, places: Mapping[str, FramedPose]) -> str:
-    """Return the text of a value of ``type`` (as in BlackboardEntry), from what the operator wrote; checked.
+    """Return the checked text of a value of ``type`` (as in BlackboardEntry), from the text that the operator typed.
 
-    The executive checks a message type that is not installed here.
+    If a message type is not installed here, only the executive checks the value.
 
     Raises:
-        RefusedError: it is no value of the type.
+        RefusedError: the text is no value of the type.
     """
     short = plain_type(type)
     if short in ('string', 'str'):
@@ -197,7 +197,7 @@ def answer(decision: Decision, text: str, places: Mapping[str, FramedPose]) -> I
     """Return the value that answers an input request.
 
     Raises:
-        RefusedError: it is not a value of the wanted type, or not one of the allowed ones.
+        RefusedError: the text is no value of the requested type, or none of the allowed choices.
     """
     allowed = decision.input_choices
     if allowed and text not in allowed:
@@ -208,11 +208,11 @@ def answer(decision: Decision, text: str, places: Mapping[str, FramedPose]) -> I
 
 
 def start_input(text: str, places: Mapping[str, FramedPose]) -> InputValue:
-    """Read ``key=type:value`` of the input userdata of a start.
+    """Read ``key=type:value``, an input of a behavior to start.
 
     Raises:
-        UsageError: it is not written so.
-        RefusedError: it is no value of the type.
+        UsageError: the text has another form.
+        RefusedError: the value does not have this type.
     """
     key, equals, rest = text.partition('=')
     type, colon, value = rest.partition(':')
@@ -256,11 +256,11 @@ _POSE_FORMS: Final[Mapping[str, Callable[[FramedPose], dict[str, Any]]]] = {
     'geometry_msgs/Pose': _pose_plain,
     'geometry_msgs/Pose2D': lambda place: {'x': place.x, 'y': place.y, 'theta': place.yaw},
 }
-"""Conversions of a pose to plain data of each of :data:`POSE_TYPES`."""
+"""Functions that convert a pose to the plain data of a message, for each of :data:`POSE_TYPES`."""
 
 
 def _checked_text(text: str, type: str) -> str:
-    # Imported here because it imports rclpy and the interface packages, which takes a while.
+    # Imported late, because these import rclpy and the interface packages, which takes long.
     from flexbt_common.errors import UnknownTypeError, ValueConversionError
     from flexbt_common.values.entries import text_to_value, value_to_text
     from flexbt_common.values.value_types import resolve_type
@@ -276,10 +276,10 @@ def _checked_text(text: str, type: str) -> str:
 
 
 def map_size(text: str) -> tuple[int, int]:
-    """Columns and rows of a picture in cells, as in 80x24; of nothing, those for which the terminal has room.
+    """Return columns and rows of a map, from a text such as 80x24; for an empty text, the size that fits the terminal.
 
     Raises:
-        UsageError: it is not written so, or too small or large to show a map.
+        UsageError: the text has another form, or the size is too small or too large.
     """
     if not text:
         room = shutil.get_terminal_size()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The registry of commands: what the console parses, helps with, completes, builds, shows and documents.
+"""The registry of commands. Parser, help, completion, sending, display and documentation of the console use it.
 
 A new command is one entry of :data:`COMMANDS` here, one handler on the robot (``flexbt_onboard.commands``), and its
 effect in the engine; ``docs/tools/make_console.py`` writes its documentation.
@@ -92,7 +92,7 @@ def _sent(
     options: tuple[Option, ...] = (),
     **more: Any,
 ) -> CommandSpec:
-    """Return a command that is sent, for a reason that may be given."""
+    """Return a command that is sent to the executive, with an option for the reason."""
     return CommandSpec(name, summary, action, arguments, (*options, _REASON), **more)
 
 
@@ -486,16 +486,16 @@ COMMANDS: Final = (
 
 
 def find(name: str) -> CommandSpec | None:
-    """Return the command of that name."""
+    """Return the command with this name, or None."""
     return next((spec for spec in COMMANDS if spec.name == name), None)
 
 
 def build(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
-    """Make the command of the line for the executive, bound to ``view``.
+    """Return the command for the executive that a line means, bound to ``view``.
 
     Raises:
         UsageError: the syntax is wrong.
-        RefusedError: it cannot work now.
+        RefusedError: the command cannot work now.
     """
     assert isinstance(line.spec.action, Send)
     command = line.spec.action.build(line, view, builder)

@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The robots of the domain, each with its own operator link, on one node.
 
-Anybody in the domain can publish statuses under any name. So there are at most :data:`MOST_ROBOTS` in addition to the
-requested ones; they are joined some at a time; each process gets its share of them, so that one with a thousand names
-cannot exclude others; only the status of an unopened robot is received; and a robot that is gone is forgotten.
+Any participant in the domain can publish statuses under any name. So the link limits the cost of robots:
+
+- It joins at most :data:`MOST_ROBOTS`, in addition to the requested ones, and a few at a time.
+- Each process gets a fair share of these, so that one process with a thousand names cannot exclude others.
+- It receives only the status of a robot that is not open.
+- It forgets a robot that is gone.
 """
 
 from __future__ import annotations
@@ -23,21 +26,20 @@ from flexbt_console.mirror.mirror import Mirror
 from .operator_link import ExecutiveLink
 
 MOST_ROBOTS: Final = 64
-"""Maximum number of robots that are joined without being named or opened."""
+"""Maximum number of joined robots, without those that were named or opened."""
 
 JOINED_AT_ONCE: Final = 4
-"""Maximum number of robots that are joined in one turn of the executor: an operator's command must not wait for
-more."""
+"""Maximum number of robots joined in one turn of the executor, which delays an operator's command."""
 
 LOOK_SECONDS: Final = 0.5
 LOOK_TOLERANCE: Final = 0.1
-"""Time between two searches for new robots, s: nobody waits for them."""
+"""Time between two searches for new robots, and the tolerance of that time, s."""
 
 LOOK_SHARE: Final = 0.05
-"""Share of the executor's time that looks may take: the more topics there are, the less often it looks."""
+"""Maximum share of the executor's time for searches: with more topics, searches are rarer."""
 
 NEXT_SECONDS: Final = 0.1
-"""Time between two searches while there are robots still to be joined, s."""
+"""Time between two searches while found robots are still to be joined, s."""
 
 FORGET_SECONDS: Final = 600.0
 """Time after which a robot that is gone is forgotten, s, unless it was named or opened."""
@@ -47,13 +49,15 @@ _ENDING: Final = f'/{names.EXECUTIVE_STATUS}'
 
 
 class FleetLink:
-    """A link to each robot, joined by namespace; ``fleet`` contains their mirrors, made by
-    ``make_mirror``.
+    """The links to the robots, by namespace. ``fleet`` contains their mirrors, which ``make_mirror`` makes.
 
-    With ``only`` they are these; else every robot whose executive is there, up to :data:`MOST_ROBOTS`, and that in the
-    node's own namespace (``own``) if it has one: who gives none need not have a robot there. ``operator`` is as for
-    :class:`OperatorLink`: the user is present at all of them; ``scan_period`` as for :class:`SurroundingsLink`. Map and
-    trees come from the robots that are open, and machine, behaviors and log from those that were opened.
+    With ``only``, these are the robots of those namespaces. Otherwise they are the robot in the node's own namespace
+    (``own``) and every robot whose executive is found, up to :data:`MOST_ROBOTS`. If the node's namespace is ``/``, the
+    fleet lists a robot there only when its executive is found.
+
+    ``operator`` is as for :class:`ExecutiveLink`: the user is present at all robots. ``scan_period`` is as for
+    :class:`SurroundingsLink`. Map, trees and scan are received from open robots; machine, behaviors and log from robots
+    that were opened at least once.
     """
 
     def __init__(
@@ -76,7 +80,7 @@ class FleetLink:
         """Robots that are never forgotten: they were named, or opened."""
         self._keeping = threading.Lock()
         self._owners: dict[str, bytes] = {}
-        """The participant that publishes the statuses of a robot, by its name."""
+        """GUID prefix of the participant that publishes the statuses of a robot, by the name of the robot."""
         self._gone_since: dict[str, float] = {}
         self._selected = ''
         for name in only or [self.own]:
@@ -85,14 +89,14 @@ class FleetLink:
             runtime.call(self._look)
 
     def robot(self, name: str) -> tuple[Mirror, ExecutiveLink]:
-        """Return the mirror and the link of a robot. Raises KeyError when it is not known."""
+        """Return the mirror and the link of a robot. Raises KeyError if the robot is not known."""
         link = self._joined[name]
         return link.mirror, link
 
     def open(self, name: str) -> None:
-        """Receive map, trees and scan of a robot until :meth:`close` was called equally often. Raises as :meth:`robot`.
+        """Receive map, trees and scan of a robot until each call of this has been matched by one of :meth:`close`.
 
-        Call neither on the executor thread.
+        Raises KeyError if the robot is not known. Do not call this or :meth:`close` on the executor thread.
         """
         with self._keeping:
             link = self._joined[name]
@@ -105,7 +109,7 @@ class FleetLink:
         self._joined[name].close_surroundings()
 
     def select(self, name: str) -> tuple[Mirror, ExecutiveLink]:
-        """Open one robot instead of the one before, and return it. Raises as :meth:`robot`."""
+        """Open a robot, close the previously selected one, and return mirror and link as :meth:`robot` does."""
         self.open(name)
         if self._selected:
             self.close(self._selected)
@@ -135,7 +139,7 @@ class FleetLink:
         self._runtime.call_near(max(began + pause, now + (now - began) / LOOK_SHARE), LOOK_TOLERANCE, self._look)
 
     def _found(self) -> set[str]:
-        """Return the names of the robots whose executive is there; updates their publishers."""
+        """Return the names of the robots whose status has a publisher, and update ``_owners``."""
         node = self._runtime.node
         owners = {}
         for topic, types in node.get_topic_names_and_types():
@@ -143,7 +147,7 @@ class FleetLink:
                 continue
             name = topic.removesuffix(_ENDING) or '/'
             owner = None if name in self._joined else self._owners.get(name)
-            if owner is None:  # of those that are joined it may be another one by now
+            if owner is None:  # look joined robots up again: their publisher may have changed
                 endpoints = node.get_publishers_info_by_topic(topic)
                 owner = guid_prefix_of(bytes(endpoints[0].endpoint_gid)) if endpoints else UNKNOWN_WRITER
             owners[name] = owner
@@ -151,8 +155,8 @@ class FleetLink:
         return {*owners}
 
     def _has_room(self, shares: Counter[bytes], owner: bytes) -> bool:
-        """Return whether one more robot of a participant may be joined; makes room by leaving one that is gone, or else
-        one of the participant with the most."""
+        """Return whether one more robot of a participant may be joined. If there are too many, make room: leave a robot
+        that is gone, or else one of the participant that has the most."""
         droppable = [name for name in self.fleet.names if name not in self._kept]
         if len(droppable) < MOST_ROBOTS:
             return True
@@ -168,7 +172,7 @@ class FleetLink:
         return True
 
     def _note_gone(self, found: set[str]) -> None:
-        """Forget robots that have been gone for long, or were never heard."""
+        """Forget robots that have been gone for FORGET_SECONDS, or are gone and have never sent a status."""
         now = self._runtime.steady.now()
         gone = {name for name in self.fleet.names if name not in found and name not in self._kept}
         self._gone_since = {name: self._gone_since.get(name, now) for name in gone}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The picture of the executive at one moment, and what follows from it. Every picture says how old it is."""
+"""The picture of the executive at one moment, with its age."""
 
 from __future__ import annotations
 
@@ -29,16 +29,22 @@ from .unexpected_motion import UnexpectedMotion
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An immutable picture; ``age`` in seconds, None before the first snapshot.
+    """An immutable picture of the executive.
 
-    ``structure`` belongs to the run of the snapshot, ``behaviors`` to its executive; each is None while it has not
-    arrived. ``problem`` says what is wrong with the link. ``reasons`` is why a state wants what it wants, by the
-    identifier of the decision, as far as it, or the state before it, has said so. ``places`` are those of the robot (of
-    which it has told if ``has_places``) and our own; where both have one of the same name, that of the robot counts.
-    ``trees`` are those that go on, and the latest that have ended or whose server is gone; they and ``surroundings``
-    are known if they were requested. ``subjects`` is what decisions are about, by their identifiers, as it has arrived:
-    see :meth:`subject`. ``unwanted_motion``: the robot moves though it should stand. ``guard`` is what the stop guard
-    says. ``listening``: no executive was heard yet, and there was no time for it.
+    ``age``: seconds, None before the first snapshot.
+    ``problem``: description of a fault of the link, '' if none.
+    ``structure``: of the run of the snapshot; None until it has arrived.
+    ``behaviors``: of the executive of the snapshot; None until they have arrived.
+    ``reasons``: for a decision, by identifier, the log line that explains the outcome that the state wants. The state,
+    or one before it, has logged it.
+    ``places``: places of the robot and of this console; for equal names, the robot's. ``has_places``: the robot has
+    sent its places.
+    ``trees``: the running trees, and the latest that have ended or whose server is gone. Empty unless requested, as
+    ``surroundings``.
+    ``subjects``: received subjects of decisions, by the identifier of the decision; see :meth:`subject`.
+    ``unwanted_motion``: motion of the robot at a time when it should stand still.
+    ``guard``: latest report of the stop guard.
+    ``listening``: True while no executive has been received, but it is too early to report that.
     """
 
     link: LinkState
@@ -60,12 +66,12 @@ class View:
 
     @property
     def live(self) -> bool:
-        """True if the picture may be shown as the present."""
+        """True if the picture may be shown as the current state."""
         return self.link is LinkState.LIVE
 
     @property
     def running(self) -> bool:
-        """True if a behavior is being started, runs, is paused or stops."""
+        """True if a behavior starts, runs, is paused or stops."""
         return self.snapshot is not None and self.snapshot.state not in (
             ExecutiveState.IDLE,
             ExecutiveState.UNKNOWN,
@@ -73,7 +79,7 @@ class View:
 
     @property
     def robot_pose(self) -> FramedPose | None:
-        """The pose of the robot, None if it is not known."""
+        """Pose of the robot; None if it is not known."""
         return self.snapshot.robot_pose if self.snapshot else None
 
     @property
@@ -83,9 +89,10 @@ class View:
 
     @property
     def running_trees(self) -> list[MirroredTree]:
-        """The trees that run for the active states, in their order, or all that run when no state names its own.
+        """The running trees of the active states, in the order of these; all running trees if that finds none.
 
-        They go by the clock that the executive goes by: its status says what time it is while nothing changes in them.
+        Their ``stamp`` is at least that of the executive's status, because a tree sends no time while it does not
+        change. Both use the same clock.
         """
         named = [state.tree_run_id for state in self.snapshot.active_states] if self.snapshot else []
         now = self.snapshot.stamp if self.snapshot else 0.0
@@ -94,21 +101,21 @@ class View:
 
     @property
     def drawn_trees(self) -> list[MirroredTree]:
-        """Return the trees to draw: the running ones, or else the last state of those whose server is gone."""
+        """Trees to draw: the running ones, or else those whose server is gone, in their last known state."""
         return self.running_trees or [run for run in self.trees if run.server_gone]
 
     @property
     def decisions(self) -> tuple[Decision, ...]:
-        """Decisions that wait for the operator, oldest first."""
+        """Decisions that wait for the operator, oldest first; one chosen by :meth:`turned_to` comes before these."""
         return self.snapshot.decisions if self.snapshot else ()
 
     @property
     def decision(self) -> Decision | None:
-        """The decision to answer first: the oldest, or the one that the operator has chosen."""
+        """The decision to answer first: the oldest one, or the one that the operator has chosen."""
         return self.decisions[0] if self.decisions else None
 
     def pending(self, decision_id: str) -> Decision | None:
-        """Return the pending decision of that identifier."""
+        """Return the pending decision with this identifier; None if it is not pending."""
         return next((decision for decision in self.decisions if decision.id == decision_id), None)
 
     def subject(self, decision: Decision) -> Subject | None:
@@ -117,22 +124,22 @@ class View:
         return found if found is not None and found.number == decision.subject_number else None
 
     def lacks(self, decision: Decision) -> str:
-        """Name what a decision is about if that has not arrived; '' when it is here, or there is nothing to show."""
+        """Return the name of the subject of a decision if that has not arrived; '' if it has, or none is needed."""
         if not decision.subject_number or self.subject(decision) is not None:
             return ''
         return ', '.join(decision.subject) or 'what it is about'
 
     @property
     def drawn(self) -> Surroundings:
-        """The surroundings of the robot as they are drawn while the first decision waits: see :meth:`drawn_for`."""
+        """The surroundings of the robot to draw for the first decision; see :meth:`drawn_for`."""
         return self.drawn_for(self.decision)
 
     def drawn_for(self, decision: Decision | None) -> Surroundings:
-        """Return what is around the robot, with the path and the goal that a decision is about in the place of the
-        plan.
+        """Return the surroundings of the robot to draw for a decision. If its subject has a path or a goal, these
+        replace the plan.
 
-        Another plan could be taken for what is asked about. So none is drawn while a decision waits, unless a state is
-        driving along it.
+        An operator could mistake another plan for the subject of the decision. So no plan is returned while a decision
+        without such a subject waits, unless the robot is driving and the subject has arrived.
         """
         around = self.surroundings
         if decision is None:
@@ -147,7 +154,7 @@ class View:
         return around if self.drives and not self.lacks(decision) else replace(around, plan=())
 
     def turned_to(self, decision_id: str) -> View:
-        """Return the same picture with that decision before those that have waited longer, if it is pending."""
+        """Return the same picture with this decision first, if it is pending."""
         found = self.pending(decision_id)
         if found is None or self.snapshot is None or found is self.decision:
             return self
@@ -161,9 +168,9 @@ class View:
 
     @property
     def active_levels(self) -> tuple[str, ...]:
-        """Paths of all that is known to be active, outermost first, each once: leaves, and containers around them.
+        """Paths of the active states and of the containers around them, each once, containers before their children.
 
-        A container that waits for a decision is active, though all of its children may have ended.
+        A container that waits for a decision is active, even if all of its children have ended.
         """
         paths = (*self.active_paths, *(decision.path for decision in self.decisions))
         levels = {'/': None} if paths else {}
@@ -174,18 +181,18 @@ class View:
 
     @property
     def lockable_paths(self) -> tuple[str, ...]:
-        """Paths of active states and containers that can be left and so locked, the innermost first."""
+        """Paths of the active states and containers that can be locked: all except the root, innermost first."""
         levels = (path for path in self.active_levels if path != '/')
         return tuple(sorted(levels, key=lambda path: path.count('/'), reverse=True))
 
     def own_activity(self, state: ActiveState) -> tuple[str, ...]:
-        """Return what an active state says that it is doing, without the running nodes of its tree, where that is
+        """Return the activity that an active state reports, without the nodes of its tree, as far as the tree is
         known."""
         nodes = {node.path for run in self.trees if run.run_id == state.tree_run_id for node in run.nodes}
         return tuple(line for line in state.activity if line not in nodes)
 
     def state(self, path: str) -> StateStructure | None:
-        """Structure of a state or container of the run, when it is known."""
+        """Return the structure of a state or container of the run; None if it is not known."""
         return self.structure.state(path) if self.structure else None
 
     def outcomes(self, path: str) -> tuple[str, ...]:

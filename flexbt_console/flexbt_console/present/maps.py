@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The map with plan, driven path, scan, places, goal and robot: in the cells of a terminal, and as an image.
 
-Only the image needs Pillow, which is imported when one is made.
+Only the image needs Pillow, which is imported on first use.
 
-A cell has 2 x 4 dots of braille, which are square where a cell is twice as high as wide.
+A cell has 2 x 4 braille dots. They are square if a cell is twice as high as wide.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
 _DOTS: Final = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
-"""Bits of a braille character by row and column of the dot (Unicode, Braille Patterns)."""
+"""Bits of a braille character, by row and column of the dot (Unicode, Braille Patterns)."""
 
 _MARGIN: Final = 0.5
-"""Metres around the known points, if there is no map."""
+"""Margin around the known points when no map is known, m."""
 
 _SAMPLES: Final = 4
-"""Cells of the map that are looked at for one dot, in each direction at most: a wall that is thinner than a dot is
-seen, and a large map costs no more than a small one."""
+"""Maximum number of map cells that are sampled for one dot, in each direction. So walls thinner than a dot are drawn,
+and a large map costs no more than a small one."""
 
 
 _NEAR_WALL: Final = 0.1
-"""Metres from a wall within which what the lidar meets is that wall."""
+"""Distance from a wall within which a point of the scan counts as that wall, m."""
 
 
 class Layer(Enum):
-    """The content of a character of the map; the value is its style in a terminal."""
+    """The content of a cell of the drawing; the value is its style in a terminal."""
 
     NOTHING = ''
     WALL = 'wall'
@@ -68,7 +68,10 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Frame:
-    """The part of the world that ``columns`` x ``rows`` characters show: dots of ``step`` m from ``x``, ``y`` on."""
+    """The part of the world in a drawing of ``columns`` x ``rows`` characters.
+
+    ``x`` and ``y`` are the lower left corner, ``step`` the size of a dot, m.
+    """
 
     columns: int
     rows: int
@@ -77,7 +80,7 @@ class Frame:
     step: float
 
     def dot(self, point: Point) -> tuple[int, int] | None:
-        """Column and row (from the top) of the dot at a point; None outside."""
+        """Return column and row (from the top) of the dot at a point; None if the point is outside."""
         column = math.floor((point[0] - self.x) / self.step)
         row = 4 * self.rows - 1 - math.floor((point[1] - self.y) / self.step)
         if 0 <= column < 2 * self.columns and 0 <= row < 4 * self.rows:
@@ -85,7 +88,7 @@ class Frame:
         return None
 
     def cell(self, point: Point) -> tuple[int, int] | None:
-        """Column and row (from the top) of the character at a point; None outside."""
+        """Return column and row (from the top) of the character at a point; None if the point is outside."""
         dot = self.dot(point)
         return None if dot is None else (dot[0] // 2, dot[1] // 4)
 
@@ -95,7 +98,7 @@ class Frame:
 
 
 def frame_for(view: View, columns: int, rows: int) -> Frame:
-    """Return the smallest frame that shows the whole map, or everything drawn if no map is known."""
+    """Return the smallest frame that shows the whole map; if no map is known, all points that are drawn."""
     around, robot = view.drawn, view.robot_pose
     if around.map is not None:
         (left, bottom), (width, height) = (around.map.x, around.map.y), around.map.size
@@ -113,8 +116,7 @@ def frame_for(view: View, columns: int, rows: int) -> Frame:
 def draw_map(
     view: View, cursor: Point | None, columns: int, rows: int, signs: Glyphs
 ) -> tuple[Frame, list[list[Cell]]]:
-    """Return the frame, and its characters row by row from the top. Points of a scan that are on the map already are
-    left out."""
+    """Return the frame, and its cells row by row from the top. Points of the scan near a wall are omitted."""
     around, robot, places = view.drawn, view.robot_pose, view.places
     frame = frame_for(view, columns, rows)
     dots: dict[tuple[int, int], Layer] = {}
@@ -163,7 +165,7 @@ def _write(drawn: list[list[Cell]], frame: Frame, point: Point, sign: str, layer
 
 
 def _put(row: list[Cell], column: int, cell: Cell) -> None:
-    """Draw over a cell; erase both cells of a wide character that was there."""
+    """Replace a cell; if it belonged to a wide character, erase the other cell of that character."""
     if not row[column][0]:
         row[column - 1] = ' ', row[column - 1][1]
     if column + 1 < len(row) and not row[column + 1][0]:
@@ -172,9 +174,9 @@ def _put(row: list[Cell], column: int, cell: Cell) -> None:
 
 
 def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) -> None:
-    """Write a name after, before, above or below its sign, where it covers no other place or name.
+    """Write a name to the right, left, above or below its sign, where it covers no other place or name.
 
-    If there is not enough room, write as much of it as fits behind the sign.
+    If none of these fits, write the beginning of the name to the right, as far as it fits.
     """
     if at is None or not name:
         return
@@ -182,7 +184,7 @@ def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) 
 
     def is_free(begin: int, line: int, count: int) -> bool:
         is_inside = 0 <= line < len(drawn) and begin >= 0 and begin + count <= columns
-        cells = range(max(0, begin - 1), min(columns, begin + count + 1))  # one beside it on both sides
+        cells = range(max(0, begin - 1), min(columns, begin + count + 1))  # with one cell of space on both sides
         return is_inside and all((cell, line) == at or drawn[line][cell][1] is not Layer.PLACE for cell in cells)
 
     wide = width(name)
@@ -195,7 +197,7 @@ def _write_name(drawn: list[list[Cell]], at: tuple[int, int] | None, name: str) 
 
 
 def map_lines(view: View, size: tuple[int, int]) -> list[str]:
-    """Return the map of this many columns and rows, in lines; the last ones show the pose of the robot, and the
+    """Return the map as lines. ``size`` is in columns and rows; the last two lines are the pose of the robot and the
     legend."""
     signs, columns, rows = glyphs(), size[0], max(1, size[1] - 2)
     _, cells = draw_map(view, None, columns, rows, signs)
@@ -205,7 +207,7 @@ def map_lines(view: View, size: tuple[int, int]) -> list[str]:
 
 
 def where_text(view: View) -> str:
-    """Return the pose of the robot and the length of its plan."""
+    """Return the line with the pose of the robot and the length of its plan, or the reason why they are unknown."""
     robot = view.robot_pose
     blind = blind_text(view.snapshot) if view.snapshot else ''
     where = f'x {robot.x:.2f} y {robot.y:.2f} yaw {robot.yaw:.2f}' if robot is not None else blind or 'pose unknown'
@@ -217,11 +219,11 @@ def where_text(view: View) -> str:
 
 @functools.lru_cache(maxsize=1)
 def _wall_dots(map: GridMap, frame: Frame) -> frozenset[tuple[int, int]]:
-    """Return the dots of walls, made once for a map and a frame."""
+    """Return the dots (column, row) of walls. Cached for the latest map and frame."""
     found: set[tuple[int, int]] = set()
     count = min(_SAMPLES, max(1, math.ceil(frame.step / map.resolution)))
     offsets = [(number + 0.5) / count * frame.step for number in range(count)]
-    dots: dict[int, list[int]] = {}  # by column of the map, the columns of the dots that it is in
+    dots: dict[int, list[int]] = {}  # columns of dots, by the column of the map that they show
     for column in range(2 * frame.columns):
         left = frame.x + column * frame.step
         for cell in {math.floor((left + offset - map.x) / map.resolution) for offset in offsets}:
@@ -235,7 +237,7 @@ def _wall_dots(map: GridMap, frame: Frame) -> frozenset[tuple[int, int]]:
 
 
 def _met(scan: Iterable[Point], walls: frozenset[tuple[int, int]], frame: Frame) -> Iterable[tuple[int, int]]:
-    """Columns and rows of the characters in which the lidar sees an obstacle that is not a wall of the map."""
+    """Return columns and rows of the characters with a point of the scan that is not near a wall of the map."""
     reach = math.ceil(_NEAR_WALL / frame.step)
     near = range(-reach, reach + 1)
     known: set[tuple[int, int]] = set()
@@ -256,10 +258,10 @@ def _line_dots(points: tuple[Point, ...], frame: Frame) -> Iterable[tuple[int, i
                 yield dot
 
 
-# The map as an image: walls, what the lidar meets, plan, driven path, places, goal, and the robot.
+# The map as an image.
 
 PIXELS: Final = 1200
-"""Default length of the longer side, pixels."""
+"""Length of the longer side of the image, pixels."""
 
 _GRAYS: Final = bytes(40 if OCCUPIED <= value <= 100 else 255 if value < OCCUPIED else 205 for value in range(256))
 """Gray levels of occupied, free and unknown cells, as map_server draws them: dark, white and gray."""
@@ -273,8 +275,8 @@ _ROBOT: Final = '#008a5e'
 
 
 def map_image(view: View) -> Image:
-    """Return the map, its longer side of :data:`PIXELS`."""
-    from PIL import Image, ImageDraw, ImageFont  # what only an image needs
+    """Return the map as an image whose longer side has :data:`PIXELS` pixels."""
+    from PIL import Image, ImageDraw, ImageFont  # only needed for an image
 
     around, robot, places = view.drawn, view.robot_pose, view.places
     wide = frame_for(view, PIXELS // 2, PIXELS // 4)
@@ -309,7 +311,7 @@ def map_image(view: View) -> Image:
 
 
 def save_map(file: Path, view: View) -> None:
-    """Write the map as PNG, whatever the suffix of the file.
+    """Write the map as PNG, whatever the suffix of ``file``.
 
     Raises:
         UsageError: the file cannot be written.
@@ -324,7 +326,7 @@ def save_map(file: Path, view: View) -> None:
 
 
 def _extent(map: GridMap | None, frame: Frame, axis: int) -> int:
-    """Pixels that a side takes of the square."""
+    """Return the length of a side of the map in the square image, pixels."""
     return PIXELS if map is None else min(PIXELS, math.ceil(map.size[axis] / frame.step) + 2)
 
 
@@ -334,7 +336,7 @@ def _paste(image: Image, map: GridMap, frame: Frame) -> None:
     cells = Image.frombytes('L', (map.width, map.height), map.cells.translate(_GRAYS))
     cells = cells.transpose(Image.Transpose.FLIP_TOP_BOTTOM)
     width, height = (max(1, round(side / frame.step)) for side in map.size)
-    if cells.width > width:  # a wall that is thinner than a pixel stays: of the cells of a pixel the darkest counts
+    if cells.width > width:  # the darkest cell counts, so that thin walls remain
         cells = cells.filter(ImageFilter.MinFilter(2 * math.ceil(cells.width / width / 2) + 1))
     left, top = (map.x - frame.x) / frame.step, PIXELS - (map.y + map.size[1] - frame.y) / frame.step
     image.paste(cells.resize((width, height), Image.Resampling.NEAREST), (round(left), round(top)))

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""MCAP files of runs: written so that a crash costs the last few messages, read also when their end is missing.
+"""MCAP files of runs. A crash loses only the last few messages, and a file without its end can be read.
 
-Data that a full disk does not take waits until there is room. A file that was not closed, or for which there was no
-room in the end, ends after a whole record, and lacks the index that many readers need. :func:`recover_run` rewrites it
-with one, as ``mcap recover`` of MCAP's own tools does.
+While the disk is full, data wait in memory. A file that was not closed, or could not be completed on a full disk, ends
+after a whole record and lacks the index that many readers need. :func:`recover_run` writes a copy with an index, as
+``mcap recover`` of MCAP's tools does.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from flexbt_core.values.text import short_repr
 from flexbt_core.values.text_files import open_private, open_regular
 
 CHUNK: Final = 4096
-"""Bytes that are compressed and written together, and may be lost in a crash: some ten pictures of the executive."""
+"""Bytes that are compressed and written together; a crash may lose them. Some ten statuses of the executive."""
 
 MOST_WAITING: Final = 16_000_000
-"""Maximum bytes that may wait for the disk."""
+"""Maximum bytes that wait for the disk."""
 
 MOST_RECORD: Final = 64_000_000
-"""Bytes of a record, and of what a chunk holds, that are read at most."""
+"""Maximum bytes of a record, and of the decompressed content of a chunk."""
 
 _MAGIC: Final = b'\x89MCAP0\r\n'
 
@@ -42,14 +42,16 @@ DAMAGED: Final = 'lacks its end: its recorder was killed, or the file was cut of
 """Warning about a recording for which :func:`read_run` has called ``at_damage``."""
 
 RELATIVE_NAME: Final = 'flexbt_topic'
-"""Key of a channel's metadata: the name of the topic in the namespace of its robot."""
+"""Key in a channel's metadata for the name of the topic relative to the namespace of the robot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """A message: its topic in the robot's namespace and in full, its type with the full definition, its CDR bytes.
+    """A recorded message.
 
-    ``time`` is when it was heard, ``sent`` when it was sent, in ns since the epoch.
+    ``topic`` is relative to the robot's namespace, ``resolved`` is the full name. ``definition`` is the full definition
+    of the type, ``data`` the message in CDR. ``time`` is when it was received, ``sent`` when it was sent, ns since the
+    epoch.
     """
 
     topic: str
@@ -62,10 +64,15 @@ class Recorded:
 
 
 class RunWriter:
-    """A writer of a recording; may be used from several threads.
+    """A writer of a recording; thread-safe.
 
-    Raises OSError when the file cannot be made, when more than :data:`MOST_WAITING` bytes would wait for the disk, and
-    at its end when some do: then it ends after the last record that fits, has no index, and takes nothing more.
+    Raises OSError:
+
+    - on creation, if the file cannot be created;
+    - on :meth:`add`, if more than :data:`MOST_WAITING` bytes would wait for the disk; then it accepts no more messages;
+    - on :meth:`close`, if some bytes still cannot be written.
+
+    In the last two cases the file ends after the last record that fits, and has no index.
     """
 
     def __init__(self, file: Path) -> None:
@@ -77,7 +84,7 @@ class RunWriter:
         self._channels: dict[str, int] = {}
 
     def add_topic(self, topic: str, resolved: str, type: str, definition: str) -> None:
-        """Make a topic known: its name in the robot's namespace, and the full one."""
+        """Add a topic, unless it was added before: its name relative to the robot's namespace, and its full name."""
         with self._lock:
             if topic in self._channels:
                 return
@@ -88,18 +95,18 @@ class RunWriter:
             )
 
     def add(self, topic: str, data: bytes, heard: int, sent: int) -> None:
-        """Write a message; times in ns since the epoch."""
+        """Write a message of a topic that was added. ``heard`` and ``sent`` are in ns since the epoch."""
         with self._lock:
             self._writer.add_message(self._channels[topic], heard, data, sent)
 
     @property
     def problem(self) -> OSError | None:
-        """Why the last data wait to be written; None if none wait."""
+        """Error because of which data wait for the disk; None if none wait."""
         return self._stream.problem
 
     @property
     def size(self) -> int:
-        """Bytes of the file so far, with those that wait."""
+        """Bytes of the file, including those that wait."""
         return self._stream.tell()
 
     def close(self) -> None:
@@ -109,9 +116,9 @@ class RunWriter:
 
 
 def write_recording(file: Path, messages: Iterable[tuple[int, str, Any]]) -> None:
-    """Write a recording of messages, each with its time (ns since the epoch) and the name of its topic.
+    """Write a recording of messages, each as its time (ns since the epoch), the name of its topic, and the message.
 
-    Raises OSError when the file exists or cannot be written.
+    Raises OSError if the file exists or cannot be written.
     """
     from rclpy.serialization import serialize_message  # reading a recording does not need ROS
 
@@ -124,23 +131,23 @@ def write_recording(file: Path, messages: Iterable[tuple[int, str, Any]]) -> Non
 
 
 class _WholeWrites:
-    """A new file in which each write succeeds as a whole or not at all; a failed write is retried with the next one.
+    """A new file that ends after a whole write, whatever fails. Failed writes are retried with the next one.
 
-    ``problem`` is why writes wait. Not a stream of the standard library: MCAP's writer would put its own
-    buffer on a raw one, and never empty it.
+    ``problem`` is the error because of which writes wait. This is no stream of the standard library: MCAP's writer
+    would wrap a raw one in its own buffer, and never flush that.
     """
 
     def __init__(self, file: Path) -> None:
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._file = open(file, 'xb', buffering=0, opener=open_private)  # noqa: SIM115 - see close
         self._size = 0
-        self._taken = 0  # bytes, with those that wait
+        self._taken = 0  # bytes, including those that wait
         self._waiting: deque[bytes] = deque()
         self._refusal: OSError | None = None
         self.problem: OSError | None = None
 
     def write(self, data: bytes) -> int:
-        if self._refusal is not None:  # for good: the index has the places of what is not there
+        if self._refusal is not None:  # permanent: the index would refer to missing data
             raise self._refusal
         self._waiting.append(data)
         self._taken += len(data)
@@ -177,10 +184,11 @@ class _WholeWrites:
 
 
 def recover_run(file: Path, whole: Path) -> int:
-    """Write what can be read of a file into a new one that has an index; gives the number of messages.
+    """Copy all messages that can be read from ``file`` into the new file ``whole``, which gets an index; return their
+    number.
 
     Raises:
-        UsageError: the one cannot be read, or the other not be written.
+        UsageError: ``file`` cannot be read or has no messages, or ``whole`` cannot be written.
     """
     messages = read_run(file)
     first = next(messages, None)
@@ -199,10 +207,11 @@ def recover_run(file: Path, whole: Path) -> int:
 
 
 def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iterator[Recorded]:
-    """Yield the messages of a file in the order in which they were heard. Where it was cut off or damaged it ends, and
-    ``at_damage`` is called.
+    """Yield the messages of a file in the order of the file. If it is cut off or damaged, call ``at_damage`` there, and
+    end.
 
-    Raises UsageError if it is not an MCAP file, or has a chunk of more than MOST_RECORD bytes.
+    Raises UsageError if the file cannot be read, is no MCAP file, or has a chunk of more than MOST_RECORD bytes or with
+    an unknown compression.
     """
     try:
         with open(file, 'rb', opener=open_regular) as stream:
@@ -215,7 +224,7 @@ def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iter
 
 
 def _messages(records: Iterator[object]) -> Iterator[Recorded]:
-    schemas: dict[int, tuple[str, str]] = {}  # name and definition, which all messages of the type share
+    schemas: dict[int, tuple[str, str]] = {}  # name and definition
     channels: dict[int, Channel] = {}
     for record in records:
         if isinstance(record, Schema):
@@ -231,10 +240,10 @@ def _messages(records: Iterator[object]) -> Iterator[Recorded]:
 
 
 def _unpacked(stream: IO[bytes]) -> Iterator[object]:
-    """Yield the records of a file, those in its chunks, too.
+    """Yield the records of a file, including those in chunks.
 
-    The size of what is unpacked is bounded: a chunk of some kB may stand for any amount. Raises whatever a damaged file
-    leads to.
+    The size of a decompressed chunk is bounded, because a chunk of some kB may expand to any size. A damaged file may
+    raise any exception.
     """
     reader = StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_RECORD)
     for record in reader.records:
@@ -261,7 +270,7 @@ def _decompressed(chunk: Chunk) -> bytes:
 
 
 def _sound(records: Iterator[object], at_damage: Callable[[], object]) -> Iterator[object]:
-    """Yield the records up to where the file is damaged, from which any exception may follow."""
+    """Yield the records until reading one raises an exception, which damage may cause; then call ``at_damage``."""
     try:
         yield from records
     except (OSError, UsageError):

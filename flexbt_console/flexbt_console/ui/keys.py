@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The keys of an operator: one table, from which footer, help and documentation of the screen are made, and what the
-same keys and buttons of the page do.
+"""The keys of an operator, in one table. The footer, help and documentation of the screen come from it, and so do the
+keys and buttons of the page.
 
-No key depends on which pane has the focus. A key whose command cannot work now says why.
+No key depends on the pane that has the focus. A key whose command cannot work now shows the reason.
 """
 
 from __future__ import annotations
@@ -16,20 +16,21 @@ from flexbt_console.mirror.records import AutonomyLevel, DecisionKind, Executive
 from flexbt_console.mirror.view import View
 
 Possible = Callable[[View], str]
-"""Why it cannot work now; '' when it can."""
+"""A function that returns why a key cannot work now, or ''."""
 
 Written = Callable[[View, str | None], list[str]]
-"""A function that returns the meaning of a key as it would be typed: one line, or several of which one is meant."""
+"""A function that returns the command of a key as a line; several lines are alternatives to choose from."""
 
 
 @dataclass(frozen=True)
 class KeyBinding:
-    """A key, or several, by what is shown of them. ``action`` is its name, for the screen where it has no ``lines``:
-    its ``label``, if nothing else is given. ``keys`` have Textual's names: by default the one that is shown.
-    ``begins``: it opens the line that is typed, with this text.
+    """One key, or several with the same effect.
 
-    ``sends``: it sends a command that needs a live link, and the authority if an operator has it. ``rank``: 1 has a
-    place in every footer, 2 where there is room; 3 is in the help only, unless the operator ``needs`` it now.
+    ``shown``: the key as footer and help show it. ``keys``: Textual's names of the keys, by default ``shown``.
+    ``action``: name of the action, by default ``label``; the screen runs it if there are no ``lines``.
+    ``begins``: the key opens the command line with this text.
+    ``sends``: the key sends a command, which needs a live link, and the authority if any operator has it.
+    ``rank``: 1 is in every footer, 2 where it fits, 3 only in the help, unless the operator ``needs`` the key now.
     """
 
     shown: str
@@ -49,10 +50,9 @@ class KeyBinding:
         object.__setattr__(self, 'keys', self.keys or (self.shown,))
 
     def can_be_used(self, view: View, operator: str | None, *, has_answer: bool = True) -> bool:
-        """Return whether it has an effect now, as far as is known; a key that is pressed anyway reports why it has
-        none.
+        """Return whether the key has an effect now, as far as known. If pressed anyway, it shows why it has none.
 
-        ``has_answer``: there is something for Enter to send or to begin.
+        ``has_answer``: Enter has an answer to send or a line to begin.
         """
         snapshot = view.snapshot
         is_held = snapshot is not None and snapshot.authority not in ('', operator)
@@ -61,15 +61,15 @@ class KeyBinding:
 
     @property
     def gives_command(self) -> bool:
-        """Return whether it is refused to an observer."""
+        """True if an observer may not use the key."""
         return self.sends or self.action in ('stop', 'authority', 'note')
 
     @property
     def asks(self) -> bool:
-        """Return whether the key first shows its line, which Enter then sends.
+        """True if the key first shows its line, which Enter then sends.
 
-        Every key may be the first letter of a word that is typed as an answer, so only STOP acts at once. Further input
-        becomes part of the line, which then is not a command.
+        Only STOP acts at once, because any other key may be the first letter of a word that is typed as an answer.
+        Further letters are appended to the line, which is then no command.
         """
         return self.lines is not None and self.gives_command and self.action != 'stop'
 
@@ -128,7 +128,7 @@ def _is_lockable(view: View) -> str:
     return '' if view.lockable_paths else 'no active state can be locked'
 
 
-# The lines of keys. Of several states that are active, any can be meant; a lock is also for the containers around them.
+# The lines of keys: one for each active state; for a lock, also one for each container around these.
 
 
 def _line(text: str) -> Written:
@@ -173,8 +173,7 @@ def _authority(view: View, operator: str | None) -> list[str]:
 
 
 def _is_held_or_asked_for(view: View, operator: str | None) -> bool:
-    """Return whether the authority prevents this operator from commanding, or another operator requests it from this
-    one."""
+    """Return whether another operator has the authority, or requests it from this operator."""
     snapshot = view.snapshot
     if snapshot is None or operator is None:
         return False
@@ -312,7 +311,7 @@ KEYS: Final = (
 )
 
 SIGNS: Final = (('[ ]', 'what Enter sends'), ('*', 'the outcome that the state wants'))
-"""Signs with which the decision bar marks its answers."""
+"""The signs of answers in the decision bar, and their meanings."""
 
 HOW_KEYS_SEND: Final = (
     'Only STOP acts at once. Every other command shows its line, list or form first; Enter sends it. '
@@ -321,7 +320,7 @@ HOW_KEYS_SEND: Final = (
 
 
 def help_lines() -> list[str]:
-    """Return the table, for people, and the signs of the decision bar."""
+    """Return the lines of the help: the keys, and the signs of the decision bar."""
     keys = [f'{key.shown:>6}  {key.label:<14} {key.help}' for key in KEYS]
     signs = [f'{sign:>6}  {"":<14} {what}' for sign, what in SIGNS]
     return [*keys, '', HOW_KEYS_SEND, '', 'Signs in the decision bar:', *signs]

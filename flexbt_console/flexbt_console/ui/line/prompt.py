@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The prompt itself, on prompt_toolkit: typing, drawing, and printing what happens above the line."""
+"""The prompt, on prompt_toolkit: reads lines, draws the toolbar, and prints events above the line."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ from .raw_input import MOST_TYPED, RawInput, is_gone
 from .toolbar import toolbar
 
 AGE_SECONDS: Final = 0.5
-"""Period at which the age of the picture is redrawn while nothing else happens, s."""
+"""Period of redrawing the age of the picture while nothing else happens, s."""
 
 REDRAW_SECONDS: Final = 0.1
-"""Shortest time between two drawings, which limits what goes over a slow terminal connection."""
+"""Minimum time between two drawings, s; limits the traffic over a slow terminal connection."""
 
 TOOLBAR_ROWS: Final = 12
 
@@ -63,8 +63,10 @@ STYLE: Final = Style.from_dict(
 
 
 def run_prompt(station: Station, clock: Clock, on_signal: OnSignal) -> None:
-    """Run the prompt in this terminal until the operator quits, the terminal goes away, or a signal ends it, which
-    ``on_signal`` reports (see :class:`TerminalWatch`)."""
+    """Run the prompt in this terminal until the operator quits, the terminal is gone, or a signal arrives.
+
+    ``on_signal`` handles the signals: see :meth:`TerminalWatch.on_signal`.
+    """
     keyboard = RawInput(lambda characters: prompt.refuse_paste(characters))
     prompt = Prompt(station, clock, on_signal=on_signal, input=keyboard)
     asyncio.run(prompt.run())
@@ -72,7 +74,7 @@ def run_prompt(station: Station, clock: Clock, on_signal: OnSignal) -> None:
 
 @dataclass(frozen=True)
 class _Held:
-    """A line that was typed while there was no live link, and the time until which it waits for one."""
+    """A line that was typed without a live link, and the time until which it waits for one."""
 
     text: str
     bound: Bound
@@ -80,9 +82,9 @@ class _Held:
 
 
 class Prompt:
-    """One operator at one terminal. Everything here runs on the event loop's thread.
+    """The prompt of one operator at one terminal. All methods run on the event loop's thread unless stated.
 
-    The time-out of the station is also that for the link to be live.
+    A line that needs a live link waits for one at most for the time-out of the station.
     """
 
     def __init__(
@@ -126,7 +128,7 @@ class Prompt:
 
     @property
     def shown_decision(self) -> str | None:
-        """Identifier of the decision that is on the screen."""
+        """Identifier of the decision on the screen."""
         return self._shown.shown
 
     def refuse_paste(self, characters: int) -> None:
@@ -135,8 +137,8 @@ class Prompt:
         self._print(_warned([told]))
 
     def _typed(self, text: str) -> None:
-        """Count a key as work on the decision on the screen."""
-        # A line that is too long was cut, here or in the terminal's reader: it stays refused when it is made shorter.
+        """Note that the operator works on the decision on the screen."""
+        # A line that was cut, here or in the terminal's reader, stays refused even if the operator shortens it.
         self._history.is_cut = bool(text) and (self._history.is_cut or len(text) > MOST_TYPED)
         if len(text) > MOST_TYPED + 1:
             self._prompt.default_buffer.text = text[: MOST_TYPED + 1]
@@ -190,7 +192,7 @@ class Prompt:
                 return
 
     async def _age(self) -> None:
-        """Redraw the parts that depend only on time."""
+        """Redraw regularly, for the parts that depend only on time."""
         while True:
             self._refresh()
             await asyncio.sleep(AGE_SECONDS)
@@ -222,13 +224,13 @@ class Prompt:
                 asking = threading.Thread(target=self._ask, args=(text.split()[0], done), name='ask', daemon=True)
                 try:
                     asking.start()
-                except RuntimeError as error:  # no thread is left
+                except RuntimeError as error:  # no more threads can be started
                     self._print(_warned([f'{one_line(text)}: {error}; nothing was asked']))
             return meaning.local is not Local.QUIT
         return True
 
     def _do_held(self) -> None:
-        """Execute the line that waited for a live link, or discard it."""
+        """Execute the lines that waited for a live link, and discard those whose time is over."""
         while self._held and ((is_live := self._mirror.view().live) or self._clock.now() >= self._held[0].until):
             held = self._held.popleft()
             if is_live:
@@ -238,7 +240,7 @@ class Prompt:
                 self._print(_warned([f'{one_line(held.text)}: {late}']))
 
     def _ask(self, name: str, request: RobotRequest) -> None:
-        """Ask the executive, on a separate thread: the answer may take long."""
+        """Ask the executive. Runs on a separate thread, because the answer may take long."""
         try:
             text = request.ask(self._station.link, self._print_later).text
         except ConsoleError as error:
@@ -249,12 +251,12 @@ class Prompt:
             self._loop.call_soon_threadsafe(self._print, text)
 
     def _print_later(self, text: str) -> None:
-        """From any thread."""
+        """Print a text; from any thread."""
         with contextlib.suppress(RuntimeError):  # the loop was closed just now
             self._loop.call_soon_threadsafe(self._print, escape_lines(text))
 
     def _fault(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Handle an exception that escaped a callback: the terminal is gone, or it is a fault of ours."""
+        """Handle an exception that escaped a callback: end if the terminal is gone, else report a fault."""
         error = context.get('exception')
         if is_gone(error):
             self._over.set()
@@ -272,7 +274,7 @@ class Prompt:
         return fragments
 
     def _wake(self, loop: asyncio.AbstractEventLoop) -> None:
-        # From the executor thread; many messages make one refresh.
+        # Runs on the executor thread. Many messages cause one refresh.
         if not self._refresh_planned and not self._ended:
             self._refresh_planned = True
             with contextlib.suppress(RuntimeError):  # the loop was closed just now
@@ -296,7 +298,7 @@ class Prompt:
             self._print(lines)
 
     def _is_settled(self, view: View) -> bool:
-        """Return whether the latched messages have arrived with the first status, so that they are shown in order."""
+        """Return whether the latched messages had time to arrive after the first status. Events are then in order."""
         if view.snapshot is None or self._settled_at <= self._loop.time():
             return True
         if self._settled_at == math.inf:
@@ -322,14 +324,14 @@ class Prompt:
                     for part in fold(line, columns, rows=len(line)):
                         self._write(part)
                 output.flush()
-            # A terminal that does not report its cursor has no toolbar: this was the drawing.
+            # A terminal that does not report its cursor has no toolbar, so this print shows the decision.
             self._shown.drawn(decision_id)
 
     def _write(self, line: str) -> None:
         output = self._prompt.app.output
         before, after = coloured(toned('\n', line), self._has_colours).split('\n')
         output.write_raw(before)
-        # write() shows an escape character as "?", should one have slipped through.
+        # write() replaces an escape character by "?", should the line contain one.
         output.write(line)
         output.write_raw(after)
         output.write('\n')
@@ -341,7 +343,7 @@ class _History(InMemoryHistory):
     def __init__(self) -> None:
         super().__init__()
         self.is_cut = False
-        """True if the typed line was too long at any time since it was last empty."""
+        """True if the typed line was too long at some time since it was last empty."""
 
     def append_string(self, string: str) -> None:
         """See :class:`prompt_toolkit.history.History`."""

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Dialogs over the panes: a list of choices, the form of a behavior, a text, the list of robots. Escape leaves each.
+"""Dialogs over the panes: a list of choices, the form of a behavior, a text, the list of robots. Escape closes each.
 
-The keys that move or end one have priority, and its first field has the focus at once: so keys are dealt with in the
-order in which they were typed, however quickly, and none of them reaches what was there before or comes after.
+The keys that move in a dialog or close it have priority, and its first field gets the focus at once. So keys are
+handled in the order in which they were typed, however quickly, and each key reaches the dialog for which it was typed.
 """
 
 from __future__ import annotations
@@ -44,15 +44,14 @@ if TYPE_CHECKING:
     from .textual_app import ImageWidget
 
 IMAGE_SECONDS: Final = 2.0
-"""Time between two images of the map, s: each has some ten kilobytes."""
+"""Time between two images of the map, s. An image has some ten kilobytes."""
 
 MOST_ROWS: Final = 100
-"""Maximum rows of one line."""
+"""Maximum rows into which a line is folded."""
 
 
 class Entry(NamedTuple):
-    """A line of a list: how it looks, the texts that mean it when they are typed, and why it cannot be chosen ('' when
-    it can)."""
+    """A line of a list: its text, the names by which it can be typed, and why it cannot be chosen ('' if it can)."""
 
     text: str
     names: tuple[str, ...]
@@ -60,7 +59,7 @@ class Entry(NamedTuple):
 
 
 class FindField(Input):
-    """The text that filters a list while it is typed. It has the focus of the list."""
+    """The field whose text filters a list. It has the focus instead of the list."""
 
     DEFAULT_CSS = 'FindField { dock: top; height: 1; border: none; padding: 0; } FindField:focus { border: none; }'
 
@@ -71,8 +70,8 @@ HOW_TO_CHOOSE: Final = 'type to find, Up Down mark, Enter chooses, Esc leaves'
 class ChoiceList(ModalScreen[int | None]):
     """A list with a filter; returns the index of the chosen entry, from 0, or None.
 
-    Nothing is marked at first. Enter chooses the entry that was marked with the arrows, or the only one whose name was
-    typed. Otherwise it shows what is missing, and chooses nothing.
+    At first no entry is marked. Enter chooses the entry that was marked with the arrows, or the only one whose name was
+    typed. Otherwise it chooses nothing, and shows what to do.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -92,7 +91,7 @@ class ChoiceList(ModalScreen[int | None]):
     ]
 
     def __init__(self, title: str, entries: Sequence[Entry]) -> None:
-        """Prepare the list. The title is our own text; the entries may come from others."""
+        """Make the list. ``title`` is shown as it is; the texts of entries may come from the robot and are escaped."""
         super().__init__()
         self._title = title
         self._entries = entries
@@ -110,7 +109,7 @@ class ChoiceList(ModalScreen[int | None]):
         """Focus the filter, so that it receives typed keys."""
         options = self.query_one(OptionList)
         options.can_focus = False
-        options.set_options(self._options(''))  # given at once, the first would be marked
+        options.set_options(self._options(''))  # passed to the constructor, the first would be marked
         self.set_focus(self.query_one(FindField))
 
     def on_resize(self) -> None:
@@ -122,7 +121,7 @@ class ChoiceList(ModalScreen[int | None]):
         self._filter()
 
     def _filter(self) -> str:
-        """Return the typed text; if it has changed, show the matching entries, none of them marked."""
+        """Return the typed text. If it has changed, show the matching entries and unmark all."""
         typed = self.query_one(FindField).value
         if typed != self._filtered_by:
             self._filtered_by, self._marked = typed, None
@@ -139,7 +138,7 @@ class ChoiceList(ModalScreen[int | None]):
         ]
 
     def _row(self, number: int) -> Text:
-        """Return the line; a marked one has a sign as well as a colour, which not every terminal shows."""
+        """Return the line of an entry. A marked one also has a sign, because not every terminal shows colours."""
         entry = self._entries[number]
         why = f'  (not possible: {one_line(entry.refusal)})' if entry.refusal else ''
         return Text(f'{">" if number == self._marked else " "} {one_line(entry.text)}{why}')
@@ -148,7 +147,7 @@ class ChoiceList(ModalScreen[int | None]):
         self.query_one('.dialog').border_subtitle = Text(text, 'bold' if text != HOW_TO_CHOOSE else '')
 
     def action_move(self, move: str) -> None:
-        """Mark another line, with the keys of Textual's list; no page moves while no line fits."""
+        """Mark another line with an action of Textual's list; without effect while the list has no room for a line."""
         self._filter()
         options = self.query_one(OptionList)
         if options.scrollable_content_region.height > 0:
@@ -160,7 +159,7 @@ class ChoiceList(ModalScreen[int | None]):
                 options.replace_option_prompt(str(number), self._row(number))
 
     def action_choose(self) -> None:
-        """Choose the entry that was marked, or whose name was typed; otherwise show what is missing."""
+        """Choose the entry that was marked or whose name was typed; otherwise show why none is chosen."""
         typed = self._filter()
         found = [self._marked] if self._marked is not None else self._named(typed)
         if len(found) == 1 and not (why := self._entries[found[0]].refusal):
@@ -175,7 +174,7 @@ class ChoiceList(ModalScreen[int | None]):
             self._tell('nothing is marked yet: type a name, or mark a line with Up and Down')
 
     def _named(self, typed: str) -> list[int]:
-        """Return the entries with that name, those with the same case if any."""
+        """Return the indices of the entries with the typed name: those of the same case if any, or else of any case."""
         for same in (str, str.casefold):
             found = [
                 number
@@ -192,7 +191,7 @@ class ChoiceList(ModalScreen[int | None]):
 
 
 class FormField(Input):
-    """A field of a form: what its value becomes in the line. Up and Down step through its ``choices``."""
+    """A field of a form, which yields words of the command line. Up and Down step through its ``choices``."""
 
     DEFAULT_CSS = 'FormField { height: 1; border: none; padding: 0 2; } FormField:focus { border: none; }'
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -208,7 +207,7 @@ class FormField(Input):
         self._choices = choices
 
     def action_step(self, by: int) -> None:
-        """Select the next choice."""
+        """Select the choice ``by`` places after the current one."""
         if self._choices:
             place = self._choices.index(self.value) + by if self.value in self._choices else min(by, 0)
             self.value = self._choices[place % len(self._choices)]
@@ -216,16 +215,16 @@ class FormField(Input):
 
     @property
     def is_changed(self) -> bool:
-        """Return whether the value was changed."""
+        """True if the value differs from the default."""
         return self.value != self._default
 
     def words(self) -> list[str]:
-        """Return the words of the line for it. Raises ConsoleError when the value cannot be used."""
+        """Return the words of the command line for the value. Raises ConsoleError if the value is invalid."""
         raise NotImplementedError
 
 
 class ParameterField(FormField):
-    """The value of a parameter of a behavior."""
+    """A field for a parameter of a behavior."""
 
     def __init__(self, parameter: BehaviorParameter) -> None:
         choices = parameter.choices or BOOLEANS * (parameter.type == 'bool')
@@ -243,7 +242,7 @@ class ParameterField(FormField):
 
 
 class InputField(FormField):
-    """The value of an input of a behavior; left empty, none is given."""
+    """A field for an input of a behavior. If it is empty, the input is not sent; a needed input is then refused."""
 
     def __init__(self, known: BehaviorInput, places: Mapping[str, FramedPose]) -> None:
         is_pose = known.type in POSE_TYPES
@@ -264,7 +263,7 @@ class InputField(FormField):
 
 
 class OptionField(FormField):
-    """The value of an option of the command; left empty, it is not given."""
+    """A field for an option of the command. If it is empty, the option is omitted."""
 
     def __init__(self, option: CommandOption, choices: Sequence[str], places: Mapping[str, FramedPose]) -> None:
         super().__init__(
@@ -285,11 +284,12 @@ class OptionField(FormField):
 
 
 class StartForm(ModalScreen[str | None]):
-    """A form with a field for each parameter and input of a behavior, and each option of the command; returns the line
-    that starts it, or None. Below the fields it shows the machine of a synthesized behavior.
+    """A form with a field for each parameter and input of a behavior, and for each option of the command. It returns
+    the line that starts the behavior, or None. Below the fields it shows the machine of a synthesized behavior.
 
-    ``command`` is ``start`` or ``switch``. An invalid value is not accepted: the form shows why, and stays. So does an
-    Enter that comes at once, or is held down, while nothing was filled in: it was meant for what opened the form.
+    ``command`` is ``start`` or ``switch``. If a value is invalid, the form shows why, and stays open. It also ignores
+    an Enter that follows at once, or is held down, while nothing was filled in: that Enter was meant for the dialog
+    that opened the form.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -339,7 +339,7 @@ class StartForm(ModalScreen[str | None]):
             self.set_focus(self._fields[0])
 
     def action_send(self) -> None:
-        """Close with the line; if a value cannot be used, show the reason at its field."""
+        """Close the form with the line; if a value is invalid, show the reason and focus its field."""
         is_untouched = self.focused in (None, *self._fields[:1]) and not any(field.is_changed for field in self._fields)
         pressed_at, self._pressed_at = self._pressed_at, self._clock.now()
         if is_untouched and self._pressed_at - pressed_at < BURST_SECONDS:
@@ -357,7 +357,7 @@ class StartForm(ModalScreen[str | None]):
 
 
 class ReadingDialog(ModalScreen[None]):
-    """Lines to be read; those that are too long are folded."""
+    """A text to read; lines that are too long are folded."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding('escape,enter,q,question_mark', 'dismiss(None)', 'leave', priority=True),
@@ -375,18 +375,18 @@ class ReadingDialog(ModalScreen[None]):
             yield Pane()
 
     def on_mount(self) -> None:
-        """Focus the text, so that it receives the keys that scroll."""
+        """Focus the text, so that it receives the keys for scrolling."""
         self.set_focus(self.query_one(VerticalScroll))
 
     def on_pane_resized(self) -> None:
-        """Fold the lines to the present width."""
-        for scroll in self.query(VerticalScroll):  # not any more, when it was closed meanwhile
+        """Fold the lines to the current width."""
+        for scroll in self.query(VerticalScroll):  # none if the dialog was closed meanwhile
             columns = scroll.scrollable_content_region.width
             scroll.query_one(Pane).show(styled(folded(self._text, columns)))
 
 
 class MapImage(ModalScreen[None]):
-    """The map as an image, redrawn when it has changed; ``widget`` shows images, ``view`` gives what is known."""
+    """The map as an image, redrawn when it has changed. ``widget`` is the class of the image widget."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding('escape,enter,q', 'dismiss(None)', 'leave', priority=True),
@@ -405,12 +405,12 @@ class MapImage(ModalScreen[None]):
             yield self._widget()
 
     def on_mount(self) -> None:
-        """Draw the image at once."""
+        """Draw the image, and again every IMAGE_SECONDS."""
         self.draw()
         self.set_interval(IMAGE_SECONDS, self.draw)
 
     def draw(self) -> None:
-        """Draw the present map, unless it is on the screen already."""
+        """Draw the current map, unless it has not changed since it was last drawn."""
         view = self._view()
         shown = view.drawn, view.robot_pose, view.places, view.live
         if shown != self._drawn:
@@ -421,7 +421,7 @@ class MapImage(ModalScreen[None]):
 
 
 def folded(text: Sequence[str], columns: int) -> list[str]:
-    """Fold the lines into rows of this many cells; a continuation is aligned with the last part of its line."""
+    """Fold the lines into rows of at most ``columns`` cells. Align continuations with the last column of their line."""
     rows: list[str] = []
     for line in text:
         begins = [found.end() for found in re.finditer(r'^ +|  +(?=\S)', line[: columns // 2])]
@@ -430,20 +430,20 @@ def folded(text: Sequence[str], columns: int) -> list[str]:
     return rows
 
 
-# Several robots, one line each, the most urgent first, filtered as one types; Enter goes to the one that is marked.
+# The list of robots: one line each, the most urgent first, filtered by the typed text.
 
 KEYS_OF_OVERVIEW: Final = 'type to find  Up Down mark  Enter goes there  Tab the most urgent  ! F8 STOP  Esc leaves'
 
 PAGE: Final = 10
-"""Robots."""
+"""Number of robots that PgUp and PgDn move by."""
 
 
 class Overview(ModalScreen[str | None]):
-    """The list of robots; returns the name of the one that was chosen, or None.
+    """The list of robots; returns the name of the chosen one, or None.
 
-    The mark stays at its robot, wherever that is in the list; what is typed moves it to the only robot that fits. Its
-    keys have priority: one that is typed quickly behind Enter is for the robot that was chosen, and not for the one
-    before.
+    The mark stays at its robot when the order of the list changes. Typing marks the robot that matches, if it is the
+    only one. The keys of the list have priority, so that a key typed quickly after Enter is for the chosen robot and
+    not for the previous one.
     """
 
     CSS = 'Overview { align: left top; } Overview Pane { width: 100%; height: 1fr; }'
@@ -474,7 +474,7 @@ class Overview(ModalScreen[str | None]):
 
     @property
     def chosen(self) -> str:
-        """The marked robot, or else the one on the screen."""
+        """Name of the marked robot, or else of the one on the screen."""
         self._filter()
         return self._marked or self._own
 
@@ -488,7 +488,7 @@ class Overview(ModalScreen[str | None]):
         self.set_focus(self.query_one(FindField))
 
     def on_pane_resized(self) -> None:
-        """Draw for the size that there is now."""
+        """Draw for the new size."""
         self.draw()
 
     def on_input_changed(self) -> None:
@@ -496,7 +496,7 @@ class Overview(ModalScreen[str | None]):
         self.draw()
 
     def _filter(self) -> list[RobotOverview]:
-        """Return the robots that fit what is typed; where that has changed, the only one is marked, or none is."""
+        """Return the robots that match the typed text. If it has changed, mark the only match, or else none."""
         typed = self.query_one(FindField).value.strip().lstrip('/').casefold()
         robots = [one for one in self._robots() if typed in one.name.casefold()]
         if typed != self._filtered_by:
@@ -509,8 +509,8 @@ class Overview(ModalScreen[str | None]):
         return robots
 
     def draw(self, told: str = '') -> None:
-        """Draw the robots as they are now."""
-        for field in self.query(FindField):  # not yet, or not any more, when it is drawn while it opens or closes
+        """Draw the robots in their current state, and ``told`` in the last row instead of the keys."""
+        for field in self.query(FindField):  # none while the dialog opens or closes
             robots, columns, rows = self._filter(), self.size.width, self.size.height
             needing = sum(one.needs_operator for one in self._robots())
             unreachable = sum(one.is_unreachable for one in self._robots())
@@ -539,7 +539,7 @@ class Overview(ModalScreen[str | None]):
             self.draw()
 
     def action_choose(self) -> None:
-        """Go to the marked robot."""
+        """Close the list with the marked robot; if none is marked, show why."""
         fitting = self._filter()
         if self._marked:
             self.dismiss(self._marked)
@@ -549,7 +549,7 @@ class Overview(ModalScreen[str | None]):
             self.draw('no robot has such a name')
 
     def action_most_urgent(self) -> None:
-        """Go to the most urgent of the other robots that need their operator; close the list if none does."""
+        """Close the list with the most urgent other robot that needs its operator, or with None if none does."""
         needing = (one.name for one in self._robots() if one.needs_operator and one.name != self._own)
         self.dismiss(next(needing, None))
 

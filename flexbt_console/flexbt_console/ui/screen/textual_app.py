@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Textual as the screen needs it: keys in order, no fault ends it, a driver that sleeps, and images in terminals."""
+"""Extensions of Textual: keys in order, errors that do not end the app, a driver that sleeps, and images."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ P = ParamSpec('P')
 T = TypeVar('T')
 
 FIELD_SECONDS: Final = 0.5
-"""A field has taken what was typed into it before that; else the next key does not wait for it, and sends nothing."""
+"""Maximum time that a key waits until a field has processed the text typed before, s. Then Enter sends nothing."""
 
 
 class OrderedApp(App[None]):
-    """An app whose operator can act at any time: it reports an error in the handling of a key, and continues."""
+    """An app that handles keys in the order in which they were typed. It shows an error in a handler, and continues."""
 
     _opening: AwaitMount | None = None
 
     def tell_error(self, error: Exception) -> None:
-        """Report a refusal or a fault."""
+        """Show a refusal or a fault."""
         raise NotImplementedError
 
     def key_read(self, key: str) -> None:
         """Note a key that was read and waits for its turn. Called on the thread that reads the terminal."""
 
     def touched(self) -> None:
-        """Note a pressed key, whatever it is for."""
+        """Note a pressed key, whatever its effect."""
 
     def guarded(self, call: Callable[P, object]) -> Callable[P, None]:
-        """Return the same, except that its errors are shown."""
+        """Return a function that does the same, but shows errors instead of raising them."""
 
         @functools.wraps(call)
         def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
@@ -64,7 +64,7 @@ class OrderedApp(App[None]):
         return guarded
 
     def open(self, dialog: ModalScreen[T | None], then: Callable[[T], object] = lambda given: None) -> None:
-        """Open a dialog, and pass its result to ``then``. It gets the keys that are typed from now on."""
+        """Open a dialog, and pass its result to ``then`` unless that is None. Later keys go to the dialog."""
 
         def closed(given: T | None) -> None:
             if given is not None:
@@ -78,8 +78,7 @@ class OrderedApp(App[None]):
         default_namespace: DOMNode | None = None,
         namespaces: Mapping[str, DOMNode] | None = None,
     ) -> bool:
-        """See :class:`textual.app.App`. An error in the handling of a key, also in a dialog, is shown, and the app goes
-        on."""
+        """See :class:`textual.app.App`. Show an error in the handling of a key, also in a dialog, and continue."""
         try:
             return await super().run_action(action, default_namespace, namespaces)
         except Exception as error:
@@ -89,8 +88,9 @@ class OrderedApp(App[None]):
     async def on_event(self, event: events.Event) -> None:
         """See :class:`textual.app.App`.
 
-        A key that changes a field, or leaves it, comes after what was typed into it, and before the next key: Textual
-        has both in queues of different widgets. A widget that a key has opened has the focus before the next key.
+        Textual puts typed text and other keys into queues of different widgets. This keeps their order: a key that
+        changes or leaves a field is handled after the text that was typed into it, and before the next key. A widget
+        that a key has opened gets the focus before the next key.
         """
         if isinstance(event, events.Key):
             if self._opening is not None:
@@ -115,21 +115,22 @@ class OrderedApp(App[None]):
         await super().on_event(event)
 
 
-# Textual's driver for a terminal: it sleeps while nothing is typed, and goes on where the process was stopped.
+# A driver for the terminal that sleeps while nothing is typed, and restores the terminal after SIGCONT.
 
 LOOK_SECONDS: Final = 0.1
-"""Time between two checks whether a key sequence that has begun is not one, s."""
+"""Period of checking for the time-out of a key sequence that has begun, s."""
 
 READ_BYTES: Final = 4096
 
 
 class TerminalDriver(LinuxDriver):
-    """A driver that typed keys wake, where Textual polls ten times a second, and that restores the terminal on SIGCONT.
+    """A driver that sleeps until a key is typed, and restores the terminal on SIGCONT.
 
-    Textual takes each SIGCONT for the end of a suspension that it has begun itself, at SIGTSTP. It comes without one
-    after SIGSTOP, and when the terminal goes away (POSIX.1-2017, 11.1.10 and 2.4.3). Then Textual starts the threads
-    that read and write a second time, and never ends the first ones, for which the process waits at its end. That
-    happens in the handler, too, where locks of the same thread may be taken.
+    Textual's own driver polls ten times a second. It takes each SIGCONT as the end of a suspension that it began itself
+    on SIGTSTP. SIGCONT also arrives without SIGTSTP: after SIGSTOP, and when the terminal goes away (POSIX.1-2017,
+    11.1.10 and 2.4.3). Textual then starts its reading and writing threads a second time and never ends the first ones,
+    for which the process waits at its end. It also does so within the signal handler, where the same thread may already
+    hold the locks.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -151,7 +152,7 @@ class TerminalDriver(LinuxDriver):
                     if not data:  # the terminal is gone
                         return
                     looks_until = time.monotonic() + constants.ESCAPE_DELAY + LOOK_SECONDS
-                    if text := decoder.decode(data):  # an empty one is the end, for the parser
+                    if text := decoder.decode(data):  # the parser takes an empty text as the end
                         self._pass_on(parser.feed(text))
                 self._pass_on(parser.tick())
 
@@ -170,7 +171,7 @@ class TerminalDriver(LinuxDriver):
     def _set_up_again(self) -> None:
         try:
             termios.tcgetattr(self.fileno)
-        except termios.error:  # it is gone
+        except termios.error:  # the terminal is gone
             return
         if self._app.is_running:
             self.suspend_application_mode()
@@ -179,7 +180,7 @@ class TerminalDriver(LinuxDriver):
 
 
 class _WakingEvent(threading.Event):
-    """While it is set, its ``file`` can be read from; each :meth:`set` is followed by :meth:`clear`."""
+    """An event whose ``file`` is readable while it is set. Follow each :meth:`set` by exactly one :meth:`clear`."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -202,17 +203,17 @@ if TYPE_CHECKING:
     ImageWidget = type[AutoImage | SixelImage]
 
 IMAGES: Final = 'FLEXBT_IMAGES'
-"""1: the terminal is asked whether it has a protocol, whatever it is; 0: it is not asked."""
+"""Environment variable: 1 queries any terminal for a protocol for images, 0 none; by default only known ones."""
 
 _TERMS: Final = ('xterm-kitty', 'xterm-ghostty', 'foot', 'wezterm', 'mlterm', 'contour')
 _VARIABLES: Final = ('KITTY_WINDOW_ID', 'WEZTERM_PANE', 'KONSOLE_VERSION', 'ITERM_SESSION_ID', 'WT_SESSION')
 
 
 def image_widget() -> ImageWidget | None:
-    """Return the widget that shows an image in this terminal; None where it has no protocol for that.
+    """Return the widget that shows an image in this terminal; None if the terminal has no protocol for images.
 
-    Query only terminals that are known to have one: a terminal that does not answer delays the start. Call this
-    before Textual has the terminal.
+    By default, query only terminals that are known to have one, because a terminal that does not answer delays the
+    start. Call this before Textual uses the terminal.
     """
     wanted = os.environ.get(IMAGES, '')
     known = os.environ.get('TERM', '').startswith(_TERMS) or any(map(os.environ.get, _VARIABLES))
@@ -224,6 +225,6 @@ def image_widget() -> ImageWidget | None:
         if Image in (HalfcellImage, UnicodeImage):
             return None
         from textual_image.widget import Image as Widget
-    except (ModuleNotFoundError, ZeroDivisionError):  # rosdep has no key for it; a terminal may have no columns yet
+    except (ModuleNotFoundError, ZeroDivisionError):  # no rosdep key installs it; a new terminal may have no columns
         return None
     return Widget

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The server of the page: its files, a WebSocket for each open page, and the run until the operator ends it."""
+"""The web server of the page: serves its files and a WebSocket for each open page until the operator ends it."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
 
 MOST_PAGES: Final = 32
-"""Maximum number of pages that are open at the same time."""
+"""Maximum number of open pages."""
 
 MOST_GREETING: Final = 32
-"""Maximum number of connections at the same time that have not sent the first message of a page yet. The oldest of the
-source that has the most is closed for a new one."""
+"""Maximum number of WebSockets that have not sent the first message of a page yet. To accept one more, the server
+closes the oldest of the source that has the most."""
 
 GREETING_OF_SOURCE: Final = 8
-"""Maximum number of these from one source."""
+"""Maximum number of such WebSockets from one source."""
 
 PING_SECONDS: Final = 10.0
 
@@ -52,8 +52,8 @@ _TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript'
 
 
 class WebServer:
-    """A server of the pages of robots, including those that appear later; ``station`` makes the objects that the page
-    of one needs."""
+    """A server of the pages of all robots, including those that appear later. ``station`` makes the station of a
+    robot."""
 
     def __init__(self, robots: FleetLink, station: Callable[[Mirror, RobotLink], Station], access: Access) -> None:
         self._robots = robots
@@ -77,7 +77,7 @@ class WebServer:
         self._files[''] = self._files['index.html']
 
     def application(self) -> web.Application:
-        """Return the application of aiohttp."""
+        """Return a new aiohttp application that serves the pages."""
         application = web.Application(middlewares=[guard(self._access)], client_max_size=0)
         application.on_startup.append(self._start)
         application.on_cleanup.append(self._end)
@@ -94,7 +94,7 @@ class WebServer:
         self._encoder.shutdown(wait=False, cancel_futures=True)
 
     def _wake(self) -> None:
-        """Wake the pages, from any thread; several changes cause one wake-up."""
+        """Wake the pages; several changes cause one wake-up. From any thread."""
         if not self._is_told and self._loop is not None:
             self._is_told = True
             try:
@@ -144,10 +144,10 @@ class WebServer:
         try:
             try:
                 await asyncio.to_thread(self._robots.open, robot)
-            except KeyError:  # it was forgotten just now
+            except KeyError:  # the robot was forgotten just now
                 await page.refuse('NO SUCH ROBOT', self._not_found(robot), self._robots.fleet.overview())
                 return socket
-            except (RuntimeError, TimeoutError) as error:  # no thread is left, or the node is busy
+            except (RuntimeError, TimeoutError) as error:  # no more threads can be started, or the node is busy
                 await page.refuse('TRY AGAIN', f'the server of the page cannot open {one_line(robot)} now: {error}')
                 return socket
             try:
@@ -164,8 +164,8 @@ class WebServer:
         return socket
 
     def _named(self, name: str) -> str | None:
-        """Return the robot that a page requests by name, with or without the slash; by default our own, or the most
-        urgent."""
+        """Return the robot that a page requests by name, with or without the leading slash; None if it is unknown.
+        Without a name, return our own robot if it is known, otherwise the most urgent one."""
         known = self._robots.fleet.names
         if name:
             return next((one for one in (name, f'/{name}') if one in known), None)
@@ -177,7 +177,7 @@ class WebServer:
         return f'no robot {short_repr(name)} was found{meant or ", and no other one yet"}'
 
     async def _greet(self, page: PageLink, request: web.Request) -> bool:
-        """Return whether the page has the token. A silent page does not block others."""
+        """Return whether the page has sent the token. To make room, close the oldest page that has not sent it yet."""
         if request.transport is None:
             return False
         of_source = Counter(one.source for one in self._greeting)
@@ -194,27 +194,27 @@ class WebServer:
             self._greeting.pop(page, None)
 
 
-# # Run the server until the operator ends it.
+# Run the server until the operator ends it.
 
 SHUTDOWN_SECONDS: Final = 1.0
 
 MOST_CONNECTIONS: Final = 256
-"""Maximum number of connections at the same time."""
+"""Maximum number of connections, see :class:`_Connections`."""
 
 REQUEST_SECONDS: Final = 10.0
-"""Time within which a connection has to send a request, s, or it is closed; also the time that it may wait after an
-answer."""
+"""Time that a new connection has to send a request, and that a connection may be idle after an answer, s. Then it is
+closed."""
 
 REPORT_SECONDS: Final = 10.0
-"""Time between two lines about malformed requests, s."""
+"""Minimum time between two log lines about malformed requests, s."""
 
 REPORT_CHARACTERS: Final = 200
 
 
 def run_web(application: web.Application, access: Access, port: int, report: Callable[[str], None]) -> None:
-    """Serve at a port, 0 for a free one, until SIGINT or SIGTERM; on the main thread.
+    """Serve until SIGINT or SIGTERM. Call this on the main thread.
 
-    ``report`` receives the address of the page.
+    ``port`` 0 chooses a free port. ``report`` is called with the address of the page.
 
     Raises:
         UsageError: the address or port cannot be used.
@@ -233,7 +233,7 @@ async def _serve(application: web.Application, access: Access, port: int, report
 
 @contextlib.asynccontextmanager
 async def serving(application: web.Application, address: str, port: int) -> AsyncIterator[int]:
-    """Serve at a port, 0 for a free one, in the context; yields the port.
+    """Serve during a ``with`` block, and yield the port. ``port`` 0 chooses a free one.
 
     Raises:
         UsageError: the address or port cannot be used.
@@ -266,10 +266,11 @@ async def serving(application: web.Application, address: str, port: int) -> Asyn
 
 
 class _Connections:
-    """The connections of a server. Idle ones are closed, the oldest of the source with the most first, so that there
-    are no more than MOST_CONNECTIONS plus those that arrived at the same moment.
+    """The connections of a server. At most MOST_CONNECTIONS are open, plus those that arrive at the same moment: to
+    accept a new one, the server closes idle ones, the oldest of the source with the most first.
 
-    A connection needs no token, and aiohttp waits for its first request without limit: here, for REQUEST_SECONDS.
+    A connection needs no token, and aiohttp waits for its first request without limit. Here the limit is
+    REQUEST_SECONDS.
     """
 
     def __init__(self) -> None:
@@ -278,7 +279,7 @@ class _Connections:
 
     @web.middleware
     async def in_hand(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Mark the connections whose request is being answered; that of a WebSocket is as long as it is open."""
+        """Mark the connection as busy while its request is answered; for a WebSocket, as long as it is open."""
         self._silent.discard(request.protocol)
         self._in_hand.add(request.protocol)
         try:
@@ -287,12 +288,12 @@ class _Connections:
             self._in_hand.discard(request.protocol)
 
     def accept(self, server: web.Server) -> asyncio.Protocol:
-        """Return the protocol of one more connection."""
+        """Return the protocol of a new connection; close idle connections to make room."""
         known = [(one, one.transport) for one in server.connections]
         live = [(one, to) for one, to in known if isinstance(to, asyncio.Transport) and not to.is_closing()]
         idle = [(_source(to), to) for one, to in live if one not in self._in_hand]
         of_source = Counter(source for source, _ in idle)
-        for _ in range(min(len(idle), len(live) - MOST_CONNECTIONS + 1)):  # several may have come together
+        for _ in range(min(len(idle), len(live) - MOST_CONNECTIONS + 1)):  # several may have arrived together
             most = max(of_source, key=of_source.__getitem__)
             of_source[most] -= 1
             oldest = next(entry for entry in idle if entry[0] == most)
@@ -316,8 +317,8 @@ def _source(transport: asyncio.Transport) -> str:
 
 
 class _MalformedRequests(logging.Filter):
-    """A filter of aiohttp's log of malformed requests, which anybody may send: it passes an occasional line, without a
-    trace."""
+    """A filter for aiohttp's log of malformed requests. Anybody may send these, so it passes one line every
+    REPORT_SECONDS, without the traceback."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -348,5 +349,5 @@ def _request_logger() -> logging.Logger:
 
 
 def print_address(address: str) -> None:
-    """Show the operator the address of the page."""
+    """Print the address of the page."""
     print(f'the page is at {address}  (Ctrl-C ends it; the robot goes on)', flush=True)
