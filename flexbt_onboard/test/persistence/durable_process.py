@@ -23,6 +23,7 @@ from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import behavior_of, entry_of
 from flexbt_testing.state_machines.bench import Add, Ask
+from flexbt_testing.waiting import wait_until
 
 
 class Tell(EventState):
@@ -94,8 +95,11 @@ class Crash(EventState):
         super().__init__(outcomes=['done'], desired_rate=None)
 
     def on_start(self) -> None:
-        told = Path(sys.argv[1]) / 'has_crashed'
+        directory = Path(sys.argv[1])
+        told, journal = directory / 'has_crashed', directory / 'onboard_executive.journal'
         if not told.exists():
+            # A crash before the disk has the start forgets the run: nobody was told of it yet.
+            wait_until(lambda: b'"begin"' in journal.read_bytes(), 'the start is on the disk')
             told.touch()
             os.kill(os.getpid(), signal.SIGKILL)
 
