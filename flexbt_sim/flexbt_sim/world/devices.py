@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The devices that a robot may carry: how each is described, its readings, and its faults."""
+"""The devices that a robot may carry: their models, readings and faults."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class BatteryLow(DeviceFault):
 
 
 class Battery(Sensor):
-    """A battery: ``level`` from 0 to 1, whether it is being charged, and the power that it takes in, W."""
+    """A battery: its ``level`` from 0 to 1, whether it is charging, and its input power, W."""
 
     name = 'battery'
     topics = ('battery_state', 'battery_status')
@@ -72,11 +72,11 @@ class Battery(Sensor):
             self.level = fault.level
 
     def run(self, power: float, duration: float) -> None:
-        """Take power, W, for a time, s; charge meanwhile, if it is being charged."""
+        """Draw power, W, for a time, s; the battery charges at the same time if it is connected to a charger."""
         gained = (self.model.charging if self.is_charging else 0.0) - power
         level = self.level + gained * duration / (3600.0 * self.model.capacity)
         self.level = min(1.0, max(0.0, level))
-        self.power = gained if self.level == level else 0.0  # it is full, or empty
+        self.power = gained if self.level == level else 0.0  # the battery is full or empty
 
     @property
     def state(self) -> float:
@@ -140,7 +140,7 @@ class GripperModel(ModelSpecification):
 
 
 class Gripper(Device):
-    """A gripper. ``holds`` is the name of the obstacle in it, '' for none."""
+    """A gripper. ``holds`` is the name of the obstacle that it holds, '' for none."""
 
     name = 'gripper'
     topics = ('gripper_holds',)
@@ -223,7 +223,7 @@ class LidarBlinded(DeviceFault):
 class Scan(NamedTuple):
     """A scan of a lidar: simulated time, s, and the range of each beam, m.
 
-    Infinite where nothing is within range, and minus infinity where it is too near (REP 117).
+    A range is infinite if nothing is within range, and minus infinity if something is too near (REP 117).
     """
 
     time: float
@@ -231,7 +231,7 @@ class Scan(NamedTuple):
 
 
 class Lidar(Sensor):
-    """The lidar of a robot. ``scan`` is the last one."""
+    """The lidar of a robot. ``scan`` is its last scan."""
 
     name = 'lidar'
     topics = ('scan',)
@@ -251,7 +251,7 @@ class Lidar(Sensor):
         return None if self.time is None else Scan(self.time, self._ranges)
 
     def draw(self) -> tuple[NDArray[numpy.float64], NDArray[numpy.bool_] | None]:
-        """Return for each beam its noise, in standard deviations, and whether it is lost, if any may be."""
+        """Return the noise of each beam, in standard deviations, and which beams are lost, or None if none can be."""
         noise = self._random.standard_normal(self.model.beams)
         return noise, self._random.random(self.model.beams) < self.model.dropout if self.model.dropout else None
 
@@ -293,7 +293,7 @@ class Lidar(Sensor):
 
 
 BEAM_ANGLE: Final = math.radians(2.0)
-"""Greatest angle between two of the beams that the cone is filled with, rad."""
+"""Maximum angle between adjacent beams that fill the cone, rad."""
 
 
 @dataclass(frozen=True)
@@ -316,7 +316,7 @@ class RangeFinderModel(ModelSpecification):
 
 
 class RangeFinder(Sensor):
-    """The range finder of a robot. ``range`` is the last one, m, as in :class:`Scan`."""
+    """The range finder of a robot. ``range`` is its last reading, m, as in :class:`Scan`."""
 
     name = 'range_finder'
     topics = ('range',)
@@ -388,7 +388,7 @@ class Imu(Sensor):
         self._since = -math.inf
 
     def comes_due(self, now: float) -> bool:
-        """See how fast the speeds have changed since the last reading was due, whether anybody reads it or not."""
+        """Compute the acceleration since the last reading was due, even if no subscriber reads it."""
         if now + 1e-9 >= self.due:
             duration, (linear, angular), (was_linear, was_angular) = now - self._since, self.robot.twist, self._twist
             if duration > 0.0:
@@ -411,7 +411,7 @@ class Imu(Sensor):
 
     def constants(self) -> Mapping[str, Any]:
         return {
-            'orientation_covariance': [-1.0] + [0.0] * 8,  # it has no orientation
+            'orientation_covariance': [-1.0] + [0.0] * 8,  # it does not measure the orientation
             'linear_acceleration.z': GRAVITY,
             'angular_velocity_covariance': _diagonal(self.model.angular_noise**2),
             'linear_acceleration_covariance': _diagonal(self.model.linear_noise**2),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Faults on command: one table of the faults of the world, of messages and of navigation servers."""
+"""Faults on command: the table of the faults of the world, of messages and of navigation servers."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SensorFault(DeviceFault):
 
     @property
     def slot(self) -> str:
-        """Each sensor can have it."""
+        """Slot: one for each sensor."""
         return f'{self.name} of {self.sensor}'
 
     @property
@@ -99,7 +99,7 @@ TOPICS: Final[Mapping[str, str]] = dict(
         + [(topic, one.name) for one in DEVICES for topic in one.topics]
     )
 )
-"""The topics of a robot whose messages may be lost or late, each with the device that it needs ('' for none)."""
+"""The topics of a robot whose messages can be lost or late, each with its device ('' for none)."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class MessagesFault(FaultModel):
 
     @property
     def slot(self) -> str:
-        """Each topic can have it."""
+        """Slot: one for each topic."""
         return self.slot_of(self.topic)
 
     @property
@@ -157,7 +157,7 @@ class ServerFault(FaultModel):
 
     @property
     def slot(self) -> str:
-        """Each server can have it."""
+        """Slot: one for each server."""
         return f'{self.name} of {self.server}'
 
 

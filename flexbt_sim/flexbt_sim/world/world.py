@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The world: robots and what is round them, on one clock."""
+"""The world: robots and their surroundings, on one clock."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ EntityModel = RobotModel | ObstacleModel | DoorModel | StationModel | ZoneModel
 
 @dataclass(frozen=True)
 class EntityState:
-    """Pose and speed of an entity; speeds in m/s and rad/s, those of a robot in its own frame."""
+    """Pose and speeds of an entity, m/s and rad/s; those of a robot are in its own frame."""
 
     name: str
     kind: str
@@ -56,34 +56,34 @@ class EntityState:
     estimate: Pose | None = None
     in_contact: bool = False
     devices: Mapping[str, Any] = field(default_factory=dict)
-    """State of each device that has a state, by name: the level of a battery, for example."""
+    """State of each device that has one, by name: for example the level of a battery."""
     opening: float | None = None
 
 
 @dataclass(frozen=True)
 class WorldSnapshot:
-    """The state of a world at a simulated time, s: what others keep, compare and draw."""
+    """The state of a world at a simulated time, s, for storing, comparing and drawing."""
 
     time: float
     entities: tuple[EntityState, ...]
 
 
 class World:
-    """Robots, obstacles, doors, stations and zones on a map, or on a plane without limits.
+    """Robots, obstacles, doors, stations and zones on a map or on an unlimited plane.
 
-    All of them are in ``entities`` by their names, and those of a kind in ``robots``, ``obstacles`` and so on. Names
-    are unique among all entities. All that happens depends on the seed, the file and the calls only: with the same of
-    them, states are the same to the last bit. Not thread-safe.
+    ``entities`` has all of them by name; ``robots``, ``obstacles`` and so on have those of one kind. Names are unique
+    among all entities. The world depends only on the seed, the file and the calls: if these are the same, states are
+    equal to the last bit. Not thread-safe.
     """
 
     def __init__(
         self, world: OccupancyMap | None = None, *, places: Mapping[str, Pose] | None = None, seed: int = 0,
         step: float = STEP,
     ) -> None:  # fmt: skip
-        """``step`` is the longest simulated time, s, for which speeds are taken as constant.
+        """``step`` is the longest simulated time, s, for which speeds are assumed constant.
 
         Raises:
-            SimulationError: the step is not within 0.001 to 1 s.
+            SimulationError: the step is not in the range 0.001 to 1 s.
         """
         if not 0.001 <= step <= 1.0:
             raise SimulationError(f'a step of {step:g} s; give 0.001 to 1 s')
@@ -102,7 +102,7 @@ class World:
         self.stations: Mapping[str, Station] = MappingProxyType(self._of_kind[Station])
         self.zones: Mapping[str, Zone] = MappingProxyType(self._of_kind[Zone])
         self.held: Mapping[str, Obstacle] = MappingProxyType(self._held)
-        """Obstacles in grippers, by the names of the robots. They block no other body."""
+        """Obstacles in grippers, by robot name. They block no other body."""
         self._movers: list[Body] = []
         self._next_reading = 0.0
         self._space = Space(world)
@@ -112,10 +112,10 @@ class World:
 
     @classmethod
     def load(cls, file: Path | str, *, seed: int | None = None) -> World:
-        """Return the world that a file describes; ``seed`` in place of that of the file.
+        """Return the world of a file; ``seed`` overrides that of the file.
 
         Raises:
-            WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.
+            WorldError: the file is invalid. The error lists every problem, with line and remedy.
         """
         told = WorldFile(Path(file), with_map=True)
         model = told.model
@@ -129,7 +129,7 @@ class World:
         told.finish()
         return world
 
-    # -- what there is -----------------------------------------------------------------------------------------------
+    # -- queries -----------------------------------------------------------------------------------------------------
 
     @property
     def time(self) -> float:
@@ -148,13 +148,13 @@ class World:
 
     @property
     def known_map(self) -> OccupancyMap | None:
-        """The map that navigation needs: occupied in the no-go zones, too."""
+        """The map for navigation, in which no-go zones are occupied, too."""
         no_go, world = self.no_go, self.map
         return world if world is None or not no_go else world.masked(world.mask(no_go))
 
     @property
     def faults(self) -> tuple[Fault, ...]:
-        """Faults that are active or scheduled, by entities."""
+        """Faults that are active or scheduled, ordered by entity."""
         return tuple(one for of_entity in self._faults.values() for one in of_entity.values())
 
     @property
@@ -163,18 +163,18 @@ class World:
         return frozenset(self._begun)
 
     def active_faults(self, entity: str) -> Mapping[str, FaultModel]:
-        """Return the parameters of those that an entity has now, by their slots; whichever node carries them out."""
+        """Return the parameters of the active faults of an entity, by slot, whichever node carries them out."""
         return {slot: one.parameters for slot, one in self._faults.get(entity, {}).items() if one in self._begun}
 
     # -- changes -----------------------------------------------------------------------------------------------------
 
     def add(self, name: str, model: EntityModel, pose: Pose | None = None) -> Any:
-        """Add an entity; ``pose`` is that of a robot, or in place of that of the model, of a door as
-        :meth:`DoorModel.at`. Returns the entity.
+        """Add an entity and return it. ``pose`` is that of a robot, or replaces that of the model; for a door as
+        :meth:`DoorModel.at`.
 
         Raises:
-            SimulationError: the name is taken or cannot be one, the pose is missing, there is no room, or a station or
-                a zone is beside the map.
+            SimulationError: the name is in use or invalid, the pose is missing, there is no room, or a station or
+                a zone is outside the map.
         """
         if not isinstance(name, str) or not NAME.fullmatch(name):
             raise SimulationError(f"'{name}' cannot be a name: give letters, digits and _, a letter first, at most 63")
@@ -208,12 +208,12 @@ class World:
         return Station(name, model) if isinstance(model, StationModel) else Zone(name, model)
 
     def _bring(self, body: Body) -> None:
-        """Make a body take up room. Bodies are ordered by name, so nothing depends on when they were added."""
+        """Put a body into the space. Bodies are ordered by name, so the order of adding does not matter."""
         self._space.add(body)
         insort(self._movers, body, key=lambda one: one.name)
 
     def _take_away(self, body: Body) -> None:
-        """Make a body take up no room."""
+        """Remove a body from the space."""
         self._space.remove(body)
         self._movers.remove(body)
 
@@ -235,15 +235,15 @@ class World:
         del self._of_kind[type(entity)][name]
         self._begun.difference_update(self._faults.pop(name, {}).values())
         self._next_reading = 0.0
-        if isinstance(entity, Station | Zone):  # robots are in it no more, be it the last one
+        if isinstance(entity, Station | Zone):  # no robot is in it any more, even if it was the last one
             self._find_zones()
             self._charge()
 
     def move(self, name: str, pose: Pose) -> None:
-        """Put an entity somewhere, at rest; what a robot holds is taken from it.
+        """Put an entity at a pose and stop it; a robot that holds it releases it.
 
         Raises:
-            SimulationError: there is none of this name, there is no room, or a station or a zone would be beside the
+            SimulationError: no entity has this name, there is no room, or a station or a zone would be outside the
                 map.
         """
         entity = self._entity(name)
@@ -276,10 +276,10 @@ class World:
         self._space.check(body, pose, others, on_map=is_robot)
 
     def grip(self, robot: str) -> str:
-        """Have a robot pick up the nearest obstacle that its gripper can take; its name.
+        """Make a robot pick up the nearest obstacle that fits its gripper; return the obstacle's name.
 
         Raises:
-            SimulationError: it has no gripper, holds something, or nothing is in its reach.
+            SimulationError: the robot has no gripper, holds something, or nothing is in its reach.
         """
         gripper, pose = self._gripper(robot), self.robots[robot].pose
         if robot in self._held:
@@ -296,10 +296,10 @@ class World:
         return thing.name
 
     def release(self, robot: str) -> str:
-        """Have a robot put down what it holds, straight ahead; its name.
+        """Make a robot put down the obstacle that it holds, straight ahead; return the obstacle's name.
 
         Raises:
-            SimulationError: it has no gripper, holds nothing, or there is no room.
+            SimulationError: the robot has no gripper, holds nothing, or there is no room.
         """
         gripper = self._gripper(robot)
         thing = self._held.get(robot)
@@ -319,18 +319,18 @@ class World:
         return gripper
 
     def _let_go(self, robot: str) -> None:
-        """Put what a robot holds back into the world, where the robot is."""
+        """Put the obstacle that a robot holds back into the world, at the robot's position."""
         thing = self._held.pop(robot)
         self._gripper(robot).holds = ''
         self._bring(thing)
 
     def reset(self) -> None:
-        """Everything is as it was when it came, and so are the random numbers.
+        """Reset every entity to its state when it was added, including the random numbers.
 
-        The time goes on, and so do faults.
+        Time and faults continue.
 
         Raises:
-            SimulationError: a robot would be where something else has come since; nothing is changed.
+            SimulationError: a robot would overlap something that was added since; nothing is changed.
         """
         bodies = (*self._movers, *self._held.values())
         starts = [Body(one.name, one.start_shape, one.start) for one in bodies]
@@ -360,13 +360,13 @@ class World:
         self, entity: str, fault: str, parameters: Mapping[str, Any] | None = None, after: float = 0.0,
         duration: float = 0.0,
     ) -> Fault:  # fmt: skip
-        """Bring a fault about: after a simulated time, s, and for a time, s; 0: until it is cleared.
+        """Schedule a fault after a simulated time, s, and for a duration, s; 0: until it is cleared.
 
-        One in the same slot that the entity has, or will have, is over then: one of the same name, and, if it is that
-        of a server or a topic, of the same one.
+        It replaces an active or scheduled fault of the entity in the same slot: one with the same name and, for a fault
+        of a server or a topic, of the same server or topic.
 
         Raises:
-            SimulationError: the entity or fault does not exist, the one cannot have the other, or a value is wrong.
+            SimulationError: the entity or fault does not exist, the entity cannot have it, or a value is wrong.
         """
         values = fault_parameters(fault, parameters or {})
         one = self._entity(entity)
@@ -386,7 +386,7 @@ class World:
         return made
 
     def clear_fault(self, entity: str, fault: str = '') -> int:
-        """End a fault of an entity, or keep it from coming; an empty name: all. How many there were.
+        """End or unschedule a fault of an entity, or all if the name is empty; return their number.
 
         Raises:
             SimulationError: the entity does not exist.
@@ -398,7 +398,7 @@ class World:
         return len(ended)
 
     def _run(self, one: Fault) -> None:
-        """Begin or end a fault when it is time."""
+        """Begin or end a fault when it is due."""
         now = self.time + 1e-9
         entity = self._entities[one.entity]
         if one.begins <= now and one not in self._begun:
@@ -426,8 +426,7 @@ class World:
     # -- time --------------------------------------------------------------------------------------------------------
 
     def step(self, duration: float | None = None) -> None:
-        """Let simulated time pass, s; one step of the world by default. A longer time is split into steps and a
-        remainder.
+        """Advance the simulated time, s, by default by one step. A longer time is split into steps and a remainder.
 
         Raises:
             SimulationError: the duration is negative or not finite.
@@ -478,7 +477,7 @@ class World:
                 )
 
     def _sense(self) -> None:
-        """Take the readings that are due; all beams are cast together."""
+        """Measure with the sensors that are due; all beams are cast together."""
         now = self.time
         if now + 1e-9 < self._next_reading:
             return
@@ -493,7 +492,7 @@ class World:
         for one in due:
             one.take(now, ranges.get(one))
 
-    # -- what others see ---------------------------------------------------------------------------------------------
+    # -- state -------------------------------------------------------------------------------------------------------
 
     def state(self, name: str) -> EntityState:
         """Return the state of an entity.
@@ -521,7 +520,8 @@ class World:
 
 
 def prepare_world() -> None:
-    """Load what numba compiles for a world, or compile it on a computer's first start, which takes some seconds."""
+    """Load the compiled loops of a world, or compile them on the first start of a computer, which takes some
+    seconds."""
     cells = numpy.zeros((20, 20), numpy.int8)
     cells[0] = 100
     world = World(OccupancyMap(cells, 0.1, Pose(0.0, 0.0, 0.0)))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""World files: read, checked with the place of each problem, and turned into models; with floor plans drawn as text."""
+"""World files: reading, checking with the place of each problem, and conversion to models; and floor plans."""
 
 from __future__ import annotations
 
@@ -58,18 +58,17 @@ SECTIONS: Final[Mapping[str, str]] = {
 
 
 class WorldFile:
-    """The contents of a world file: entities and faults in their order, each with its place in the file, and the map.
+    """The contents of a world file: the map, and entities and faults in their order, each with its place in the file.
 
     Raises:
-        WorldError: the file cannot be used; it has all that is wrong with it, with line and remedy.
+        WorldError: the file is invalid. The error lists every problem, with line and remedy.
     """
 
     def __init__(
         self, file: Path, text: str | None = None, pose: Pose | None = None, *, with_map: bool = False
     ) -> None:  # fmt: skip
-        """``text`` is what is read in place of the file; ``pose`` is that of robots of which none is said. ``map`` is
-        read or drawn, which may take seconds, only if it is asked for.
-        """
+        """``text`` replaces the contents of the file. ``pose`` is the default pose of robots. ``map`` is read or drawn,
+        which may take seconds, only if requested."""
         self._file = file
         self._pose = pose
         self._problems: list[WorldProblem] = []
@@ -95,14 +94,14 @@ class WorldFile:
             raise WorldError([f'{self._file}:{error.line}:{error.column}: {error.reason}']) from error
 
     def attempt(self, path: Where, action: Callable[..., object], *arguments: Any) -> None:
-        """Do what is said at a place of the file; an error becomes one of the file."""
+        """Run an action for a place of the file; an error becomes a problem of the file there."""
         try:
             action(*arguments)
         except SimulationError as error:
             self._problems.append(WorldProblem(path, str(error)))
 
     def finish(self) -> None:
-        """Raise what is wrong so far, as a WorldError."""
+        """Raise the problems found so far as a WorldError."""
         if self._problems:
             raise WorldError([_line(self._file, one, self._marks) for one in self._problems])
 
@@ -127,11 +126,11 @@ class WorldFile:
         return {name: convert(Pose, value, ('places', name), self._problems) for name, value in self._section('places')}
 
     def _read_entities(self) -> list[tuple[Where, str, Any, Pose | None]]:
-        """For each where it is said, its name, model and pose."""
+        """Return, for each entity, its place in the file, name, model and pose."""
         return [*self._robots(), *self._others()]
 
     def _section(self, section: str) -> list[tuple[str, Any]]:
-        """Return the entries of a section whose names can be ones."""
+        """Return the entries of a section that have valid names."""
         data = self._data.get(section)
         if data is None:
             return []
@@ -166,14 +165,13 @@ class WorldFile:
         models = dict(MODELS)
         for name, value in self._section('models'):
             made = self._model(value, ('models', name), models, 'based_on')
-            models[name] = made or RobotModel()  # what is based on a wrong one is not wrong for that
+            models[name] = made or RobotModel()  # models based on an invalid one are not reported for that
         return models
 
     def _model(
         self, value: Any, path: Where, models: Mapping[str, RobotModel], base_key: str, *beside: str
     ) -> RobotModel | None:
-        """Return a model of a robot, in which ``base_key`` names another one; with keys ``beside`` it for the
-        caller."""
+        """Return a robot model, based on the one that ``base_key`` names; the keys ``beside`` it are for the caller."""
         if not isinstance(value, Mapping):
             self._problems.append(WorldProblem(path, f'expected a mapping, got {short_repr(value)}'))
             return None
@@ -212,7 +210,7 @@ class WorldFile:
         ]
 
     def _read_faults(self) -> list[tuple[Where, FaultTiming, Mapping[str, Any]]]:
-        """For each where it is said, its timing and its parameters."""
+        """Return, for each fault, its place in the file, timing and parameters."""
         entries = self._data.get('faults') or []
         if not isinstance(entries, list):
             self._problems.append(WorldProblem(('faults',), f'expected a list, got {short_repr(entries)}'))
@@ -231,12 +229,12 @@ _MERGE: Final = 'tag:yaml.org,2002:merge'
 
 
 def _mark(node: yaml.Node, path: Where, marks: dict[Where, tuple[int, int]], problems: list[WorldProblem]) -> None:
-    """Note where each value is: the line and column of its key, or of itself in a list."""
+    """Record the position of each value: line and column of its key or, in a list, of the value itself."""
     marks.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
     if isinstance(node, yaml.MappingNode):
         seen = set[str]()
         for key_node, value in node.value:
-            if key_node.tag == _MERGE:  # <<: *others, which yield to what is said here
+            if key_node.tag == _MERGE:  # <<: *others, which the keys here override
                 for merged in value.value if isinstance(value, yaml.SequenceNode) else [value]:
                     _mark(merged, path, marks, problems)
                 continue
@@ -260,11 +258,11 @@ def _line(file: Path, problem: WorldProblem, marks: Mapping[Where, tuple[int, in
     return f'{file}:{line}:{column}: {where}{problem.message}'
 
 
-# Rooms and walls that are drawn in a world file, as an occupancy map.
+# Rooms and walls of a world file, drawn as an occupancy map.
 
 MAX_PARTS: Final = 5000
 PIECE: Final = 32
-"""Cells across which a piece of a wall goes at most along the axis along which it is shorter."""
+"""Maximum extent, in cells, of a piece of a wall along its shorter axis."""
 
 
 @dataclass(frozen=True)
@@ -330,13 +328,13 @@ class FloorPlan(ModelSpecification):
         return math.ceil(height / self.resolution - 1e-6), math.ceil(width / self.resolution - 1e-6), (left, bottom)
 
     def drawn(self) -> OccupancyMap:
-        """Return the map: cells whose middle is in a wall, and in no opening, are occupied."""
+        """Return the map: cells whose centre is in a wall, and in no opening, are occupied."""
         rows, columns, (left, bottom) = self._grid()
         cells = numpy.full((rows, columns), FREE, numpy.int8)
         half = self.thickness / 2.0 + 1e-9
         for line in self._lines():
             for start, end in pairwise(line):
-                # In pieces, for of all cells round a long wall that is aslant few are in it.
+                # Draw in pieces: a long oblique wall covers few of the cells in its bounding box.
                 narrow = min(abs(a - b) for a, b in zip(start, end, strict=True)) / self.resolution
                 ends = numpy.linspace(start, end, max(1, math.ceil(narrow / PIECE)) + 1)
                 for piece in pairwise(ends.tolist()):
@@ -352,8 +350,7 @@ class FloorPlan(ModelSpecification):
     def _fill(
         self, cells: NDArray[numpy.int8], corner: Point, wall: tuple[Point, Point], piece: Sequence[Point], half: float
     ) -> None:  # fmt: skip
-        """Draw a piece of a straight wall: all cells round it whose middle is within half the thickness of the wall of
-        its middle line."""
+        """Draw a piece of a straight wall: all cells whose centre is within half the thickness of its centre line."""
         start, end = wall
         ends = list(zip(*piece, corner, strict=True))
         left, bottom = (max(0, math.floor((min(a, b) - half - c) / self.resolution)) for a, b, c in ends)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The plane: maps, shapes, bodies on them, how far they are apart, and how far beams get."""
+"""The plane: maps, shapes and bodies, their distances, and ray casting."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Poses in the plane and the shapes of bodies: circles and polygons, with gaps and containment."""
+"""Poses in the plane, and the shapes of bodies: circles and polygons, with gaps and containment."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import Final, NamedTuple
 from flexbt_sim.errors import SimulationError
 
 FARTHEST: Final = 1e7
-"""Greatest coordinate of a place, m: with greater ones distances and cells cannot be computed any more."""
+"""Greatest coordinate of a place, m: with greater ones, distances and cells can no longer be computed."""
 
 
 class Pose(NamedTuple):
-    """Position in m and heading in rad, in the frame of the map."""
+    """A position in m and a heading in rad, in the map frame."""
 
     x: float
     y: float
@@ -24,15 +24,15 @@ class Pose(NamedTuple):
 
     @property
     def is_place(self) -> bool:
-        """True if these are finite numbers within FARTHEST."""
+        """True if all values are finite and within FARTHEST."""
         return all(map(math.isfinite, self)) and max(abs(self.x), abs(self.y)) <= FARTHEST
 
     def distance(self, other: Pose) -> float:
-        """Distance of the positions, m."""
+        """Return the distance between the positions, m."""
         return math.hypot(other.x - self.x, other.y - self.y)
 
     def bearing(self, x: float, y: float) -> float:
-        """Direction of a point relative to the heading, rad in (-pi, pi]."""
+        """Return the direction of a point relative to the heading, rad in (-pi, pi]."""
         return wrap(math.atan2(y - self.y, x - self.x) - self.yaw)
 
 
@@ -46,7 +46,7 @@ def wrap(angle: float) -> float:
 
 
 def drive(pose: Pose, linear: float, angular: float, duration: float) -> Pose:
-    """Return the pose after driving at constant speeds (m/s, rad/s) for a time (s): exactly, along the arc."""
+    """Return the exact pose after driving along an arc at constant speeds (m/s, rad/s) for a time (s)."""
     half = angular * duration / 2.0
     chord = linear * duration * (math.sin(half) / half if half else 1.0)
     return Pose(
@@ -57,13 +57,13 @@ def drive(pose: Pose, linear: float, angular: float, duration: float) -> Pose:
 
 
 def compose(one: Pose, other: Pose) -> Pose:
-    """Return the pose ``other``, given in the frame of ``one``, in the frame that ``one`` is given in."""
+    """Return ``other``, a pose in the frame of ``one``, in the parent frame of ``one``."""
     cos, sin = math.cos(one.yaw), math.sin(one.yaw)
     return Pose(one.x + other.x * cos - other.y * sin, one.y + other.x * sin + other.y * cos, wrap(one.yaw + other.yaw))
 
 
 def inverse(pose: Pose) -> Pose:
-    """Return the pose of the frame that a pose is given in, in the frame of the pose."""
+    """Return the inverse transform: the parent frame of a pose, in the frame of the pose."""
     cos, sin = math.cos(pose.yaw), math.sin(pose.yaw)
     return Pose(-pose.x * cos - pose.y * sin, pose.x * sin - pose.y * cos, wrap(-pose.yaw))
 
@@ -71,22 +71,22 @@ def inverse(pose: Pose) -> Pose:
 # The areas of bodies in the plane, and the distances between them.
 
 Point = tuple[float, float]
-"""x and y, m."""
+"""A point: x and y, m."""
 
 Segments = list[tuple[float, float, float, float]]
-"""Straight lines from (x, y) to (x, y), m."""
+"""Line segments from (x, y) to (x, y), m."""
 
 MAX_CORNERS: Final = 200
 LARGEST: Final = 50.0
-"""Greatest distance, m, of a point of a shape from its origin."""
+"""Maximum distance, m, of a point of a shape from its origin."""
 
 SMALLEST: Final = 0.001
-"""Least radius and side, m."""
+"""Minimum radius and side length, m."""
 
 
 @dataclass(frozen=True)
 class Circle:
-    """A circle round the origin; ``radius`` in m."""
+    """A circle around the origin; ``radius`` in m."""
 
     radius: float
 
@@ -100,14 +100,14 @@ class Circle:
         return 0.0
 
     def points(self, pose: Pose) -> list[Point]:
-        """64 points on the circle at a pose: a polygon of them is within 0.12 % of it."""
+        """Return 64 points on the circle at a pose; their polygon deviates by at most 0.12 %."""
         angles = (math.tau * n / 64.0 for n in range(64))
         return [(pose.x + self.radius * math.cos(a), pose.y + self.radius * math.sin(a)) for a in angles]
 
 
 @dataclass(frozen=True)
 class Polygon:
-    """A polygon without holes; ``corners`` in m from the origin, in either direction."""
+    """A polygon without holes; ``corners`` in m from the origin, clockwise or counter-clockwise."""
 
     corners: tuple[Point, ...]
 
@@ -127,7 +127,7 @@ class Polygon:
 
     @cached_property
     def radius(self) -> float:
-        """Radius of the circle round the origin that contains it, m."""
+        """Radius of the circle around the origin that contains the polygon, m."""
         return max(math.hypot(x, y) for x, y in self.corners)
 
     @property
@@ -150,13 +150,13 @@ Shape = Circle | Polygon
 
 
 def box(length: float, width: float) -> Polygon:
-    """Return a rectangle about the origin; ``length`` along x, m."""
+    """Return a rectangle centred on the origin; ``length`` along x, m."""
     x, y = length / 2.0, width / 2.0
     return Polygon(((x, y), (-x, y), (-x, -y), (x, -y)))
 
 
 def gap(one: Shape, at: Pose, other: Shape, there: Pose) -> float:
-    """Distance between two shapes, m; negative when they overlap, the deeper the more."""
+    """Return the distance between two shapes, m; negative if they overlap, and the lower the deeper."""
     if isinstance(one, Circle):
         if isinstance(other, Circle):
             return math.hypot(there.x - at.x, there.y - at.y) - one.radius - other.radius
@@ -167,7 +167,7 @@ def gap(one: Shape, at: Pose, other: Shape, there: Pose) -> float:
 
 
 def depth(x: float, y: float, polygon: Polygon, pose: Pose) -> float:
-    """Distance from a point to a polygon, m; inside, minus the distance to its sides."""
+    """Return the distance from a point to a polygon, m; inside, the negative distance to its sides."""
     sides = polygon.sides(pose)
     distance = min(_to_segment(x, y, side) for side in sides)
     return -distance if _inside(x, y, sides) else distance
@@ -181,7 +181,8 @@ def contains(shape: Shape, pose: Pose, x: float, y: float) -> bool:
 
 
 def _polygon_gap(one: Segments, other: Segments) -> float:
-    """Distance of two polygons; when they overlap, minus how far one has to move to leave the hull of the other."""
+    """Return the distance of two polygons, m; if they overlap, the negative distance that one must move to leave the
+    hull of the other."""
     overlap = (
         any(_inside(x, y, other) for x, y, *_ in one)
         or any(_inside(x, y, one) for x, y, *_ in other)
@@ -196,7 +197,7 @@ def _polygon_gap(one: Segments, other: Segments) -> float:
 
 
 def _overlap_across(side: tuple[float, float, float, float], one: Segments, other: Segments) -> float:
-    """Return how far two polygons overlap at right angles to a side."""
+    """Return the overlap of two polygons, m, perpendicular to a side."""
     x0, y0, x1, y1 = side
     length = math.hypot(x1 - x0, y1 - y0)
     ours, theirs = ([(x * (y1 - y0) - y * (x1 - x0)) / length for x, y, *_ in sides] for sides in (one, other))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The inner loops over beams and cells, which numba compiles where it is installed; without it they do the same.
+"""The inner loops over beams and cells. numba compiles them if it is installed; without it, the results are the same.
 
-numba is imported when the first of them is called, which takes some tenths of a second, and keeps what it has compiled;
-compiling takes some seconds on the first use of a computer.
+The first call of a loop imports numba, which takes some tenths of a second. Compiling takes some seconds on the first
+use on a computer; numba caches the result.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ import numpy
 
 
 class Loop:
-    """A decorator of a function over arrays, which is compiled when it is first called.
+    """A decorator that compiles a function over arrays on its first call.
 
-    Where nothing is compiled it is ``interpreted``, or ``otherwise`` does the same by operations on whole arrays, if
-    interpreted it would be too slow.
+    Without numba, the function runs ``interpreted``. If that is too slow, ``otherwise`` computes the same with
+    operations on whole arrays.
     """
 
     def __init__(self, interpreted: Callable[..., Any], otherwise: Callable[..., Any] | None = None) -> None:
@@ -38,9 +38,9 @@ class Loop:
 
     @functools.cached_property
     def compiled(self) -> Callable[..., Any] | None:
-        """The compiled function, which leaves the interpreter to other threads; None without numba.
+        """The compiled function, which releases the GIL; None without numba.
 
-        The loops that it calls are compiled along. ``FLEXBT_ACCELERATION=0`` leaves numba out, too.
+        This also compiles the loops that it calls. ``FLEXBT_ACCELERATION=0`` disables numba.
         """
         numba: Any = None
         if os.environ.get('FLEXBT_ACCELERATION', '1') != '0':
@@ -52,7 +52,7 @@ class Loop:
         made: Callable[..., Any]
         try:
             made = numba.njit(nogil=True, cache=True)(function)
-        except RuntimeError as error:  # there is no directory to keep it in
+        except RuntimeError as error:  # no cache directory is writable
             logging.getLogger(__name__).warning(
                 'numba compiles %s anew in each process, as it cannot keep it: %s; NUMBA_CACHE_DIR names a directory '
                 'where it can', function.__name__, error,
@@ -61,7 +61,7 @@ class Loop:
         return made
 
     def _with_compiled(self) -> FunctionType:
-        """Return the function, which calls compiled loops."""
+        """Return the function with the loops that it calls replaced by compiled ones."""
         function = self.interpreted
         assert isinstance(function, FunctionType)
         there = function.__globals__
@@ -81,9 +81,10 @@ def cast(
 ) -> None:  # fmt: skip
     """Write the range of each beam, m, into ``ranges``; infinite beyond ``range_max``.
 
-    ``free`` has for each cell of the map how far a beam may go from anywhere in it, in cells, and less than -0.5 for an
-    obstacle; ``row`` and ``column`` is where the sensor is on it, and ``turned`` the heading of the map. ``heading`` is
-    that of the first beam; see :class:`.ray_casting.Outlines` for the others. The sensor is in no body: :func:`covers`.
+    ``free`` has, for each cell of the map, the distance in cells that a beam can travel from anywhere in it, and less
+    than -0.5 for an obstacle. ``row`` and ``column`` are the position of the sensor on the map, and ``turned`` is the
+    heading of the map. ``heading`` is that of the first beam. See :class:`.ray_casting.Outlines` for the others. The
+    sensor must not be in a body: see :func:`covers`.
     """
     height, width = free.shape
     beams = ranges.shape[0]
@@ -103,11 +104,11 @@ def cast(
         while travelled < end:
             r, c = row + travelled * up, column + travelled * right
             i, j = min(max(int(math.floor(r)), 0), height - 1), min(max(int(math.floor(c)), 0), width - 1)  # noqa: RUF046 - a float to numba
-            room = float(free[i, j])  # NumPy would add the steps of a beam as float32, and lose them
+            room = float(free[i, j])  # NumPy would add the steps of a beam as float32 and lose them
             if room < -0.5:
                 ranges[beam] = travelled * resolution
                 break
-            if room < 1.0:  # it may be farther to the next cell
+            if room < 1.0:  # the next cell may be farther away
                 to_row = (i + 1.0 - r if up > 0.0 else i - r) * per_row
                 to_column = (j + 1.0 - c if right > 0.0 else j - c) * per_column
                 room = max(min(to_row, to_column) + 1e-6, room)
@@ -152,7 +153,7 @@ def cast(
                 across = cos * uy - sin * ux
                 if across != 0.0:
                     length, part = (x0 * uy - y0 * ux) / across, (x0 * sin - y0 * cos) / across
-                    if length >= 0.0 and -1e-9 <= part <= 1.0 + 1e-9:  # none slips between two sides
+                    if length >= 0.0 and -1e-9 <= part <= 1.0 + 1e-9:  # no beam slips between two sides
                         ranges[beam] = min(ranges[beam], length)
     for beam in range(beams):
         if ranges[beam] > range_max:
@@ -161,10 +162,10 @@ def cast(
 
 @Loop
 def covers(x: float, y: float, owner: int, circles: Any, segments: Any) -> bool:
-    """Return whether a point is in a body, or on its outline: no more than 1e-6 m off it. ``owner`` is left out.
+    """Return whether a point is in a body or within 1e-6 m of its outline. The body ``owner`` is ignored.
 
-    Products and sums alone are, compiled or not, the same to the last bit. Nearer to a corner, the direction of a side
-    is all rounding.
+    The function uses only products and sums, which are equal to the last bit whether compiled or not. Nearer to a
+    corner, the direction of a side would be dominated by rounding.
     """
     for k in range(circles.shape[0]):
         dx, dy, reach = circles[k, 0] - x, circles[k, 1] - y, circles[k, 2] + 1e-6
@@ -184,7 +185,7 @@ def covers(x: float, y: float, owner: int, circles: Any, segments: Any) -> bool:
             return True
         if (y0 > 0.0) != (y1 > 0.0) and x0 - y0 / uy * ux > 0.0:
             inside = not inside
-        if k + 1 == count or segments[k + 1, 4] != body:  # its last side
+        if k + 1 == count or segments[k + 1, 4] != body:  # the last side of the body
             if inside:
                 return True
             inside = False
@@ -193,9 +194,8 @@ def covers(x: float, y: float, owner: int, circles: Any, segments: Any) -> bool:
 
 @Loop
 def nearest(obstacles: Any, known: Any, only_new: bool, row: float, column: float, reach: float) -> Any:
-    """Distance from a position to the nearest obstacle in a square, ``reach`` to each side; infinite without one; in
-    cells. ``only_new``: to the nearest that is none of ``known``.
-    """
+    """Return the distance, in cells, from a position to the nearest obstacle in a square, ``reach`` to each side;
+    infinite without one. With ``only_new``, obstacles in ``known`` do not count."""
     height, width = obstacles.shape
     least = math.inf
     for a in range(max(0, math.floor(row - reach)), min(height, math.ceil(row + reach))):
@@ -209,7 +209,7 @@ def nearest(obstacles: Any, known: Any, only_new: bool, row: float, column: floa
 
 
 def polygon_gap_at_once(obstacles: Any, corners: Any) -> float:
-    """As :func:`polygon_gap`, by operations on whole arrays."""
+    """Return the same as :func:`polygon_gap`, with operations on whole arrays."""
     left, bottom = numpy.maximum(numpy.floor(corners.min(axis=0)).astype(int) - 1, 0)
     right, top = numpy.maximum(numpy.ceil(corners.max(axis=0)).astype(int) + 1, 0)
     rows, columns = numpy.nonzero(obstacles[bottom:top, left:right])
@@ -217,7 +217,7 @@ def polygon_gap_at_once(obstacles: Any, corners: Any) -> float:
         return math.inf
     squares = numpy.stack([columns + left, rows + bottom], axis=1)[:, None, :].astype(float)
     starts, sides = corners[None], (numpy.roll(corners, -1, axis=0) - corners)[None]
-    # From where to where each side is between the edges of a square: it crosses it if it is on both axes at once.
+    # The interval in which each side is between the edges of a square, by axis: they cross if both axes overlap.
     with numpy.errstate(divide='ignore', invalid='ignore'):
         into, out = (squares - starts) / sides, (squares + 1.0 - starts) / sides
     parallel = sides == 0.0
@@ -228,7 +228,7 @@ def polygon_gap_at_once(obstacles: Any, corners: Any) -> float:
     crossed = int(crosses.any(axis=1).sum())
     if crossed:
         return -float(crossed)
-    # Otherwise they are nearest at a corner of one of them.
+    # Otherwise, the closest point is a corner of the side or of the square.
     nearest = ((starts - numpy.clip(starts, squares, squares + 1.0)) ** 2).sum(axis=2).min()
     for corner in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)):
         points = squares + corner - starts
@@ -239,10 +239,11 @@ def polygon_gap_at_once(obstacles: Any, corners: Any) -> float:
 
 @functools.partial(Loop, otherwise=polygon_gap_at_once)
 def polygon_gap(obstacles: Any, corners: Any) -> float:
-    """Distance, in cells, from the sides of a polygon to the nearest obstacle cell within a cell of its bounds.
+    """Return the distance, in cells, from the sides of a polygon to the nearest obstacle cell within a cell of its
+    bounds.
 
-    ``corners`` has rows of column and row. Where sides cross cells, minus the number of these; infinite
-    if none is near.
+    ``corners`` has rows of column and row. If sides cross obstacle cells, the result is the negative number of these;
+    it is infinite if no obstacle is near.
     """
     height, width = obstacles.shape
     count = corners.shape[0]
@@ -259,7 +260,7 @@ def polygon_gap(obstacles: Any, corners: Any) -> float:
             for k in range(count):
                 x, y = corners[k, 0], corners[k, 1]
                 dx, dy = corners[(k + 1) % count, 0] - x, corners[(k + 1) % count, 1] - y
-                # From where to where the side is between the edges of the cell, on both axes.
+                # The interval in which the side is between the edges of the cell, on both axes.
                 first, last = 0.0, 1.0
                 if dx != 0.0:
                     first, last = (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Maps as ROS's map_server reads them: a YAML file that names an image."""
+"""Maps in the format of ROS's map_server: a YAML file that names an image."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ MODES: Final = ('trinary', 'scale', 'raw')
 
 MAX_YAML_BYTES: Final = 20_000
 MAX_CELLS: Final = 16_000_000
-"""Largest map, cells, which is 4,000 in a row and as many rows: to know all distances on it takes some 1 GB of memory,
-for seconds, and 0.4 GB from then on."""
+"""Size of the largest map, cells: 4,000 rows of 4,000. Computing all its distances takes about 1 GB of memory for some
+seconds; keeping them takes 0.4 GB."""
 
 MIN_RESOLUTION: Final = 0.001
 MAX_RESOLUTION: Final = 100.0
-"""Size of a cell, m. Obstacles within reach of the robot are looked for cell by cell."""
+"""Range of the size of a cell, m. The search for obstacles within reach of the robot goes cell by cell."""
 
 FAR: Final = 1e9
-"""Distance, m, that stands for no obstacle at all."""
+"""Distance, m, that represents no obstacle."""
 
 Occupancy = NDArray[numpy.int8]
 Distances = NDArray[numpy.float32]
@@ -60,17 +60,17 @@ class OccupancyMap:
 
     @property
     def height(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return int(self.cells.shape[0])
 
     @property
     def width(self) -> int:
-        """Columns."""
+        """Number of columns."""
         return int(self.cells.shape[1])
 
     @cached_property
     def obstacles(self) -> NDArray[numpy.bool_]:
-        """Mask of the cells that are obstacles: occupied more likely than not. The border outside of the map counts as
+        """Mask of the cells that are obstacles: occupied more likely than not. The area outside the map counts as
         free."""
         obstacles: NDArray[numpy.bool_] = self.cells > OCCUPIED // 2
         return obstacles
@@ -79,9 +79,9 @@ class OccupancyMap:
     def half_cell_distances(self) -> Distances:
         """Distances to the nearest obstacle, m, at corners, edges (their middles) and centres of the cells.
 
-        Shape (2 * height + 1, 2 * width + 1): ``[2 * row, 2 * column]`` is the lower left corner of a cell,
-        ``[2 * row + 1, 2 * column + 1]`` its centre. Exact, to the nearest point of an obstacle cell, for that is again
-        a corner, a middle or a centre. ``FAR`` everywhere on a map without obstacles.
+        Shape (2 * height + 1, 2 * width + 1): ``[2 * row, 2 * column]`` is the lower left corner of a cell, ``[2 * row
+        + 1, 2 * column + 1]`` its centre. The distances to the nearest point of an obstacle cell are exact, since that
+        point is again a corner, a middle or a centre. They are ``FAR`` on a map without obstacles.
         """
         touched = numpy.zeros((2 * self.height + 1, 2 * self.width + 1), bool)
         for row, column in product(range(3), repeat=2):
@@ -91,7 +91,9 @@ class OccupancyMap:
         nearest = scipy.ndimage.distance_transform_edt(~touched, return_distances=False, return_indices=True)
         distances: Distances = numpy.empty(touched.shape, numpy.float32)
         columns = numpy.arange(touched.shape[1], dtype=numpy.int32)
-        for row, (up, right) in enumerate(zip(*nearest, strict=True)):  # as a whole it would take twice the memory
+        for row, (up, right) in enumerate(
+            zip(*nearest, strict=True)
+        ):  # row by row: all at once would take twice the memory
             distances[row] = numpy.sqrt(
                 numpy.square(up - row, dtype=float) + numpy.square(right - columns, dtype=float)
             )
@@ -100,22 +102,22 @@ class OccupancyMap:
 
     @property
     def distances(self) -> Distances:
-        """For each cell, the distance from its centre to the nearest point of an obstacle cell, m; 0 in an obstacle."""
+        """Distance from the centre of each cell to the nearest point of an obstacle cell, m; 0 in an obstacle."""
         return self.half_cell_distances[1::2, 1::2]
 
     def grid_position(self, x: float, y: float) -> tuple[float, float]:
-        """Return a point of the map frame in cells from the lower left corner of the grid: upwards, to the right."""
+        """Return a point of the map frame in cells (up, right) from the lower left corner of the grid."""
         dx, dy = x - self.origin.x, y - self.origin.y
         cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
         return (dy * cos - dx * sin) / self.resolution, (dx * cos + dy * sin) / self.resolution
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Row and column of a point of the map frame; they may lie outside of the grid."""
+        """Return the row and column of a point of the map frame; they may be outside the grid."""
         row, column = self.grid_position(x, y)
         return math.floor(row), math.floor(column)
 
     def point(self, row: float, column: float) -> tuple[float, float]:
-        """Centre of a cell, in the map frame."""
+        """Return the centre of a cell, in the map frame."""
         u, v = (column + 0.5) * self.resolution, (row + 0.5) * self.resolution
         cos, sin = math.cos(self.origin.yaw), math.sin(self.origin.yaw)
         return self.origin.x + u * cos - v * sin, self.origin.y + u * sin + v * cos
@@ -125,12 +127,13 @@ class OccupancyMap:
         return 0 <= row < self.height and 0 <= column < self.width
 
     def mask(self, areas: Iterable[tuple[Shape, Pose]]) -> OccupancyMap:
-        """Return a grid like this one that is occupied where shapes at poses are, to a cell, and free elsewhere."""
+        """Return a grid of the same geometry that is occupied under the shapes, to the accuracy of a cell, and free
+        elsewhere."""
         cells = numpy.full(self.cells.shape, FREE, numpy.int8)
         for shape, pose in areas:
             corners = numpy.array([self.grid_position(*point) for point in shape.points(pose)])
             (y, x), (to_y, to_x) = corners.T, numpy.roll(corners, -1, axis=0).T
-            # Lines along the rows: two in each, and those through the corners, so that nothing is too thin.
+            # Scan lines: two in each row, and those through the corners, so that no shape is too thin to be hit.
             lines = {
                 *y.tolist(),
                 *(numpy.arange(max(0, 2 * y.min()), min(2 * self.height, 2 * y.max())) / 2.0).tolist(),
@@ -143,7 +146,7 @@ class OccupancyMap:
         return replace(self, cells=cells)
 
     def masked(self, mask: OccupancyMap) -> OccupancyMap:
-        """Return this map, occupied also where the centres of its cells are in occupied cells of another grid."""
+        """Return this map with the cells whose centres are in occupied cells of another grid occupied, too."""
         places = numpy.array([mask.grid_position(*self.point(*cell)) for cell in ((0, 0), (1, 0), (0, 1))])
         turn = (places[1:] - places[0]).T
         covered = scipy.ndimage.affine_transform(
@@ -152,14 +155,15 @@ class OccupancyMap:
         return replace(self, cells=numpy.where(covered, numpy.int8(OCCUPIED), self.cells))
 
     def clearance(self, x: float, y: float) -> float:
-        """Distance from a point, on the map or beside it, to the nearest obstacle, m, exactly; infinite without any."""
+        """Return the exact distance from a point, on the map or outside it, to the nearest obstacle, m; infinite
+        without one."""
         row, column = self.grid_position(x, y)
         known, beside = self._nearest_known(row, column)
         reach = (known + beside) / self.resolution + 1.0
         return float(nearest(self.obstacles, self.obstacles, False, row, column, reach)) * self.resolution
 
     def _nearest_known(self, row: float, column: float) -> tuple[float, float]:
-        """Distance from an obstacle at the nearest point where that is known, and how far away this point is; m."""
+        """Return the obstacle distance at the nearest point with a known one, and the distance to that point; m."""
         r = min(max(round(2.0 * row), 0), 2 * self.height)
         c = min(max(round(2.0 * column), 0), 2 * self.width)
         beside = math.hypot(row - r / 2.0, column - c / 2.0) * self.resolution
@@ -167,13 +171,13 @@ class OccupancyMap:
 
 
 def load_map(file: Path) -> OccupancyMap:
-    """Read a map. Fields, modes and thresholds mean what they mean to Nav2's map_server (Jazzy).
+    """Read a map. Fields, modes and thresholds have the meaning of Nav2's map_server (Jazzy).
 
-    The image is a PGM, PNG or BMP, named relative to the YAML file or absolutely. ``negate`` and ``mode`` may be left
-    out.
+    The image is a PGM, PNG or BMP, with a path that is absolute or relative to the YAML file. ``negate`` and ``mode``
+    are optional.
 
     Raises:
-        MapError: file or image cannot be read, or a field is missing or wrong.
+        MapError: the file or image cannot be read, or a field is missing or wrong.
     """
     fields = _read_yaml(file)
     image = fields.get('image')
@@ -213,7 +217,7 @@ def load_map(file: Path) -> OccupancyMap:
 
 
 def _occupancies(mode: str, negate: bool, occupied: float, free: float) -> Occupancy:
-    """Return what each of the 256 grey values means."""
+    """Return the occupancy of each of the 256 grey values."""
     grey = numpy.arange(256)
     if mode == 'raw':
         return numpy.where(grey <= OCCUPIED, grey, UNKNOWN).astype(numpy.int8)
@@ -233,14 +237,14 @@ def _read_yaml(file: Path) -> Mapping[str, Any]:
 
 
 def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[numpy.bool_]]:
-    """Grey values, and which pixels are not opaque. Colours have the brightness that ITU-R BT.709 gives them."""
+    """Return the grey values and a mask of the pixels that are not opaque. Colours are converted by ITU-R BT.709."""
     try:
         _require_file(image)
         with Image.open(image, formats=('PPM', 'PNG', 'BMP')) as picture:
             if not 0 < picture.width * picture.height <= MAX_CELLS:
                 size = f'{picture.width} x {picture.height} pixels'
                 raise ValueError(f'{size}; a map has 1 to {MAX_CELLS}: a coarser resolution needs fewer')
-            if picture.mode.startswith('I'):  # 16 bits, which convert() would cut off instead of scaling
+            if picture.mode.startswith('I'):  # 16 bits, which convert() would clip instead of scaling
                 grey = numpy.rint(numpy.asarray(picture) / 257.0).astype(numpy.uint8)
                 return grey, numpy.zeros(grey.shape, bool)
             if picture.mode == 'F':
@@ -255,7 +259,7 @@ def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[
 
 
 def _require_file(path: Path) -> None:
-    """Neither a directory, nor a device or a pipe, which might never end. Raises OSError."""
+    """Require a regular file: reading a device or a pipe might never end. Raises OSError."""
     if path.exists() and not path.is_file():
         raise OSError('not a regular file')
 

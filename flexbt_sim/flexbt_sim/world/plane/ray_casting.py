@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ray casting: the ranges of beams on a map with bodies.
 
-Obstacles are solid, as they are to robots. From within a body, or on its outline, every beam gets 0 m far. A cell of
-the map is met by the beams that go into it: from its edge, not by those that lead away.
+Obstacles are solid, as they are for robots. In a body or on its outline, every beam has range 0. A beam hits a cell of
+the map if it enters it: a beam that starts on its edge and leads away does not.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ Floats = NDArray[numpy.floating[Any]]
 
 
 class Beams(NamedTuple):
-    """A fan of beams from a pose in the map: the direction of the first one and the angle from each to the next, rad.
+    """A fan of beams from a pose in the map, with the direction of the first beam and the angle between beams, rad.
 
-    ``range_max`` is as far as anything is looked for, m; ``owner`` the number of the body that is not seen.
+    ``range_max`` is the maximum range, m; ``owner`` is the number of the body that the beams ignore.
     """
 
     pose: Pose
@@ -40,9 +40,9 @@ class Beams(NamedTuple):
 
 
 class Outlines(NamedTuple):
-    """The outlines of bodies as beams meet them.
+    """The outlines of bodies for ray casting.
 
-    ``circles`` are rows of x, y, radius and number of the body, ``segments`` rows of x, y, x, y and this number.
+    ``circles`` are rows of x, y, radius and number of the body; ``segments`` are rows of x, y, x, y and this number.
     """
 
     circles: Floats
@@ -50,7 +50,7 @@ class Outlines(NamedTuple):
 
 
 def outlines(bodies: Iterable[Body]) -> Outlines:
-    """Return the outlines of bodies, which are numbered in their order."""
+    """Return the outlines of bodies, numbered in their order."""
     circles: list[tuple[float, ...]] = []
     segments: list[tuple[float, ...]] = []
     for number, body in enumerate(bodies):
@@ -62,22 +62,22 @@ def outlines(bodies: Iterable[Body]) -> Outlines:
 
 
 class RayCaster:
-    """A caster of the beams of any number of sensors, one after the other."""
+    """A ray caster for any number of sensors, one after the other."""
 
     def __init__(self, world: OccupancyMap | None) -> None:
         self._world = world
 
     def cast(self, sensors: Sequence[Beams], bodies: Outlines) -> list[Floats]:
-        """For each sensor, how far each beam gets, m; infinite where it meets nothing within its range."""
-        with numpy.errstate(over='ignore'):  # a side that is all but parallel to a beam is met infinitely far away
+        """Return the range of each beam, m, by sensor; infinite for a beam that hits nothing within its range."""
+        with numpy.errstate(over='ignore'):  # a side that is almost parallel to a beam is hit at infinity
             return [self._one(sensor, bodies) for sensor in sensors]
 
     @cached_property
     def _free(self) -> NDArray[numpy.float32]:
-        """Free distance of a beam from anywhere in each cell, in cells; less than -0.5 for an obstacle."""
+        """Free distance, in cells, of a beam from anywhere in each cell; less than -0.5 for an obstacle."""
         world = self._world
         if world is None:
-            return numpy.ones((1, 1), numpy.float32)  # which beams leave at once
+            return numpy.ones((1, 1), numpy.float32)  # a free cell that beams leave immediately
         return numpy.ascontiguousarray(world.distances / world.resolution, numpy.float32) - numpy.float32(
             _HALF_DIAGONAL
         )

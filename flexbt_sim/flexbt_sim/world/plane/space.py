@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bodies that stand or move in the plane, an index that finds those near a place, their distances to the obstacles of a
-map, and how far they can move.
+"""Bodies in the plane, an index of those near a place, their distances to the obstacles of a map, and their movement.
 
-Movement is by conservative advancement: a body goes as far as nothing can be, looks again, and so on, so that it never
-jumps over anything and never overlaps anything, whatever its speed and however long the tick. A result is used as long
-as it is valid: a body that is far from everything needs no check at all.
+Movement uses conservative advancement. A body moves by its distance to the nearest thing, then measures again, and so
+on. So it never jumps over or overlaps anything, at any speed and for any length of the tick. Distances are reused while
+they are valid: a body that is far from everything needs no check.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ At = Callable[[float], Pose]
 class Body:
     """Something with a name, a shape and a pose in the world.
 
-    ``top_speed`` is the greatest speed, m/s, that any point of it can have; ``is_mobile`` whether it goes about. At the
-    start it has the ``start_shape`` at ``start``.
+    ``top_speed`` is the maximum speed, m/s, of any point of it; ``is_mobile`` is True if it can move. At the start it
+    has the ``start_shape`` at ``start``.
     """
 
     top_speed = 0.0
@@ -44,7 +43,7 @@ class Body:
         self.pose = pose
         self.radius = shape.radius
         self.clear_until = -math.inf
-        """Time, s, until which nothing can touch it, wherever it and the others go."""
+        """Time, s, until which nothing can touch it, however it and the others move."""
         self.near: list[Body] = []
         """Bodies that may touch it soon."""
 
@@ -52,11 +51,11 @@ class Body:
         """Return to the state at the start."""
 
     def place(self, pose: Pose) -> None:
-        """Put it somewhere, at rest."""
+        """Put it at a pose and stop it."""
         self.pose = pose
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
-        """Move for a short time, s. Most things do not."""
+        """Move for a short time, s; by default, do not move."""
 
 
 class WorldView(Protocol):
@@ -67,23 +66,24 @@ class WorldView(Protocol):
         """Simulated time at the start of the tick, s."""
 
     def advance(self, body: Body, at: At, reach: float, duration: float) -> float:
-        """Move a body as far as nothing is in its way; the time, s, that it moved for."""
+        """Move a body until something is in its way; return the time, s, that it moved."""
 
     def gap_to_bodies(self, body: Body, pose: Pose) -> float:
-        """Distance, m, from a body at a pose to the nearest other one."""
+        """Return the distance, m, from a body at a pose to the nearest other body."""
 
     def is_someone_near(self, x: float, y: float, distance: float) -> bool:
         """Return whether a robot or a moving obstacle is within a distance, m, of a point."""
 
 
 def generator(seed: int, entity: str, source: str) -> numpy.random.Generator:
-    """Random numbers of one source of one entity: they depend on nothing else."""
+    """Return the random numbers for one source of one entity. They depend only on these and the seed."""
     digest = hashlib.sha256(f'{seed}/{entity}/{source}'.encode()).digest()
     return numpy.random.Generator(numpy.random.PCG64(int.from_bytes(digest[:16], 'little')))
 
 
 class Normals:
-    """Standard normal numbers, one at a time; drawn in blocks, as a call of numpy costs more than a number."""
+    """Standard normal numbers, one at a time. They are drawn in blocks, since a call of numpy costs more than a
+    number."""
 
     def __init__(self, source: numpy.random.Generator) -> None:
         self._source = source
@@ -96,19 +96,19 @@ class Normals:
         return self._block.pop()
 
 
-# Bodies by the squares of the plane that they touch: who is near is found without a look at everybody.
+# Bodies by the squares of the plane that they touch, to find near bodies without checking all of them.
 
 _BLOCK: Final = 2.0
 """Side of the squares, m."""
 
 _LARGE: Final = 20.0
-"""Radius, m, from which a body is near to all."""
+"""Radius, m, from which a body counts as near to all others."""
 
 
 class BodyGrid:
-    """An index of bodies at the places where they were when added, each with a ``margin`` around it, m.
+    """An index of bodies by their positions when added, each with a ``margin`` around it, m.
 
-    ``squares`` has those that touch a square by its column and row; ``large`` those that are near to all.
+    ``squares`` has the bodies that touch a square, by column and row; ``large`` those that count as near to all.
     """
 
     def __init__(self, bodies: Iterable[Body], margin: float) -> None:
@@ -129,7 +129,7 @@ class BodyGrid:
             self.squares[square].append(body)
 
     def remove(self, body: Body) -> None:
-        """Remove a body, wherever it is now."""
+        """Remove a body, even if it has moved."""
         at = self._at.pop(body.name)
         if body.radius > _LARGE:
             self.large.remove(body)
@@ -146,7 +146,7 @@ class BodyGrid:
             self.add(body)
 
     def touching(self, x: float, y: float, radius: float) -> list[Body]:
-        """Return those that may touch a circle, ordered by their names, and others near it."""
+        """Return all bodies that may touch a circle, ordered by name. The result may include others near it."""
         squares: Iterable[tuple[int, int]] = self.squares
         if radius <= _LARGE:
             squares = _squares(x, y, radius)
@@ -166,14 +166,14 @@ COLLISION_CHECK_DISTANCE: Final = 0.002
 """Distance that a body near an obstacle moves between two collision checks, m."""
 
 _REACH: Final = 1.0
-"""Distance, m, within which others are near."""
+"""Distance, m, within which other bodies are near."""
 
 _ROUNDING: Final = 1e-9
-"""Depth, m, that is none."""
+"""Overlap depth, m, that is tolerated."""
 
 
 class Space:
-    """A map, if there is one, and the solid bodies on it. ``time``, s, is that at the start of the tick."""
+    """The solid bodies on a map, or on a plane without one. ``time``, s, is that at the start of the tick."""
 
     def __init__(self, world: OccupancyMap | None) -> None:
         self.map = world
@@ -199,14 +199,14 @@ class Space:
         self.changed()
 
     def remove(self, body: Body) -> None:
-        """One body less."""
+        """Remove a body."""
         del self._bodies[body.name]
         self._mobile.pop(body.name, None)
         self._places.remove(body)
         self.changed()
 
     def changed(self, *placed: Body) -> None:
-        """Bodies were put somewhere: what was found out before does not hold any more."""
+        """Handle bodies that were placed: invalidate earlier results."""
         self._is_changed = True
         self._near_until = -math.inf
         for body in placed:
@@ -218,13 +218,13 @@ class Space:
         self._have_moved = True
         if self._is_changed:
             self._is_changed = False
-            self._near_until = -math.inf  # another caller may have asked meanwhile
+            self._near_until = -math.inf  # another caller may have updated it meanwhile
             self._fastest = max((body.top_speed for body in self._bodies.values()), default=0.0)
             for body in self._bodies.values():
                 body.clear_until = -math.inf
 
     def touching(self, x: float, y: float, radius: float) -> Iterable[Body]:
-        """Return the bodies that may touch a circle, by their names, and others near it."""
+        """Return all bodies that may touch a circle, ordered by name. The result may include others near it."""
         if self._have_moved:
             self._have_moved = False
             for body in self._mobile.values():
@@ -234,14 +234,15 @@ class Space:
     # -- distances ---------------------------------------------------------------------------------------------------
 
     def gap(self, body: Body, pose: Pose) -> float:
-        """Least distance, m, that a body at a pose has to anything: exact when it is small, else no more than it is.
+        """Return the distance, m, from a body at a pose to anything else: exact if it is small, otherwise a lower
+        bound.
 
         Negative where it overlaps something.
         """
         return min(self._gap_to_map(body, pose), self.gap_to_bodies(body, pose))
 
     def gap_to_bodies(self, body: Body, pose: Pose) -> float:
-        """Distance, m, from a body at a pose to the nearest other one; no more than it is when it is large."""
+        """Return the distance, m, from a body at a pose to the nearest other one; a lower bound if it is large."""
         if self.time >= self._near_until:
             self._find_near()
         nearest = _REACH - 2.0 * self._fastest * (self.time - self._near_since) if self._fastest else _REACH
@@ -266,7 +267,8 @@ class Space:
         return room if room > 0.0 else self._exact_gap(shape, pose)
 
     def _along_sides(self, polygon: Polygon, pose: Pose) -> float:
-        """Along the sides, in steps of at least a quarter of a cell, or of half of what is free there."""
+        """Return a lower bound of the clearance, m, along the sides. Steps are a quarter of a cell or half of the
+        clearance there, if that is more."""
         assert self.map is not None
         least = self.map.resolution / 4.0
         nearest = math.inf
@@ -278,20 +280,23 @@ class Space:
                 along += step
                 part = along / length
                 ahead = self._clearance(x0 + part * (x1 - x0), y0 + part * (y1 - y0))
-                nearest = min(nearest, (room + ahead - step) / 2.0)  # clearances change no faster than places
+                nearest = min(
+                    nearest, (room + ahead - step) / 2.0
+                )  # the clearance changes at most as fast as the position
                 room = ahead
         return nearest
 
     def _exact_gap(self, polygon: Polygon, pose: Pose) -> float:
-        """Return the gap of all sides to all near squares of the map."""
+        """Return the gap, m, between all sides and all near cells of the map."""
         world = self.map
         assert world is not None
         corners = numpy.array([world.grid_position(x, y)[::-1] for x, y in polygon.points(pose)])
-        # Where no obstacle is near, there is a free cell all round.
+        # If no obstacle is near, the surrounding cells are free.
         return min(float(polygon_gap(world.obstacles, corners)), 0.5) * world.resolution
 
     def _clearance(self, x: float, y: float) -> float:
-        """Distance, m, from a point to the nearest obstacle of the map: as far as the point next to it is, at least."""
+        """Return a lower bound of the distance, m, from a point to the nearest obstacle of the map, by its nearest grid
+        point."""
         world = self.map
         assert world is not None
         dx, dy = x - world.origin.x, y - world.origin.y
@@ -301,7 +306,7 @@ class Space:
         c = min(max(round(column), 0), self._columns)
         beside = math.hypot(row - r, column - c) / scale
         room = float(self._field[r, c]) - beside
-        # Beside the map the nearest point that is known may be far away.
+        # Outside the map, the nearest known point may be far away.
         return world.clearance(x, y) if room < world.resolution < beside else room
 
     def is_someone_near(self, x: float, y: float, distance: float) -> bool:
@@ -313,9 +318,9 @@ class Space:
     # -- movement ----------------------------------------------------------------------------------------------------
 
     def advance(self, body: Body, at: At, reach: float, duration: float) -> float:
-        """Move a body along ``at``, on which no point of it is faster than ``reach``, m/s; the time, s, it moved for.
+        """Move a body along ``at`` and return the time, s, that it moved. No point of it is faster than ``reach``, m/s.
 
-        Where it overlaps something already, it may move so that it does not more.
+        A body that already overlaps something may move if the overlap does not grow.
         """
         if reach == 0.0 or self.time + duration <= body.clear_until:
             body.pose = at(duration)
@@ -337,10 +342,11 @@ class Space:
             if gone >= duration:
                 return duration
 
-    # -- who is near -------------------------------------------------------------------------------------------------
+    # -- near bodies -------------------------------------------------------------------------------------------------
 
     def _find_near(self) -> None:
-        """Find for each body those that are within _REACH of it. It holds until they may have come half as near."""
+        """Find, for each body, those within _REACH of it. The result is valid until a body may have moved a quarter of
+        that."""
         self._near_since = self.time
         self._near_until = self.time + _REACH / (4.0 * self._fastest) if self._fastest else math.inf
         blocks = BodyGrid(self._bodies.values(), _REACH / 2.0)
@@ -402,7 +408,7 @@ class Space:
             )
 
     def _covers_obstacle(self, body: Body, pose: Pose) -> bool:
-        """Return whether an obstacle of the map is within a polygon, without a touch of its sides."""
+        """Return whether an obstacle of the map is inside a polygon without touching its sides."""
         world = self.map
         if world is None or isinstance(body.shape, Circle):
             return False
@@ -417,7 +423,7 @@ def check_pose(pose: Pose) -> str:
     """Return the pose as text.
 
     Raises:
-        SimulationError: it is none.
+        SimulationError: it is not a valid pose.
     """
     place = f'({pose.x:g}, {pose.y:g}, {pose.yaw:g})'
     if not pose.is_place:
