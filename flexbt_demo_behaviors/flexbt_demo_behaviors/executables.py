@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executables of the package, by their names: each loads its module when it is run."""
+"""The executables of the package. Each function imports its module only when called."""
 
 from flexbt_common.executables import run_main
 
 
 def demo() -> int:
-    """See :mod:`flexbt_demo_behaviors.navigate.main`; gives the exit code."""
+    """Run :mod:`flexbt_demo_behaviors.navigate.main` and return the exit code."""
     return run_main('flexbt_demo_behaviors.navigate.main')
 
 
@@ -13,7 +13,7 @@ def demo() -> int:
 
 
 def goals() -> int:
-    """See :mod:`flexbt_demo_behaviors.goals.main`; gives the exit code."""
+    """Run :mod:`flexbt_demo_behaviors.goals.main` and return the exit code."""
     return run_main('flexbt_demo_behaviors.goals.main')
 
 
@@ -21,12 +21,12 @@ def goals() -> int:
 
 
 def deliveries() -> int:
-    """See :mod:`flexbt_demo_behaviors.nav2_robot.deliveries`; gives the exit code."""
+    """Run :mod:`flexbt_demo_behaviors.nav2_robot.deliveries` and return the exit code."""
     return run_main('flexbt_demo_behaviors.nav2_robot.deliveries', raises_interrupt=True)
 
 
 def nav2_robot() -> int:
-    """See :mod:`flexbt_demo_behaviors.nav2_robot.main`; gives the exit code."""
+    """Run :mod:`flexbt_demo_behaviors.nav2_robot.main` and return the exit code."""
     return run_main('flexbt_demo_behaviors.nav2_robot.main')
 
 
@@ -34,5 +34,5 @@ def nav2_robot() -> int:
 
 
 def night_watch() -> int:
-    """See :mod:`flexbt_demo_behaviors.night_watch.watch`; gives the exit code."""
+    """Run :mod:`flexbt_demo_behaviors.night_watch.watch` and return the exit code."""
     return run_main('flexbt_demo_behaviors.night_watch.watch')

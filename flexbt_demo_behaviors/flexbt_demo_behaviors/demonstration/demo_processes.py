@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The processes of a demonstration: the one table that `demo` and the launch file start them from."""
+"""The processes of a demonstration: the process table that `demo` and the launch file share."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from flexbt_console.commands.operator_values import load_places
 from flexbt_console.errors import UsageError
 
 ODOM_RATE: Final = 20.0
-"""Poses in a second of the simulated world: each wakes every process."""
+"""Rate of poses in simulated time, Hz. Each pose wakes every process."""
 
 ParameterValue = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
 SIMULATED: Final[Mapping[str, ParameterValue]] = {'use_sim_time': True}
-"""Parameters of a node that follows the clock of the simulator."""
+"""Parameters of a node on the simulator's clock."""
 
 
 @dataclass(frozen=True)
 class DemoSettings:
     """Settings of the processes.
 
-    `map` is a ROS map YAML file, empty for the built-in one; `start` the pose (m, m, rad) at which the robot
-    begins on it, None for that of the built-in map; `places` the YAML file of the places that the robot knows
-    by name; `speed` how many seconds of the simulated world pass in one second.
+    `map` is a ROS map YAML file, empty for the built-in map. `start` is the robot's initial pose (m, m, rad), None for
+    that of the built-in map. `places` is the YAML file of named places. `speed` is the number of simulated seconds per
+    second.
     """
 
     map: str = ''
@@ -41,7 +41,7 @@ class DemoSettings:
 
 @dataclass(frozen=True)
 class Process:
-    """One executable of a package, the parameters of its node, and the namespace of its robot, if it has one."""
+    """An executable of a package, its node parameters, and the namespace of its robot, if any."""
 
     package: str
     executable: str
@@ -50,14 +50,14 @@ class Process:
 
     @property
     def name(self) -> str:
-        """Name of the executable, and of its node, if it has only one."""
+        """Name of the executable, and of its node if it has only one."""
         return self.executable
 
     def command(self) -> list[str]:
-        """Return the command line that starts it, as `ros2 run` makes it.
+        """Return the command line that starts the process, like `ros2 run`.
 
-        Raises ament_index_python's PackageNotFoundError when the package is not installed, and
-        FileNotFoundError when it lacks the executable.
+        Raises ament_index_python's PackageNotFoundError if the package is not installed, and FileNotFoundError if it
+        lacks the executable.
         """
         file = Path(get_package_prefix(self.package)) / 'lib' / self.package / self.executable
         if not file.exists():
@@ -76,7 +76,7 @@ def built_in_places() -> str:
 
 
 def first_place(places: str) -> tuple[float, float, float]:
-    """Pose of the first place of a places file; raises the console's UsageError when there is none."""
+    """Return the pose of the first place in a places file. Raises the console's UsageError if the file has none."""
     known = list(load_places(Path(places)).values())
     if not known:
         raise UsageError(f'places file {places}: it has no place at which the robot could start')
@@ -84,9 +84,9 @@ def first_place(places: str) -> tuple[float, float, float]:
 
 
 def console_command(leaving: str = 'the demonstration ends', namespace: str = '', page: str = '') -> list[str]:
-    """Return the command line of the operator's console, which runs in the terminal: the screen, where its toolkit is.
+    """Return the command line of the operator's console in the terminal: full-screen if its toolkit is installed.
 
-    ``leaving`` is its help text on leaving, ``namespace`` that of its robot, ``page`` the address of the page.
+    ``leaving`` is the help text about leaving, ``namespace`` that of its robot, ``page`` the address of the web page.
     """
     executable, *parameters = Process('flexbt_console', 'console', namespace=namespace).command()
     mode = 'screen' if importlib.util.find_spec('textual') is not None else 'prompt'
@@ -94,7 +94,7 @@ def console_command(leaving: str = 'the demonstration ends', namespace: str = ''
 
 
 def page_command(port: int) -> list[str]:
-    """Return the command line that serves the operator's page for a browser; empty where its library is missing."""
+    """Return the command line that serves the operator's page for a browser; empty if its library is missing."""
     if importlib.util.find_spec('aiohttp') is None:
         return []
     executable, *parameters = Process('flexbt_console', 'console').command()
@@ -102,7 +102,7 @@ def page_command(port: int) -> list[str]:
 
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
-    """Return the processes behind the operator's console, in the order in which they are started."""
+    """Return the processes besides the operator's console, in their start order."""
     world: dict[str, ParameterValue] = {'speed_factor': settings.speed, 'odom_rate': ODOM_RATE}
     if settings.map:
         world['map'] = settings.map
@@ -118,7 +118,7 @@ def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:
 def mission_processes(
     places: str, server: Mapping[str, ParameterValue] | None = None, namespace: str = ''
 ) -> tuple[Process, ...]:
-    """Return the processes that run missions on a robot: BT server, with further parameters, stop guard, executive."""
+    """Return the processes that run missions on a robot: BT server with further parameters, stop guard, executive."""
     return (
         Process('flexbt_server', 'bt_server', {**SIMULATED, **(server or {})}, namespace),
         Process('flexbt_onboard', 'stop_guard', namespace=namespace),
@@ -127,8 +127,10 @@ def mission_processes(
 
 
 def only_robot(speed: float, world: str, **navigation: ParameterValue) -> Process:
-    """Return the simulation of a world file with one robot, and its navigation in it; ``speed`` in seconds per
-    second."""
+    """Return the process of a world file with one robot: the simulation and its navigation.
+
+    ``speed`` is in simulated seconds per second.
+    """
     parameters: Mapping[str, ParameterValue] = {
         'speed_factor': speed,
         'odom_rate': ODOM_RATE,
@@ -139,12 +141,12 @@ def only_robot(speed: float, world: str, **navigation: ParameterValue) -> Proces
 
 
 def demo_file(path: str) -> str:
-    """Return a file of this package by its path."""
+    """Return the path of a file of this package."""
     return str(resolve_file(f'flexbt_demo_behaviors/{path}'))
 
 
 def _parameter_text(value: ParameterValue) -> str:
-    """Return a value as the YAML of a parameter override; text is quoted, so that it stays text."""
+    """Return a value as YAML for a parameter override. Text is quoted so that it stays text."""
     if isinstance(value, bool):
         return 'true' if value else 'false'
     if isinstance(value, tuple):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The parts of launch files that demonstrations share: the nodes of a process table, and arguments that are numbers.
+"""Parts of launch files shared by the demonstrations: the nodes of a process table, and numeric arguments.
 
-Needs `launch` and `launch_ros`, which come with an installed ROS only.
+Needs `launch` and `launch_ros`, which are only available with an installed ROS.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from flexbt_core.values.text import short_repr
 from .demo_processes import ParameterValue, Process
 
 RESPAWN: Final[Mapping[str, Any]] = {'respawn': True, 'respawn_delay': 1.0, 'respawn_max_retries': 5}
-"""Options of `launch_ros.actions.Node`: a node that died is started again after a second, a limited number of times."""
+"""Options of `launch_ros.actions.Node`: restart a node that died after a second, a limited number of times."""
 
 
 MANAGED: Final = (names.BT_SERVER, names.ONBOARD_EXECUTIVE)
-"""Nodes with a lifecycle of their own, which alone have parameters such as `autostart`."""
+"""Lifecycle nodes: only these have parameters such as `autostart`."""
 
 
 def speed_argument() -> DeclareLaunchArgument:
-    """Return the argument `speed`; :func:`numbers` reads it."""
+    """Return the launch argument `speed`; :func:`numbers` reads it."""
     return DeclareLaunchArgument('speed', default_value='1.0', description='seconds of simulated time in one second')
 
 
 def text(context: LaunchContext, argument: str) -> str:
-    """Return what an argument of the launch file was set to."""
+    """Return the value of an argument of the launch file."""
     return str(LaunchConfiguration(argument).perform(context))
 
 
 def numbers(context: LaunchContext, argument: str, count: int = 1) -> list[float]:
-    """Return this many numbers, separated by commas, with or without brackets.
+    """Return `count` numbers from an argument, separated by commas, with or without brackets.
 
     Raises:
-        ValueError: the text does not match; the message, which `launch` prints, names the argument.
+        ValueError: the text does not match; the message, which `launch` prints, contains the argument.
     """
     given = text(context, argument)
     try:
@@ -58,8 +58,9 @@ def numbers(context: LaunchContext, argument: str, count: int = 1) -> list[float
 def nodes_of(
     processes: Iterable[Process], of_managed: Mapping[str, ParameterValue] | None = None, **options: Any
 ) -> list[Node]:
-    """Return the nodes of a process table, those that are managed with further parameters, and all with options of
-    `launch_ros.actions.Node`: without others, those of :data:`RESPAWN`.
+    """Return the nodes of a process table. Managed nodes get the further parameters.
+
+    All get the options of `launch_ros.actions.Node`, by default :data:`RESPAWN`.
     """
     return [
         Node(
@@ -76,9 +77,9 @@ def nodes_of(
 def launch_at_speed(
     processes: Callable[[float], Iterable[Process]], programs: Iterable[Process] = ()
 ) -> LaunchDescription:
-    """Describe a launch whose only argument is `speed`: a process table, and programs that end by themselves.
+    """Return a launch description with the only argument `speed`: a process table, and programs that end by themselves.
 
-    A program names its node itself, and is not started again: its end is that of its work.
+    A program names its node itself. It is not restarted, because it ends when its work is done.
     """
     started = [Node(package=one.package, executable=one.executable, output='screen') for one in programs]
     nodes = OpaqueFunction(function=lambda context: nodes_of(processes(*numbers(context, 'speed'))))

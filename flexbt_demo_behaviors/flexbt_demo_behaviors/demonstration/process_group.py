@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Child processes that are started together, watched, and always ended."""
+"""A group of child processes: started together, watched, and always ended."""
 
 from __future__ import annotations
 
@@ -18,15 +18,18 @@ from types import TracebackType
 
 from .report import DemoError
 
-# After this many seconds a process that was asked to end is killed; every node of ours ends well before.
+# Time limit for a process to end on request, s, before it is killed. FlexBT's nodes end well before that.
 END_TIMEOUT_S = 1.7
 LAST_LINES = 15
 
 RESPAWN_DELAY_S = 1.0
 RESPAWNS = 3
 RESPAWN_WINDOW_S = 60.0
-"""A process that died is started again after the delay, this many times within the window: further starts of one that
-dies repeatedly would not help."""
+"""Time window that limits restarts, s.
+
+A process that died is restarted after the delay, a limited number of times within the window: more restarts of a
+process that dies repeatedly would not help.
+"""
 
 _PR_SET_PDEATHSIG = 1  # prctl(2)
 
@@ -40,10 +43,10 @@ class EndedProcess:
     log: Path
     is_respawned: bool = False
     may_end: bool = True
-    """True if it is a program that ends, not one that is restarted."""
+    """True if it is a program that is expected to end and is not restarted."""
 
     def report(self) -> str:
-        """Return what happened, for a person: which process, how it ended, and the end of its output."""
+        """Return a report for a person: the process, how it ended, and the end of its output."""
         how = f'signal {-self.exit_code}' if self.exit_code < 0 else f'exit code {self.exit_code}'
         lines = self.log.read_text(errors='replace').splitlines()[-LAST_LINES:] if self.log.exists() else []
         said = '\n'.join(f'    {line}' for line in lines) or '    (it said nothing)'
@@ -53,11 +56,11 @@ class EndedProcess:
 
 @dataclass
 class ProcessGroup:
-    """Processes of one demonstration; leaving the context ends them all.
+    """The processes of one demonstration. Leaving the context ends all of them.
 
-    Each one writes to its own log file in `log_directory` and runs in its own session, so that Ctrl-C in the terminal
-    reaches only the demonstration, which then ends them in an orderly way. Should the demonstration itself be killed,
-    the kernel ends them.
+    Each process writes to a separate log file in `log_directory` and runs in a separate session. So Ctrl-C in the
+    terminal reaches only the demonstration, which then ends the processes in order. If the demonstration itself is
+    killed, the kernel ends them.
     """
 
     log_directory: Path
@@ -93,8 +96,9 @@ class ProcessGroup:
         environment: Mapping[str, str] | None = None,
         respawn: bool = False,
     ) -> None:
-        """Start `command` under `name`, which names its log file too; `respawn`: again, whenever it has died, with a
-        limit on how often.
+        """Start `command` under `name`, also the name of its log file.
+
+        With `respawn`, restart it whenever it has died, up to a limit.
         """
         log = self.log_directory / f'{name}.log'
         log.write_bytes(b'')
@@ -119,7 +123,7 @@ class ProcessGroup:
         watcher.start()
 
     def watch(self, listener: Callable[[EndedProcess], None]) -> None:
-        """Notify `listener`, on another thread, of each unexpected end; at once of those that happened before."""
+        """Call `listener`, on another thread, for each unexpected end; at once for earlier ones."""
         with self._lock:
             self._listener = listener
             ended = list(self._ended)
@@ -133,18 +137,18 @@ class ProcessGroup:
         return list({process.name: process for process in sorted(ended, key=lambda one: one.exit_code != 0)}.values())
 
     def pid(self, name: str) -> int:
-        """Return the process id of the process that was started last under `name`."""
+        """Return the process id of the process last started as `name`."""
         return self._processes[name].pid
 
     def kill(self, *names: str) -> None:
-        """Kill processes, as in a power failure of their computer: no respawn and no report."""
+        """Kill processes without respawn or report, as in a power failure of their computer."""
         with self._lock:
             self._killed.update(names)
             for name in names:
                 _signal(self._processes[name], signal.SIGKILL)
 
     def end(self) -> list[str]:
-        """End every process by SIGINT, or by SIGKILL after the time limit. Return the names of the killed ones."""
+        """End every process with SIGINT, or SIGKILL after the time limit. Return the names of the killed ones."""
         with self._lock:
             self._ending.set()
         deadline = time.monotonic() + END_TIMEOUT_S
@@ -189,7 +193,7 @@ class ProcessGroup:
 
 
 def _signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:
-    """Signal the process and its children; each one leads its own session, and so its own process group."""
+    """Send a signal to the process and its children: the process leads a session, and so a process group."""
     if process.poll() is not None:
         return
     with contextlib.suppress(ProcessLookupError):
@@ -200,13 +204,13 @@ def _load_prctl() -> Callable[..., int] | None:
     try:
         return ctypes.CDLL(None, use_errno=True).prctl
     except (OSError, AttributeError):
-        return None  # not Linux: the processes then outlive a killed demonstration
+        return None  # not Linux: the processes survive if the demonstration is killed
 
 
 _prctl = _load_prctl()
 
 
 def _end_with_parent() -> None:
-    """Run in the child before its program: let the kernel end it when the demonstration dies."""
+    """Let the kernel end the process when the demonstration dies. Runs in the child before its program."""
     if _prctl is not None:
         _prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The report of a demonstration while it runs, its result, and its picture; and the track of a robot: poses, speed and
-plans, and the subscriptions that fill it.
+"""The report of a demonstration while it runs, its result and its picture, and the tracks of robots.
+
+A track has the poses, speed and plans of a robot, which subscriptions fill in.
 """
 
 from __future__ import annotations
@@ -31,25 +32,25 @@ from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_sim.messages import map_of, pose_of
 from flexbt_sim.world import OccupancyMap, Point, Pose, Trace, TraceFrame, World, draw_world, wrap
 
-# A new point of the driven path is kept when the robot has moved this far, in metres.
+# Add a point to the driven path after the robot has moved this far, m.
 POINT_DISTANCE = 0.02
 
-# Below these speeds the robot is standing still: m/s and rad/s.
+# Speeds below which the robot counts as standing still: m/s and rad/s.
 REST_SPEED = 0.005
 REST_TURN = 0.01
 
 
 def pose_text(pose: Pose | None) -> str:
-    """Return a pose for a person, with the heading in degrees."""
+    """Return a pose as text for a person, with the heading in degrees."""
     return 'nowhere' if pose is None else f'({pose.x:.2f}, {pose.y:.2f}, {math.degrees(pose.yaw):.0f}°)'
 
 
 class RobotTrack:
-    """The robot's track. Written by the subscriptions, read by the scripted operator, each on its own thread.
+    """The robot's track. The subscriptions write it and the scripted operator reads it, each on a separate thread.
 
-    ``map`` and ``pose`` are None until they arrive; ``time`` is the simulated time of the pose, s. ``way`` are the
-    places of the robot with their times, ``length`` is that of the way, m, and ``plans`` are the first plan for each
-    place that was planned to, in order. `on_change` is called after every change, on the writer's thread.
+    ``map`` and ``pose`` are None until they arrive. ``time`` is the simulated time of the pose, s. ``way`` lists the
+    robot's places with their times, ``length`` is the length of that path, m. ``plans`` are the first plan to each
+    planned place, in order. `on_change` is called after every change, on the writer's thread.
     """
 
     def __init__(self, on_change: Callable[[], None] = lambda: None) -> None:
@@ -66,7 +67,7 @@ class RobotTrack:
         self._begun: set[tuple[str, int]] = set()
 
     def restart(self) -> None:
-        """Forget the driven path, the plans and what trees have done; the track begins where the robot is."""
+        """Clear the driven path, the plans and the tree events. The track restarts at the robot's pose."""
         with self._lock:
             self.way = [(self.time, self.pose)] if self.pose else []
             self.length = 0.0
@@ -95,7 +96,7 @@ class RobotTrack:
         self.on_change()
 
     def add_plan(self, points: list[Point]) -> None:
-        """Add a planned path, unless it ends where the last one does: that is a replan on the way."""
+        """Add a planned path, unless it ends where the last one does: then it is a replan on the way."""
         if len(points) < 2:
             return
         with self._lock:
@@ -104,45 +105,46 @@ class RobotTrack:
         self.on_change()
 
     def add_tree(self, run: str, nodes: Mapping[int, str]) -> None:
-        """Take the names of the nodes, by their uids, of a tree that begins, or that has others now."""
+        """Store the names of a tree's nodes, by uid, when the tree starts or has new nodes."""
         with self._lock:
             self._nodes[run] = nodes
         self.on_change()
 
     def add_begun(self, run: str, nodes: Iterable[int]) -> None:
-        """Take the uids of nodes of a tree that have begun to run; its structure may come later."""
+        """Record the uids of tree nodes that have started to run. The structure of the tree may arrive later."""
         with self._lock:
             self._begun.update((run, node) for node in nodes)
         self.on_change()
 
     def has_begun(self, name: str) -> bool:
-        """Return whether a node of this name has begun to run in any tree."""
+        """Return whether a node with this name has started to run in any tree."""
         with self._lock:
             return any(self._nodes.get(run, {}).get(node) == name for run, node in self._begun)
 
     @property
     def ready(self) -> bool:
-        """True if a map and a pose were received."""
+        """True once a map and a pose have arrived."""
         return self.map is not None and self.pose is not None
 
     @property
     def began(self) -> float:
-        """Simulated time at which the track began, in seconds."""
+        """Simulated time at which the track starts, s."""
         return self.way[0][0] if self.way else 0.0
 
 
-# Subscriptions that fill the track of the robot from what the simulator and the planner publish.
+# Subscriptions that fill the track of the robot from messages of the simulator and the planner.
 
 EACH = 1000
-"""Messages that may wait where each counts: poses, for the driven path, and what trees do."""
+"""Queue size of topics on which no message may be lost: poses, for the driven path, and tree events."""
 
 POSE_BYTES = 2_000
 
 
 def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
-    """Subscribe to map, true pose, plans, and what trees do, for as long as the node lives.
+    """Subscribe to map, true pose, plans and tree events, for the lifetime of the node.
 
-    Not to the odometry: with a subscriber, the simulator always publishes it at the rate of a moving robot.
+    Do not subscribe to the odometry: with a subscriber, the simulator always publishes it at the rate of a moving
+    robot.
     """
 
     def on_pose(received: Received) -> None:
@@ -167,7 +169,7 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
             OccupancyGrid, names.MAP, lambda grid: track.set_map(map_of(grid)), names.transient_local_qos()
         )
         node.create_subscription(PathMessage, names.PLAN, on_plan, 10)
-        # All that have come are taken at once: one in a turn of the executor would be seconds late on a busy computer.
+        # Process all waiting messages at once: one per cycle of the executor would be seconds late on a busy computer.
         ReceivedMessages(node, PoseStamped, names.POSE, QoSProfile(depth=EACH), on_pose, POSE_BYTES)
         ReceivedMessages(
             node, TreeStructure, names.TREE_STRUCTURE, names.transient_local_qos(EACH), on_structure, MESSAGE
@@ -177,12 +179,12 @@ def subscribe_to_robot(runtime: NodeRuntime, track: RobotTrack) -> None:
     runtime.call(subscribe)
 
 
-# A goal counts as reached when the robot is this near to it, in metres, as the simulator knows it.
+# A goal counts as reached within this distance, m, measured by the simulator's true pose.
 GOAL_TOLERANCE = 0.25
 
 
 class DemoError(RuntimeError):
-    """A demonstration did not do what it should show. The message has the expected and the actual result."""
+    """A demonstration has failed. The message has the expected and the actual result."""
 
 
 class Timeline:
@@ -201,13 +203,13 @@ class Timeline:
         return self._clock() - self._start
 
     def of(self, robot: str) -> Timeline:
-        """Return the same timeline for one of several robots, whose name precedes every line."""
+        """Return this timeline for one of several robots, with the robot's name before every line."""
         own = copy.copy(self)
         own._robot = f'{robot}: '
         return own
 
     def tell(self, who: str, what: str) -> None:
-        """Print one event; further lines of `what` are indented below the first."""
+        """Print one event; indent further lines of `what` below the first."""
         first, *rest = what.splitlines() or ['']
         lines = [f'{self.elapsed:6.1f} s  {who:<9} {self._robot}{first}', *(f'{"":20}{line}' for line in rest)]
         with self._lock:
@@ -216,8 +218,10 @@ class Timeline:
 
 @dataclass(frozen=True)
 class GoalResult:
-    """The result of one goal. `error` is the distance to it in metres when the drive was over. `seconds` of simulated
-    time and `metres` driven count from when it was sent, if that is known.
+    """The result of one goal.
+
+    `error` is the distance to it at the end of the drive, m. `seconds` of simulated time and driven `metres` count from
+    when the goal was sent, if that is known.
     """
 
     label: str
@@ -246,13 +250,13 @@ class DemoReport:
     problem: str = ''
 
     def take(self, branch: str) -> None:
-        """Record that a required branch of the demonstration was taken."""
+        """Record that a required branch was taken."""
         if branch not in self.branches:
             raise KeyError(f'{self.title} does not promise the branch {branch!r}')
         self.taken.add(branch)
 
     def play(self, script: Callable[[], None]) -> None:
-        """Play the part of the operator. A deviation from the expected result is the problem of the report."""
+        """Run the script of the operator. Any deviation from the expected result becomes the problem of the report."""
         before = time.monotonic()
         try:
             script()
@@ -262,7 +266,7 @@ class DemoReport:
 
     @property
     def passed(self) -> bool:
-        """True if every branch was taken and every goal that should be reached was reached."""
+        """True if every branch was taken and every required goal was reached."""
         return not self.problem and bool(self.goals) and self.taken.issuperset(self.branches)
 
     def text(self) -> str:
@@ -282,18 +286,19 @@ class DemoReport:
         return 0 if self.passed else 1
 
 
-# The picture of a demonstration: a world with the plans and the driven paths of its robots.
+# The picture of a demonstration: a world with the plans and driven paths of its robots.
 
 
 def write_picture(world: World, tracks: Mapping[str, RobotTrack], file: Path) -> None:
-    """Draw what :func:`draw_tracks` draws and write it as PNG to `file`, whose directory is made when missing."""
+    """Draw the picture of :func:`draw_tracks` and write it as PNG to `file`. Create its directory if missing."""
     file.parent.mkdir(parents=True, exist_ok=True)
     draw_tracks(world, tracks).quantize(64).save(file, optimize=True)
 
 
 def draw_tracks(world: World, tracks: Mapping[str, RobotTrack]) -> Image.Image:
-    """Return a world, whose robots are put where they are now, with their tracks by the names of the robots: the ways
-    that they have driven, the plans dashed. The time is that since the tracks began.
+    """Return a picture of a world with its robots at their current poses, and their tracks by robot name.
+
+    The picture shows the driven paths, and the plans as dashed lines. The time counts from the start of the tracks.
     """
     trace = Trace(world)
     for name, track in tracks.items():
@@ -307,7 +312,7 @@ def draw_tracks(world: World, tracks: Mapping[str, RobotTrack]) -> Image.Image:
 
 
 def world_with_places(world: str, places: str) -> World:
-    """Return the world of a file, as it is at the start, with the places of another file."""
+    """Return the world of a file in its initial state, with the places of another file."""
     loaded = World.load(world)
     loaded.places = {name: Pose(place.x, place.y, place.yaw) for name, place in load_places(Path(places)).items()}
     return loaded

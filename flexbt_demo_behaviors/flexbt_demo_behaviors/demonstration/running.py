@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The course of a demonstration, from its command line to its exit code: processes, a node that watches them as an
-operator's station does, ROS domain, signals, errors, and the operator's console.
+"""The course of a demonstration, from its command line to its exit code.
+
+It covers processes, a node that watches them like an operator station, ROS domain, signals, errors, and the operator's
+console.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ and --output.
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Options of any demonstration: the operator, the speed factor, and the directory of pictures and logs."""
+    """Options of all demonstrations: the operator, the speed factor, and the directory of pictures and logs."""
 
     interactive: bool
     speed: float
@@ -63,13 +65,13 @@ class RunOptions:
 
     @property
     def logs(self) -> Path:
-        """Directory of the logs of the processes."""
+        """Directory of the process logs."""
         return self.output / 'logs'
 
 
 @dataclass(frozen=True)
 class DemoOptions(RunOptions):
-    """Options of the demonstration Navigate. `map` and `places` are empty for the built-in ones."""
+    """Options of the demonstration Navigate. `map` and `places` are empty for the built-in files."""
 
     demos: tuple[int, ...]
     map: str
@@ -77,14 +79,14 @@ class DemoOptions(RunOptions):
 
 
 def parse_run_options(program: str, description: str) -> RunOptions:
-    """Read the command line of a program with one demonstration; ends the process with a message when it is wrong."""
+    """Parse the command line of a program with one demonstration. If it is invalid, exit with a message."""
     parser = SuggestingArgumentParser(prog=program, description=description, epilog=SCRIPT_EPILOG)
     _add_run_options(parser, os.environ)
     return _run_options(parser, parser.parse_args(), sys.stdin.isatty() and sys.stdout.isatty())
 
 
 def parse_options(arguments: Sequence[str], environment: Mapping[str, str], terminal: bool) -> DemoOptions:
-    """Read the command line; ends the process with a message for the user when it is wrong (exit code 2)."""
+    """Parse the command line. If it is invalid, exit with a message for the user (exit code 2)."""
     parser = SuggestingArgumentParser(
         prog='demo', description='Run the FlexBT demonstrations in simulation.', epilog=EPILOG
     )
@@ -134,8 +136,7 @@ def _run_options(parser: argparse.ArgumentParser, given: argparse.Namespace, ter
 
 
 def _speed_factor(parser: argparse.ArgumentParser, text: str) -> float:
-    """Return the speed factor of an option --speed, 0 when none is given; ends the process with a message when it is
-    none."""
+    """Return the speed factor of an option --speed, 0 if it is not given. Exit with a message if it is invalid."""
     if not text:
         return 0.0
     try:
@@ -147,13 +148,13 @@ def _speed_factor(parser: argparse.ArgumentParser, text: str) -> float:
     return speed
 
 
-# From the start of the first process until the demonstration is ready, in seconds of wall time.
+# Time limit from the start of the first process until the demonstration is ready, s of wall time.
 READY_TIMEOUT_S = 180.0
 
 
 @dataclass(frozen=True)
 class DemoSession:
-    """A ready demonstration, and an operator at its link, on a separate node."""
+    """A running demonstration, and an operator connected to it on a separate node."""
 
     operator: ScriptedOperator
     track: RobotTrack
@@ -161,14 +162,14 @@ class DemoSession:
 
 
 def set_environment() -> None:
-    """Set discovery to be quick and on this computer only, unless the user has set it.
+    """Set discovery to be quick and limited to this computer, unless the user has set it.
 
     Raises OSError if that is impossible, see :func:`check_loopback`.
     """
     if not os.environ.get(discovery.RANGE) and not os.environ.get(discovery.PROFILE):
         discovery.only_this_computer()
     discovery.check_loopback()
-    # Each process computes little: extra threads would only compete for the cores.
+    # Each process computes little; extra threads would only compete for the cores.
     os.environ.setdefault('OMP_NUM_THREADS', '1')
 
 
@@ -176,9 +177,9 @@ def set_environment() -> None:
 def open_session(
     group: ProcessGroup, processes: Sequence[Process], operator: str, timeline: Timeline, *, is_on_call: bool = False
 ) -> Iterator[DemoSession]:
-    """Start processes in `group`, wait until all of them are ready, and watch them for the time of the context.
+    """Start processes in `group`, wait until all are ready, and watch them while the context is open.
 
-    Raises DemoError when they are not ready in time or one of them dies meanwhile. ``is_on_call`` as for
+    Raises DemoError if they are not ready in time or one of them dies meanwhile. ``is_on_call`` as for
     :func:`join_robot`.
     """
     for process in processes:
@@ -193,13 +194,13 @@ def open_session(
 def join_robot(
     operator: str, timeline: Timeline, namespace: str | None = None, *, is_on_call: bool = False
 ) -> Iterator[DemoSession]:
-    """Attach an operator to the robot in a namespace, and watch the robot, for the time of the context.
+    """Connect an operator to the robot in a namespace, and watch the robot, while the context is open.
 
-    ``is_on_call``: another program starts the behaviors, so that the end of one is expected.
+    ``is_on_call``: another program starts the behaviors, so their end is expected.
     """
     with NodeRuntime.open('demo', namespace=namespace) as runtime:
         track = RobotTrack()
-        subscribe_to_robot(runtime, track)  # first: what a tree has done is handled before what came of it
+        subscribe_to_robot(runtime, track)  # first, so that tree events are handled before their consequences
         mirror = Mirror(runtime.steady)
         link = ExecutiveLink(runtime, mirror)
         scripted = ScriptedOperator(mirror, track, link.send, CommandBuilder(operator), timeline, is_on_call)
@@ -209,8 +210,10 @@ def join_robot(
 
 
 class Narrator:
-    """A narrator that reports the events of the mirror to the timeline: states, log lines of the behavior, peers that
-    appear and disappear."""
+    """A narrator that reports events of the mirror to the timeline.
+
+    The events are state changes, log lines of the behavior, and peers that appear and disappear.
+    """
 
     def __init__(self, mirror: Mirror, timeline: Timeline) -> None:
         self._mirror = mirror
@@ -220,7 +223,7 @@ class Narrator:
         self._told: tuple[str, int] = ('', 0)
 
     def __call__(self, change: Change) -> None:
-        """Inspect what changed; called on the thread that brought it."""
+        """Report a change. Called on the thread on which it arrived."""
         if change is Change.LOG:
             for line in self._mirror.log():
                 self._tell_line(line)
@@ -251,7 +254,7 @@ class Narrator:
 
 
 class Interrupted(BaseException):
-    """The user or the system asked the demonstration to end."""
+    """The user or the system asked the demonstration to stop."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -262,12 +265,11 @@ Options = TypeVar('Options', bound=RunOptions)
 
 
 def run_demonstration(program: str, options: Options, run: Callable[[Options, ProcessGroup, Timeline], int]) -> int:
-    """Call `run` with the options, a group of processes, whose logs are in the directory of the options, and a
-    timeline.
+    """Call `run` with the options, a process group that logs to the directory of the options, and a timeline.
 
-    Gives the exit code of the process: that of `run`, or 1 after an error, which is reported in the name of `program`.
-    Asked to end by a signal, an interactive demonstration has done what it should; a script has not come to its end.
-    All processes have ended then.
+    Return the exit code of the process: that of `run`, or 1 after an error, which is reported under the name `program`.
+    If a signal ends it, an interactive demonstration counts as successful, a scripted one as incomplete. All processes
+    have ended on return.
     """
     _raise_on_signals()
     try:
@@ -301,11 +303,11 @@ def _ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-# The operator's console and page of a demonstration, in the terminal and in a browser.
+# The operator's console in the terminal, and the operator's page in a browser.
 
 
 def serve_page(group: ProcessGroup) -> str:
-    """Serve the operator's page of all robots, too, and return its address; '' where aiohttp is missing."""
+    """Serve the operator's page of all robots and return its address; '' if aiohttp is missing."""
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
         port = free.getsockname()[1]
@@ -317,12 +319,12 @@ def serve_page(group: ProcessGroup) -> str:
 
 
 def page_line(page: str) -> str:
-    """Return the line with the address of the page; empty where there is none."""
+    """Return the line with the address of the page; empty without a page."""
     return f'In a browser: {page}\n' if page else ''
 
 
 def run_console(group: ProcessGroup, command: Sequence[str]) -> int:
-    """Run a console until the operator leaves it, then report dead processes. Return the console's exit code."""
+    """Run a console until the operator leaves it, then report dead processes. Return its exit code."""
     with _restored_terminal(), subprocess.Popen(command) as console:  # noqa: S603 - it comes from the process table
         try:
             exit_code = console.wait()
@@ -349,10 +351,10 @@ def _restored_terminal() -> Iterator[None]:
         termios.tcsetattr(sys.stdin, termios.TCSANOW, before)
 
 
-# A separate ROS domain for a demonstration, so that it neither disturbs nor receives other robots.
+# A separate ROS domain for a demonstration, so that it and other robots do not interfere.
 
-# ROS's domain_coordinator, with which tests keep their domains apart: the process that binds TCP port 32768 + N owns
-# domain N. The system closes the port when its holder ends, in whatever way.
+# Like ROS's domain_coordinator, which separates the domains of tests: the process that binds TCP port 32768 + N owns
+# domain N. The system closes the port when its holder ends, however it ends.
 COORDINATION_PORT = 32768
 DOMAINS = range(1, 101)
 
@@ -367,11 +369,11 @@ class NoFreeDomainError(RuntimeError):
 
 @contextlib.contextmanager
 def own_domain(candidates: Iterable[int] | None = None) -> Iterator[int]:
-    """Reserve a ROS domain in ROS_DOMAIN_ID for the time of the context, and yield its number.
+    """Reserve a ROS domain in ROS_DOMAIN_ID while the context is open, and yield its number.
 
-    An explicit ROS_DOMAIN_ID is respected and not reserved: then the user wants to meet other nodes there.
-    Otherwise a domain is taken that nobody has reserved and in which no participant runs on this computer.
-    Raises NoFreeDomainError when there is none.
+    An explicit ROS_DOMAIN_ID is used and not reserved, because the user wants to reach other nodes there. Otherwise
+    choose a domain that is not reserved and has no participant on this computer. Raises NoFreeDomainError if none is
+    left.
     """
     chosen = os.environ.get('ROS_DOMAIN_ID', '')
     if chosen:

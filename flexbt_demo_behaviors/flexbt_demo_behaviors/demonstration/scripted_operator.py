@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An operator that follows a script: it sees the console's mirror, and commands over the same link as people; and
-events in the simulated world meanwhile, caused by the services of the simulator.
+"""An operator that follows a script, and events in the simulated world.
+
+The operator sees the console's mirror and sends commands over the same link as people. The events are caused through
+services of the simulator.
 """
 
 from __future__ import annotations
@@ -40,24 +42,25 @@ from .report import GOAL_TOLERANCE, DemoError, GoalResult, RobotTrack, Timeline,
 
 T = TypeVar('T')
 
-# Deadlines in seconds of wall time; generous, as they only bound how long a failure takes to be noticed.
+# Deadlines in seconds of wall time. They are generous, because they only limit how late a failure is noticed.
 ANSWER_TIMEOUT_S = 30.0
 DRIVE_TIMEOUT_S = 300.0
 
-# From one look at what is waited for to the next. The poses come much more often; who hears them must not wait for the
-# looks, or what is seen is seconds old on a busy computer.
+# Polling interval. Poses arrive much more often; checks must not delay the thread that receives them, or observations
+# would be seconds old on a busy computer.
 LOOK_S = 0.02
 
-# A place within this distance of the robot, in metres, is not a goal to drive to.
+# A place within this distance of the robot, m, is too near to be a goal.
 FAR_ENOUGH = 2.5
 
 
 class ScriptedOperator:
-    """An operator that sends commands and waits for their effects. Every wait has a deadline and ends by DemoError.
+    """An operator that sends commands and waits for their effects. Every wait has a deadline and raises DemoError after
+    it.
 
-    `send` hands a command to the operator link with the seconds within which it shall be answered. `notify`
-    is to be called whenever something that is waited for may have changed, `abandon` when nothing will come
-    any more. Who `is_on_call` does not start the behaviors: they end when they may.
+    `send` passes a command to the operator link, with the time limit for its answer in seconds. Call `notify` whenever
+    an awaited condition may have changed, and `abandon` when nothing more will arrive. If the operator `is_on_call`, it
+    does not start the behaviors: they may end at any time.
     """
 
     def __init__(
@@ -85,21 +88,22 @@ class ScriptedOperator:
         mirror.add_listener(self._on_change)
 
     def notify(self) -> None:
-        """Check again what is waited for; from any thread."""
+        """Check the awaited condition again; callable from any thread."""
         with self._changed:
             self._changes += 1
             self._changed.notify_all()
 
     def abandon(self, problem: str) -> None:
-        """End the current and every later wait with this problem; from any thread."""
+        """End the current wait and all later ones with this problem; callable from any thread."""
         self._problem = self._problem or problem
         self.notify()
 
     def places(self, preferred: Sequence[str]) -> Sequence[str]:
-        """Return the places to drive to: the preferred ones, or, with another map, as many that are not where the robot
-        is.
+        """Return the places to drive to.
 
-        Raises DemoError when the places file has too few of them.
+        These are the preferred places or, on another map, the same number of places away from the robot.
+
+        Raises DemoError if the places file has too few of them.
         """
         known = self._mirror.view().places
         if all(label in known for label in preferred):
@@ -113,12 +117,12 @@ class ScriptedOperator:
             )
         return away[: len(preferred)]
 
-    # Seeing
+    # Observation
 
     def wait(self, wanted: Callable[[View], T | None], what: str, timeout: float) -> T:
-        """Wait until `wanted` gives something else than None or False of the current view, and give that.
+        """Wait until `wanted` returns something other than None or False for the current view, and return it.
 
-        Raises DemoError when it does not within `timeout` seconds, or when the demonstration was abandoned.
+        Raises DemoError after `timeout` seconds, or when the demonstration is abandoned.
         """
         deadline = time.monotonic() + timeout
         while True:
@@ -138,7 +142,7 @@ class ScriptedOperator:
             time.sleep(LOOK_S)
 
     def wait_running(self, wanted: Callable[[View], T | None], what: str, timeout: float = DRIVE_TIMEOUT_S) -> T:
-        """Wait as :meth:`wait`, while the behavior runs. Raises DemoError also when it has ended."""
+        """Wait as :meth:`wait` does, while the behavior runs. Also raises DemoError when it ends."""
 
         def seen(view: View) -> T | None:
             found = wanted(view)
@@ -149,7 +153,7 @@ class ScriptedOperator:
         return self.wait(seen, what, timeout)
 
     def wait_ready(self, peers: int, timeout: float) -> None:
-        """Wait until the executive is heard and sees its peers ready, and the robot and its map are known."""
+        """Wait until the executive is connected and sees its peers ready, and the robot and its map are known."""
 
         def ready(view: View) -> bool:
             known = view.snapshot.peers if view.snapshot else ()
@@ -160,7 +164,7 @@ class ScriptedOperator:
         self.wait(ready, 'executive, its peers, the map and the robot', timeout)
 
     def wait_decision(self, kind: DecisionKind, path: str, timeout: float) -> Decision:
-        """Wait until the state `path` asks the operator something of this kind that was not answered yet."""
+        """Wait until the state `path` asks the operator for a decision of this kind that is not answered yet."""
 
         def decision(view: View) -> Decision | None:
             asked = (
@@ -175,7 +179,7 @@ class ScriptedOperator:
         self.wait_running(lambda view: path in view.active_paths, f'state {path}', timeout)
 
     def wait_tree_node(self, node: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
-        """Wait until an active state shows that a node of its tree whose path contains `node` is running."""
+        """Wait until an active state reports that its tree runs a node whose path contains `node`."""
 
         def running(view: View) -> bool:
             states = view.snapshot.active_states if view.snapshot else ()
@@ -184,7 +188,7 @@ class ScriptedOperator:
         self.wait_running(running, f'tree node {node} running', timeout)
 
     def wait_driven(self, metres: float) -> None:
-        """Wait until the robot has driven so far since the goal was given, and is moving."""
+        """Wait until the robot has driven `metres` since the goal was sent, and is moving."""
 
         def far(_view: View) -> bool:
             return self.track.length - self._goal_length >= metres and not self.track.at_rest
@@ -193,9 +197,9 @@ class ScriptedOperator:
         self._tell('sees', f'the robot on its way at {pose_text(self.track.pose)}')
 
     def wait_begun(self, node: str) -> None:
-        """Wait until a node of a tree has begun to run since the track began; that it is over by now does not matter.
+        """Wait until a tree node has started to run since the track began, even if it has already ended.
 
-        Raises DemoError when the behavior asks the operator for the next goal without it.
+        Raises DemoError if the behavior asks the operator for the next goal without it.
         """
 
         def begun(view: View) -> bool:
@@ -210,11 +214,11 @@ class ScriptedOperator:
         self._tell('sees', f'that the tree has begun {node!r}')
 
     def wait_rest(self) -> None:
-        """Wait until the robot stands still; how soon after a stop, benchmarks/robot/latency.py measures."""
+        """Wait until the robot stands still. benchmarks/robot/latency.py measures how soon that is after a stop."""
         self.wait(lambda _view: self.track.at_rest, 'robot at rest', ANSWER_TIMEOUT_S)
 
     def wait_end(self, outcome: str, timeout: float = ANSWER_TIMEOUT_S) -> None:
-        """Wait until the behavior has ended, by this outcome."""
+        """Wait until the behavior has ended with this outcome."""
 
         def ended(view: View) -> str | None:
             idle = view.snapshot is not None and view.snapshot.state is ExecutiveState.IDLE
@@ -226,20 +230,20 @@ class ScriptedOperator:
         self._tell('sees', f'the behavior ended: {outcome}')
 
     def wait_told(self, text: str) -> None:
-        """Wait until the log of the behavior has a line with this text."""
+        """Wait until the log of the behavior has a line that contains this text."""
         told = f'a line of the log with {text!r}'
         self.wait(lambda _view: any(text in line.text for line in self._mirror.log()), told, ANSWER_TIMEOUT_S)
 
-    # Commanding
+    # Commands
 
     def start(self, behavior: str, autonomy: AutonomyLevel, **arguments: str) -> None:
-        """Start a behavior, with arguments for its parameters."""
+        """Start a behavior with arguments for its parameters."""
         self._tell('starts', f'{_called(behavior, arguments)} at autonomy {autonomy.name.title()}')
         self._give(self._make.start(self._mirror.view(), behavior, list(arguments.items()), autonomy))
         self.wait(lambda view: view.running, f'start of {behavior}', ANSWER_TIMEOUT_S)
 
     def switch(self, behavior: str, **arguments: str) -> None:
-        """Go on with another behavior, or with other arguments, keeping the active states."""
+        """Switch to another behavior, or to other arguments, and keep the active states."""
         self._tell('switches', f'to {_called(behavior, arguments)}')
         self._answered.update(decision.id for decision in self._mirror.view().decisions)  # they are asked again
         self._give(self._make.switch(self._mirror.view(), behavior, list(arguments.items())))
@@ -252,7 +256,7 @@ class ScriptedOperator:
         self._give(self._make.answer(self._mirror.view(), decision.id, label))
 
     def expect_goal(self, label: str) -> None:
-        """Note that the robot is to drive to a named place now, by any decision."""
+        """Record that a decision sends the robot to a named place."""
         self._goal_label = label
         self._goal_time = self.track.time
         self._goal_length = self.track.length
@@ -264,13 +268,13 @@ class ScriptedOperator:
         self._give(self._make.decline(self._mirror.view(), decision.id))
 
     def choose(self, decision: Decision, outcome: str) -> None:
-        """Answer the decision of a state that waits: by the outcome that it wants, or by another one."""
+        """Answer the decision of a waiting state, by the suggested outcome or by another one."""
         verb = 'confirms' if outcome == decision.outcome else 'overrules'
         self._tell(verb, f'{decision.path}: {outcome}')
         self._give(self._make.choose(self._mirror.view(), decision, outcome))
 
     def force(self, path: str, outcome: str) -> None:
-        """Leave an active state, unasked."""
+        """Leave an active state that has not asked."""
         self._tell('forces', f'{path}: {outcome}')
         self._give(self._make.force(self._mirror.view(), path, outcome))
 
@@ -281,9 +285,9 @@ class ScriptedOperator:
         self._give(replace(command, reason='to show that the robot stops'))
 
     def close_goal(self, ending: str, must_reach: bool) -> GoalResult:
-        """Return what became of the goal that was given last.
+        """Return the result of the last goal.
 
-        Raises DemoError when it had to be reached and the robot is not there.
+        Raises DemoError if the robot had to reach it and did not.
         """
         self.wait(self._is_seen, 'robot where it is now', ANSWER_TIMEOUT_S)
         goal, pose = self._place(self._goal_label), self.track.pose
@@ -304,7 +308,7 @@ class ScriptedOperator:
         return result
 
     def _is_seen(self, view: View) -> bool:
-        """Return whether the pose is at least as new as the active state: on a busy computer it may arrive later."""
+        """Return whether the pose is as new as the active state: on a busy computer it may arrive later."""
         states = view.snapshot.active_states if view.snapshot else ()
         return self.track.time >= max((state.entered for state in states), default=0.0)
 
@@ -323,7 +327,7 @@ class ScriptedOperator:
             raise DemoError(f'the command {name} was not applied ({tracked.state.value}): {tracked.reason}')
 
     def _check_running(self, view: View) -> None:
-        """Raise DemoError when the behavior has ended, or waits for a person where the script knows of no decision."""
+        """Raise DemoError if the behavior has ended, or waits for a decision that the script does not know."""
         snapshot = view.snapshot
         if snapshot is None:
             return
@@ -352,7 +356,7 @@ def _called(behavior: str, arguments: Mapping[str, str]) -> str:
 
 
 def _described(view: View) -> str:
-    """Return what is there instead of what was waited for."""
+    """Return a description of the actual situation, for the error message of a wait."""
     snapshot = view.snapshot
     if snapshot is None:
         return f'no executive is heard (link {view.link.value})'
@@ -372,7 +376,7 @@ REAL_TIME: Final = 1.0
 
 @dataclass(frozen=True)
 class SimulatedBox:
-    """A box in the way: its middle and sides, in m, parallel to the axes of the map."""
+    """A box in the way: its centre and side lengths, m, parallel to the axes of the map."""
 
     x: float
     y: float
@@ -381,19 +385,19 @@ class SimulatedBox:
 
     @property
     def model(self) -> ObstacleModel:
-        """Description in a world."""
+        """Description for a world."""
         return ObstacleModel(Pose(self.x, self.y, 0.0), box(self.length, self.width))
 
     @property
     def description(self) -> dict[str, Any]:
-        """Description in a world file."""
+        """Description for a world file."""
         return {'pose': [self.x, self.y, 0.0], 'shape': [self.length, self.width]}
 
 
 class DemoSimulation:
-    """A client of the simulator whose calls wait until they have taken effect. Raises DemoError if they do not.
+    """A client of the simulator. Each call waits until it has taken effect, and raises DemoError if it does not.
 
-    ``speed`` is how many seconds of the simulated world pass in one second.
+    ``speed`` is the number of simulated seconds per second.
     """
 
     def __init__(self, runtime: NodeRuntime, timeline: Timeline, speed: float = REAL_TIME) -> None:
@@ -404,11 +408,11 @@ class DemoSimulation:
 
     @property
     def boxes(self) -> Mapping[str, SimulatedBox]:
-        """Boxes that were placed, by their names; removed ones, too."""
+        """All boxes that were ever placed, by name."""
         return self._boxes
 
     def put(self, name: str, box: SimulatedBox) -> None:
-        """Put a box in the way."""
+        """Place a box in the way."""
         self._boxes[name] = box
         described = json.dumps({'obstacles': {name: box.description}})
         self._ask(SpawnEntity, 'spawn_entity', SpawnEntity.Request(name=name, resource_string=described))
@@ -420,11 +424,11 @@ class DemoSimulation:
         self._timeline.tell('world', f'somebody takes the {name} away')
 
     def in_real_time(self) -> contextlib.AbstractContextManager[None]:
-        """Keep the world no faster than real time in this context, so that a busy computer can intervene in time."""
+        """Limit the simulation to real time in this context, so that a busy computer can intervene in time."""
         return self.no_faster_than(REAL_TIME)
 
     def set_fault(self, entity: str, fault: str, parameters: str = '', *, clear: bool = False) -> None:
-        """Bring about a fault of an entity, or end it."""
+        """Set a fault of an entity, or clear it."""
         request = SetFault.Request(entity=entity, fault=fault, parameters=parameters, clear=clear)
         response = self.call(SetFault, 'set_fault', request)
         if not response.success:
@@ -432,7 +436,7 @@ class DemoSimulation:
 
     @contextlib.contextmanager
     def no_faster_than(self, factor: float) -> Iterator[None]:
-        """Limit the speed of the world in this context, in seconds of the world per second."""
+        """Limit the speed of the simulation in this context, in simulated seconds per second."""
         before = self._speed
         self._set_speed(min(before, factor))
         try:
@@ -441,7 +445,7 @@ class DemoSimulation:
             self._set_speed(before)
 
     def call(self, service_type: Any, name: str, request: Any) -> Any:
-        """Return the response of a service of the simulator."""
+        """Call a service of the simulator and return the response."""
         return call_service(self._runtime, service_type, f'{names.SIMULATOR}/{name}', request)
 
     def _ask(self, service_type: Any, name: str, request: Any) -> None:
@@ -458,7 +462,7 @@ class DemoSimulation:
 
 
 def call_service(runtime: NodeRuntime, service_type: Any, name: str, request: Any) -> Any:
-    """Return the response of a service. Raises DemoError when there is none in time."""
+    """Call a service and return the response. Raises DemoError if it does not arrive in time."""
     links = runtime.call(lambda: runtime.once('links to services', ServiceLinks))
     outcome = service_outcome(links.link(service_type, name), request, ANSWER_TIMEOUT_S)
     if outcome.response is None:

@@ -25,7 +25,7 @@ class ReachGoal(Behavior):
     tree: str
 
     def create(self) -> OperatableStateMachine:
-        """Try; ask when there is no way."""
+        """Try; if no way is left, ask the operator."""
         machine = OperatableStateMachine(outcomes=['reached', 'given_up', 'failed'], autonomy=Autonomy.Off)
         with machine:
             OperatableStateMachine.add(

@@ -31,22 +31,22 @@ from flexbt_server.leaves import (
 from .rooms import room_at, table_of
 
 THINGS: Final = SubscribedTopic(TFMessage, 'simulator/things', qos=names.transient_local_qos())
-"""Topic of the things: on the map, or in the gripper."""
+"""Topic of the things: their place on the map, or in the gripper."""
 
 DOORS: Final = SubscribedTopic(JointState, 'simulator/doors', qos=names.transient_local_qos())
-"""Topic of the openings of doors."""
+"""Topic of how far the doors are open."""
 
 MAP: Final = 'map'
 
 REACH: Final = 0.75
-"""Distance from which the robot picks a thing up, m; its gripper reaches a little farther."""
+"""Distance from which the robot picks up a thing, m; its gripper reaches a little farther."""
 
 OPEN: Final = 0.95
-"""A door that is so far open, of 1, can be passed."""
+"""A door can be passed if it is this far open, of 1."""
 
 
 def position_of(message: TFMessage | None, thing: str) -> tuple[float, float] | None:
-    """Return where a thing is on the map, m; None where it is not seen, or held."""
+    """Return the place of a thing on the map, m; None if it is not seen, or is held."""
     for one in [] if message is None else message.transforms:
         if one.child_frame_id == thing and one.header.frame_id == MAP:
             return one.transform.translation.x, one.transform.translation.y
@@ -64,10 +64,10 @@ def is_open(message: JointState | None, door: str) -> bool:
     return message is not None and door in message.name and message.position[message.name.index(door)] >= OPEN
 
 
-# The sensors of the mission's predicates.
+# Conditions that sense the predicates of the mission.
 
 AT_TABLE: Final = 0.4
-"""The robot is at the table of a room when it stands so near to its place, m."""
+"""Maximum distance of the robot from its place in a room at which it counts as at the table, m."""
 
 _ROOM: Final = input_port(STRING, description='name of the room')
 _THING: Final = input_port(STRING, description='name of the thing')
@@ -100,7 +100,7 @@ class IsAtTable(PoseLeaf, Condition):
 
 
 class _ThingCondition(TopicCondition):
-    """A condition that asks the topic of things about one of them."""
+    """A condition about one of the things on their topic."""
 
     __slots__ = ()
 
@@ -156,10 +156,10 @@ class IsDoorOpen(TopicCondition):
         return is_open(message, str(self.get_input('door')))
 
 
-# Where the robot can drive, each by a goal of NavigateToPose.
+# Driving: leaves that send a goal of NavigateToPose.
 
 BESIDE: Final = 0.5
-"""The robot drives so near to a thing, m."""
+"""Distance to a thing at which the robot stops, m."""
 
 
 def _goal(x: float, y: float, yaw: float) -> NavigateToPose.Goal:
@@ -228,11 +228,11 @@ class Approach(ActionLeaf):
         return _goal(position[0] - BESIDE * math.cos(yaw), position[1] - BESIDE * math.sin(yaw), yaw)
 
 
-# Actions of the robot with things and doors. Each ends when the sensors show its effect.
+# Handling of things and doors. Each action ends when the sensors show its effect.
 
 
 class _Switched(ServiceLeaf):
-    """A leaf that switches something by SetBool, and waits until its effect is published on the topic ``tells``."""
+    """A leaf that switches something through SetBool, and waits until the topic ``tells`` shows the effect."""
 
     __slots__ = ('_cache',)
 
@@ -256,7 +256,7 @@ class _Switched(ServiceLeaf):
 
     @abstractmethod
     def is_done(self, message: Any | None) -> bool:
-        """Return whether it is so, by the last message, or None."""
+        """Return whether the effect is visible in the last message, which is None before the first."""
 
 
 class PickUp(_Switched):
@@ -302,7 +302,7 @@ class OpenDoor(_Switched):
         return is_open(message, str(self.get_input('door')))
 
 
-# Leaves of the robot in the flat: what it can do, and what it can see.
+# Registration of the leaves.
 
 _CONDITIONS: Final = (IsInRoom, IsAtTable, IsThingIn, IsNear, IsHolding, IsDoorOpen)
 _ACTIONS: Final = (EnterRoom, PassDoor, Approach, DriveToTable, PickUp, PutDown, OpenDoor)
@@ -311,7 +311,7 @@ _ACTIONS: Final = (EnterRoom, PassDoor, Approach, DriveToTable, PickUp, PutDown,
 def register(registry: NodeRegistry) -> None:
     """Register the leaves with the BT server: the entry point.
 
-    The names of node types are shared by all packages, and others have an OpenDoor, too: here it is FlatOpenDoor.
+    All packages share the names of node types, and others have an OpenDoor too: so here it is FlatOpenDoor.
     """
     for leaf in (*_CONDITIONS, *_ACTIONS):
         registry.register(f'Flat{leaf.__name__}', leaf)

@@ -52,15 +52,17 @@ from flexbt_sim.world import Pose
 from .rooms import room_at
 
 SPEED: Final = 0.7
-"""Speed on a free and straight way, m/s: the maximum speed of the robot in the world file."""
+"""Speed on a free, straight path, m/s: the maximum speed of the robot in the world file."""
 
 WORLD: Final = demo_file('goals/flat.yaml')
 PLACES: Final = demo_file('goals/places.yaml')
 
 
 def robot_processes(speed: float) -> tuple[Process, ...]:
-    """Return the simulation, with the navigation in it, and what else runs on the robot; ``speed`` in seconds per
-    second."""
+    """Return the simulation with its navigation, and the other processes of the robot.
+
+    ``speed`` is in simulated seconds per second.
+    """
     return (
         only_robot(speed, WORLD, desired_linear_vel=SPEED),
         *mission_processes(PLACES, {'navigators': (names.NAVIGATE_TO_POSE,)}),
@@ -75,7 +77,7 @@ The robot brings the cup from the kitchen to the office. Shut the door meanwhile
 
 
 def main() -> int:
-    """Run the demonstration of the command line; gives the exit code of the process."""
+    """Run the demonstration with the options of the command line. Return the exit code of the process."""
     options = parse_run_options('goals', 'A robot plans its way to a goal, under an operator.')
     return run_demonstration('goals', options, _run)
 
@@ -100,7 +102,7 @@ def _run_script(options: RunOptions, session: DemoSession, timeline: Timeline) -
     return report.conclude(world, {'robot': session.track}, options.output / 'demo5.png')
 
 
-# The actions of the scripted operator and the household, and the branches that are taken.
+# The actions of the scripted operator and the household, and the branches that must be taken.
 
 PLANNED: Final = 'planned: the closed door is opened'
 SHUT: Final = 'the door is shut on the way: opened again'
@@ -117,9 +119,9 @@ NO_WAY: Final = 'there is no plan without FlatOpenDoor(kitchen_door, hall, kitch
 
 
 def reach_goals(operator: ScriptedOperator, household: Household, report: DemoReport) -> None:
-    """Have the cup brought twice."""
+    """Have the robot bring the cup twice."""
     operator.wait(lambda _view: household.is_seen, 'the household seen', ANSWER_TIMEOUT_S)
-    with household.in_real_time():  # it takes others a moment to meddle
+    with household.in_real_time():  # so that others have time to interfere
         operator.start('Reach Goal', AutonomyLevel.HIGH)
         operator.wait_running(lambda _view: household.times_opened >= 1, 'the door of the kitchen opened by the robot')
         report.take(PLANNED)
@@ -152,7 +154,7 @@ def reach_goals(operator: ScriptedOperator, household: Household, report: DemoRe
 
 
 def _check_cup(household: Household) -> GoalResult:
-    """Return where the cup is; raises DemoError when that is not the office, or the robot holds it still."""
+    """Return the place of the cup. Raises DemoError if it is not in the office, or the robot still holds it."""
     pose = household.cup()
     room = room_at(pose.x, pose.y)
     if room != 'office' or household.held:
@@ -162,22 +164,24 @@ def _check_cup(household: Household) -> GoalResult:
     return GoalResult('cup', pose, 'put down in the office', 0.0, reached=True)
 
 
-# Actions of others in the flat while the robot works, by the services of the simulator; and their observation.
+# Other people in the flat while the robot works: they act through services of the simulator, and are observed.
 
 DOOR: Final = 'kitchen_door'
 CUP: Final = 'cup'
 
 MESSAGES: Final = 1000
-"""Maximum number of messages of a topic that may wait: each counts."""
+"""Maximum number of waiting messages of a topic, large enough to lose none."""
 
 
 class Household:
-    """A household that shuts doors and moves cups. `on_change` is called, on another thread, when a change is
-    observed."""
+    """A household that shuts doors and moves cups.
+
+    It calls `on_change` on another thread when it observes a change.
+    """
 
     def __init__(self, runtime: NodeRuntime, timeline: Timeline, speed: float, on_change: Callable[[], None]) -> None:
         self.times_opened = 0
-        """Number of times that the door of the kitchen opened all the way."""
+        """Number of times that the kitchen door opened completely."""
         self.times_held = 0
         """Number of times that the robot picked up the cup."""
         self.held = ''
@@ -191,32 +195,32 @@ class Household:
 
     @property
     def door_is_shut(self) -> bool:
-        """True if the door of the kitchen is closed completely."""
+        """True if the kitchen door is completely closed."""
         return self._opening is not None and self._opening <= 0.0
 
     @property
     def is_seen(self) -> bool:
-        """True if the states of the door and the gripper are known; later changes of them are not missed."""
+        """True if the states of door and gripper are known; from then on no change is missed."""
         return self._opening is not None and self._is_gripper_seen
 
     def in_real_time(self) -> AbstractContextManager[None]:
-        """Has the world be as fast as the wall for the time of the context."""
+        """Limit the simulation to real time in the context."""
         return self._simulation.in_real_time()
 
     def shut_door(self) -> None:
-        """Shut the door of the kitchen."""
+        """Shut the kitchen door."""
         response = self._simulation.call(SetBool, f'doors/{DOOR}', SetBool.Request(data=False))
         if not response.success:
             raise DemoError(f'{DOOR} was not shut: {response.message}')
         self._timeline.tell('household', 'somebody shuts the door of the kitchen')
 
     def jam_door(self, jammed: bool) -> None:
-        """Have the door jam, or mend it."""
+        """Jam the door, or repair it."""
         self._simulation.set_fault(DOOR, 'door_jammed', clear=not jammed)
         self._timeline.tell('household', 'the door of the kitchen jams' if jammed else 'the door is mended')
 
     def move_cup(self, x: float, y: float) -> None:
-        """Put the cup elsewhere, out of the gripper of the robot if necessary."""
+        """Move the cup elsewhere, if necessary out of the robot's gripper."""
         state = EntityState()
         state.pose.position.x, state.pose.position.y = x, y
         response = self._simulation.call(
@@ -227,7 +231,7 @@ class Household:
         self._timeline.tell('household', f'somebody puts the cup to ({x:g}, {y:g}), in the {room_at(x, y)}')
 
     def cup(self) -> Pose:
-        """Return where the cup is."""
+        """Return the place of the cup."""
         response = self._simulation.call(GetEntityState, 'get_entity_state', GetEntityState.Request(entity=CUP))
         return pose_of(response.state.pose)
 

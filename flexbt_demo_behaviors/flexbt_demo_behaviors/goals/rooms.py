@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The rooms of the flat: where they are, and where the robot stands in each."""
+"""The rooms of the flat: their bounds, and the robot's place at the table in each."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ ROOMS: Final[Mapping[str, tuple[float, float, float, float]]] = {
     'office': (4.5, 0.0, 9.0, 3.6),
     'hall': (0.0, 3.6, 9.0, 6.0),
 }
-"""Least and greatest x and y of each room: x0, y0, x1, y1, in m."""
+"""Minimum and maximum x and y of each room: x0, y0, x1, y1, in m."""
 
 
 def room_at(x: float, y: float) -> str | None:
-    """Return the room in which a point is."""
+    """Return the room that contains a point; None for a point outside all rooms."""
     return next((name for name, (x0, y0, x1, y1) in ROOMS.items() if x0 <= x < x1 and y0 <= y < y1), None)
 
 
 def table_of(room: str) -> Place:
-    """Return where the robot stands in a room.
+    """Return the robot's place at the table of a room.
 
     Raises:
-        ValueError: the room does not exist; says which there are.
+        ValueError: the room does not exist; the message lists the rooms.
     """
     places = _places()
     if room not in places:

@@ -27,7 +27,7 @@ class Inspection(Behavior):
     duration: float
 
     def create(self) -> OperatableStateMachine:
-        """Inspect, report, done."""
+        """Inspect and report."""
         machine = OperatableStateMachine(outcomes=['finished', 'failed'], output_keys=['report'], autonomy=Autonomy.Off)
         machine.userdata.site = self.site
         machine.userdata.arguments = f'duration={self.duration}'
@@ -63,7 +63,7 @@ class InspectSite(Behavior):
     duration: float
 
     def create(self) -> OperatableStateMachine:
-        """Look, judge, report."""
+        """Look, judge and report."""
         machine = OperatableStateMachine(
             outcomes=['finished', 'failed'], input_keys=['site'], output_keys=['report'], autonomy=Autonomy.Off
         )

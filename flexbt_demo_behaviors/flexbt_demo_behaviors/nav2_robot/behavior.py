@@ -29,7 +29,7 @@ class AskOperator(Behavior):
     tree: str
 
     def create(self) -> OperatableStateMachine:
-        """Ask; drive elsewhere as long as the operator wants to, and ask again."""
+        """Ask. While the operator wants to, drive elsewhere and ask again."""
         machine = OperatableStateMachine(outcomes=['go_on', 'home', 'failed'], autonomy=Autonomy.Off)
         with machine:
             OperatableStateMachine.add(
@@ -37,7 +37,7 @@ class AskOperator(Behavior):
                 BtLoaderState(filepaths=[self.tree]),
                 transitions={'done': 'Ask', 'failed': 'failed'},
             )
-            # Only at autonomy Full does the program go on without a person.
+            # The program continues without a person only at autonomy Full.
             OperatableStateMachine.add(
                 'Ask',
                 OperatorDecisionState(outcomes=['go_on', 'elsewhere', 'home'], hint=self.question, suggestion='go_on'),

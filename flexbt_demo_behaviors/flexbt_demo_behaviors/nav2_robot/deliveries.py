@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A program that fetches something from the shelf, brings it to the packing room, and asks a person in between.
 
-A program as the users of Nav2 write them. It learns that another node stops its robot from the results of its tasks, as
-always with Nav2.
+It is a typical Nav2 program. If another node stops its robot, it learns so from the results of its tasks, as always
+with Nav2.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ except ImportError:
     from .navigator import TaskResult
 
 HIGH: Final = 2
-"""Level of autonomy at which the operator is asked."""
+"""Autonomy level of the question to the operator."""
 
 SERVER_S: Final = 30.0
 
 
 class Deliveries:
-    """The program: tasks for the navigator, questions for the operator."""
+    """The program: it sends tasks to the navigator and questions to the operator."""
 
     def __init__(self, navigator: Any, places: Mapping[str, Place]) -> None:
         self._navigator = navigator
@@ -65,10 +65,10 @@ class Deliveries:
         return message
 
     def _drive(self, task: str, is_accepted: bool) -> TaskResult:
-        """Wait for the end of a task, and print it."""
+        """Wait for the end of a task and print its result."""
         navigator = self._navigator
         while is_accepted and not navigator.isTaskComplete():
-            pass  # a program of one's own looks at navigator.getFeedback() here
+            pass  # your own program would read navigator.getFeedback() here
         result: TaskResult = navigator.getResult() if is_accepted else TaskResult.FAILED
         print(f'{task}: {result.name}', flush=True)
         return result

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executable ``nav2_robot``: a robot of Nav2 and its program, at the console or with a scripted operator."""
+"""The executable ``nav2_robot``: a Nav2 robot and its program, with a console or a scripted operator."""
 
 from __future__ import annotations
 
@@ -45,8 +45,9 @@ PLACES: Final = demo_file('nav2_robot/places.yaml')
 
 
 def robot_processes(speed: float) -> tuple[Process, ...]:
-    """Return the simulation, with the navigation in it, and what else runs on the robot, but for the program; ``speed``
-    in seconds per second.
+    """Return the simulation with its navigation, and the other processes of the robot, except the program.
+
+    ``speed`` is in simulated seconds per second.
     """
     navigators: Mapping[str, ParameterValue] = {
         'navigators': (names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS),
@@ -62,7 +63,7 @@ The program drives the robot to the shelf, and asks you then. "?" shows the keys
 
 
 def main() -> int:
-    """Run the demonstration of the command line; gives the exit code of the process."""
+    """Run the demonstration with the options of the command line. Return the exit code of the process."""
     options = parse_run_options('nav2_robot', 'A program drives a robot of Nav2, under an operator.')
     return run_demonstration('nav2_robot', options, _run)
 
@@ -88,7 +89,7 @@ def _run_script(options: RunOptions, group: ProcessGroup, session: DemoSession, 
     return report.conclude(world, {'robot': session.track}, options.output / 'demo4.png')
 
 
-# The actions of the scripted operator while the program drives, and the branches that are taken.
+# The actions of the scripted operator while the program drives, and the branches that must be taken.
 
 PAUSED: Final = "the program's drive paused, and resumed"
 CONFIRMED: Final = 'the program asks, and goes on as confirmed'
@@ -101,7 +102,7 @@ BRANCHES: Final = (PAUSED, CONFIRMED, RECOVERED, REROUTED, PREEMPTED, HOME)
 TITLE: Final = 'Demonstration 4: a robot of Nav2'
 
 PACKING_DOOR: Final = SimulatedBox(7.5, 4.0, 1.1, 0.3)
-"""Box in the only doorway of the packing room; nothing gets past it."""
+"""Box in the only doorway of the packing room; nothing can pass it."""
 
 TOLD: Final = (
     'to the shelf: SUCCEEDED',
@@ -112,11 +113,11 @@ TOLD: Final = (
     'The round was broken off. What now? home',
     'home: SUCCEEDED',
 )
-"""Lines that the program prints about its tasks if everything went as expected here."""
+"""Lines that the program prints about its tasks if everything goes as expected."""
 
 
 class Warehouse:
-    """The warehouse as the operator sees it: the robot, the world, and the program with its log file."""
+    """The operator's view of the warehouse: the robot, the world, and the program with its log file."""
 
     def __init__(self, options: RunOptions, group: ProcessGroup, session: DemoSession, timeline: Timeline) -> None:
         self.operator = session.operator
@@ -133,7 +134,7 @@ class Warehouse:
         self._group.start(PROGRAM.name, PROGRAM.command())
 
     def control_tree(self, command: int) -> ControlTree.Response:
-        """Return the answer of the BT server to a command for the tree that drives."""
+        """Send the BT server a command for the tree that drives, and return the response."""
         request = ControlTree.Request(command=command)
         response: ControlTree.Response = call_service(self._runtime, ControlTree, names.CONTROL_TREE, request)
         return response
@@ -147,11 +148,11 @@ class Warehouse:
 
 
 def supervise(warehouse: Warehouse, report: DemoReport) -> None:
-    """Look after a program from its start to its end."""
+    """Supervise a program from start to end."""
     operator, simulation = warehouse.operator, warehouse.simulation
 
     operator.expect_goal('shelf')
-    with simulation.in_real_time():  # at ten times that, an operator who is held up for a second finds the robot there
+    with simulation.in_real_time():  # at ten times real time, an operator delayed by 1 s is too late
         warehouse.start_program()
         operator.wait_driven(1.0)
         _pause(warehouse)
@@ -159,8 +160,8 @@ def supervise(warehouse: Warehouse, report: DemoReport) -> None:
     decision = operator.wait_decision(DecisionKind.CHOICE, '/Ask', DRIVE_TIMEOUT_S)
     report.goals.append(operator.close_goal('arrived', must_reach=True))
     operator.expect_goal('packing')
-    with simulation.in_real_time():  # the recoveries of a tree are over after some ten seconds
-        simulation.put('cupboard', PACKING_DOOR)  # while the robot stands: it cannot be past the door
+    with simulation.in_real_time():  # the recoveries of a tree take about ten seconds
+        simulation.put('cupboard', PACKING_DOOR)  # while the robot stands, so that it cannot be past the door
         operator.choose(decision, 'go_on')
         report.take(CONFIRMED)
         operator.wait_begun('RecoveryActions')
@@ -194,7 +195,7 @@ def supervise(warehouse: Warehouse, report: DemoReport) -> None:
 
 
 def _pause(warehouse: Warehouse) -> None:
-    """Pause the tree that drives for the program, see that the robot stands, and resume it."""
+    """Pause the tree that drives for the program, check that the robot stands still, and resume the tree."""
     for command, name in ((ControlTree.Request.PAUSE, 'pauses'), (ControlTree.Request.RESUME, 'resumes')):
         warehouse.timeline.tell('operator', f'{name} the tree that drives for the program')
         response = warehouse.control_tree(command)
@@ -206,7 +207,7 @@ def _pause(warehouse: Warehouse) -> None:
 
 
 def _check_told(log: Path, expected: Sequence[str]) -> None:
-    """Check what the program has found out about its tasks."""
-    told = [line for line in log.read_text().splitlines() if not line.startswith('[')]  # those of loggers
+    """Check the lines that the program has printed about its tasks."""
+    told = [line for line in log.read_text().splitlines() if not line.startswith('[')]  # lines of loggers
     if told != list(expected):
         raise DemoError(f'the program says {told}, not {list(expected)}')

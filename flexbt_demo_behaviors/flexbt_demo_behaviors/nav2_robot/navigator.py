@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The part of BasicNavigator that a program needs where nav2_simple_commander is not installed: it is not on PyPI.
+"""The part of BasicNavigator that a program needs if nav2_simple_commander is not installed: it is not on PyPI.
 
-Names, arguments and results are those of BasicNavigator (branch jazzy), so that a program runs on either.
+Names, arguments and results match BasicNavigator (branch jazzy), so a program runs with either.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from flexbt_common import names
 
 POLL_S: Final = 0.1
-"""Maximum time of one check of a task, s."""
+"""Maximum duration of one check of a task, s."""
 
 ACTIVE: Final = 'active'
 
 
 class TaskResult(Enum):
-    """The result of a task; numbers as in nav2_simple_commander."""
+    """The result of a task, with the numbers of nav2_simple_commander."""
 
     UNKNOWN = 0
     SUCCEEDED = 1
@@ -65,7 +65,7 @@ class Navigator(Node):
         self._feedback: Any = None
 
     def setInitialPose(self, initial_pose: PoseStamped) -> None:
-        """Set the pose of the robot for the localization."""
+        """Send the robot's initial pose to the localization."""
         self._is_localized = False
         self._start = initial_pose
         self._publish_start()
@@ -91,7 +91,7 @@ class Navigator(Node):
         return self._begin(FollowWaypoints.Goal(poses=poses))
 
     def cancelTask(self) -> None:
-        """Cancel the task, and wait for the answer."""
+        """Cancel the task and wait for the response."""
         if self._goal is not None:
             rclpy.spin_until_future_complete(self, self._goal.cancel_goal_async())
 
@@ -103,11 +103,11 @@ class Navigator(Node):
         return bool(self._result.done())
 
     def getFeedback(self) -> Any:
-        """Return the newest feedback of the task, None before the first."""
+        """Return the latest feedback of the task; None before the first."""
         return self._feedback
 
     def getResult(self) -> TaskResult:
-        """Return how the task has ended."""
+        """Return the result of the task."""
         if self._result is None or not self._result.done():
             return TaskResult.UNKNOWN
         return _RESULTS.get(self._result.result().status, TaskResult.UNKNOWN)

@@ -40,7 +40,7 @@ class Navigate(Behavior):
     tree: str
 
     def create(self) -> OperatableStateMachine:
-        """Load the tree, then: ask for a goal, drive there, and again."""
+        """Load the tree, then repeat: ask for a goal, drive there."""
         machine = OperatableStateMachine(outcomes=['finished', 'failed'], autonomy=Autonomy.Off)
         with machine:
             OperatableStateMachine.add(
@@ -54,8 +54,7 @@ class Navigate(Behavior):
                 transitions={'received': 'Drive', 'declined': 'finished', 'failed': 'failed'},
                 remapping={'data': 'goal'},
             )
-            # At autonomy Low the operator also confirms each arrival; a failure is always a matter for a
-            # person.
+            # At autonomy Low the operator also confirms each arrival. A failure always goes to a person.
             OperatableStateMachine.add(
                 'Drive',
                 BtExecuteGoalState(bt_file=self.tree),
@@ -94,7 +93,7 @@ class NavigateSplit(Behavior):
     recovery: str
 
     def create(self) -> OperatableStateMachine:
-        """Load the trees, then: ask, plan, show, follow, and recover on the way as need be."""
+        """Load the trees, then repeat: ask, plan, show, follow, and recover on the way if needed."""
         machine = OperatableStateMachine(outcomes=['finished', 'failed'], autonomy=Autonomy.Off)
         with machine:
             OperatableStateMachine.add(
@@ -135,7 +134,7 @@ class NavigateSplit(Behavior):
                 transitions={'done': 'JudgePath'},
                 remapping={'message': 'path'},
             )
-            # Only at autonomy Full does the robot accept its own plan; below that, a person decides.
+            # The robot accepts its own plan only at autonomy Full; below that, a person decides.
             OperatableStateMachine.add(
                 'JudgePath',
                 OperatorDecisionState(
@@ -183,7 +182,7 @@ class ShowPathState(EventState):
         return self.describe(userdata.path)
 
     def describe(self, path: Path) -> str:
-        """Tell the operator what the path is like, and give the outcome."""
+        """Report the properties of the path to the operator, and return the outcome."""
         if not path.poses:
             self.log_warn('The path has no poses.')
             return 'empty'

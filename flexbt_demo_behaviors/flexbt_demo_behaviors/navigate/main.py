@@ -48,7 +48,7 @@ The robot is ready, and the behavior "{behavior}" asks you where to go: ":{place
 
 
 def main() -> int:
-    """Run the demonstration of the command line; gives the exit code of the process."""
+    """Run the demonstration with the options of the command line. Return the exit code of the process."""
     terminal = sys.stdin.isatty() and sys.stdout.isatty()
     options = parse_options(sys.argv[1:], os.environ, terminal)
     return run_demonstration('demo', options, _run)
@@ -66,7 +66,7 @@ def _run(options: DemoOptions, group: ProcessGroup, timeline: Timeline) -> int:
 def _run_interactive(
     group: ProcessGroup, processes: Sequence[Process], demonstration: Demonstration, timeline: Timeline
 ) -> int:
-    """Start the processes and the behavior, hand the terminal to the console, and give the console's exit code."""
+    """Start the processes and the behavior, run the console in the terminal, and return the console's exit code."""
     with open_session(group, processes, 'demo', timeline) as session:
         place = session.operator.places(('kitchen',))[0]
         session.operator.start(demonstration.behavior, AutonomyLevel.HIGH)
@@ -100,7 +100,7 @@ def _run_script(
 
 
 def _world(report: DemoReport, track: RobotTrack, boxes: Mapping[str, SimulatedBox]) -> World:
-    """Return the world of the picture: the robot where it began, the goals, and all boxes that were somewhere."""
+    """Return the world of the picture: the robot at its start, the goals, and all boxes that were placed."""
     world = World(track.map, places={goal.label: goal.pose for goal in report.goals})
     world.add(ROBOT, RobotModel(), track.way[0][1])
     for name, box in boxes.items():
@@ -108,16 +108,17 @@ def _world(report: DemoReport, track: RobotTrack, boxes: Mapping[str, SimulatedB
     return world
 
 
-# The actions of the scripted operator in the two demonstrations, and the branches that each of them has to take.
+# The actions of the scripted operator in the two demonstrations, and the branches that each must take.
 #
-# On the included map, boxes are put in the way: one to be driven round, and one that blocks a doorway, so that the
-# robot arrives by its recovery only. On a map of one's own nobody knows where the doorways are.
+# On the included map the script puts boxes in the way. The robot drives round one; another blocks a doorway, so the
+# robot only arrives after a recovery. On a user's own map the doorways are unknown.
 
 
 @dataclass(frozen=True)
 class Demonstration:
-    """A demonstration: its number and title, its behavior, its branches, those that need boxes, and its script, which
-    is given no simulation where there are none.
+    """A demonstration: number, title, behavior, branches, the branches that need boxes, and its script.
+
+    Without boxes the script gets no simulation.
     """
 
     number: int
@@ -128,23 +129,22 @@ class Demonstration:
     script: Callable[[ScriptedOperator, DemoSimulation | None, DemoReport], None]
 
     def report(self, with_boxes: bool = True) -> DemoReport:
-        """Return a report of it with nothing done yet."""
+        """Return an empty report for this demonstration."""
         branches = self.branches + (self.box_branches if with_boxes else ())
         return DemoReport(f'Demonstration {self.number}: {self.title}', branches)
 
 
 CRATE = SimulatedBox(4.4, 2.67, 0.4, 0.4)
-"""Crate in the office, with room next to it."""
+"""Crate in the office, with room to pass."""
 
 LOUNGE_DOOR = SimulatedBox(10.1, 5.48, 0.9, 0.3)
-"""Box in the only doorway of the lounge; nothing gets past it."""
+"""Box in the only doorway of the lounge; nothing can pass it."""
 
 STORE_PASSAGE = SimulatedBox(6.8, 5.25, 0.6, 0.3)
-"""Before the only passage to the store; in the corridor there is room for a recovery."""
+"""Box before the only passage to the store; the corridor has room for a recovery."""
 
 INTERVENTION_SPEED = 3.0
-"""Seconds of the world in one second at most, where the operator intervenes: at ten times that of the world, a way is
-over within three seconds."""
+"""Maximum speed factor while the operator intervenes: at ten times real time, a drive is over within three seconds."""
 
 REACHED = 'goal reached'
 DRIVEN_ROUND = 'a box on the way: driven round'
@@ -155,7 +155,7 @@ FINISHED = 'finished by the operator'
 
 
 def navigate(operator: ScriptedOperator, simulation: DemoSimulation | None, report: DemoReport) -> None:
-    """Drive to one goal, round a box; on the way to the second one, replace it by a third, whose door is blocked."""
+    """Drive to one goal, round a box. On the way to the second goal, replace it by a third, whose door is blocked."""
     first, second, third = operator.places(('kitchen', 'office', 'lounge'))
     operator.start('Navigate', AutonomyLevel.HIGH)
 
@@ -205,8 +205,10 @@ STUCK = 'following failed at a box: recovery by itself'
 
 
 def navigate_split(operator: ScriptedOperator, simulation: DemoSimulation | None, report: DemoReport) -> None:
-    """Take every branch of the second behavior. On the way to the first goal the passage is blocked, until the robot
-    has failed to follow its path, and recovers; then the goal is given again.
+    """Take every branch of the second behavior.
+
+    On the way to the first goal a box blocks the passage until the robot has failed to follow its path and recovers.
+    Then the goal is sent again.
     """
     first, second, third = operator.places(('store', 'workshop', 'kitchen'))
     operator.start('Navigate Split', AutonomyLevel.HIGH)
@@ -299,12 +301,12 @@ DEMONSTRATIONS = {
 
 
 def _slowly(simulation: DemoSimulation | None) -> AbstractContextManager[None]:
-    """As fast as an operator can intervene on the way, whose computer is busy."""
+    """Limit the speed so that an operator on a busy computer can intervene on the way."""
     return nullcontext() if simulation is None else simulation.no_faster_than(INTERVENTION_SPEED)
 
 
 def _put_ahead(operator: ScriptedOperator, simulation: DemoSimulation, name: str, box: SimulatedBox) -> None:
-    """Once the robot drives, put a box on its way, far ahead of it."""
+    """Wait until the robot drives, then put a box on its path, far ahead of it."""
     with simulation.in_real_time():
         operator.wait_driven(0.2)
         where = f'a plan that leads over ({box.x:g}, {box.y:g}), where the {name} shall be left'
@@ -313,15 +315,15 @@ def _put_ahead(operator: ScriptedOperator, simulation: DemoSimulation, name: str
 
 
 def _crosses(plans: Sequence[Sequence[Point]], box: SimulatedBox) -> bool:
-    """Return whether a planned path leads over a box."""
+    """Return whether a planned path crosses a box."""
     points = (point for plan in plans for point in plan)
     return any(abs(x - box.x) < box.length / 2.0 and abs(y - box.y) < box.width / 2.0 for x, y in points)
 
 
 def _free_by_recovery(operator: ScriptedOperator, simulation: DemoSimulation) -> None:
-    """Block the only doorway, and free it when the tree recovers: without that it would have failed there.
+    """Block the only doorway, and free it when the tree starts a recovery; without recovery the drive would fail.
 
-    In real time, for its recoveries are over after some ten seconds.
+    Run in real time, because the recoveries take only about ten seconds.
     """
     _put_ahead(operator, simulation, 'cupboard', LOUNGE_DOOR)
     with simulation.in_real_time():
@@ -330,7 +332,7 @@ def _free_by_recovery(operator: ScriptedOperator, simulation: DemoSimulation) ->
 
 
 def _wait_asked_again(operator: ScriptedOperator) -> Decision:
-    """Wait until the behavior asks for the next goal: the drive is over."""
+    """Wait until the behavior asks for the next goal, after the drive."""
     return operator.wait_decision(DecisionKind.INPUT, '/AskGoal', DRIVE_TIMEOUT_S)
 
 

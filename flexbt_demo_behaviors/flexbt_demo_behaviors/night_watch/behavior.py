@@ -49,7 +49,7 @@ class NightWatch(Behavior):
     places: str
 
     def create(self) -> OperatableStateMachine:
-        """Load the trees, get the map, and watch."""
+        """Load the trees, get the map, and start the watch."""
         places = places_in(self.places)
         if self.home not in places:
             raise ValueError(f'home: {self.home!r} is no place of {self.places}')
@@ -76,7 +76,7 @@ class NightWatch(Behavior):
         return machine
 
     def _watch(self) -> OperatableStateMachine:
-        """Return what goes on at the same time; the round says when it ends."""
+        """Return the parallel parts of the watch. The end of the round ends them."""
         watch = ConcurrencyContainer(
             outcomes=['finished', 'failed'],
             input_keys=['map', 'home'],
@@ -94,7 +94,7 @@ class NightWatch(Behavior):
         return watch
 
     def _round(self) -> OperatableStateMachine:
-        """From room to room, and home when the operator says so."""
+        """Drive from room to room, and home when the operator decides so."""
         tour = OperatableStateMachine(
             outcomes=['finished', 'failed'], input_keys=['map', 'home', 'inherited'], autonomy=Autonomy.Off
         )
@@ -113,7 +113,7 @@ class NightWatch(Behavior):
                 autonomy={'failed': Autonomy.Full},
                 remapping={'goal': 'entrance'},
             )
-            # What fails, here and below, is always a matter for a person: tried again at once, it fails again.
+            # Here and below, a failure always goes to a person: an immediate retry would fail again.
             OperatableStateMachine.add(
                 'OpenDoor',
                 OpenDoorState(),
@@ -143,8 +143,8 @@ class NightWatch(Behavior):
                 transitions={'done': 'ComeToRest', 'canceled': 'Postpone', 'failed': 'Postpone'},
                 autonomy={'failed': Autonomy.Full},
             )
-            # Pose and scan have to be of the same moment; those of a robot at rest always are. The pose comes last:
-            # while the round stood still the robot may have been driven to its dock, and then it is there still.
+            # Pose and scan must be of the same moment; at rest they always are. The pose comes last: while the round
+            # was paused the robot may have been driven to its dock, and then it is still there.
             OperatableStateMachine.add(
                 'ComeToRest',
                 WaitState(1.0),
@@ -183,7 +183,7 @@ class NightWatch(Behavior):
                 transitions={'again': 'Drive', 'later': 'Postpone', 'alarm': 'RaiseAlarm'},
                 autonomy={'again': Autonomy.Full, 'later': Autonomy.Full, 'alarm': Autonomy.High},
             )
-            # What is found is a matter for a person, whatever the autonomy below Full.
+            # A finding goes to a person, at any autonomy below Full.
             OperatableStateMachine.add(
                 'JudgeFinding',
                 OperatorDecisionState(
@@ -238,7 +238,7 @@ class NightWatch(Behavior):
         return tour
 
     def _battery(self) -> OperatableStateMachine:
-        """See to the battery; while it is being charged the round stands still."""
+        """See to the battery; the round is paused while it charges."""
         charge = PriorityContainer(outcomes=['done', 'failed'], input_keys=['home'], autonomy=Autonomy.Off)
         with charge:
             OperatableStateMachine.add(
@@ -264,7 +264,7 @@ class NightWatch(Behavior):
         return battery
 
     def _partner(self) -> OperatableStateMachine:
-        """Return when the other robot is lost, the operator says who looks at its rooms."""
+        """Wait until the other robot is lost; then the operator decides who takes over its rooms."""
         partner = OperatableStateMachine(outcomes=['done'], output_keys=['inherited'], autonomy=Autonomy.Off)
         with partner:
             OperatableStateMachine.add(

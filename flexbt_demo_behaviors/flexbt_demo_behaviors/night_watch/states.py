@@ -30,7 +30,7 @@ from flexbt_states.errors import StateParameterError
 from flexbt_states.parameter_checks import checked_topic
 
 ROOMS_LEFT = 'rooms_left'
-"""Topic (std_msgs/String, latched) of the rooms that a robot has not looked at yet, apart by spaces."""
+"""Topic (std_msgs/String, latched) of the rooms that a robot has yet to look at, separated by spaces."""
 
 
 class NextRoomState(EventState):
@@ -108,8 +108,7 @@ def places_in(file: str) -> dict[str, Place]:
 
 
 def rooms_left(rooms: Iterable[str], checked: Sequence[str], postponed: Sequence[str]) -> list[str]:
-    """Return what is left of a round, in order: each room once, none that was looked at, those that were postponed
-    last."""
+    """Return the rest of a round, in order: each room once, without checked rooms, postponed rooms last."""
     left = [room for room in dict.fromkeys(rooms) if room not in checked]
     return [room for room in left if room not in postponed] + [room for room in postponed if room in left]
 
@@ -123,19 +122,19 @@ def pose_of(place: Place) -> PoseStamped:
     return message
 
 
-# A state of the night watch: find what is not on the map.
+# A state of the night watch that finds obstacles missing from the map.
 
 OCCUPIED = 65
-"""Percent from which a cell of the map counts as occupied."""
+"""Occupancy from which a cell of the map counts as occupied, percent."""
 
 TOLERANCE = 0.25
-"""A beam that ends so near to something on the map has hit that, m."""
+"""A beam that ends this near to something on the map has hit it, m."""
 
 BEAMS = 5
-"""So many beams have to end elsewhere: fewer may be noise."""
+"""Minimum number of beams that must end off the map's obstacles: fewer may be noise."""
 
 THERE = 0.5
-"""A robot so near to a place is there, m: twice what the controller leaves of the way."""
+"""Maximum distance from a place at which the robot counts as there, m: twice the tolerance of the controller."""
 
 
 class CompareScanState(EventState):
@@ -199,7 +198,7 @@ class CompareScanState(EventState):
 def unexpected_points(
     grid: OccupancyGrid, pose: PoseStamped, scan: LaserScan, reach: float
 ) -> NDArray[np.float64]:  # fmt: skip
-    """End of beams in the map, m, as rows [x, y]: those within ``reach`` (m) that are not near an occupied cell."""
+    """Return ends of beams in the map, m, as rows [x, y]: those within ``reach`` (m), not near an occupied cell."""
     ranges = np.asarray(scan.ranges, dtype=float)
     yaw = 2.0 * math.atan2(pose.pose.orientation.z, pose.pose.orientation.w)
     angles = yaw + scan.angle_min + scan.angle_increment * np.arange(len(ranges))
@@ -219,10 +218,10 @@ def unexpected_points(
     return np.asarray(ends[distances > TOLERANCE])
 
 
-# A state of the night watch: have a door opened.
+# A state of the night watch that has a door opened.
 
 RESPONSE_SECONDS = 5.0
-"""Within these, s of wall time, the doors' controller has to answer."""
+"""Time limit for an answer of the door controller, s of wall time."""
 
 
 class OpenDoorState(EventState):
@@ -284,7 +283,7 @@ class OpenDoorState(EventState):
             self._call.cancel()
 
 
-# A state of the night watch: notice that the other robot is lost.
+# A state of the night watch that detects the loss of the other robot.
 
 
 class WatchPartnerState(EventState):

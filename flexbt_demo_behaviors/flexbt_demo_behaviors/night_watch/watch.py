@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The executable ``night_watch``: two robots at the consoles of one person, or with a scripted operator.
+"""The executable ``night_watch``: two robots supervised by one person at consoles, or by a scripted operator.
 
-Its processes, the one table that it and the launch file start them from; an operator for each robot; and what happens
-in the building.
+It contains the process table that it shares with the launch file, an operator for each robot, and the events in the
+building.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ from .states import ROOMS_LEFT
 ROBOTS: Final = ('alpha', 'beta')
 
 SPEED: Final = 0.7
-"""Speed on a free and straight way, m/s: the maximum speed of the robots in the world file."""
+"""Speed on a free, straight path, m/s: the maximum speed of the robots in the world file."""
 
 
 WORLD: Final = demo_file('night_watch/building.yaml')
@@ -74,14 +74,16 @@ PLACES: Final = demo_file('night_watch/places.yaml')
 
 
 def watch_processes(speed: float) -> tuple[Process, ...]:
-    """Return the simulator, and navigation, BT server, stop guard and executive of each robot; ``speed`` in seconds per
-    second."""
+    """Return the simulator, and for each robot navigation, BT server, stop guard and executive.
+
+    ``speed`` is in simulated seconds per second.
+    """
     world = Process('flexbt_sim', 'simulator', {'speed_factor': speed, 'world': WORLD, 'odom_rate': ODOM_RATE})
     return (world, *(process for robot in ROBOTS for process in robot_processes(robot)))
 
 
 def robot_processes(robot: str) -> tuple[Process, ...]:
-    """Return what runs on one robot."""
+    """Return the processes of one robot."""
     return (
         Process('flexbt_navigation', 'navigation', {**SIMULATED, 'desired_linear_vel': SPEED}, robot),
         *mission_processes(PLACES, namespace=robot),
@@ -89,7 +91,7 @@ def robot_processes(robot: str) -> tuple[Process, ...]:
 
 
 def log_name(process: Process) -> str:
-    """Return the name of a process, which its log file has too."""
+    """Return the name of a process, also that of its log file."""
     return f'{process.namespace}_{process.name}' if process.namespace else process.name
 
 
@@ -97,12 +99,12 @@ ROUNDS: Mapping[str, Mapping[str, str]] = {
     'alpha': {'rooms': 'lab store office', 'home': 'alpha_dock', 'partner': 'beta'},
     'beta': {'rooms': 'archive lobby', 'home': 'beta_dock', 'partner': 'alpha'},
 }
-"""The arguments with which the behavior of each robot is started."""
+"""Arguments for the start of each robot's behavior."""
 
 
 @dataclass
 class Watch:
-    """A ready night watch."""
+    """A night watch that is ready to start."""
 
     group: ProcessGroup
     building: Building
@@ -110,20 +112,20 @@ class Watch:
     timeline: Timeline
 
     def operator(self, robot: str) -> ScriptedOperator:
-        """Return the operator at the link of a robot."""
+        """Return the operator of a robot."""
         return self.sessions[robot].operator
 
     def track(self, robot: str) -> RobotTrack:
-        """Return where a robot is and was."""
+        """Return the track of a robot."""
         return self.sessions[robot].track
 
     def start(self) -> None:
-        """Begin the rounds of both robots."""
+        """Start the rounds of both robots."""
         for robot in ROBOTS:
             self.operator(robot).start('Night Watch', AutonomyLevel.HIGH, **ROUNDS[robot])
 
     def lose(self, robot: str) -> None:
-        """Kill all processes of a robot at once, as if its computer failed."""
+        """Kill all processes of a robot at once, as a failure of its computer would."""
         self.timeline.tell('building', f'{robot} is lost')
         self.group.kill(*(log_name(process) for process in robot_processes(robot)))
 
@@ -133,16 +135,16 @@ class Watch:
             session.operator.notify()
 
     def on_end(self, ended: EndedProcess) -> None:
-        """Abandon the scripts, because a process has ended by itself."""
+        """Abort the scripts because a process has ended unexpectedly."""
         for session in self.sessions.values():
             session.operator.abandon(ended.report())
 
 
 @contextlib.contextmanager
 def open_watch(group: ProcessGroup, speed: float, timeline: Timeline) -> Iterator[Watch]:
-    """Start the processes in `group`, wait until both robots are ready, and join them for the time of the context.
+    """Start the processes in `group`, wait until both robots are ready, and connect to them while the context is open.
 
-    Raises DemoError when they are not ready in time, or when one of the processes dies meanwhile.
+    Raises DemoError if they are not ready in time, or if one of the processes dies meanwhile.
     """
     for process in watch_processes(speed):
         group.start(log_name(process), process.command(), respawn=True)
@@ -159,18 +161,20 @@ def open_watch(group: ProcessGroup, speed: float, timeline: Timeline) -> Iterato
         yield watch
 
 
-# Events in the building during a watch, by the services of the simulator; and the robots' reports of them.
+# Events in the building during a watch, caused through services of the simulator, and the reports of the robots.
 
 DOOR: Final = 'archive_door'
 
 LOW: Final = 0.25
 FULL: Final = 0.85
-"""Shares of the capacity at which a battery counts as low, and as charged."""
+"""Fractions of the capacity at which a battery counts as low, and as charged."""
 
 
 class Building:
-    """A building in which faults occur, and whose rooms and alarms are observed. `on_change` is called, on another
-    thread, on each observation."""
+    """A building with simulated faults, whose rooms and alarms are observed.
+
+    It calls `on_change` on another thread at each observation.
+    """
 
     def __init__(
         self, runtime: NodeRuntime, robots: Sequence[str], timeline: Timeline, on_change: Callable[[], None]
@@ -179,11 +183,11 @@ class Building:
         self._timeline = timeline
         self._on_change = on_change
         self.rooms_left: Mapping[str, tuple[str, ...]] = {}
-        """The rooms that each robot has still to look at, as it said last."""
+        """Rooms that each robot has yet to look at, from its last report."""
         self.alarms: list[tuple[str, Pose]] = []
-        """The alarms so far: the robot that has raised each, and the pose that it is about."""
+        """Alarms so far: the robot that raised each, and the reported pose."""
         self.charged: set[str] = set()
-        """The robots whose battery was low, and is not any more."""
+        """Robots whose battery was low and is charged again."""
         self._low: set[str] = set()
         runtime.call(lambda: self._subscribe(runtime, robots))
 
@@ -225,7 +229,7 @@ class Building:
 
 
 def main() -> int:
-    """Run the night watch of the command line; gives the exit code of the process."""
+    """Run the night watch with the options of the command line. Return the exit code of the process."""
     options = parse_run_options('night_watch', 'Two simulated robots watch a building, under one operator.')
     return run_demonstration('night_watch', options, _run)
 
@@ -245,7 +249,7 @@ def _run(options: RunOptions, group: ProcessGroup, timeline: Timeline) -> int:
         return report.conclude(world_with_places(WORLD, PLACES), tracks, options.output / 'demo3.png')
 
 
-# The night watch with a person at the consoles of both robots, who also controls the events in the building.
+# The interactive night watch: a person at the consoles of both robots also controls the events in the building.
 
 INTRODUCTION = """
 Both robots are on their rounds; the door of the archive is jammed. Which robot do you look after, or what happens?
@@ -259,7 +263,7 @@ Both robots are on their rounds; the door of the archive is jammed. Which robot 
 
 
 def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
-    """Begin the rounds, and do what the operator says until the night is over; lines come from `read`."""
+    """Start the rounds, and execute the operator's commands until the night is over; `read` returns the lines."""
     watch.start()
     page = serve_page(watch.group)
     print(INTRODUCTION + page_line(page), flush=True)
@@ -290,7 +294,7 @@ def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
             print(*escape_lines(str(error)), sep='\n')
 
 
-# The actions of the scripted operator of the night watch, and the branches that it takes.
+# The actions of the scripted operator of the night watch, and the branches that must be taken.
 
 DOOR_JAMMED: Final = 'a door jams: that room later'
 CHARGED: Final = 'battery low: charged, the round goes on'
@@ -305,14 +309,14 @@ BRANCHES: Final = (DOOR_JAMMED, CHARGED, LOST, SWITCHED, HARMLESS, ALARM, DOOR_O
 TITLE: Final = 'Demonstration 3: two robots on night watch'
 
 THERE: Final = 1.0
-"""A robot that came so near to the place of a room was in it, m: on a busy computer not every pose is heard."""
+"""A robot that came this near to the place of a room was in it, m. On a busy computer some poses are missed."""
 
 NEAR: Final = 1.0
-"""An alarm is about something that is so near to where it says, m."""
+"""Maximum distance between an alarm and the obstacle that it reports, m."""
 
 
 def night_watch(watch: Watch, report: DemoReport) -> None:
-    """Run a night in which every event of the script happens."""
+    """Run a night with all events of the script."""
     alpha, beta, building = watch.operator('alpha'), watch.operator('beta'), watch.building
     watch.start()
 
@@ -322,7 +326,7 @@ def night_watch(watch: Watch, report: DemoReport) -> None:
     report.take(DOOR_JAMMED)
     building.lower_battery('beta')
 
-    # Before it is judged what alpha has found, its battery is low; it drives to its dock, and is lost there.
+    # Before the operator judges alpha's finding, its battery gets low. It drives to its dock, and is lost there.
     _wait_choice(watch, 'alpha', '/Watch/Round/JudgeFinding')
     building.lower_battery('alpha')
     alpha.wait_tree_node('Charging', DRIVE_TIMEOUT_S)
@@ -362,12 +366,12 @@ def night_watch(watch: Watch, report: DemoReport) -> None:
 
 
 def _wait_choice(watch: Watch, robot: str, path: str) -> Decision:
-    """Wait until a state of a robot asks the operator how to go on."""
+    """Wait until a state of a robot asks the operator for a decision."""
     return watch.operator(robot).wait_decision(DecisionKind.CHOICE, path, DRIVE_TIMEOUT_S)
 
 
 def _wait_looked_at(watch: Watch, rooms: set[str]) -> None:
-    """Wait until beta says that it has none of the rooms left."""
+    """Wait until beta reports none of the rooms as left."""
     watch.operator('beta').wait(
         lambda _view: not rooms & set(watch.building.rooms_left['beta']),
         f'{", ".join(sorted(rooms))} looked at by beta',
@@ -376,7 +380,7 @@ def _wait_looked_at(watch: Watch, rooms: set[str]) -> None:
 
 
 def _check_alarm(watch: Watch, name: str) -> None:
-    """Check that the first alarm is about an obstacle of the world file."""
+    """Check that the first alarm is at an obstacle of the world file."""
     building = watch.building
     robot, pose = watch.operator('beta').wait(
         lambda _view: building.alarms[0] if building.alarms else None, 'alarm', ANSWER_TIMEOUT_S
@@ -388,7 +392,7 @@ def _check_alarm(watch: Watch, name: str) -> None:
 
 
 def _visit(watch: Watch, robot: str, room: str) -> GoalResult:
-    """Return how near a robot came to a place; raises DemoError when it was not there."""
+    """Return how near a robot came to a place. Raises DemoError if it was not there."""
     place = world_with_places(WORLD, PLACES).places[room]
     error = min(place.distance(pose) for _, pose in watch.track(robot).way)
     result = GoalResult(room, place, f'{robot} was there', error, error <= THERE)

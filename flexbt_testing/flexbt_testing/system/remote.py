@@ -45,7 +45,7 @@ class RemoteView:
 
 
 class RemoteConsole:
-    """A console and its views. ``scan_period`` shows the robot's surroundings; 0 for no scan."""
+    """A console and its views. With a ``scan_period`` (0: no scan) it also shows the robot's surroundings."""
 
     def __init__(self, operator: str, scan_period: float | None = None) -> None:
         self._runtime = NodeRuntime('console', args=())

@@ -57,7 +57,7 @@ class RunnableScript(Protocol):
 
     @property
     def run(self) -> Callable[[], bool | None]:
-        """Function that runs the script. It returns the truth of a condition, otherwise None, and raises ScriptError."""
+        """Function that runs the script. It returns the truth of a condition, else None, and raises ScriptError."""
 
 
 class ParsedScript(Protocol):

@@ -75,7 +75,7 @@ class CompiledScript:
         return value
 
     def truth(self, value: Value) -> bool:
-        """Return whether the value of the last statement is true. Raises ScriptError if it is neither true nor false."""
+        """Return whether the value of the last statement is true. Raises ScriptError if it is neither."""
         try:
             return truth(value)
         except ConversionError as error:
