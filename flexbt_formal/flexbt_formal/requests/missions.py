@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files of missions, and the check of trees that name one."""
+"""Reader of mission files, and the check of trees that use one."""
 
 from __future__ import annotations
 
@@ -25,8 +25,7 @@ _MOST_BYTES: Final = 1_000_000
 
 
 def read_mission_file(file: str) -> Mission:
-    """Return the mission of a file. Raises UsageError when it cannot be read, RefusedError with all that is wrong with
-    it."""
+    """Return the mission of a file. Raises UsageError if it cannot be read, RefusedError with all its problems."""
     try:
         return read_mission(read_text_file(file, _MOST_BYTES), file)
     except PlanningError as error:
@@ -34,10 +33,10 @@ def read_mission_file(file: str) -> Mission:
 
 
 def mission_skills(file: str, mission: Mission, base: SkillLibrary) -> SkillLibrary:
-    """Return what ``base`` has, and what the files of manifests add, which are beside that of the mission.
+    """Return the skills of ``base``, and those of the mission's manifests, in files next to the mission file.
 
     Raises:
-        RefusedError: with all that is wrong with one of them; that it is missing, at the line that names it.
+        RefusedError: with all problems of a manifest; a missing file is reported at the line that names it.
     """
     beside = [Path(file).parent / name for name in mission.skills]
     missing = [str(one) for one in beside if not one.exists()]
@@ -68,13 +67,13 @@ def mission_problems(
     return located, others
 
 
-# The missions that the leaves of trees are to reach: whether they can be read, and whether there may be a way.
+# Check of the missions in the leaves of trees: can they be read, and can their goals be reached?
 
 _LEAF = 'ReachGoal'
 
 
 def missions(library: TreeLibrary, registry: NodeRegistry) -> Iterator[Diagnostic]:
-    """Yield what is wrong with the missions that leaves ``ReachGoal`` name, and why their goals cannot be reached."""
+    """Yield the problems of the missions of ``ReachGoal`` leaves, and why their goals cannot be reached."""
     base: SkillLibrary | None = None
     for key in library.tree_keys():
         tree = library.definition(key)
@@ -122,13 +121,13 @@ def _of_leaf(
 
 
 def _constant(node: NodeDefinition, port: str) -> str | None:
-    """Return what the tree says; '' where it says nothing, None where it is on the blackboard."""
+    """Return the value of a port in the tree: '' if the tree sets none, None if it comes from the blackboard."""
     value = node.values.get(port)
     return '' if value is None else value.text if value.key is None else None
 
 
 def _why_hopeless(library: SkillLibrary, mission: Mission, goal: str, registry: NodeRegistry) -> str:
-    """Return why the goal is out of reach, although everything that sensors measure may hold or not at any time."""
+    """Return why the goal is unreachable even if each measured fact can become true or false at any time."""
     measured = Measurement.of(library, goal, registry.__contains__).leaves
     others = {(str(literal),) for atom in measured for literal in (atom, ~atom)} | set(mission.disturbances)
     return hopeless(skill_problem(library, mission.start, goal, sorted(others)))

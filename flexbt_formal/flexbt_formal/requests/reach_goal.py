@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The leaf that reaches a goal: it measures how the world is, plans, and carries the plan out, as often as need be."""
+"""The leaf that reaches a goal: it measures the world, plans, and executes the plan, repeatedly if necessary."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _PLANNED: Final = 'PlannedTree'
 
 T = TypeVar('T')
 SearchClock = Callable[[], float]
-"""A clock of a search, s; it raises Halted when the result is no longer wanted."""
+"""The clock of a search, s; it raises Halted when the search is canceled."""
 
 
 class _NoWayError(PlanningError):
@@ -53,7 +53,7 @@ class _NoWayError(PlanningError):
 
 @dataclass(frozen=True, slots=True)
 class _Goal:
-    """A mission as it was read, and what of it can be measured."""
+    """A mission, and the facts of it that sensors can measure."""
 
     mission: Mission
     goal: str
@@ -63,18 +63,18 @@ class _Goal:
 
 
 class ReachGoal(ExpandingAction):
-    """Reaches the goal of a mission file: measures how the world is, plans the cheapest way, and carries it out.
+    """Reaches the goal of a mission file: measures the world, plans the cheapest way, and executes the plan.
 
-    First every predicate that matters is measured by its sensor: a condition leaf, or a test of the blackboard. One
-    that has had no message yet is asked again for ``sensor_timeout``; then it does not hold. What nothing measures is
-    as the mission's ``start`` says. Then the plan is searched in a separate thread, and its reactive tree runs below
-    this leaf, as a sub-tree does; its entries that are not its own are those of the blackboard around it. Where that
-    tree gives up, the world is measured and planned for anew, without an action that has failed as often as its
-    manifest allows for. Where there is no way, it is measured again for ``sensor_timeout``, and planned for what has
-    changed.
+    First the sensor of every relevant predicate measures it: a condition leaf, or a test of the blackboard. A sensor
+    that has received no message yet is polled for ``sensor_timeout``; then the predicate counts as false. Predicates
+    without a sensor have the value in the mission's ``start``. A separate thread then searches for the plan, and the
+    plan's reactive tree runs below this leaf as a sub-tree. It shares the surrounding blackboard, except for its
+    private entries. If that tree fails, the leaf measures and plans again, without any action that has used up the
+    attempts in its manifest. If it finds no plan, it keeps measuring for ``sensor_timeout``, and plans again when the
+    measurements change.
 
-    SUCCESS when the goal holds. FAILURE with the reason when there is no way, and after the last of the ``attempts``.
-    Halting ends the search, or the tree.
+    SUCCESS when the goal holds. FAILURE, with the reason, when no plan exists or the last of the ``attempts`` fails.
+    A halt ends the search or the tree.
     """
 
     __slots__ = (
@@ -167,13 +167,13 @@ class ReachGoal(ExpandingAction):
         if status is NodeStatus.RUNNING:
             return status
         if self.clock.now() < self._sensors_by and not all(leaf.is_informed for leaf in _leaves(self)):
-            self.wake_at(self._sensors_by)  # a sensor that has its message wakes the tree, too
+            self.wake_at(self._sensors_by)  # a message for a sensor also wakes the tree
             return NodeStatus.RUNNING
         goal, limit, left_out = self._goal, float(self.get_input('time_limit')), dict(self._left_out)
         start = goal.measurement.start(goal.mission.start, lambda entry: self._board.get_or(entry, False) == 1)
         if self._hopeless is not None and self.clock.now() >= self._sensors_by:
             return self.fail(self._why)
-        if start == self._hopeless:  # sensors may tell at different moments what has happened at once
+        if start == self._hopeless:  # sensors may report one event at different times
             self.wake_at(self._sensors_by)
             return NodeStatus.RUNNING
         self.cancel_wake()
@@ -205,12 +205,12 @@ class ReachGoal(ExpandingAction):
     def _expand(self, library: TreeLibrary, tree_id: str, own: tuple[str, ...]) -> NodeStatus:
         board = self._board = Blackboard(self.blackboard)
         for entry in own:
-            board.declare(entry, None)  # of this tree, also where others have some of the same name
+            board.declare(entry, None)  # private to this tree, even if another tree has the same name
         board.enable_autoremap()
         return self.expand(library, tree_id, board)
 
     def _think(self, work: Callable[[SearchClock], T], then: Callable[[T], NodeStatus]) -> NodeStatus:
-        """Has work done in a thread, and ``then`` goes on with what came of it."""
+        """Run ``work`` in a thread, and call ``then`` with its result."""
         thought = _Thought(self, work)
         self._thought = thought
         self._next = lambda: then(thought.result()) if thought.done() else NodeStatus.RUNNING
@@ -218,7 +218,7 @@ class ReachGoal(ExpandingAction):
 
 
 class _Thought(Future[T]):
-    """Work in a separate thread, which wakes the node at its end."""
+    """Work in a separate thread that wakes the node when it ends."""
 
     def __init__(self, node: ReachGoal, work: Callable[[SearchClock], T]) -> None:
         super().__init__()
@@ -227,7 +227,7 @@ class _Thought(Future[T]):
         threading.Thread(target=self._run, args=(work,), name=f'plan {node.path}', daemon=True).start()
 
     def stop(self) -> None:
-        """Note that the result is no longer wanted. Until it has ended it is unfinished work of the tree."""
+        """Cancel the work. Until the thread ends, the tree counts it as unfinished work."""
         self._stopped = True
         if not self.done():
             unfinished = self._node.context.add_unfinished(f'[{self._node.path}] ends its search')
@@ -248,7 +248,7 @@ class _Thought(Future[T]):
 
 
 def _leaves(above: TreeNode) -> Iterator[LeafNode]:
-    """Yield the leaves of what is below a node."""
+    """Yield the leaves below a node."""
     for node in above.attached:
         if isinstance(node, LeafNode):
             yield node
@@ -256,7 +256,7 @@ def _leaves(above: TreeNode) -> Iterator[LeafNode]:
 
 
 def _reasons(above: TreeNode, action: str) -> Iterator[str]:
-    """Return why leaves of an action failed last, where they have reported it."""
+    """Yield the last failure reasons that the leaves of an action reported."""
     for leaf in _leaves(above):
         reason = leaf.failure_reason()
         if leaf.name == action and reason != TreeNode.failure_reason(leaf):
@@ -264,7 +264,7 @@ def _reasons(above: TreeNode, action: str) -> Iterator[str]:
 
 
 def _read(host: LeafServices, file: str, goal: str) -> _Goal:
-    """Raise PlanningError, SkillError, ResourceError, TreeLoadError."""
+    """Return the goal of a mission file. Raises PlanningError, SkillError, ResourceError, TreeLoadError."""
     store = host.trees
     mission = read_mission(store.read_text(file), file)
     if mission.robots:
@@ -283,7 +283,8 @@ def _read(host: LeafServices, file: str, goal: str) -> _Goal:
 def _search(
     host: LeafServices, goal: _Goal, start: list[str], left_out: Mapping[str, str], limit: float, clock: SearchClock
 ) -> tuple[Plan, TreeLibrary]:
-    """``left_out``: actions to do without, each with why it failed. Raises PlanningError, SkillError, TreeLoadError."""
+    """Plan without the actions ``left_out``, each with its failure reason. Raises PlanningError, SkillError,
+    TreeLoadError."""
     problem = skill_problem(goal.library, start, goal.goal, goal.mission.disturbances)
     problem = replace(problem, actions=tuple(action for action in problem.actions if action.name not in left_out))
     found = plan(problem, time_limit=limit, clock=clock)

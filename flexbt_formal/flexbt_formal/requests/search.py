@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A synthesis as a program, ``python3 -m flexbt_formal.requests.search``: the executive runs it for its operators.
+"""The program ``python3 -m flexbt_formal.requests.search``, which the executive runs to synthesize for its operators.
 
 The request is a line of JSON on the standard input: ``system`` or ``capabilities``, and the other fields of
 SynthesizeBehavior; ``directories`` of capability files, ``memory`` (bytes) and ``seconds`` are limits. The standard
-output has lines of JSON: ``doing``, and in the end ``code`` with the machine, its notes, or why there is none. The
-program ends when the standard input does: the answer is then no longer wanted.
+output has lines of JSON: ``doing``, and at the end ``code`` with the machine, its notes, or the reason
+for its absence. Closing the standard input cancels the request and ends the program.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ Tell = Callable[[Mapping[str, Any]], None]
 
 
 def main() -> int:
-    """Search for the answer to the one request; gives the exit code."""
+    """Answer one request from the standard input, and return the exit code."""
     asked = json.loads(sys.stdin.readline())
     os.nice(_NICENESS)
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
     limit = asked['memory'] if hard == resource.RLIM_INFINITY else min(asked['memory'], hard)
     resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
     with os.fdopen(os.dup(1), 'w', encoding='utf-8') as out:
-        os.dup2(2, 1)  # what states print when they are made goes to the standard error
+        os.dup2(2, 1)  # redirect the prints of state constructors to the standard error
 
         def tell(told: Mapping[str, Any]) -> None:
             out.write(json.dumps(told) + '\n')
@@ -68,7 +68,7 @@ def _end_with_input() -> None:
 
 
 def searched(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
-    """Return the answer to a request, as it is printed; ``tell`` gets the current activity."""
+    """Return the answer to a request, in the printed form; ``tell`` is called with the current activity."""
     try:
         return _answered(asked, tell)
     except (SynthesisError, SynthesisTimeout, UsageError, ResourceError, BrokenBehaviorError) as error:
@@ -113,7 +113,7 @@ def _answered(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
 
 
 def _text(machine: SynthesizedMachine, asked: Mapping[str, Any], modules: Sequence[str]) -> str:
-    """Return the machine, which has been made once, as the executive will."""
+    """Return the text of the machine. It is built once as a test, as the executive will build it."""
     goals, system = ', '.join(asked['goals']), asked['system'] or 'capabilities that were sent'
     text = f'# {one_line(goals or "its specification", 200)}, from {system}\n{machine_as_yaml(machine)}'
     try:
@@ -124,7 +124,7 @@ def _text(machine: SynthesizedMachine, asked: Mapping[str, Any], modules: Sequen
 
 
 def _capabilities(asked: Mapping[str, Any], directories: Sequence[Path]) -> tuple[str, str]:
-    """Return their text and its name: the place of a demand is shown by the name of the file alone."""
+    """Return the text of the capabilities and its name: messages show only the file name, without directories."""
     if not asked['system']:
         return asked['capabilities'], 'capabilities'
     file = _file(asked['system'], directories)

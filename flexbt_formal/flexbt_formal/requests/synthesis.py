@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What commands and the executive need for a synthesis: files, the interfaces of states, and the text of answers."""
+"""Files, interfaces of states and answers of a synthesis as text, for commands and the executive."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from flexbt_tools.errors import UsageError
 from flexbt_tools.files import read_text_file
 
 MAX_BYTES: Final = 4_000_000
-"""Maximum size of a file of a synthesis, bytes."""
+"""Maximum size of an input file of a synthesis, bytes."""
 
 T = TypeVar('T')
 
 
 @dataclass(frozen=True, slots=True)
 class SynthesisFiles:
-    """The text of capabilities and how it is called, and names of files: of mappings (later ones count where several
-    have an entry), and of a specification."""
+    """The text of the capabilities and its name, and the names of the mapping files (the last one that has an entry
+    wins) and of a specification."""
 
     capabilities: tuple[str, str] | None
     mappings: Sequence[str] = ()
@@ -49,11 +49,11 @@ class SynthesisFiles:
 def read_problem(
     files: SynthesisFiles, request: MachineRequest, interfaces: Interfaces, options: Options
 ) -> SynthesisProblem:
-    """Return what files and request ask for. A specification that is whole needs no capabilities.
+    """Return the problem that files and request describe. A complete specification needs no capabilities.
 
     Raises:
-        SynthesisError: with everything that is wrong in them, each with file and line.
-        UsageError: a file cannot be read, or there is none.
+        SynthesisError: with all problems of the files, each with file and line.
+        UsageError: a file cannot be read, or no file is given.
     """
     given = None if files.specification is None else read(files.specification, read_specification)
     if files.capabilities is None:
@@ -84,17 +84,17 @@ _USUAL = {
 
 
 def read(name: str, reader: Callable[[str, str], T]) -> T:
-    """Return what a reader makes of a file. Raises UsageError when it cannot be read."""
+    """Return the result of ``reader`` for a file. Raises UsageError if the file cannot be read."""
     return reader(read_text_file(name, MAX_BYTES), name)
 
 
-# What installed state classes declare.
+# Interfaces of installed state classes.
 
 
 class StateInterfaces:
-    """The states of modules by their names; those of the last module count.
+    """The states of modules by name; the last module that has a name wins.
 
-    A name may have the module before it: ``package/Name``. States that no module has are looked for in ``others``.
+    A name may include the module: ``package/Name``. ``others`` is searched for states that no module has.
     """
 
     def __init__(self, modules: Sequence[str], others: Interfaces | None = None) -> None:
@@ -112,11 +112,11 @@ class StateInterfaces:
                     self._modules[known] = module
 
     def module_of(self, name: str) -> str:
-        """From where a state is imported."""
+        """Return the module from which a state is imported."""
         return self._modules.get(name, 'my_states')
 
     def __call__(self, name: str, parameters: Mapping[str, Any]) -> StateInterface:
-        """Return what a state declares that is made with these parameters."""
+        """Return the interface of a state that is built with these parameters."""
         if name not in self._classes:
             if self._others is not None:
                 return self._others(name, parameters)
@@ -136,11 +136,11 @@ class StateInterfaces:
         return StateInterface(state.outcomes, state.input_keys, state.output_keys)
 
 
-# Answers of a synthesis: explanations as text, plays that are stepped through, and machines as messages of FlexBE.
+# Answers of a synthesis: explanations as text, counter-plays step by step, and machines as messages of FlexBE.
 
 
 def explanation_lines(explanation: Explanation) -> Iterator[str]:
-    """Yield what there is to say about a request that no machine fulfils."""
+    """Yield the lines of the explanation for a request that no machine can fulfill."""
     yield f'No machine can do that: {explanation.kind.value}.'
     yield ''
     if explanation.conflict:
@@ -171,7 +171,7 @@ def explanation_lines(explanation: Explanation) -> Iterator[str]:
 
 
 def happening(step: PlayStep) -> str:
-    """Return what the world does in a step."""
+    """Describe the world's move in a step."""
     if ' ends by ' in step.world:
         return step.world
     return f'{step.doing} goes on' if step.doing.partition(' ')[0] not in ('nothing', 'the') else 'at the start'
@@ -204,14 +204,14 @@ def step_through(play: CounterPlay, problem: SynthesisProblem) -> None:
             print(f'  there is no answer {short_repr(word)}')
 
 
-# Machines as messages of FlexBE, where the package ``flexbe_msgs`` is installed.
+# Machines as messages of FlexBE; requires the package ``flexbe_msgs``.
 
 
 def flexbe_messages(machine: SynthesizedMachine) -> list[Any]:
     """Return the machine as ``flexbe_msgs/StateInstantiation[]``, each field checked against the installed definition.
 
     Raises:
-        SynthesisError: FlexBE's form does not hold this machine.
+        SynthesisError: FlexBE's message format cannot represent this machine.
         FlexbtError: ``flexbe_msgs`` is not installed.
         FieldError: the installed definition has other fields.
     """

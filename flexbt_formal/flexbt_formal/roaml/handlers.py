@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The automata between the clients and the servers of services and actions: one request at a time, and the answer to
-whom it belongs."""
+"""The automata between clients and servers of services and actions: they pass on one request at a time, and return the
+answer to the client that sent it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Handler:
     """The handler of one service or action."""
 
     def __init__(self, kind: str, name: str, uses: Sequence[Communication], events: Events) -> None:
-        """``kind`` is service or action. Raises ModelError when there are several servers, or none."""
+        """``kind`` is service or action. Raises ModelError unless exactly one server exists."""
         self._kind = kind
         self._name = name
         self._events = events
@@ -32,7 +32,7 @@ class Handler:
             raise ModelError([LoadError(file, int(line), 1, f'<{at.kind}>', f'the {kind} {name!r} {what}')])
 
     def declare(self) -> None:
-        """Tell which events are sent, and what they carry: what the ones before them do."""
+        """Declare the events that the handler sends: they have the parameters of the events that it relays."""
         if self._kind == 'service':
             for client in self._clients:
                 self._pass(f'srv_{self._name}_req_client_{client}', f'srv_{self._name}_request')
@@ -76,7 +76,7 @@ class Handler:
         return Automaton(f'action_handler_{name}', (), states, 'waiting')
 
     def _on(self, event: str, then: str, state: str, goal: int | None = None) -> Transition:
-        """Return what an event carries is sent on as another one."""
+        """Return a transition that sends the parameters of one event as another event."""
         number, after = self._events.number(event), self._events.number(then)
         known = self._events.parameters[number]
         values: list[Evaluated | None] = []
@@ -105,7 +105,7 @@ _BACK = (
     ('feedback', 'feedback_handle'),
     ('result', 'result_handle'),
 )
-"""Events of a server, and what they become for the client that they belong to."""
+"""Events of a server, with the event that the client receives for each."""
 
 
 def handlers(communications: Sequence[Communication], events: Events) -> list[Handler]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A model as its main file describes it: ``<roaml>``, or ``<convince_mc_tc>`` in older ones."""
+"""Reader of a model's main file: ``<roaml>``, or ``<convince_mc_tc>`` in older models."""
 
 from __future__ import annotations
 
@@ -35,13 +35,14 @@ _SECTIONS: Final = ('parameters', 'mc_parameters', *_KINDS)
 
 
 def is_model(text: str) -> bool:
-    """Return whether a document is the main file of such a model."""
+    """Return whether a document is the main file of a model."""
     match = re.match(r'\ufeff?(?:\s|<\?[^>]*>|<!--.*?-->)*<([\w.-]+)', text, re.DOTALL)
     return match is not None and match.group(1) in _ROOTS
 
 
 class RoamlModel:
-    """The contents of a model's files. Attributes: ``properties``, and ``is_random``: whether it uses Math.random."""
+    """The contents of a model's files. Attributes: ``properties``; ``is_random``, true if the model uses
+    Math.random."""
 
     def __init__(self, path: str) -> None:
         """Read all files. Raises TreeLoadError with file, line, what is wrong, and what to do."""
@@ -109,7 +110,7 @@ class RoamlModel:
         return os.path.normpath(self._folder / node.need('src'))
 
     def _files(self, root: SourceElement) -> list[Ascxml]:
-        """Read the files of the automata; makes the tree."""
+        """Read the files of the automata, and build the tree."""
         events, types = self.events, self._types
         files = []
         for one in self._inputs(root, 'node_models'):
@@ -167,7 +168,7 @@ class RoamlModel:
         return whole
 
     def _watched(self, one: ModelProperty) -> tuple[list[int], Judge, Judge]:
-        """Return the events that a property speaks of, and the judges of its two sides. Raises ModelError."""
+        """Return the events that a property uses, and the judges of its two sides. Raises ModelError."""
         found: list[int] = []
         try:
             for name in one.names:
@@ -182,7 +183,7 @@ class RoamlModel:
             raise ModelError([LoadError(self.path, 1, 1, '', f'the property {one.name!r}: {error}')]) from error
 
     def along(self, one: ModelProperty, order: Order, draw: Callable[[], float]) -> ModelPath:
-        """Return a property along the steps of the model. ``draw`` gives numbers from 0 to below 1."""
+        """Return the path of a property through the model. ``draw`` returns random numbers in [0, 1)."""
         watched, left, right = self._watched(one)
         timers = [timer for file in self._nodes for timer in file.timers]
         if self.tree is not None:

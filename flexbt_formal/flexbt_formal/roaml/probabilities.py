@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Probabilities: exact, in a graph of states, or with bounds, from random runs."""
+"""Probabilities: exact in a graph of states, or with bounds from random runs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ GraphChoices = list[list[tuple[float, int]]]
 
 
 def reach(graph: Sequence[GraphChoices], is_least: bool) -> list[float]:
-    """Return the probability to come to :data:`GOOD` from each state, of which no choices go on from the first two.
+    """Return the probability to reach :data:`GOOD` from each state; the first two states have no choices.
 
-    Component by component, in the order in which they depend on one another: a state of its own is exact at once; one
-    in a circle is iterated from below until nothing changes by more than 1e-12, after those are set apart from which
-    GOOD is never reached.
+    The strongly connected components are solved in the order of their dependencies. A single state is exact at once. A
+    cycle is iterated from below until no value changes by more than 1e-12, after the states that never reach GOOD are
+    excluded.
     """
     values = [0.0] * len(graph)
     values[GOOD] = 1.0
@@ -48,7 +48,7 @@ def reach(graph: Sequence[GraphChoices], is_least: bool) -> list[float]:
 
 
 def _leaving(state: int, row: list[tuple[float, int]], values: Sequence[float]) -> float:
-    """Return what a choice gives; one that stays with some probability is taken until it leaves."""
+    """Return the value of a choice; a choice that may stay in its state is repeated until it leaves."""
     stays = sum(p for p, target in row if target == state)
     if stays >= 1.0:
         return 0.0
@@ -56,7 +56,7 @@ def _leaving(state: int, row: list[tuple[float, int]], values: Sequence[float]) 
 
 
 def _components(graph: Sequence[GraphChoices]) -> Iterator[list[int]]:
-    """Yield the strongly connected components, those that others lead to first (Kosaraju and Sharir)."""
+    """Yield the strongly connected components, successors first (Kosaraju and Sharir)."""
     after = [[target for row in rows for _, target in row] for rows in graph]
     before: list[list[int]] = [[] for _ in graph]
     for state, targets in enumerate(after):
@@ -72,7 +72,7 @@ def _components(graph: Sequence[GraphChoices]) -> Iterator[list[int]]:
 
 
 def _reached(root: int, edges: Sequence[Sequence[int]], seen: set[int]) -> Iterator[int]:
-    """Yield what a state leads to, and itself, as far as it was not seen before: each after those it leads to."""
+    """Yield a state and all states reachable from it that are not in ``seen``, in postorder."""
     if root in seen:
         return
     seen.add(root)
@@ -88,16 +88,16 @@ def _reached(root: int, edges: Sequence[Sequence[int]], seen: set[int]) -> Itera
             ahead.append((target, iter(edges[target])))
 
 
-# How many random runs are enough, and between which bounds a probability is after them.
+# The number of random runs that is enough, and the bounds of the probability after them.
 
 _FIRST_LOOK: Final = 100
 _BETWEEN_LOOKS: Final = 0.6
-"""Random runs up to a look, as a part of those up to the next one."""
+"""Runs up to one interim look, as a fraction of the runs up to the next."""
 _HALVINGS: Final = 60
 
 
 class ProbabilityBounds(NamedTuple):
-    """The part ``value`` of runs that were good, and between what the probability is."""
+    """The fraction ``value`` of good runs, and the bounds of the probability."""
 
     value: float
     low: float
@@ -110,10 +110,10 @@ class ProbabilityBounds(NamedTuple):
 
 
 def looks(error: float, confidence: float) -> dict[int, float]:
-    """After how many runs it is looked whether the bounds are within ``error``, and with which doubt each time.
+    """Return the numbers of runs after which to test whether the bounds are within ``error``, each with its doubt.
 
-    All doubt together is what ``confidence`` leaves. Half of it is that of the last look, after which the bounds are
-    that near whatever the probability: ln(2/δ) / 2ε² runs (Okamoto 1958).
+    The doubts add up to 1 - ``confidence``. The last look has half of that. After it the bounds are within the error
+    for any probability: ln(2/δ) / 2ε² runs (Okamoto 1958).
     """
     half = (1.0 - confidence) / 2.0
     last = math.ceil(math.log(2.0 / half) / (2.0 * error**2))
@@ -125,10 +125,10 @@ def looks(error: float, confidence: float) -> dict[int, float]:
 
 
 def bounds_of(good: int, undecided: int, done: int, doubt: float) -> ProbabilityBounds:
-    """Return the bounds of the probability: outside of them so many good ones of all had less than the doubt.
+    """Return the bounds of the probability: outside of them, this number of good runs is less likely than the doubt.
 
-    By the relative entropy of what was seen to what may be, which is to be below ln(2/δ) / n on each side (Chernoff
-    1952; Hoeffding 1963, Theorem 1). Near 0 and 1 that is much tighter than Okamoto's bound, and nowhere wider.
+    On each side, the relative entropy of the observed fraction to the bound is at most ln(2/δ) / n (Chernoff 1952;
+    Hoeffding 1963, Theorem 1). Near 0 and 1 this is much tighter than Okamoto's bound, and nowhere wider.
     """
     most = math.log(2.0 / doubt) / done
     value = good / done

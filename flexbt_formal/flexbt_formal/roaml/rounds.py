@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Paths through a model and the rounds that they consist of."""
+"""Paths through a model, and the rounds of which they consist."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .system import GlobalState, ModelStep, ModelSystem
 
 
 class Order(Enum):
-    """The order of automata that could continue at the same time."""
+    """The order of automata that can continue at the same time."""
 
     TURNS = 'turns'
     """The event that was sent first is delivered first; the automaton that has waited longest continues."""
     RANDOM = 'random'
     """Each with the same probability, as statistical model checkers do."""
     ANY = 'any'
-    """All orders: the least or greatest probability of all is asked. Some may starve others."""
+    """All orders: the result is the least or greatest probability. Some orders may starve automata."""
 
 
 class ModelPath:
@@ -38,11 +38,11 @@ class ModelPath:
         self.is_bounded = asked.lower > 0 or asked.upper is not None
 
     def steps(self, state: GlobalState) -> list[ModelStep]:
-        """Return what can happen now, by the order."""
+        """Return the possible steps in this order."""
         return self.system.steps(state, first_only=self.order is Order.TURNS)
 
     def decided(self, state: GlobalState, count: int) -> bool | None:
-        """Return whether the path is satisfied or not any more; None: it goes on. ``count``: steps up to now."""
+        """Return True if the path is satisfied, False if it has failed, None if undecided. ``count``: steps so far."""
         asked = self.asked
         if asked.upper is not None and count > asked.upper:
             return False
@@ -51,21 +51,20 @@ class ModelPath:
         return None if self._left(state.seen) else False
 
     def at_end(self, state: GlobalState) -> bool:
-        """Return whether a path that does not go on is satisfied: it stays as it is forever."""
+        """Return whether a path that has ended is satisfied: its last state lasts forever."""
         return self.asked.upper is None and self._right(state.seen) and self._left(state.seen)
 
 
-# Rounds: all that follows when timers are due, up to when time has to go on.
-#
-# What follows does not depend on when that is, so a round is played once for each state and each set of timers. Through
-# time a model is then a chain of rounds, whose probabilities are added up time by time.
+# A round: all steps after timers are due, until time has to advance.
+# The steps do not depend on the time itself, so a round is computed once for each state and set of timers. A model is
+# then a chain of rounds, and their probabilities are added up time by time.
 
 SATISFIED: Final = -1
 FAILED: Final = -2
 _STEPS: Final = 4_000
-"""Steps in one round, after which the model is followed in another way."""
+"""Maximum steps in one round; beyond it, another method follows the model."""
 _BETWEEN_QUESTIONS: Final = 1_000
-"""Steps in rounds, after which it is asked whether they may go on."""
+"""Steps in rounds between two checks of the time limit."""
 
 Outcomes = list[tuple[float, int]]
 """Probabilities, and numbers of states, SATISFIED or FAILED."""
@@ -73,7 +72,7 @@ Made = tuple[GlobalState, ModelStep, GlobalState]
 
 
 class EndlessError(Exception):
-    """A round that does not come to its end, or depends on the time."""
+    """A round that does not end, or depends on the time."""
 
 
 class OverError(Exception):
@@ -81,7 +80,7 @@ class OverError(Exception):
 
 
 class Watch:
-    """The time limit of a check, which also reports how much is ``done`` and ``left``."""
+    """The time limit of a check. It also reports the work ``done`` and ``left``."""
 
     def __init__(self, on_progress: OnProgress, until: float) -> None:
         self._on_progress = on_progress
@@ -89,7 +88,7 @@ class Watch:
         self.done, self.left = 0, 1
 
     def has_time(self) -> bool:
-        """Report the progress, and return whether there is time left."""
+        """Report the progress, and return whether time is left."""
         self._on_progress(self.done, self.left)
         return process_time() < self._until
 
@@ -100,17 +99,17 @@ class Watch:
 
 
 class RoundLayer(NamedTuple):
-    """The states at one time, and for each the place of one that led to it in the layer before."""
+    """The states at one time, each with the index of a predecessor in the previous layer."""
 
     states: array[int]
     parents: array[int]
 
 
 class Rounds:
-    """The states at which time goes on, by numbers, and the rounds between them.
+    """The numbered states at which time advances, and the rounds between them.
 
-    ``most`` is the number of states of one round that are followed in parallel. Attributes: ``stuck``, the reason why
-    time cannot go on; ``is_cut``, whether the time was over in a round that had taken most of it.
+    ``most`` is the maximum number of parallel states in one round. Attributes: ``stuck``, the reason why time cannot
+    advance; ``is_cut``, whether the time limit ended a round that had used most of the time.
     """
 
     def __init__(self, path: ModelPath, most: int) -> None:
@@ -128,14 +127,14 @@ class Rounds:
         return len(self._states)
 
     def first(self, watch: Watch) -> Outcomes:
-        """Return what follows at the beginning. Raises EndlessError, ManyValuesError and OverError."""
+        """Return the outcomes of the initial round. Raises EndlessError, ManyValuesError and OverError."""
         begin: dict[GlobalState, float] = {}
         for probability, state in self._path.system.initial():
             begin[state] = begin.get(state, 0.0) + probability
         return self._played(begin, watch)
 
     def after(self, number: int, time: int, watch: Watch) -> Outcomes:
-        """Return what follows from a state when time has gone on to ``time``, in ns.
+        """Return the outcomes of the round from a state when time advances to ``time``, in ns.
 
         Raises EndlessError, ManyValuesError and OverError."""
         key = (number, self._path.system.due_at(time))
@@ -147,7 +146,7 @@ class Rounds:
         return found
 
     def at_end(self, number: int) -> int:
-        """SATISFIED or FAILED, when time is over."""
+        """Return SATISFIED or FAILED for a state at the end of the time."""
         return SATISFIED if self._path.at_end(self._states[number]) else FAILED
 
     def _begun(self, number: int, time: int) -> GlobalState:
@@ -184,7 +183,7 @@ class Rounds:
         raise EndlessError
 
     def _decided(self, state: GlobalState) -> tuple[int | None, list[ModelStep]]:
-        """Return where a step leads to at last, when that is known; otherwise what can follow."""
+        """Return the outcome of a state if it is decided, otherwise None and the possible steps."""
         path = self._path
         decided = path.decided(state, 0)
         if decided is not None:
@@ -203,8 +202,8 @@ class Rounds:
         return number, []
 
     def steps_to(self, number: int | None, time: int, goal: int) -> list[Made]:
-        """Return the steps of the shortest way through one round to where it leads; ``number`` None: from the
-        beginning."""
+        """Return the steps of the shortest way through one round to ``goal``; ``number`` None: through the initial
+        round."""
         path = self._path
         begins = [state for _, state in path.system.initial()] if number is None else [self._begun(number, time)]
         come: dict[GlobalState, Made | None] = dict.fromkeys(begins)
@@ -229,7 +228,7 @@ class Rounds:
 class Flow:
     """Probability that flows through time, round by round, up to ``most`` states.
 
-    Attributes: ``good`` and ``bad``, what has come there; ``size``, the number of states.
+    Attributes: ``good`` and ``bad``, the probability that has arrived there; ``size``, the number of states.
     """
 
     def __init__(self, rounds: Rounds, path: ModelPath, most: int, watch: Watch) -> None:
@@ -246,11 +245,11 @@ class Flow:
 
     @property
     def stuck(self) -> str:
-        """The reason why time cannot go on; '' when it can."""
+        """The reason why time cannot advance; '' if it can."""
         return self._rounds.stuck
 
     def run(self) -> None:
-        """Follow everything, up to a limit. Raises EndlessError, ManyValuesError and OverError."""
+        """Follow all probability up to the limits. Raises EndlessError, ManyValuesError and OverError."""
         now: dict[int, float] = {}
         for probability, number in self._rounds.first(self._watch):
             self._add(now, number, probability, 0)
@@ -278,7 +277,7 @@ class Flow:
         self.is_complete = True
 
     def _add(self, now: dict[int, float], number: int, probability: float, place: int) -> bool:
-        """Return whether it is new at this time."""
+        """Add probability to a state, and return whether the state is new at this time."""
         if number < 0:
             if number == SATISFIED:
                 self.good += probability
@@ -299,7 +298,7 @@ class Flow:
         return self._fails is not None
 
     def way(self) -> tuple[str, ...]:
-        """Return the way to where the property has failed first, in words."""
+        """Return the way to the first failure of the property, in words."""
         if self._fails is None:
             return ()
         layer, place = self._fails

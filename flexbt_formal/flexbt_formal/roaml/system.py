@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A model as a whole: automata, tree and timers side by side, and which steps they can make.
+"""A whole model: automata, tree and timers that run concurrently, and the steps that they can make.
 
-Only one instance of each event is under way at a time: the sender of the next one waits until all receivers have taken
-it, at once. A receiver discards an event for which it has no transition; those of ticks, services and actions wait.
-Time goes on when nothing else can happen: timers that are due at once follow one another, in the order of the files.
+Only one instance of each event is in transit at a time: the sender of the next one waits until all receivers have
+taken it in a single step. A receiver discards an event for which it has no transition; events of ticks, services
+and actions wait. Time advances when no other step is possible. Timers that are due at the same time fire one after
+the other, in the order of the files.
 """
 
 from __future__ import annotations
@@ -33,15 +34,16 @@ from .tree import PluginAnswer, Seen, TreePlayer
 _STATUSES: Final = ('SUCCESS', 'FAILURE', 'RUNNING')
 NANOSECONDS: Final = 1_000_000_000
 MOST_SETS: Final = 20_000
-"""Sets of random values of one step that are followed."""
+"""Maximum number of sets of random values that are followed in one step."""
 
 _T = TypeVar('_T')
 
 
 class GlobalState(NamedTuple):
-    """``slots``: events under way, the oldest first. ``tree``: the number of its situation, and whether what is pending
-    was sent. ``seen``: of the events that are watched, what was sent last; None: nothing. ``time`` in ns; ``due``:
-    which of the timers of this time is next. ``last``: the number of the automaton that made the last step, plus 1."""
+    """The state of a model. ``slots``: events in transit, oldest first. ``tree``: the number of the tree's situation,
+    and whether its pending event was sent. ``seen``: the last values of each watched event, None before the first.
+    ``time``: ns. ``due``: the next of the timers at this time. ``last``: the number of the automaton that made the last
+    step, plus 1."""
 
     time: int
     due: int
@@ -53,7 +55,7 @@ class GlobalState(NamedTuple):
 
 
 class ModelStep(NamedTuple):
-    """An event: ``kind`` is send, deliver, write, ask, timer, or time."""
+    """A step of a model; ``kind`` is send, deliver, write, ask, timer, or time."""
 
     kind: str
     subject: int
@@ -65,9 +67,11 @@ Followers = list[tuple[float, GlobalState]]
 
 
 class ModelSystem:
-    """``watched``: the events of which properties speak. ``clock``: the event by which time is published.
+    """The automata, tree and timers of a model as one transition system.
 
-    Attribute: ``draws``, whether a step takes one value of what is random, by ``draw``; otherwise it follows all.
+    ``watched``: the events that properties use. ``clock``: the event that publishes the time.
+    Attribute: ``draws``. If true, a step draws one of the random values with ``draw``; otherwise it follows all of
+    them.
     """
 
     def __init__(
@@ -115,7 +119,7 @@ class ModelSystem:
     # -- first -------------------------------------------------------------------------------------------------------
 
     def initial(self) -> Followers:
-        """Return what the automata do at first. Raises ModelFault."""
+        """Return the initial states, with probabilities. Raises ModelFault."""
         blank = GlobalState(0, -1, (), (), (self._first, False), (None,) * len(self._places), 0)
         each = [
             self._all(number, lambda one=one: one.begin(self._around(one, blank)))  # type: ignore[misc]
@@ -136,7 +140,7 @@ class ModelSystem:
         return Around(inputs, self._random)
 
     def _all(self, number: int, run: Callable[[], list[tuple[float, _T]]]) -> list[tuple[float, _T]]:
-        """Return what an automaton does, for all values of what it draws; with ``draws`` one thing that it does."""
+        """Return the results of ``run`` for all random values of an automaton; with ``draws``, one result."""
         if self.draws:
             return [(1.0, one_of(run(), self._drawn.real))]
         if number not in self._draw_any:
@@ -156,8 +160,8 @@ class ModelSystem:
     # -- steps -------------------------------------------------------------------------------------------------------
 
     def steps(self, state: GlobalState, *, first_only: bool) -> list[ModelStep]:
-        """Return what can happen now; nothing when that is the end. ``first_only``: only what is next when each takes
-        its turn: events under way are delivered, oldest first; then the automaton that waited longest continues."""
+        """Return the possible steps; an empty list at the end. ``first_only``: only the next step in turn. Events in
+        transit are delivered first, the oldest first; then the automaton that has waited longest continues."""
         found: list[ModelStep] = []
         for place, (event, values) in enumerate(state.slots):
             if self._is_deliverable(event, state):
@@ -220,7 +224,7 @@ class ModelSystem:
         return ModelStep('time', after) if after < self._end + self._tick else None
 
     def times(self) -> Iterator[int]:
-        """Yield when timers are due, in ns, to the end."""
+        """Yield the times at which timers are due until the end, ns."""
         now = 0
         while self._timers and (now := self._next_time(now)) < self._end + self._tick:
             yield now
@@ -234,21 +238,21 @@ class ModelSystem:
 
     @property
     def is_timeless(self) -> bool:
-        """True if the consequences of due timers do not depend on the time."""
+        """True if the effects of due timers do not depend on the time."""
         return not self._is_clock_used and (self.tree is None or not self.tree.asks_time)
 
     def due_at(self, time: int) -> tuple[int, ...]:
-        """Return which timers are due at a time."""
+        """Return the timers that are due at a time."""
         return tuple(number for number, timer in enumerate(self._timers) if time % timer.period == 0)
 
     def is_blocked(self, state: GlobalState) -> bool:
-        """Return whether time cannot go on: something waits, or the tree has ended."""
+        """Return whether time cannot advance because something waits, or the tree has ended."""
         if state.slots or 0 <= state.due < len(self.due_at(state.time)):
             return True
         return any(local.at >= 0 for local in state.locals)
 
     def follow(self, state: GlobalState, step: ModelStep) -> Followers:
-        """Return what a step leads to, with probabilities. Raises ModelFault."""
+        """Return the states after a step, with probabilities. Raises ModelFault."""
         kind = step.kind
         if kind == 'deliver':
             return self._deliver(state, step)
@@ -277,7 +281,7 @@ class ModelSystem:
         return bool(self._receivers[event]) or event in self._of_tree
 
     def _put(self, state: GlobalState, event: int, values: tuple[Any, ...]) -> GlobalState:
-        """Put an event under way, unless it has no receiver."""
+        """Put an event in transit, unless it has no receiver."""
         state = self._note(state, ((event, values),))
         if self._is_received(event):
             state = state._replace(slots=(*state.slots, (event, values)))
@@ -332,7 +336,7 @@ class ModelSystem:
         return self._taken(state, event, step.values)
 
     def _taken(self, state: GlobalState, event: int, values: tuple[Any, ...]) -> Followers:
-        """Return all receivers take an event."""
+        """Return the states after all receivers have taken an event."""
         found = [(1.0, state)]
         for number in self._receivers[event]:
             automaton = self.automata[number]
@@ -358,7 +362,7 @@ class ModelSystem:
     # -- in words ----------------------------------------------------------------------------------------------------
 
     def narrate(self, state: GlobalState, step: ModelStep, after: GlobalState) -> Iterator[str]:
-        """Yield what a step is, in words; uninteresting details are left out."""
+        """Describe a step in words, without unimportant details."""
         if step.kind == 'ask':
             assert self.tree is not None and step.event is not None
             what = self.events.names[step.event].rpartition('_')[2]
@@ -381,7 +385,7 @@ class ModelSystem:
                 yield f'the tree gives {_STATUSES[status - 1]}'
 
     def _is_between(self, number: int) -> bool:
-        """Return whether an automaton only hands on what clients and servers say."""
+        """Return whether an automaton only relays between clients and servers."""
         return self.automata[number].name.startswith(('srv_handler_', 'action_handler_'))
 
     def _told(self, state: GlobalState, number: int, after: GlobalState) -> Iterator[str]:
@@ -410,7 +414,7 @@ class ModelSystem:
         yield f'{who} sends {event}{f" ({shown})" if shown else ""}'
 
     def waiting(self, state: GlobalState) -> str:
-        """Return why nothing can happen any more; '' at the end of the time or of the tree."""
+        """Return why no step is possible; '' at the end of the time or of the tree."""
         found = []
         for event, _ in state.slots:
             who = [
@@ -429,7 +433,7 @@ class ModelSystem:
 
 
 def one_of(choices: Sequence[tuple[float, _T]], draw: Callable[[], float]) -> _T:
-    """One of what can follow, drawn by the probabilities."""
+    """Draw one of the choices by their probabilities."""
     if len(choices) == 1:
         return choices[0][1]
     drawn = draw()

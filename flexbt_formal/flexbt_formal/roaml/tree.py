@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The behavior tree of a model: FlexBT's own engine and nodes, whose plugins are automata that answer later.
+"""The behavior tree of a model: FlexBT's engine and nodes, with automata as plugins, which answer later.
 
-A tick is played until a plugin is ticked or halted whose answer is not known yet; when it comes the tick is played
-again from its beginning, with all answers up to then. What was played once is remembered, so that a tree becomes a
-table: from a situation, by an answer, to the next one.
+A tick runs until it ticks or halts a plugin whose answer is not known yet. When the answer arrives, the tick runs
+again from its beginning, with all answers so far. Results are cached, so a tree becomes a table that maps a situation
+and an answer to the next situation.
 """
 
 from __future__ import annotations
@@ -56,11 +56,12 @@ _KEY: Final = re.compile(r'(output_key\s*=\s*["\'])\s*\{([^{}]*)\}\s*(["\'])')
 _PORT_TYPES: Final[Mapping[type[Any], PortType]] = {bool: BOOL, float: DOUBLE, int: INT64, str: STRING}
 
 Ports = Mapping[str, tuple[bool, DataType]]
-"""Ports by name: true for an output, and the type."""
+"""Ports by name: whether the port is an output, and its type."""
 
 
 class PluginAnswer(NamedTuple):
-    """``kind``: response or halt_response of a plugin, tick or halt of its child, or write, to a ``port``."""
+    """An answer of a plugin; ``kind`` is response or halt_response, tick or halt of its child, or write, to a
+    ``port``."""
 
     kind: str
     uid: int
@@ -73,7 +74,7 @@ class _Suspended(BaseException):
 
 
 class Conversation:
-    """Requests to the plugins in a tick, and their answers: the services of the tree's nodes."""
+    """The requests to the plugins in a tick, with their answers. It serves as the services of the tree's nodes."""
 
     def __init__(self) -> None:
         self.nodes: dict[int, TreeNode] = {}
@@ -82,7 +83,7 @@ class Conversation:
         self.seen: list[tuple[int, tuple[Any, ...]]] = []
 
     def tell(self, node: TreeNode, uid: int, what: str, values: tuple[Any, ...] = ()) -> PluginAnswer:
-        """Return what ``node`` answers when the event ``what`` of the node ``uid`` is sent. Raises _Suspended."""
+        """Send the event ``what`` of the node ``uid``, and return the answer of ``node``. Raises _Suspended."""
         if self.pending is None:
             for answer in self.answers:
                 if answer.kind != 'write':
@@ -99,7 +100,7 @@ class Conversation:
 class _Plugin(TreeNode):
     """A node that is an automaton. It gets a halt whenever its parent resets it, even if it is not RUNNING.
 
-    AS2FM's controls do so; BehaviorTree.CPP sends no halt then, since there is nothing to halt.
+    AS2FM's controls do this. BehaviorTree.CPP sends no halt to a node that is not RUNNING.
     """
 
     def __init__(self, config: NodeConfig) -> None:
@@ -116,7 +117,7 @@ class _Plugin(TreeNode):
         if self.status is RUNNING:
             self.tell('halt')
             super().store_status(IDLE)
-            # Its parent sets it to IDLE again.
+            # The parent has reset the node to IDLE.
             self._is_told = True
 
     def store_status(self, status: NodeStatus) -> None:
@@ -133,7 +134,7 @@ class _Plugin(TreeNode):
         return _FROM_STATUS.get(answer.value, NodeStatus.FAILURE)
 
     def serve(self, answer: PluginAnswer) -> tuple[int, str, tuple[Any, ...]]:
-        """Tick or halt a child, as the plugin asks; the event with what that gave."""
+        """Tick or halt a child as the plugin requests, and return the event with the result."""
         assert isinstance(self, ControlNode)
         (child,) = (one for one in self.children if one.uid == answer.uid)
         if answer.kind == 'tick':
@@ -150,7 +151,7 @@ class PluginLeaf(_Plugin, LeafNode):
 
 
 class PluginControl(_Plugin, ControlNode):
-    """A node with children that is an automaton, which ticks and halts them itself."""
+    """A node that is an automaton, which ticks and halts its children itself."""
 
     running_at_completion = None
     runs_several = True
@@ -160,8 +161,8 @@ class PluginControl(_Plugin, ControlNode):
 class Situation:
     """The position of a tree. ``pending``: the event that is being sent, and its plugin; None between ticks.
 
-    ``accepts`` are the events that go on from here, ``inputs`` what the ports of plugins read that point to the
-    blackboard, ``status`` what the last tick gave (0: there was none).
+    ``accepts``: the events that lead on from here. ``inputs``: the values of the plugins' ports that point to the
+    blackboard. ``status``: the result of the last tick (0 before the first).
     """
 
     base: Configuration
@@ -180,7 +181,7 @@ Seen = tuple[tuple[int, tuple[Any, ...]], ...]
 
 
 class TreePlayer:
-    """The tree of a model as a table of situations, which have numbers. Situation 0 is before the first tick."""
+    """The tree of a model as a table of numbered situations. Situation 0 is before the first tick."""
 
     def __init__(self, path: str, text: str, plugins: Mapping[str, Ports]) -> None:
         """Raise TreeLoadError."""
@@ -201,7 +202,7 @@ class TreePlayer:
             clock=self._clock,
             services=self._conversation,
         )
-        # The statuses of an observed tree are stored by calls, which tell plugins that they were set back.
+        # An observed tree stores statuses through calls, so plugins notice a reset.
         self._tree.observe(lambda node, before, after: None)
         self.nodes = self._tree.nodes
         self._conversation.nodes = {node.uid: node for node in self.nodes}
@@ -231,7 +232,7 @@ class TreePlayer:
 
     @property
     def keys(self) -> list[str]:
-        """The entries of the blackboard that nodes name."""
+        """Return the blackboard entries that nodes use."""
         found = [node.port_key(port) for node in self.nodes for port in node.ports]
         found += [node.port_text('output_key') for node in self.nodes if node.id == 'SetBlackboard']
         return sorted({key for key in found if key})
@@ -241,12 +242,11 @@ class TreePlayer:
         return self._conversation.nodes[uid].id
 
     def path(self, uid: int) -> str:
-        """Return a node as people name it."""
+        """Return the path of a node, for messages."""
         return self._conversation.nodes[uid].path
 
     def begin(self, events: Events, watched: Sequence[int]) -> int:
-        """Make everything ready for the first tick; ``watched`` are the events that properties speak of. Called
-        once."""
+        """Prepare the first tick; ``watched`` are the events that properties use. Call it once."""
         self._events = events
         for node in self.nodes:
             event = events.number(bt_event(node.uid, 'response'))
@@ -254,7 +254,7 @@ class TreePlayer:
                 self._watch(node, event)
         names = {number: events.names[number] for number in watched}
         self._watched = {name.removeprefix(SET): number for number, name in names.items() if name.startswith(SET)}
-        # Now, since what is kept of a tree has the callables by which it is ticked.
+        # Not earlier: the saved configuration of a tree contains the callables that tick it.
         self._tree.fetch_ticks()
         board = self._tree.blackboard
         for node in self._plugins:
@@ -287,7 +287,7 @@ class TreePlayer:
 
     @staticmethod
     def _give(board: Blackboard, key: str, kind: DataType) -> None:
-        """Add an entry of a type, which is zero before it is set."""
+        """Add an entry of a type, with the zero of that type as its first value."""
         entry = board.entry(key)
         if entry is None:
             entry = board.declare(key, _PORT_TYPES.get(kind.plain) if kind.plain is not None else None)
@@ -323,7 +323,7 @@ class TreePlayer:
         return self._steps[step]
 
     def answer(self, number: int, answer: PluginAnswer) -> tuple[int, Seen]:
-        """Go on with a tick. Raises ModelFault."""
+        """Continue a tick with an answer. Raises ModelFault."""
         step = (number, answer)
         if step not in self._steps:
             now = self._situations[number]
@@ -331,7 +331,7 @@ class TreePlayer:
         return self._steps[step]
 
     def write(self, number: int, uid: int, port: str, value: Any) -> tuple[int, Seen]:
-        """Return a plugin sets an output. Raises ModelFault."""
+        """Set an output of a plugin. Raises ModelFault."""
         answer = PluginAnswer('write', uid, value, port)
         now = self._situations[number]
         seen: Seen = ()
@@ -378,7 +378,7 @@ class TreePlayer:
         changed = self._at_blackboard()
         seen += [(self._watched[key], (self._value_of(key),)) for key in changed if changed[key] != before.get(key)]
         if pending is None:
-            for answer in conversation.answers:  # what was written while nothing waited any more
+            for answer in conversation.answers:  # writes after the last pending request
                 self._conversation.apply(answer)
             return self._at_rest(time, status), tuple(seen)
         uid, event, values = pending
@@ -427,7 +427,7 @@ class TreePlayer:
         return found
 
     def _at_blackboard(self) -> dict[str, int]:
-        """Return how often the entries were written of which properties speak."""
+        """Return the write counts of the entries that properties use."""
         board = self._tree.blackboard
         return {key: entry.sequence for key in self._watched if (entry := board.entry(key)) is not None}
 
@@ -458,7 +458,7 @@ class _Clock(VirtualClock):
 
 
 def _script_keys(tree: Tree) -> Iterator[str]:
-    """Yield the entries of which the scripts of checks ask: AS2FM's are 0 before they are set."""
+    """Yield the entries that condition scripts read: in AS2FM they are 0 until they are set."""
     for definition in tree.definitions:
         if definition.manifest.id == 'Precondition':
             value = definition.values.get('if')
@@ -467,7 +467,7 @@ def _script_keys(tree: Tree) -> Iterator[str]:
 
 
 def _set_keys(tree: Tree) -> Iterator[str]:
-    """Yield the entries that are set to whole numbers by the tree itself."""
+    """Yield the entries that the tree itself sets to integers."""
     for definition in tree.definitions:
         if definition.manifest.id == 'SetBlackboard':
             value, key = definition.values.get('value'), definition.values.get('output_key')
@@ -482,18 +482,18 @@ def _all(element: Element) -> Iterator[Element]:
 
 
 def _library(path: str, text: str, plugins: Mapping[str, Ports]) -> TreeLibrary:
-    """Return the file, with the plugins as node types. AS2FM takes what is of version 3 whatever the file calls
-    itself."""
+    """Return the library of the file, with the plugins as node types. AS2FM accepts elements of version 3 whatever
+    format the file declares."""
     if _OLD.search(text):
         text = _FORMAT.sub(r'\g<1>3\g<2>', text)
     text = _MISMATCH.sub(lambda match: match[1] + _FROM_STATUS[int(match[2])].name + match[3], text)
-    # There the port points to the entry that is set; in BehaviorTree.CPP it has the name of it.
+    # In AS2FM the port is a pointer to the entry; in BehaviorTree.CPP it contains the entry's name.
     text = _SET_BLACKBOARD.sub(lambda match: _KEY.sub(r'\1\2\3', match[0]), text)
     registry: NodeRegistry = builtin_registry()
     elements = list(_all(parse(Source(path, text))))
     for id, ports in plugins.items():
         if id in registry:
-            continue  # FlexBT's own node is what is tried here
+            continue  # the check is about FlexBT's own node
         uses = [element for element in elements if id in (element.tag, element.attributes.get('ID'))]
         is_control = any(element.children for element in uses)
         is_condition = any(element.tag == 'Condition' for element in uses)
