@@ -195,8 +195,8 @@ class CommandBuilder:
         if outcomes and outcome not in outcomes:
             raise RefusedError(f'{path} has no outcome {short_repr(outcome)}; choose one of {", ".join(outcomes)}')
         if not decision_id:
-            # The decision that the operator overrides: should another one have come up meanwhile, the
-            # executive refuses instead of leaving a state that the operator has not seen.
+            # Send the decision that the operator overrides. If another one has appeared meanwhile, the executive
+            # refuses, instead of leaving a state that the operator has not seen.
             decision_id = next(
                 (d.id for d in view.decisions if d.path == path and d.kind is not DecisionKind.INPUT), ''
             )
@@ -229,8 +229,8 @@ class CommandBuilder:
         return self.command(view, CommandKind.DECLINE, decision_id=decision.id)
 
     def to_requester(self, kind: CommandKind, view: View, operator: str = '') -> OperatorCommand:
-        """Return a command about another operator, by default the one who requests the authority: hand it over, or
-        refuse.
+        """Return a command that hands the authority over to an operator, or refuses it. The default is the operator who
+        requests it.
 
         Raises:
             RefusedError: no name was passed, and nobody or several operators request it.

@@ -110,7 +110,7 @@ def _input(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCo
         if view.pending(line.words[0]) is not None:
             return builder.answer(view, line.words[0], ' '.join(line.words[1:]), unseen=unseen)
         if any(decision.wants_text for decision in view.decisions):
-            # # The first word might be the name of a request that has ended: it must not become the answer.
+            # The first word may be the ID of a request that has ended, which must not become part of the answer.
             raise RefusedError('put a text of several words in quotes, or use --decision ID')
     return builder.answer(view, decision_id, line.text, unseen=unseen)
 
@@ -152,7 +152,7 @@ NOTE: Final = Send(
 )
 
 
-# What lines show: of the picture that the console has (for :class:`.spec.Show`), or by asking the robot (for
+# Lines that commands show: from the mirror (for :class:`.spec.Show`), or from an answer of the robot (for
 # :class:`.spec.Ask`).
 
 LOG_COUNT: Final = 20

@@ -92,8 +92,7 @@ class ExecutiveSender:
 
 
 def interface_problem(node: Any, topic: str) -> str:
-    """Return what is wrong with who is at the other side of a topic that ``node`` publishes or subscribes; empty:
-    nothing."""
+    """Return the problem with the other endpoints of a topic that ``node`` publishes or subscribes to; '' if none."""
     resolved = node.resolve_topic_name(topic)
     publishers = node.get_publishers_info_by_topic(resolved)
     subscriptions = node.get_subscriptions_info_by_topic(resolved)

@@ -26,7 +26,7 @@ from flexbt_core.values.text import sanitize_for_message, short_repr
 from flexbt_msgs import msg
 
 FARTHEST: Final = 1e9
-"""Metres from the origin of a map that anything is taken for."""
+"""Maximum accepted distance from the origin of a map, m."""
 
 E = TypeVar('E', bound=IntEnum)
 N = TypeVar('N', int, float)

@@ -50,10 +50,10 @@ MESSAGE_BYTES: Final = 16_000_000
 PONG_BYTES: Final = 1_000
 
 STATUS_RATE: Final = 100.0
-"""Average rate of statuses that are taken from one process, 1/s: five times what an executive sends."""
+"""Maximum average rate of statuses accepted from one process, 1/s: five times the rate of an executive."""
 
 STATUS_BURST: Final = 200
-"""Maximum number of statuses that are taken from one process at once after a quiet time."""
+"""Maximum number of statuses accepted from one process at once after a quiet time."""
 
 STATUS_DEPTH: Final = 20
 """Depth of the queue of statuses, from all participants: others must not drive the executive's own out."""
@@ -165,7 +165,7 @@ class ExecutiveLink(RobotLink):
         """
         clock = self._runtime.steady
         deadline = None if timeout is None else clock.now() + timeout
-        # A signal that raises may come at any point: a condition would then be left without its lock.
+        # Not a condition: the exception of a signal handler at any point would leave it without its lock.
         changed: SimpleQueue[None] = SimpleQueue()
         self._waiting.add(changed)
         try:

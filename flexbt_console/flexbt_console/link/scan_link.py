@@ -55,10 +55,10 @@ PLACE_SECONDS: Final = 2.0
 """Time for which a place is looked for before it is reported as missing, s."""
 
 STAND_SECONDS: Final = 5.0
-"""Time after which transforms are no longer subscribed to while a robot stands still and its lidar sees the same, s."""
+"""Time for which robot and scan must be unchanged before transforms are no longer subscribed to, s."""
 
 TOLERANCE: Final = 0.2
-"""Part of the time to the next look by which that may come earlier or later, when the executor is awake anyway."""
+"""Tolerance of the time of the next look, as a part of the time until then; the executor need not wake for it."""
 
 TF_DEPTH: Final = 10
 """Depth of the queue of transforms meanwhile: a scan was taken between two of them."""

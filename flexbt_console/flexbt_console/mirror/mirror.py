@@ -102,10 +102,11 @@ class Mirror:
         lost_after: float = LOST_SECONDS,
         seconds_asleep: Callable[[], float] = lambda: 0.0,
     ) -> None:
-        """``own_places`` are known beside those of the robot; ``lost_after`` seconds a late link counts as lost.
+        """Make an empty mirror.
 
-        ``seconds_asleep`` returns the time that the computer has slept so far, which ``clock`` leaves out: data and
-        commands are older by that.
+        ``own_places`` are added to those of the robot. ``lost_after``: age of the picture above which the link counts
+        as lost, s. ``seconds_asleep`` returns the total time for which the computer has slept. ``clock`` omits that
+        time, so data and commands are older by it.
         """
         self._clock = clock
         self._seconds_asleep = seconds_asleep
@@ -479,7 +480,7 @@ def _copied(value: Any) -> Any:
     return made
 
 
-# Numbered messages of an executive, such as the lines of its log: in order, each once, however they arrive.
+# Numbered messages of an executive, such as log lines: put in order, without duplicates.
 
 NUMBERED_EXECUTIVES: Final = 3
 """Number of starts of the executive that are remembered."""
@@ -519,7 +520,7 @@ class NumberedList(Generic[N]):
         return tuple(known[-count:]) if count > 0 else ()
 
 
-# Why a state waits for the operator, as far as it, or who was active before it, has said so.
+# The reason why a state waits for the operator, from the log of that state or of the states before it.
 
 _OLDER_SECONDS: Final = 1.0
 """Maximum time by which the report of a container about its outcome may be older than its decision, s."""

@@ -320,7 +320,7 @@ class Transition:
 
 @dataclass(frozen=True, slots=True)
 class StateStructure:
-    """One state or container; ``targets`` and ``autonomy`` belong to ``outcomes``, one each."""
+    """One state or container. ``targets`` and ``autonomy`` have one element for each of ``outcomes``."""
 
     path: str
     kind: StateKind = StateKind.STATE
@@ -332,7 +332,7 @@ class StateStructure:
 
     @property
     def transitions(self) -> list[Transition]:
-        """Its transitions, in the order of the outcomes."""
+        """Transitions of the state, in the order of its outcomes."""
         rows = zip_longest(self.outcomes, self.targets[: len(self.outcomes)], self.autonomy[: len(self.outcomes)])
         return [Transition(outcome, target or '', -1 if level is None else level) for outcome, target, level in rows]
 
@@ -428,10 +428,11 @@ class EventKind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ExecutiveEvent:
-    """A transition (``path`` was left by ``outcome`` to ``target``, for this ``reason``), or what became of a command.
+    """A transition, or the result of a command.
 
-    ``command`` is the name of its kind, ``target`` the behavior, operator or level of autonomy that it is about,
-    ``reason`` why it was refused, ``text`` a remark or why it was given.
+    Transition: ``path`` was left by ``outcome`` to ``target``, for this ``reason``. Command: ``command`` is the name of
+    its kind, ``target`` its behavior, operator or level of autonomy, ``reason`` why it was refused, ``text`` a remark
+    or the operator's reason.
     """
 
     executive_id: str
@@ -450,7 +451,7 @@ class ExecutiveEvent:
 
     @property
     def is_in_log(self) -> bool:
-        """Return whether a line of the log says the same: that of a note."""
+        """True if the log has a line with the same content, as for a note."""
         return self.command == 'NOTE' and self.applied
 
 

@@ -26,7 +26,7 @@ CALM_SECONDS: Final = 5.0
 
 @dataclass(frozen=True, slots=True)
 class UnexpectedMotion:
-    """A motion away from where the robot should stand, in m and rad; ``why`` is the reason that it should stand."""
+    """A motion of a robot that should stand still, in m and rad; ``why`` is the reason why it should."""
 
     why: str
     metres: float
@@ -63,7 +63,7 @@ class UnexpectedMotionDetector:
 
 
 def _why_at_rest(snapshot: ExecutiveSnapshot) -> str:
-    """Why the robot should stand; '' when it may move."""
+    """Return why the robot should stand still; '' if it may move."""
     if snapshot.state is ExecutiveState.PAUSED:
         stands = all(state.paused and not state.not_paused for state in snapshot.active_states)
         return 'the run is paused' if stands else ''

@@ -172,7 +172,7 @@ def behavior_line(view: View) -> str:
 
 
 def authority_text(snapshot: ExecutiveSnapshot) -> str:
-    """Return the operator who may command, and those who request it."""
+    """Return the operator who has the authority, and those who request it."""
     asking = ', '.join(map(one_line, snapshot.authority_requests))
     return (one_line(snapshot.authority) or 'nobody; every operator may command') + (
         f'  (requested by {asking})' if asking else ''
@@ -180,8 +180,8 @@ def authority_text(snapshot: ExecutiveSnapshot) -> str:
 
 
 def authority_asked_line(snapshot: ExecutiveSnapshot, operator: str | None) -> str:
-    """Return who requests the authority from this operator, and the key of screen and page that answers it; '' for
-    nobody."""
+    """Return the operators who request the authority from this one, and the key that answers them; '' if nobody
+    does."""
     if snapshot.authority != operator or not snapshot.authority_requests:
         return ''
     oldest, *others = snapshot.authority_requests
@@ -376,9 +376,9 @@ def log_lines(line: LogLine, *, with_time: bool = False) -> list[str]:
 
 
 def alarm_line(view: View) -> str:
-    """Return the alarm that the robot moves though it should stand, or that the stop guard holds it; '' for neither."""
+    """Return the alarm about unwanted motion, or about the stop guard that holds the robot; '' for neither."""
     motion = view.unwanted_motion
-    if motion is None or (view.guard.told and not view.live):  # what the robot did is older than what the guard says
+    if motion is None or (view.guard.told and not view.live):  # the report of the guard is newer
         return Line(view.guard.told, Tone.ERROR) if view.guard.told else ''
     how_far = f'{motion.metres:.2f} m' if motion.metres >= motion.radians else f'{motion.radians:.2f} rad'
     moves = f'MOVES, {how_far} so far,' if view.live else f'MOVED, {how_far} when it was last heard of,'
@@ -435,8 +435,7 @@ def event_line(event: ExecutiveEvent, *, with_time: bool = False) -> str:
 
 
 def progress_text(progress: DriveProgress, places: Mapping[str, FramedPose]) -> str:
-    """Return how far the robot has come, in short: to kitchen  4.2 m  18 s  2 poses  1 recovery; '' when nothing is
-    known."""
+    """Return the progress of a drive, such as "to kitchen  4.2 m  18 s  2 poses  1 recovery"; '' if none is known."""
     goal = progress.goal
     parts = [
         f'to {place_text(goal, places)}' if goal is not None else '',

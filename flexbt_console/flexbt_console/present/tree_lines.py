@@ -68,10 +68,10 @@ def whole_tree_lines(run: MirroredTree, signs: Glyphs) -> list[str]:
 
 
 def chains_of_failures(run: MirroredTree) -> list[list[MirroredNode]]:
-    """Return each node that has failed by itself, not by its children, and those above it that have failed, the nearest
-    first.
+    """Return a chain for each node that failed on its own, not because of its children: the node, and the failed nodes
+    above it, nearest first.
 
-    One that was halted since counts by how it had ended.
+    A node that was halted since then counts by its last end.
     """
     nodes = {node.uid: node for node in run.nodes}
     failed = {uid for uid in nodes if run.shown_status(uid) is MirroredStatus.FAILURE}
@@ -86,9 +86,9 @@ def chains_of_failures(run: MirroredTree) -> list[list[MirroredNode]]:
 
 
 def acting_lines(run: MirroredTree) -> list[str]:
-    """Return each leaf that acts, with the time that it has taken and all that has a name around it, the nearest first.
+    """Return a line for each running leaf: its name, its time, and the named nodes around it, nearest first.
 
-    The one that has acted longest comes first: others that come and go do not move it.
+    The leaf that has run longest is first, so that its line does not move when others start and end.
     """
     nodes = {node.uid: node for node in run.nodes}
     shown = []

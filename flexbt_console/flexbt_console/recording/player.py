@@ -31,10 +31,10 @@ from .run_file import DAMAGED, Recorded, read_run
 from .topics import NOT_REPLAYED, TOPICS, check_definition
 
 MOMENT: Final = 0.02
-"""Seconds within which what is said belongs together, such as a status and a line of the log."""
+"""Time within which messages belong together, such as a status and a line of the log, s."""
 
 KEPT_EACH: Final = 500
-"""Messages from one picture that is kept to the next: as many at most have to be read again to go back."""
+"""Messages between two kept pictures; to go back, at most this many are read again."""
 
 
 MOST_MEMORY: Final = 1_000_000_000

@@ -28,7 +28,7 @@ from .run_file import MOST_WAITING, RunWriter
 from .topics import TOPICS, full_definition
 
 MAX_SIZE: Final = 4_000_000_000
-"""Bytes of a recording, where no parameter says otherwise."""
+"""Default maximum size of a recording, bytes."""
 
 DISCOVERY_SECONDS: Final = 1.0
 """Time for which the recorder searches for participants before it reports that it receives all of them, s."""
@@ -54,10 +54,10 @@ def declare_parameters(node: Node) -> tuple[Path, int]:
 
 
 class Recorder:
-    """A recorder that subscribes to the topics of a run and writes their messages as they come.
+    """A recorder that subscribes to the topics of a run and writes their messages as they arrive.
 
-    ``tell_ready`` gets True once everything that present publishers send is recorded, and False
-    while messages wait for the disk, or are not recorded any more.
+    ``tell_ready`` is called with True once everything that current publishers send is recorded, and with False while
+    messages wait for the disk or are no longer recorded.
     """
 
     def __init__(
@@ -176,7 +176,7 @@ def _close(writer: RunWriter, runtime: NodeRuntime) -> None:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM; gives the exit code of the process."""
+    """Run the node until SIGINT or SIGTERM, and return the exit code of the process."""
     return run_node(names.RECORDER, setup, args, about=__doc__)
 
 

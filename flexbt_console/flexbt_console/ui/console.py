@@ -78,9 +78,9 @@ class _Interrupted(KeyboardInterrupt):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the console and give its exit code (see :class:`ExitCode`).
+    """Run the console and return its exit code (see :class:`ExitCode`).
 
-    Has to be called on the main thread: it handles SIGINT and SIGTERM.
+    Call this on the main thread, because it handles SIGINT and SIGTERM.
     """
     make_streams_safe()
     line = CommandLine()
@@ -345,8 +345,8 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
     namespace = line.value('--namespace')
     if namespace:
         arguments += ['--ros-args', '-r', f'__ns:={full_namespace(namespace)}']
-    # A signal must not come between the start of the executor thread and our knowing of it. (Threads of the middleware
-    # would take it while this one masks it.)
+    # A signal must not interrupt this thread after the executor thread has started and before we have the runtime.
+    # (Masking it is not enough: threads of the middleware would receive it.)
     came: list[int] = []
     for known in _SIGNALS:
         signal.signal(known, lambda number, frame: came.append(number))
@@ -371,8 +371,8 @@ def _open_runtime(line: CommandLine) -> Iterator[NodeRuntime]:
 
 
 def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, FramedPose]:
-    """Return the places beside those of the robot, from the first file given: option, environment, parameter of the
-    node."""
+    """Return this console's own places, from the first file that is set: by option, environment variable, or parameter
+    of the node."""
     file = line.value('--places') or os.environ.get('FLEXBT_PLACES', '')
     if not file:
         node = runtime.node

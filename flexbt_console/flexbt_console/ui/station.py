@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Station:
-    """A robot as its operator has it. ``timeout`` is that of each answer, in seconds; ``leaving`` says what happens
-    when the operator leaves.
+    """A robot and the settings of its operator. ``timeout`` is the time-out of an answer, s; ``leaving`` describes
+    the effect of quitting.
 
     ``page`` is the address of the page of the same robots, '' if it is not known. ``attention`` is shared by all robots
     of the operator. Without ``obstacles`` nobody can drop any.

@@ -180,7 +180,7 @@ class LineMode:
         """
         follower = Follower(self._mirror)
         end = None if seconds is None else time.monotonic() + seconds
-        is_settled = self._as_json  # people get what is latched beside the first status in its order
+        is_settled = self._as_json  # for people, wait for the latched messages and show events in order
 
         def further_events(view: View) -> list[Event] | None:
             return [] if view.snapshot is not None and not is_settled else follower.events(view) or None
@@ -220,13 +220,13 @@ NAME_SECONDS: Final = 1.2
 
 
 def found_robots(fleet: Fleet, clock: Clock, timeout: float) -> tuple[str, ...]:
-    """Return the names of the robots that are found: of all as soon as no further one comes, within ``timeout``
-    seconds."""
+    """Return the names of the robots that are found within ``timeout`` seconds; return earlier when no further robot
+    appears."""
     return _settled(fleet, clock, timeout, lambda: tuple(fleet.names), lambda _: NAME_SECONDS)
 
 
 def list_robots(fleet: Fleet, clock: Clock, timeout: float, *, as_json: bool) -> ExitCode:
-    """Print the robots that are found within ``timeout`` seconds; who is not heard within HEAR_SECONDS is unreachable.
+    """Print the robots found within ``timeout`` seconds. One without a status within HEAR_SECONDS is unreachable.
 
     Raises:
         NoLinkError: there is none.

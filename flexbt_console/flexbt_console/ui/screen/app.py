@@ -322,7 +322,7 @@ class OperatorScreen(OrderedApp):
         self._ageing = asyncio.get_running_loop().call_later(AGE_SECONDS, self._age)
 
     def _age(self) -> None:
-        """Redraw the parts that depend only on time: none for a single robot that stands and is heard."""
+        """Redraw the parts that depend only on time. A single idle robot with a live link has none."""
         has_others = self._robots is not None and len(self._robots.fleet.names) > 1
         if has_others or self._session.is_waiting or _timeless(self._station.mirror.view()) != self._drawn:
             self._wake()
@@ -346,7 +346,7 @@ class OperatorScreen(OrderedApp):
         """Handle a key of the table."""
         key = next(key for key in KEYS if key.action == action)
         if isinstance(self.screen, Overview) and action == 'stop':
-            name = self.screen.chosen  # the one under the cursor is meant, and what becomes of it is seen
+            name = self.screen.chosen  # stop the robot under the cursor, and show the effect
             self.pop_screen()
             self.switch(name)
         view = self._view()
@@ -651,8 +651,8 @@ def _label(path: str) -> str:
 
 
 def _timeless(view: View) -> View:
-    """Return the view without the fields that each heartbeat changes if the robot stands; else the whole view, which
-    never compares equal."""
+    """Return the view without the fields that change with each heartbeat of an idle robot with a live link; for any
+    other robot, the whole view, which never compares equal."""
     if view.running or view.snapshot is None or not view.live:
         return view
     return replace(view, age=None, snapshot=replace(view.snapshot, sequence=0, stamp=0.0))

@@ -36,10 +36,10 @@ ALARM_ROWS = 3
 
 
 def status_text(view: View, columns: int, robot: str, others: str, operator: str | None, page: str = '') -> Text:
-    """Return the first line; ``robot`` names it where there are several, ``others`` says what those need. ``page`` is
-    the address of the page in a browser, which is at its end where there is room.
+    """Return the first line. ``robot`` is the name of the robot if there are several, ``others`` a text about what the
+    others need. ``page`` is the address of the page in a browser, shown at the end of the line if it fits.
 
-    Who asks ``operator`` for the authority is in :func:`alarm_text`.
+    The operator who requests the authority is in :func:`alarm_text`.
     """
     snapshot = view.snapshot
     who = f'{one_line(robot)}  ' if robot else ''
@@ -76,8 +76,9 @@ def others_text(robots: Sequence[RobotOverview], own: str) -> str:
 
 
 def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: bool = False) -> Text:
-    """Return what is wrong, the gravest first, in at most :data:`ALARM_ROWS` rows; and the operator who requests the
-    authority from this one. A text that is too long takes more of them, if they are not needed for others.
+    """Return the problems, the most severe first, and the operator who requests the authority from this one.
+
+    They have at most :data:`ALARM_ROWS` rows. A long text is folded into rows that other texts do not need.
     """
     snapshot = view.snapshot
     shown: list[str] = [alarm] if (alarm := alarm_line(view)) else []
@@ -118,7 +119,7 @@ def keys_text(view: View, columns: int, operator: str | None, focused: str = '',
     return text
 
 
-# The line that is typed on the screen, a command or what is looked for in a recording, and what it may become.
+# The typed line on the screen (a command, or a search in a recording), and its completions.
 
 KEYS_OF_LINE: Final = 'Enter does it  Tab completes  Up Down: another one  Esc leaves  F8 STOP'
 

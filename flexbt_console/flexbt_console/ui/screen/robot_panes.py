@@ -131,7 +131,7 @@ def machine_lines(view: View, columns: int, rows: int, signs: Glyphs) -> list[st
         if len(ranked) > rows:
             ranked = [one for one in ranked if one.rank < last]
     marked = next((place for place, one in enumerate(ranked) if one.path == first), 0)
-    # Of what is active the end tells for how long, and what is special about it.
+    # Cut active lines in the middle: their end has the time and remarks.
     shown = [cut_middle(one.line, columns) if one.rank is _Rank.ACTIVE else one.line for one in ranked]
     return [cut(line, columns) for line in window(shown, marked, rows)]
 
@@ -312,8 +312,8 @@ _INDENT: Final = ' ' * 12
 
 
 class LogPane:
-    """A pane that shows the latest lines, or a fixed part when it is scrolled back. ``operator`` is the one at this
-    screen, who is notified of own commands in another way."""
+    """A pane with the latest lines of the log, or a fixed part when it is scrolled back. ``operator`` is the user of
+    this screen, whose own commands are reported elsewhere."""
 
     def __init__(self, operator: str | None) -> None:
         self._operator = operator

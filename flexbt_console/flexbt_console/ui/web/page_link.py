@@ -98,7 +98,7 @@ class PageLink:
         return False
 
     async def refuse(self, word: str, text: str, robots: Sequence[RobotOverview] = ()) -> None:
-        """Tell a welcome page in a word and a line why it shows nothing, and which robots there are; it tries again."""
+        """Send an accepted page the reason why it shows no robot, and the list of robots. The page retries."""
         with contextlib.suppress(ConnectionError, TimeoutError):
             await self._send({'refused': {'word': word, 'text': text, 'robots': robot_lines(robots)}})
         await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER)

@@ -63,14 +63,13 @@ LINE_CHARACTERS: Final = 4_000
 """Maximum characters of a line of the log."""
 
 MOST_LISTED: Final = 500
-"""Maximum number of elements of a list, such as the nodes of a tree, that a page gets. The number that is left out is
-shown."""
+"""Maximum number of elements of a list, such as the nodes of a tree, in a page. The page shows how many are omitted."""
 
 NODE_CHARACTERS: Final = 100
 """Maximum characters of the name of a node of a tree."""
 
 MOST_CELLS: Final = 1_000_000
-"""Cells of a map that a page gets; of a larger one several cells become one."""
+"""Maximum number of cells of a map in a page. The cells of a larger map are combined."""
 
 _NOTHING: Final = View(LinkState.LOST, None)
 
@@ -290,8 +289,7 @@ def times_part(view: View) -> dict[str, Any]:
 
 
 def robot_lines(robots: Iterable[RobotOverview]) -> list[dict[str, Any]]:
-    """Return a line for each robot, for an operator who watches several. Time alone changes only those that are not
-    heard."""
+    """Return the data of a line for each robot. Only the lines of robots without a live link change with time alone."""
     return [
         {
             'name': robot.name,
