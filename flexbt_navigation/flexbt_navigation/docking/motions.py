@@ -233,7 +233,7 @@ class DockingLimits:
 
 @dataclass(frozen=True)
 class Senses:
-    """The sensors of a docking robot: whether it is charged, and the detected pose of the dock, if any."""
+    """The sensors of a docking robot: whether it is charging, and the detected pose of the dock, if any."""
 
     is_charging: Callable[[], bool]
     seen_dock: Callable[[], Pose | None]
@@ -458,7 +458,8 @@ def _ahead(target: Pose, pose: Pose) -> float:
 
 
 def _is_at(target: Pose, pose: Pose, limits: DockingLimits, *, backward: bool) -> bool:
-    """Return whether the robot is level with a pose, even if beside it: from there, the control law gets no closer."""
+    """Return whether the robot is level with a pose, even if it is off to one side: from there, the control law gets no
+    closer."""
     left = _ahead(target, pose)
     return (-left if backward else left) <= limits.linear_tolerance
 

@@ -111,7 +111,7 @@ class DockingServer:
         self._dock_poses.publish(stamped(dock, frame, stamp))
         self._staging_poses.publish(stamped(staging, frame, stamp))
 
-    # -- what is known -----------------------------------------------------------------------------------------------
+    # -- inputs ------------------------------------------------------------------------------------------------------
 
     def _on_battery(self, message: BatteryState) -> None:
         self._is_charging = message.power_supply_status in CHARGING or message.current > CHARGING_CURRENT

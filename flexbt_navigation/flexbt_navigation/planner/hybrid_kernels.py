@@ -202,7 +202,7 @@ def room_along(outline: Outline, pose: GridPose, right: float, up: float, turn: 
     least, gap, at = last, 0.0, 0.0
     while least >= 0.0:
         at += max(0.5, gap)
-        if at + last >= way:  # what is left has been looked at from both of its ends
+        if at + last >= way:  # the rest was checked from both of its ends
             break
         share = at / way
         gap = room(outline, 0.0, x + share * right, y + share * up, yaw + share * turn)
@@ -278,7 +278,7 @@ def cost_of_piece(
     at, close = 0.0, 0.0
     while at < whole:
         step, there = max(0.5, gap) / swing, last
-        if at + step + last / swing >= whole:  # what is left has been looked at from both of its ends
+        if at + step + last / swing >= whole:  # the rest was checked from both of its ends
             step = whole - at
         else:
             x, y, yaw = moved(pose[0], pose[1], pose[2], turn, math.copysign(at + step, length), turning_radius)

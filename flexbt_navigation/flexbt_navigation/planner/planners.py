@@ -522,7 +522,7 @@ class HybridPlanner(OutlinePlanner):
     either end may be hard to reach; then the planner tries paths from both to a place with room between them.
 
     The rest of a path ``before``, of this planner and to the same goal, is the plan as long as it is free and the robot
-    is nearly on it. It begins beside the start, at its nearest pose. This prevents a robot from alternating between two
+    is nearly on it. It begins at its pose nearest to the start. This prevents a robot from alternating between two
     paths of nearly the same cost, one that begins forward and one that begins backward, without progress. Planning also
     raises NavigationError TIMEOUT when the search gives up.
     """

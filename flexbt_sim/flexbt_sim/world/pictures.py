@@ -40,12 +40,12 @@ _ROBOTS: Final = ((0, 122, 135), (196, 78, 22), (85, 107, 47), (125, 60, 152), (
 Colour = tuple[int, ...]
 
 Paths = Mapping[str, Sequence[Point]]
-"""Planned paths, by the names of their robots."""
+"""Planned paths by name."""
 
 
 @dataclass(frozen=True)
 class TraceFrame:
-    """The moving things at a simulated time, s: outlines and poses of bodies by name, scans with their origins."""
+    """The moving bodies at a simulated time, s: outlines and poses by name, and scans with their origins."""
 
     time: float
     bodies: Mapping[str, tuple[Shape, Pose]]

@@ -221,7 +221,7 @@ class World:
         """Remove an entity and its faults.
 
         Raises:
-            SimulationError: there is none of this name.
+            SimulationError: no entity has this name.
         """
         entity = self._entity(name)
         if isinstance(entity, Robot) and name in self._held:
@@ -498,7 +498,7 @@ class World:
         """Return the state of an entity.
 
         Raises:
-            SimulationError: there is none of this name.
+            SimulationError: no entity has this name.
         """
         entity = self._entity(name)
         kind = type(entity).__name__.lower()
