@@ -198,7 +198,7 @@ SECONDS: Final = 10.0
 def run_state_test(test: StateTest, bench: StateBench, seconds: float = SECONDS) -> list[str]:
     """Run a test and return its failures, none if it passes.
 
-    A state runs in a machine of its own. A behavior runs unsupervised, as in FlexBE: all transitions pass, whatever
+    A state runs in a separate machine. A behavior runs unsupervised, as in FlexBE: all transitions pass, whatever
     autonomy they require.
     """
     try:

@@ -49,7 +49,7 @@ def worlds(
 
 
 def places(world: OccupancyMap, beside: float = 0.0) -> st.SearchStrategy[Pose]:
-    """Return poses anywhere on a map, or up to ``beside`` cells outside it."""
+    """Return poses anywhere on a map, or up to ``beside`` cells outside its border."""
     return st.builds(
         lambda row, column, yaw: Pose(*world.point(row, column), yaw),
         st.floats(-0.5 - beside, world.height - 0.5 + beside),

@@ -4,9 +4,9 @@
 ::
 
     ToolError
-    ├── UsageError      2  the command is not written as it has to be, or this computer lacks what it needs
+    ├── UsageError      2  the command line is not valid, or this computer lacks a requirement
     ├── RefusedError    3  a file that is needed cannot be used
-    └── UnfitError      3  files can be read, but what they say does not fit together
+    └── UnfitError      3  files can be read, but their contents are inconsistent
 """
 
 from __future__ import annotations

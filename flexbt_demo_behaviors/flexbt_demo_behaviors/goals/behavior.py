@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A behavior that runs the tree with the mission, and lets the operator decide if there is no way."""
+"""A behavior that runs the tree with the mission, and asks the operator if no plan is left."""
 
 from __future__ import annotations
 

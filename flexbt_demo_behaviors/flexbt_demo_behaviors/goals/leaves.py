@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The leaves of the robot in the flat: what it can see, where it can drive, and what it can handle."""
+"""The leaves of the robot in the flat: its sensors, drives, and handling of things and doors."""
 
 from __future__ import annotations
 

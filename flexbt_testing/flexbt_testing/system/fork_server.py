@@ -65,11 +65,11 @@ class ForkedProcess:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        """Wait for the end; gives the exit code.
+        """Wait for the end and return the exit code.
 
         Raises:
             subprocess.TimeoutExpired: it did not end within ``timeout`` seconds.
-            RuntimeError: it has ended, and its exit code is not known, since the server has ended, too.
+            RuntimeError: it has ended, but its exit code is unknown because the server has ended too.
         """
         if self.returncode is None:
             if not select.select([self._end], [], [], timeout)[0]:

@@ -33,10 +33,10 @@ class NetworkNamespace:
     """A network with only a loopback link. It exists as long as this object and the processes in it."""
 
     def __init__(self, *, loopback: bool = True) -> None:
-        """Make one. Without ``loopback`` that is there, but down.
+        """Make a namespace. Without ``loopback`` its loopback link is down.
 
         Raises:
-            OSError: this process may not, or the system has no network namespaces.
+            OSError: this process lacks the permission, or the system has no network namespaces.
         """
 
         def make() -> int:
@@ -65,10 +65,10 @@ class NetworkNamespace:
         return ['nsenter', f'--net={self.path}', *words]
 
     def run(self, *words: str) -> None:
-        """Run a program in it.
+        """Run a program in the namespace.
 
         Raises:
-            OSError: it failed; says what it said.
+            OSError: it failed; the message contains its output.
         """
         done = subprocess.run(self.command(words), capture_output=True, text=True)
         if done.returncode:
@@ -85,10 +85,10 @@ class NetworkNamespace:
 
 
 def enter(path: str) -> None:
-    """Take the calling thread, and the threads that it makes from now on, into the namespace of that path.
+    """Move the calling thread, and the threads that it starts from now on, into the namespace at ``path``.
 
     Raises:
-        OSError: there is none, or this process may not.
+        OSError: the namespace does not exist, or this process lacks the permission.
     """
     file = os.open(path, os.O_RDONLY)
     try:

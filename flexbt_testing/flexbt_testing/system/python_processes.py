@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Processes of Python for tests, forked with their imports loaded, and the console in its line mode as one of them.
+"""Python processes for tests, forked with their imports loaded, among them the console in line mode.
 
-Their command line is that of the interpreter: ``-c TEXT ...``, ``-m MODULE ...`` or ``FILE ...``; their standard input
+Their command line is that of the interpreter: ``-c TEXT ...``, ``-m MODULE ...`` or ``FILE ...``. Their standard input
 is empty. Each is a fork of a process that has imported what nodes share, and the modules ``preloaded``, where forks are
 possible (:data:`.fork_server.AVAILABLE`).
 """
@@ -64,7 +64,7 @@ class ForkedPython(fork_server.ForkedProcess):
         self.send_signal(signal.SIGTERM)
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
-        """Wait for the end; gives what it has said that was not read, and its errors.
+        """Wait for the end and return the unread output and errors.
 
         Raises:
             subprocess.TimeoutExpired: it, or a child process that can still write, did not end within
@@ -169,7 +169,7 @@ def run_console(*words: str) -> subprocess.CompletedProcess[str]:
     """Run a command to its end.
 
     Raises:
-        AssertionError: it did not end in time; reports what each of its threads was doing.
+        AssertionError: it did not end in time; the message shows what each of its threads was doing.
     """
     with start_console(*words) as process:
         try:
@@ -183,10 +183,10 @@ def run_console(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def console_answer(*words: str, exit_code: int = 0) -> Any:
-    """Return what a command answers, from JSON; None for nothing.
+    """Return the answer of a command, parsed from JSON; None without an answer.
 
     Raises:
-        AssertionError: it has not ended with ``exit_code``.
+        AssertionError: it did not end with ``exit_code``.
     """
     done = run_console(*words, '--json', '--timeout', '60')
     assert done.returncode == exit_code, done

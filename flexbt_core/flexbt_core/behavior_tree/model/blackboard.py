@@ -200,11 +200,10 @@ class Blackboard:
                 entry.write(_converted(key, entry, value, kind))
 
     def put(self, key: str, value: Any, type: PortType | None) -> None:
-        """Write a value, or EMPTY, that was read from an entry of this ``type``; it has to be the type of the entry of
-        ``key`` as well.
+        """Write a value, or EMPTY, read from an entry of this ``type``, which must match the entry of ``key``.
 
-        Unlike :meth:`set` it converts nothing, not even numbers, and an entry of this scope whose type is not fixed may
-        hold anything then (ANY).
+        Unlike :meth:`set` it converts nothing, not even numbers. An entry of this scope without a fixed type may then
+        hold anything (ANY).
         """
         if key.startswith('@'):
             self._root.put(key[1:], value, type)
@@ -255,7 +254,7 @@ class Blackboard:
 
 
 class _Overlay(MutableMapping[str, Entry]):
-    """The entries of ``shared``, but for those whose keys are ``own_keys``."""
+    """The entries of ``shared``, with private entries for the keys ``own_keys``."""
 
     __slots__ = ('_own', '_own_keys', '_shared')
 
@@ -292,7 +291,7 @@ def _type_clash(key: str, declared: PortType, written: PortType | None) -> Black
 
 
 def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
-    """Return the value that a typed entry takes when ``value`` of type ``kind`` is written to it."""
+    """Return the value that a typed entry stores when ``value`` of type ``kind`` is written to it."""
     declared = entry.type
     assert declared is not None
     if not declared.same(kind):
@@ -315,7 +314,7 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
             value = value if entry.value is EMPTY and kind.category == 'real' else exact
     present = entry.value
     if present is not EMPTY and isinstance(present, str) is not isinstance(value, str):
-        # It got there through the port of a sub-tree, or by a script when the entry was only declared.
+        # The present value came through a sub-tree port, or from a script when the entry was only declared.
         raise BlackboardError(
             f'entry [{key}] of type {declared.name} holds {short_repr(present)}, '
             f'and so does not take {short_repr(value)}; it has to be removed first'
