@@ -19,8 +19,11 @@ _MOST_REPLACED: Final = 16
 
 
 class Succession(Enum):
-    """The sender of a status. INSTEAD: of the executive; those before were of one that was not, or others
-    were taken for the executive's before it was known."""
+    """The sender of a status, compared with the sender before.
+
+    SAME: the same one. NEXT: another one, which replaces it. INSTEAD: the actual executive; earlier messages came from
+    a participant that was not the executive.
+    """
 
     SAME = 'same'
     NEXT = 'next'
@@ -31,11 +34,12 @@ class ExecutiveSender:
     """A filter that separates the messages of the executive from those of other nodes on its topics.
 
     If the executive is silent, the next participant with a status replaces it: it may be the restarted executive, and
-    the middleware notices a killed process late. If the old one is heard again soon, it was only late, and returns.
-    A participant that answers a STOP which the present executive has not answered is the executive.
+    the middleware notices the end of a killed process late. If the old one soon sends again, it was only late, and
+    becomes the executive again. A participant that answers a STOP which the current executive has not answered is the
+    executive.
 
-    ``is_there`` says whether a participant of the domain still publishes statuses, ``is_silent`` whether the one that
-    is shown should have been heard again by now; ``now`` is in seconds.
+    ``is_there`` returns whether a participant of the domain still publishes statuses, ``is_silent`` whether a message
+    of the current executive is overdue; ``now`` returns the time, s.
     """
 
     def __init__(
@@ -43,7 +47,7 @@ class ExecutiveSender:
     ) -> None:
         self._participant = UNKNOWN_WRITER
         self._early: set[bytes] = set()  # senders heard before the executive was known
-        self._replaced: dict[bytes, float] = {}  # time until which each may return, in their order
+        self._replaced: dict[bytes, float] = {}  # time until which each may return, in the order of replacement
         self._is_there = is_there
         self._is_silent = is_silent
         self._now = now
@@ -69,7 +73,7 @@ class ExecutiveSender:
         now = self._now()
         self._there_until = now
         self._replaced = {one: until for one, until in self._replaced.items() if now < until}
-        if answers or participant in self._replaced:  # those that came after it were in its place
+        if answers or participant in self._replaced:  # those that came after it replaced it wrongly
             self._replaced = dict(takewhile(lambda entry: entry[0] != participant, self._replaced.items()))
             return Succession.INSTEAD
         if len(self._replaced) < _MOST_REPLACED:
@@ -77,7 +81,7 @@ class ExecutiveSender:
         return Succession.NEXT
 
     def _is_still_there(self) -> bool:
-        """Return whether it still publishes; checked a few times a second, as a check costs as much as a message."""
+        """Return whether it still publishes. A check costs as much as a message, so check only a few times a second."""
         if self._now() < self._there_until:
             return True
         is_there = self._is_there(self._participant)
@@ -85,7 +89,7 @@ class ExecutiveSender:
         return is_there
 
 
-# Whether both sides of a topic were built from the same interfaces.
+# Check that both sides of a topic were built from the same interfaces.
 #
 # The middleware connects topics by the name of the type. When the definitions differ, messages are lost or misread
 # without an error; the hash of the definition, which each side announces, shows it (REP 2016).

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The points that the lidar of a robot sees, in the frame of its map, into the mirror.
+"""The link that feeds a mirror with the points of a lidar scan, in the frame of the map.
 
 Scans and transforms come many times a second, and a screen shows one scan now and then. So they stay with the
 middleware but from the moment in which a scan is due until one has its place.
@@ -43,16 +43,16 @@ SCAN_SECONDS: Final = 3.0
 more."""
 
 SAME_RANGE: Final = 0.1
-"""Metres by which a beam may differ, by its noise, and all is as it was."""
+"""Difference of a beam that counts as noise, m."""
 
 SAME_POSE: Final = 0.02
 """Metres, and parts of a turn's sine, by which the lidar may have moved, and all is as it was."""
 
 SAME_SHARE: Final = 0.02
-"""Share of the beams that may differ more: those at an edge meet the one or the other side of it."""
+"""Share of beams that may differ more, because a beam at an edge hits either side of it."""
 
 PLACE_SECONDS: Final = 2.0
-"""Time for which a place is looked for before it is reported as missing, s."""
+"""Time after which a pose that is not found is reported as missing, s."""
 
 STAND_SECONDS: Final = 5.0
 """Time for which robot and scan must be unchanged before transforms are no longer subscribed to, s."""
@@ -61,7 +61,7 @@ TOLERANCE: Final = 0.2
 """Tolerance of the time of the next look, as a part of the time until then; the executor need not wake for it."""
 
 TF_DEPTH: Final = 10
-"""Depth of the queue of transforms meanwhile: a scan was taken between two of them."""
+"""Queue depth of transforms. A scan was taken between two of them."""
 
 MESSAGE_BYTES: Final = 2_000_000
 REPORT_SECONDS: Final = 10.0
@@ -122,7 +122,7 @@ class ScanLink:
     def __init__(
         self, runtime: NodeRuntime, mirror: Mirror, namespace: str, period: float, map_frame: Callable[[], str]
     ) -> None:
-        from sensor_msgs.msg import LaserScan  # what only a screen needs
+        from sensor_msgs.msg import LaserScan  # only needed by a screen
         from tf2_msgs.msg import TFMessage
 
         self._types = LaserScan, TFMessage

@@ -12,10 +12,10 @@ from typing import Final
 from .records import CommandKind, ExecutiveSnapshot, OperatorCommand, ResultCode, StopGuard
 
 FIRST_RESEND: Final = 0.15
-"""Seconds until an unanswered command is sent again; doubled each time."""
+"""Time until an unanswered command is sent again, s; doubled each time."""
 
 LONGEST_RESEND: Final = 1.0
-"""Seconds between two sends of the same command at most."""
+"""Maximum time between two sends of the same command, s."""
 
 _DOUBLINGS: Final = 10
 """Number of doublings after which the time between two sends is the longest; a command may wait for its answer for
@@ -78,7 +78,7 @@ class CommandTracker:
         self._commands: OrderedDict[str, TrackedCommand] = OrderedDict()
 
     def give(self, command: OperatorCommand, now: float, timeout: float, label: str = '') -> TrackedCommand:
-        """Queue a command; :meth:`due` returns it. Without a label it is called by its kind."""
+        """Queue a command; :meth:`due` returns it. The default label is the kind of the command."""
         label = label or command.kind.name.lower()
         tracked = TrackedCommand(command, label, now, now + timeout, next_send=now)
         self._commands[command.id] = tracked
@@ -87,7 +87,7 @@ class CommandTracker:
         return tracked
 
     def get(self, command_id: str) -> TrackedCommand | None:
-        """Return the command of that identifier, or None when it is unknown or forgotten."""
+        """Return the command with this identifier; None if it is unknown or forgotten."""
         return self._commands.get(command_id)
 
     def latest(self) -> TrackedCommand | None:
@@ -131,7 +131,7 @@ class CommandTracker:
                 self._commands[tracked.command.id] = replace(tracked, next_send=now)
 
     def next_due(self, reachable: bool = True) -> float | None:
-        """Time of the next work for :meth:`due`, or None."""
+        """Return the time of the next call of :meth:`due` that has work, or None."""
         times = [min(c.next_send, c.deadline) if reachable or _is_stop(c) else c.deadline for c in self._sent()]
         return min(times, default=None)
 
@@ -162,7 +162,7 @@ class CommandTracker:
             if answer.code is ResultCode.APPLIED:
                 settled.append(self._settle(tracked, CommandState.APPLIED, '', now, Confirmation.EXECUTIVE))
             elif is_by_guard:
-                continue  # it stands still anyway
+                continue  # the robot stands still anyway
             elif answer.code is ResultCode.REFUSED:
                 reason = answer.reason or 'no reason was given'
                 settled.append(self._settle(tracked, CommandState.REFUSED, reason, now))

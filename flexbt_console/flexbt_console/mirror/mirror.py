@@ -450,14 +450,14 @@ class Mirror:
         newest = self._newest.get(snapshot.executive_id)
         current = self._snapshot
         if newest is not None and snapshot.sequence <= newest:
-            # Who goes on with lower numbers when the picture is silent, and later, is the executive: the number that is
-            # in the way was never its own.
+            # The sender of a lower number, sent later while the picture is silent, is the executive: the higher number
+            # never came from it.
             is_later = transit is not None and self._sent is not None and transit.sent > self._sent
             return is_later and self._freshness.silent(now)
         if current is None or current.executive_id == snapshot.executive_id:
             return True
-        # A straggler of the previous executive: only the times of sending can show it. Once the executive is silent, a
-        # message that arrives is the better knowledge, whatever the clocks say.
+        # Only the time of sending shows a late message of the previous executive. Once the current executive is silent,
+        # accept any message, whatever the clocks say.
         older = transit is not None and self._sent is not None and transit.sent < self._sent
         return not older or self._freshness.silent(now)
 

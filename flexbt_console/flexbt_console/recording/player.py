@@ -39,12 +39,12 @@ KEPT_EACH: Final = 500
 
 MOST_MEMORY: Final = 1_000_000_000
 MESSAGE_MEMORY: Final = 300
-"""Bytes that the messages of a recording may take, in all and each beside its data: all of them are kept."""
+"""MOST_MEMORY: maximum bytes of all messages of a recording, which stay in memory. MESSAGE_MEMORY: overhead of one."""
 
 
 class RunPlayer:
-    """A recording, and the ``mirror`` at ``time``, in seconds from its first message on. That it lacks its end is the
-    mirror's problem; a message that cannot be read is left aside.
+    """A recording, and the ``mirror`` at ``time``, in seconds from the first message. If the file lacks its end, the
+    mirror's problem says so. Messages that cannot be read are skipped.
 
     Raises:
         UsageError: the file cannot be read, has no run, or was recorded with other fields of the messages.
@@ -100,7 +100,7 @@ class RunPlayer:
         return end == wanted
 
     def _restore(self, number: int) -> None:
-        """Go back to the kept state of that number; a state is kept each :data:`KEPT_EACH` messages."""
+        """Go back to the kept state with this number. A state is kept every :data:`KEPT_EACH` messages."""
         kept, map_frame = self._kept[number]
         self._clock = ManualClock()
         self.mirror = kept.copy(self._clock)
@@ -128,7 +128,7 @@ class RunPlayer:
             where = frames.lookup(self._feed.map_frame, scan.header.frame_id, seconds_of(scan.header.stamp))
             shown = points_of(scan, where)
         except (ValueError, FlexbtError):
-            shown = ()  # it has no place on the map
+            shown = ()  # its place on the map is not known
         self.mirror.receive_scan(shown, SCAN_SECONDS - (self.time - self._times[at]))
 
     def _unpacked(self, place: int) -> Any:
@@ -161,7 +161,7 @@ class RunPlayer:
         receive = self._receive.get(one.topic)
         if one.topic != names.EXECUTIVE_STATUS and receive is None:
             return
-        with contextlib.suppress(ValueError, LimitExceededError):  # left aside then, too
+        with contextlib.suppress(ValueError, LimitExceededError):  # skipped then, too
             message = _message(one)
             if receive is not None:
                 receive(message)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The screen, on Textual: panes of what the mirror knows, and keys that give the commands of the registry."""
+"""The screen, on Textual: panes that show the mirror, and keys that send the commands of the registry."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ if TYPE_CHECKING:
     from .textual_app import ImageWidget
 
 REDRAW_SECONDS: Final = 0.05
-"""Shortest time between two drawings, which limits what goes over a slow connection."""
+"""Minimum time between two drawings, s; limits the traffic over a slow connection."""
 
 AGE_SECONDS: Final = 0.7
-"""Time between two checks of values that only time changes, s: longer than from one status to the next."""
+"""Time between two checks of values that change only with time, s; longer than between two statuses."""
 
 PLAY_SECONDS: Final = 0.1
 """Time between two pictures of a recording that plays, s."""
@@ -70,7 +70,7 @@ _BESIDE_VIEW: Final = frozenset({Change.LOG, Change.EVENTS, Change.COMMAND})
 
 
 class OperatorScreen(OrderedApp):
-    """One operator at one terminal."""
+    """The screen of one operator at one terminal."""
 
     ENABLE_COMMAND_PALETTE = False
     AUTO_FOCUS = None
@@ -205,7 +205,7 @@ class OperatorScreen(OrderedApp):
         self._wake()
 
     def tell_error(self, error: Exception) -> None:
-        """Report a refusal, or a fault of our own."""
+        """Report a refusal, or a fault of the console."""
         if isinstance(error, ConsoleError):
             self._warn(str(error))
         else:
@@ -220,7 +220,7 @@ class OperatorScreen(OrderedApp):
         return self._station.mirror.view().turned_to(self._turned_to)
 
     def key_read(self, key: str) -> None:
-        """See :class:`.ordered_app.OrderedApp`. Send a STOP at once, however busy the screen is.
+        """See :class:`.textual_app.OrderedApp`. Send a STOP at once, however busy the screen is.
 
         F8 stops the robot on the screen, whatever is open but the list of robots, where another one may be marked; "!"
         does when nothing is open and no key waits that may open something. When the key has its turn, another robot may
@@ -238,7 +238,7 @@ class OperatorScreen(OrderedApp):
                     self._stopped.append((station.mirror, done.id))
 
     async def on_event(self, event: events.Event) -> None:
-        """See :class:`.ordered_app.OrderedApp`."""
+        """See :class:`.textual_app.OrderedApp`."""
         if isinstance(event, events.Key) and not event.is_forwarded:
             is_elsewhere = len(self.screen_stack) > 1 or self._line.is_open
             self._burst.typed(event.key, event.character if event.is_printable else None, is_elsewhere=is_elsewhere)
@@ -247,12 +247,12 @@ class OperatorScreen(OrderedApp):
             self._keys_waiting = max(0, self._keys_waiting - 1)
 
     def touched(self) -> None:
-        """Every key counts as dealing with the decision on the screen."""
+        """Note that the operator works on the decision on the screen; any key counts."""
         view = self._view()
         self._station.attention.touched(view, view.decision.id if view.decision is not None else None)
 
     def on_pane_resized(self) -> None:
-        """Draw for the present size."""
+        """Draw for the current size."""
         self._wake()
 
     def on_input_changed(self) -> None:
@@ -260,7 +260,7 @@ class OperatorScreen(OrderedApp):
         self._wake()
 
     def _wake(self) -> None:
-        # # From any thread; several changes cause one redraw.
+        # From any thread; several changes cause one redraw.
         if not self._is_planned and self.is_running:
             self._is_planned = True
             self.call_later(self._plan)
@@ -273,7 +273,7 @@ class OperatorScreen(OrderedApp):
             self.draw()
 
     def draw(self) -> None:
-        """Draw the present state of the mirror; only changes are drawn."""
+        """Draw what has changed in the mirror."""
         self._is_planned = False
         self._drawn_at = self._clock.now()
         self._look_again()
@@ -305,7 +305,7 @@ class OperatorScreen(OrderedApp):
                 columns, rows = pane.content_size.width or self.size.width, pane.content_size.height
                 pane.show(text := self._panes.text_of(str(pane.id), view, mirror, self._overview, columns, rows))
                 if pane.id == 'alarm':
-                    pane.display = bool(text.plain)  # it takes a row only when there is something
+                    pane.display = bool(text.plain)  # it has a row only if it has a text
 
     def _follow(self, mirror: Mirror) -> None:
         if mirror not in self._followed:
@@ -397,7 +397,7 @@ class OperatorScreen(OrderedApp):
         self.draw()
 
     def action_pick(self, number: int) -> None:
-        """Pick the answer of this number."""
+        """Pick the answer with this number."""
         view = self._view()
         self._panes.picking.pressed()
         decision = view.decision
@@ -479,7 +479,7 @@ class OperatorScreen(OrderedApp):
     def _carry_out(self, meaning: Meaning, view: View) -> None:
         done = self._session.carry_out(meaning, view)
         if isinstance(done, OperatorCommand):
-            if done.decision_id:  # it is answered: there is nothing left to point at
+            if done.decision_id:  # answered: end pointing on the map
                 self._panes.map.leave()
         elif isinstance(done, Reading):
             self._read(done)
@@ -487,7 +487,7 @@ class OperatorScreen(OrderedApp):
             asking = threading.Thread(target=self._ask, args=(done, self._station.link), name='ask', daemon=True)
             try:
                 asking.start()
-            except RuntimeError as error:  # no thread is left
+            except RuntimeError as error:  # no more threads can be started
                 raise RefusedError(f'{error}; nothing was asked') from error
         elif meaning.local is Local.QUIT:
             self.exit()
@@ -562,7 +562,7 @@ class OperatorScreen(OrderedApp):
         self.open(Overview(self._robots.fleet, self._panes.robot), self.switch)
 
     def switch(self, name: str) -> None:
-        """Switch to another robot: all panes show it, and all commands are for it."""
+        """Switch to another robot: all panes show it, and all commands go to it."""
         if self._robots is None or name == self._panes.robot:
             return
         try:
@@ -661,7 +661,7 @@ def _timeless(view: View) -> View:
 # The screen in this terminal, of robots or of a recording.
 
 LAYOUT_FILE = f'{USER_DIRECTORY}/screen_layout'
-"""File that keeps the layout from one session to the next."""
+"""File that stores the layout between sessions."""
 
 
 def run_screen(station: Station, clock: Clock, on_signal: OnSignal, robots: FleetLink | None = None) -> None:
