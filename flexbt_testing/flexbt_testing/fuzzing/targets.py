@@ -91,7 +91,7 @@ class YamlTarget(Target):
 
 
 class ValueTarget(Target):
-    """Typed values as text and as binary data. The first line of a text is the type, unless it is a FlexBT type."""
+    """Typed values, converted to text and binary data and back. The first line of a text names the type."""
 
     words = (*YAML_WORDS, *VALUE_TYPES)
 
