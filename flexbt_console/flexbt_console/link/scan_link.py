@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The link that feeds a mirror with the points of a lidar scan, in the frame of the map.
 
-Scans and transforms come many times a second, and a screen shows one scan now and then. So they stay with the
-middleware but from the moment in which a scan is due until one has its place.
+Scans and transforms arrive many times a second, but a screen rarely shows a new scan. So this link leaves them in the
+middleware, except from the time at which a scan is due until the place of one is known.
 
-Even so each of them wakes the middleware, and transforms are most of the messages of a robot at rest. The simulator
-publishes none, and the time less often, while they have no subscribers. So they are listened to until the robot stands;
-and again when its status has another pose, or its lidar sees something else.
+Even so, each message wakes the middleware, and most messages of an idle robot are transforms. While these have no
+subscribers, the simulator publishes none, and publishes the time less often. So this link subscribes to transforms only
+until the robot stands still, and again when its status has another pose or the scan changes.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ MOST_BEAMS: Final = 720
 """Maximum number of beams of a scan that are kept, evenly spaced."""
 
 SCAN_SECONDS: Final = 3.0
-"""A scan that is older, and older than three periods, and than when the next one was to be there, is not shown any
-more."""
+"""Minimum age at which a scan is no longer shown, s. It must also be older than three periods, and the next one
+overdue."""
 
 SAME_RANGE: Final = 0.1
 """Difference of a beam that counts as noise, m."""
 
 SAME_POSE: Final = 0.02
-"""Metres, and parts of a turn's sine, by which the lidar may have moved, and all is as it was."""
+"""Difference of a pose that counts as no motion: m for positions; for rotations, rad or a component."""
 
 SAME_SHARE: Final = 0.02
 """Share of beams that may differ more, because a beam at an edge hits either side of it."""
@@ -78,7 +78,7 @@ class _Shown(NamedTuple):
 
 
 class _Stand:
-    """The time for which a robot has been at the same pose, by its statuses."""
+    """A measurement of the time for which a robot has been at the same pose, from its statuses."""
 
     def __init__(self, mirror: Mirror, clock: Clock) -> None:
         self._mirror = mirror
@@ -91,14 +91,14 @@ class _Stand:
         self._pose = None
 
     def seconds(self) -> float:
-        """Since the first call that found it where it is; 0.0 for that one, and while nothing is published."""
+        """Return the time since the first call at the current pose, s; 0.0 for that call, or if no pose is known."""
         now = self._clock.now()
         if not self._is_there():
             self._pose, self._since = self._told(), now
         return now - self._since
 
     def is_over(self) -> bool:
-        """Return whether the robot has stood, but is not known to be there any more."""
+        """Return whether the robot stood still, but is no longer known to be at that pose."""
         return self._pose is not None and not self._is_there()
 
     def _is_there(self) -> bool:
@@ -111,12 +111,12 @@ class _Stand:
 
 
 class ScanLink:
-    """A link that feeds a mirror with a scan each ``period`` seconds. On the executor thread.
+    """A link that feeds a mirror with a scan every ``period`` seconds. Executor thread only.
 
     The period is twice as long while the scan stays the same, and four times as long while no behavior runs and the
     robot stands.
 
-    ``map_frame`` gives the frame of the map.
+    ``map_frame`` returns the frame of the map.
     """
 
     def __init__(
@@ -260,8 +260,10 @@ class ScanLink:
 
 
 def points_of(scan: Any, where: Rigid) -> Points:
-    """Return the points where the beams of a scan taken there hit something. Raises ValueError for an invalid
-    scan."""
+    """Return the points (x, y) that the beams of a scan hit, in m; ``where`` is the pose of the lidar.
+
+    Raises ValueError for an invalid scan or pose.
+    """
     angles = scan.angle_min, scan.angle_increment * _step(scan)
     if not all(map(math.isfinite, angles)) or not all(map(is_length, where.translation)):
         raise ValueError(f'angles of {angles[0]:g} and {angles[1]:g} rad, taken at {where.translation}')
@@ -277,7 +279,7 @@ def points_of(scan: Any, where: Rigid) -> Points:
 
 
 def _ranges(scan: Any) -> list[float]:
-    """Distances of the kept beams; _NOTHING for a beam that hit nothing."""
+    """Return the ranges of the kept beams, m; _NOTHING for a beam without a valid range."""
     low, high = max(0.0, scan.range_min), min(scan.range_max, FARTHEST)
     return [one if low <= one < high else _NOTHING for one in scan.ranges[:: _step(scan)]]
 
