@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A reader of ASCXML: SCXML with elements for ROS and for behavior trees.
 
-Files are read in two steps, since the data of an event is known only when all its senders were read:
+Reading takes two steps, since the parameters of an event are known only after all its senders have been read:
 :meth:`Ascxml.declare` for all files, then :meth:`Ascxml.automata`.
 """
 
@@ -73,7 +73,7 @@ class Timer(NamedTuple):
 
 
 class Communication(NamedTuple):
-    """The user of a service or an action: ``kind`` is the element that declares it."""
+    """The use of a service or an action; ``kind`` is the element that declares it."""
 
     kind: str
     name: str
@@ -83,7 +83,7 @@ class Communication(NamedTuple):
 
 @dataclass(frozen=True)
 class Instance:
-    """The node of the tree that a plugin is: its number from 1, the values of its ports, its children's numbers."""
+    """A plugin as a node of the tree: its number (from 1), the values of its ports, the numbers of its children."""
 
     uid: int
     name: str
@@ -145,7 +145,7 @@ class Ascxml:
         self.communications.append(Communication(node.tag, ros_name(value), self.name, node.place))
 
     def _constant_text(self, node: SourceElement) -> str:
-        """Return the text of a child of a declaration, which may be a port that does not change."""
+        """Return the text of a child of a declaration; the child may refer to a constant port."""
         port = node.find('bt_get_input')
         if port is None:
             return node.text
@@ -155,7 +155,7 @@ class Ascxml:
         return str(value.value)
 
     def _port(self, node: SourceElement) -> Expression:
-        """Return what <bt_get_input> gives: a literal, or an input that is read when it is needed."""
+        """Return the expression for <bt_get_input>: a literal, or an input that is read on use."""
         key = node.need('key')
         declared = self._ports.get(key)
         if self._instance is None or declared is None:
@@ -177,7 +177,7 @@ class Ascxml:
     # -- first step --------------------------------------------------------------------------------------------------
 
     def declare(self) -> None:
-        """Tell which events are sent, and what they carry. Raises ModelError."""
+        """Declare the events that the file sends, with their parameters. Raises ModelError."""
 
         def walk(node: SourceElement) -> None:
             for child in node.children:
@@ -189,7 +189,7 @@ class Ascxml:
         walk(self._root)
 
     def _sent(self, node: SourceElement, thread: int | None) -> Iterator[tuple[str, list[tuple[str, Expression]]]]:
-        """Yield the events that an action may send, with their parameters; nothing for other elements."""
+        """Yield the events that an element may send, with their parameters; nothing if the element sends none."""
         trigger = TRIGGERS.get(node.tag)
         if node.tag == 'send':
             node.only(('param',))
@@ -226,7 +226,7 @@ class Ascxml:
         return self._instance
 
     def _children(self, node: SourceElement) -> Sequence[int]:
-        """Return the numbers of the nodes that ``id`` may mean: one for a number, all for a variable."""
+        """Return the numbers of the nodes that ``id`` may refer to: one for a number, all children for a variable."""
         children = self._need_instance(node).children
         text = node.need('id').strip()
         if not text.isdigit():
@@ -290,10 +290,10 @@ class Ascxml:
         raise ExpressionError(f'{".".join(parts)} is not known here{did_you_mean(first, known)}')
 
     def _parameter(self, event: int, prefix: str, path: tuple[str, ...], written: str) -> str:
-        """Return the parameter of an event, or a member of one; or the record of all parameters below a name."""
+        """Return the code for a parameter of an event, a member of it, or the record of all parameters below a name."""
         names = self._events.parameters[event]
         if event not in self._events.sent:
-            return '0'  # it has no sender, so no request arrives
+            return '0'  # without a sender, the event never arrives
         whole = prefix + '__'.join(path) if path else prefix
         for taken in range(len(path), -1, -1):
             name = prefix + '__'.join(path[:taken]) if prefix != whole or taken else prefix
@@ -309,7 +309,7 @@ class Ascxml:
     # -- second step -------------------------------------------------------------------------------------------------
 
     def automata(self) -> list[Automaton]:
-        """Return the automaton of the file, and those of the threads of its actions. Raises ModelError."""
+        """Return the automaton of the file, and the automata of its action threads. Raises ModelError."""
         found = [self._automaton(self._root, self.name, None)]
         for node in self._root.all('ros_action_thread'):
             node.only(('datamodel', 'state'))
@@ -386,8 +386,7 @@ class Ascxml:
     def _triggers(
         self, node: SourceElement, scope: _Scope
     ) -> Iterator[tuple[str | None, Mapping[tuple[str, ...], str], Expression | None]]:
-        """Yield the events of a transition, how its body names what they carry, and a condition that comes with
-        them."""
+        """Yield the events of a transition, the names of their parameters in its body, and an additional condition."""
         callback = CALLBACKS.get(node.tag)
         if callback is not None:
             condition: Expression | None = None
@@ -455,7 +454,7 @@ class Ascxml:
         elif node.tag == 'bt_set_output':
             yield self._write(node, scope)
         elif node.tag in BT_CHILD_TRIGGERS and not node.need('id').strip().isdigit():
-            # A variable says which child it is.
+            # A variable selects the child.
             chosen = self._parsed(node.need('id'), node, 'id')
             branches: list[tuple[Evaluated, list[Action]]] = []
             for place, (event, values) in enumerate(self._sent(node, scope.thread)):
@@ -492,7 +491,7 @@ class Ascxml:
         return Assign(scope.variables[name], scope.types[name], steps, value, node.place)
 
     def _if(self, node: SourceElement, scope: _Scope) -> If:
-        """<elseif> and <else> stand between the actions, and are empty."""
+        """Return the branches: empty <elseif> and <else> elements separate the actions."""
         otherwise: list[Action] | None = None
         body: list[Action] = []
         branches = [(self._condition(node, scope), body)]
@@ -529,8 +528,8 @@ class Ascxml:
 
 
 def period_of(rate: float) -> int:
-    """Return the period of a rate in Hz, in ns, as AS2FM rounds it: in the largest unit that has it exactly, or more
-    than 100 times."""
+    """Return the period of a rate (Hz) in ns, rounded down as AS2FM does: to a whole number of the largest unit that is
+    exact, or fits more than 100 times."""
     for unit in (1.0, 1e-3, 1e-6, 1e-9):
         count = 1.0 / rate / unit
         if count == int(count) or count > 101:
@@ -539,7 +538,7 @@ def period_of(rate: float) -> int:
 
 
 def ports_of(root: SourceElement, types: DataTypes) -> Mapping[str, tuple[bool, DataType]]:
-    """Return the ports of a plugin by their names: whether it is an output, and its type. Raises ModelError."""
+    """Return the ports of a plugin by name: whether each is an output, and its type. Raises ModelError."""
     return {
         one.need('key'): (one.tag == 'bt_declare_port_out', _type_of(one, types))
         for one in root.all('bt_declare_port_in', 'bt_declare_port_out')
@@ -560,7 +559,7 @@ def _type_of(node: SourceElement, types: DataTypes) -> DataType:
 
 
 def is_pointer(text: str) -> bool:
-    """Return whether a port is given an entry of the blackboard."""
+    """Return whether the value of a port is a blackboard pointer."""
     stripped = text.strip()
     return len(stripped) > 2 and stripped[0] == '{' and stripped[-1] == '}'
 

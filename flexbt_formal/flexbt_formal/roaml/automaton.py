@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Automata: states with transitions, whose bodies are compiled to code with addresses, and the run of one by itself.
 
-An automaton rests in a state, or is about to send. Its steps between are invisible to the others. So from one event it
-runs to its next sending, or to the next state in which no transition without event can be taken; a transition without
-event has precedence over events, as in SCXML.
+An automaton is in a stable state, or about to send. The others cannot see its steps in between. So after an event it
+runs to its next send, or to the next state in which no eventless transition is enabled. An eventless transition takes
+precedence over events, as in SCXML.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from .data_types import DataType, DataTypeError
 from .expressions import Evaluated
 from .source_text import ModelFault
 
-# Values of ``Math.random()``: real numbers by a generator, or all whole numbers that come of it, with their
-# probabilities, where an expression makes whole numbers of it at once.
+# Values of ``Math.random()``: real numbers from a generator; or, where an expression turns it into an integer at once,
+# # all the possible integers with their probabilities.
 
 MOST_VALUES: Final = 20_000
-"""Values of one draw that are followed."""
+"""Maximum number of values of one draw that are followed."""
 
 
 class ManyValuesError(ModelFault):
-    """Too many values to follow each of them."""
+    """A random draw with too many values to follow each of them."""
 
 
 class SampledDraws:
-    """Random draws of expressions, by a generator: ``u`` is evenly distributed from 0 to below 1."""
+    """Random draws of expressions from a generator: ``u`` is uniformly distributed in [0, 1)."""
 
     def __init__(self, real: Callable[[], float]) -> None:
         self.real = real
@@ -44,9 +44,10 @@ class SampledDraws:
 
 
 class EnumeratedDraws:
-    """The same draws, for all values, one set after the other: the ``given`` ones first, then the first one of each.
+    """The same draws, enumerated: one set of values, which begins with the ``given`` ones and continues with first
+    values.
 
-    ``probability`` is that of the set, ``others`` are the sets beside it.
+    ``probability``: the probability of this set. ``others``: the alternative sets.
     """
 
     def __init__(self, given: tuple[int, ...] = ()) -> None:
@@ -68,12 +69,12 @@ class EnumeratedDraws:
         taken = self._take(last + 1)
         begin = first + taken if taken else least
         end = first + taken + 1 if taken < last else most
-        # Not by the width: of a small one a part is rounded away when it is added.
+        # Not from the width itself: adding a small width to ``least`` rounds part of it away.
         self.probability *= (end - begin) / (most - least)
         return first + taken
 
     def below(self, bound: float) -> bool:
-        if not bound > 0.0:  # not a number, maybe
+        if not bound > 0.0:  # also true of NaN
             return False
         if bound >= 1.0:
             return True
@@ -82,7 +83,7 @@ class EnumeratedDraws:
         return is_below
 
     def _take(self, count: int) -> int:
-        """Return which of this many values it is in this set."""
+        """Return the index, below ``count``, of the value in this set."""
         place = len(self._made)
         if place >= len(self._given):
             self.others += [(*self._made, other) for other in range(1, count)]
@@ -98,15 +99,15 @@ Draws = SampledDraws | EnumeratedDraws
 _LARGEST: Final = 2**64
 _LONGEST: Final = 10_000
 MAX_STEPS: Final = 20_000
-"""Actions of one automaton in a row that count as a livelock, and open branches of one run."""
+"""Number of consecutive actions of an automaton that counts as a livelock; also the limit of open branches of a run."""
 
 
-# -- as it is read ---------------------------------------------------------------------------------------------------
+# -- parsed form ---------------------------------------------------------------------------------------------------
 
 
 @dataclass
 class Assign:
-    """An assignment. ``path`` has members (texts) and indexes (functions)."""
+    """An assignment. ``path`` consists of members (strings) and indexes (functions)."""
 
     variable: int
     kind: DataType
@@ -117,7 +118,7 @@ class Assign:
 
 @dataclass
 class Send:
-    """A sending. ``values`` are in the order of the event's parameters; None for one that is not sent."""
+    """A send action. ``values`` are in the order of the event's parameters; None for a parameter that is not sent."""
 
     event: int
     values: tuple[Evaluated | None, ...]
@@ -126,7 +127,7 @@ class Send:
 
 @dataclass
 class Write:
-    """A value for the blackboard, by an output port of a plugin."""
+    """A write to the blackboard, through an output port of a plugin."""
 
     uid: int
     port: str
@@ -153,7 +154,7 @@ class Target:
 
 @dataclass
 class Transition:
-    """A transition. ``event`` None: it needs none. The probabilities of the targets sum to 1."""
+    """A transition. ``event`` is None for an eventless one. The probabilities of the targets sum to 1."""
 
     event: int | None
     condition: Evaluated | None
@@ -169,12 +170,13 @@ class AutomatonState:
     transitions: list[Transition] = field(default_factory=list)
 
 
-# -- as it runs ------------------------------------------------------------------------------------------------------
+# -- compiled form
+# ------------------------------------------------------------------------------------------------------
 
 
 class LocalState(NamedTuple):
-    """The position of an automaton: ``at`` is a state when it is negative (``-1 - number``), otherwise the address of a
-    sending or writing that is due. ``event`` has the parameters of the event at hand, as long as its body goes on."""
+    """The position of an automaton. ``at`` is a state if negative (``-1 - number``), otherwise the address of the
+    pending send or write. ``event`` has the parameters of the current event, until its body ends."""
 
     at: int
     data: tuple[Any, ...]
@@ -196,7 +198,8 @@ class _Enter(NamedTuple):
 
 
 class Around(NamedTuple):
-    """Values that expressions can use beside data and event: ports that point to the blackboard, random numbers."""
+    """Values that expressions can use in addition to data and event: ports that point to the blackboard, random
+    numbers."""
 
     inputs: Mapping[str, Any]
     draws: Draws
@@ -210,8 +213,8 @@ Branches = list[tuple[float, LocalState]]
 
 
 class Automaton:
-    """One automaton of a model, compiled. ``uid`` is the number of the node of the tree that it is, 0 for others.
-    ``draws``: part of it is random."""
+    """One automaton of a model, compiled. ``uid``: its number as a node of the tree, 0 for other automata. ``draws``:
+    true if it draws random values."""
 
     def __init__(
         self,
@@ -279,31 +282,31 @@ class Automaton:
                 code[end] = _Jump(len(code))
 
     def due(self, local: LocalState) -> Send | Write | None:
-        """Return the sending or writing that is due; None when it rests in a state."""
+        """Return the pending send or write; None in a stable state."""
         return None if local.at < 0 else self._code[local.at]  # type: ignore[return-value]
 
     def state_of(self, local: LocalState) -> str:
-        """Return the state in which it rests; '' while it does not."""
+        """Return the name of the stable state; '' while a send or write is pending."""
         return self.states[-1 - local.at] if local.at < 0 else ''
 
     def handles(self, local: LocalState, event: int) -> bool:
-        """Return whether the state in which it rests has a transition for an event, under any condition."""
+        """Return whether the stable state has a transition for an event, under any condition."""
         return local.at < 0 and event in self._by_event[-1 - local.at]
 
     def take(self, local: LocalState, event: int, values: tuple[Any, ...], around: Around) -> Branches:
-        """Return what follows when it is given an event in the state in which it rests; it stays there when it takes no
-        transition. Raises ModelFault."""
+        """Return the branches after an event in a stable state; without an enabled transition it stays there. Raises
+        ModelFault."""
         targets = self._chosen(self._by_event[-1 - local.at].get(event, ()), local.data, values, around)
         if targets is None:
             return [(1.0, local)]
         return self._run([(p, LocalState(address, local.data, values)) for p, address in targets], around)
 
     def go_on(self, local: LocalState, around: Around) -> Branches:
-        """Return what follows when what is due was done. Raises ModelFault."""
+        """Return the branches after the pending send or write. Raises ModelFault."""
         return self._run([(1.0, local._replace(at=local.at + 1))], around)
 
     def begin(self, around: Around) -> Branches:
-        """Return what it does at first. Raises ModelFault."""
+        """Return the initial branches. Raises ModelFault."""
         return self._run([(1.0, self.start)], around)
 
     def _run(self, ahead: Branches, around: Around) -> Branches:
@@ -354,7 +357,7 @@ class Automaton:
         return None
 
     def values(self, local: LocalState, due: Send | Write, around: Around) -> tuple[Any, ...]:
-        """Return the parameters of what is due, or the value that is written. Raises ModelFault."""
+        """Return the parameters of the pending send, or the value of the pending write. Raises ModelFault."""
         functions = due.values if isinstance(due, Send) else (due.value,)
         return tuple(
             0 if value is None else self._value(value, local.data, local.event, around, due.place)

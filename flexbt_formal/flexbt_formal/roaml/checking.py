@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The probability of a property of a model: exact, by a graph of all its states, or from random runs with a bound."""
+"""The probability of a property of a model: exact, from a graph of all states, or from random runs with a bound."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from .rounds import SATISFIED, EndlessError, Flow, Made, ModelPath, Order, Outco
 from .system import NANOSECONDS, GlobalState, one_of
 
 _CHAIN: Final = 2_000
-"""Steps without a choice that are made as one."""
+"""Maximum number of steps without a choice that are merged into one."""
 _REUSE: Final = 4
-"""Number of repetitions of a round from which it pays to keep everything that may follow in it."""
+"""Number of repetitions of a round from which it pays to cache all its outcomes."""
 _RUN: Final = 1_000_000
-"""Steps of a random run, after which it is undecided."""
+"""Number of steps after which a random run counts as undecided."""
 _ORDERS: Final = {Order.TURNS: 'taking turns', Order.RANDOM: 'in random order', Order.ANY: 'in any order'}
 
 
@@ -37,9 +37,9 @@ class Method(Enum):
 
 @dataclass(frozen=True)
 class CheckLimits:
-    """``seconds`` of processor time for one property, ``states`` of a graph.
+    """Limits of a check: ``seconds`` of processor time for one property, ``states`` of a graph.
 
-    A statistical result is within ``error`` with the probability ``confidence``; ``seed`` that of its random numbers.
+    A statistical result is within ``error`` with the probability ``confidence``. ``seed`` is for its random numbers.
     """
 
     seconds: float = 60.0
@@ -53,8 +53,8 @@ class CheckLimits:
 class Result:
     """The result for a property: its value is between ``low`` and ``high``.
 
-    ``how`` says in words by what method and how exactly. ``is_complete``: nothing was cut short. ``way``: when it can
-    fail, the shortest way that was met to where it has failed, in words. ``has_failed``: one was found.
+    ``how``: the method and its accuracy, in words. ``is_complete``: no limit cut the check short. ``way``: the shortest
+    way found to a failure, in words. ``has_failed``: a failure was found.
     """
 
     asked: ModelProperty
@@ -72,11 +72,11 @@ class Result:
 
     @property
     def holds(self) -> bool | None:
-        """True if the value meets the demand; None if that is not decided."""
+        """True if the value meets the demand, False if not, None if undecided."""
         if self.is_exact:
             return self.asked.holds(self.value)
         if self.asked.demand is None:
-            # One way to fail is enough; that there is none can only be told with the error that was asked.
+            # One failure is proof. The absence of failures is known only within the requested error.
             return False if self.has_failed else True if self.value == 1.0 and self.is_complete else None
         low, high = self.asked.holds(self.low), self.asked.holds(self.high)
         return low if low == high else None
@@ -91,8 +91,8 @@ def check(
     limits: CheckLimits | None = None,
     on_progress: OnProgress = unreported,
 ) -> Result:
-    """Return the probability of a property. Raises ModelFault for a model that cannot go on, and ValueError for a
-    method that does not go with the model or the order."""
+    """Return the probability of a property. Raises ModelFault for a model that cannot continue, and ValueError for a
+    method that does not fit the model or the order."""
     limits = limits or CheckLimits()
     if method is Method.EXACT and model.is_random:
         raise ValueError(
@@ -144,14 +144,14 @@ def check(
 
 
 def _flowed(path: ModelPath, flow: Flow, rounds: int, begin: float) -> Result:
-    # What is left of 1 or 0 is the rounding of sums.
+    # The small rest to 1 or 0 is a rounding error of the sums.
     low, high = (round(value, 12) for value in (flow.good, flow.good if flow.is_complete else 1.0 - flow.bad))
     how = f'exact: {flow.size} states, {rounds} without their time, automata {_ORDERS[path.order]}'
     return _exact(path, flow, (low, high), how, begin)
 
 
 def _exact(path: ModelPath, found: Flow | _Explorer, values: tuple[float, float], how: str, begin: float) -> Result:
-    """Return the result of what follows states, by the least and greatest probability that it gives."""
+    """Return the result of an exact method, from its least and greatest probability."""
     asked = path.asked
     low, high = (1.0 - values[1], 1.0 - values[0]) if asked.is_negated else values
     if not found.is_complete:
@@ -165,7 +165,7 @@ def _exact(path: ModelPath, found: Flow | _Explorer, values: tuple[float, float]
 
 
 class _Explorer:
-    """The graph of what can follow, by breadth: states 0 and 1 are where the property has failed, or is satisfied."""
+    """The state graph, built breadth-first. In states 0 and 1 the property has failed or is satisfied."""
 
     def __init__(self, path: ModelPath, most: int, watch: Watch) -> None:
         self._path = path
@@ -182,7 +182,7 @@ class _Explorer:
         self.is_complete = False
 
     def run(self) -> bool:
-        """Return whether all was followed."""
+        """Build the graph, and return whether it is complete."""
         start: list[tuple[float, int]] = []
         self._start = [start]
         ahead: deque[int] = deque()
@@ -210,7 +210,7 @@ class _Explorer:
         return True
 
     def _is_over(self, left: int) -> bool:
-        """Return whether the time is over, which is looked at after each 64 steps."""
+        """Return whether the time is over; the clock is read every 64 steps."""
         self._made += 1
         if self._made % 64 == 0:
             self._watch.done, self._watch.left = len(self.graph), left
@@ -218,7 +218,7 @@ class _Explorer:
         return self._is_late
 
     def _reached(self, source: int, state: GlobalState, count: int, ahead: deque[int]) -> int:
-        """Return the number of the next state at which there is a choice."""
+        """Return the number of the next state with a choice."""
         path = self._path
         seen = None
         for made in range(_CHAIN):
@@ -261,7 +261,7 @@ class _Explorer:
 
     @property
     def size(self) -> int:
-        """Number of states at which there is a choice."""
+        """Number of states with a choice."""
         return len(self.graph)
 
     @property
@@ -274,7 +274,7 @@ class _Explorer:
         return _exact(self._path, self, self._values([*self.graph, self._start], self._path.asked.is_least), how, begin)
 
     def _values(self, graph: list[GraphChoices], is_least: bool) -> tuple[float, float]:
-        """Return the least and greatest value that the start can have: the same when all was followed."""
+        """Return the least and greatest possible value of the start; they are equal if the graph is complete."""
         low = reach(graph, is_least)[-1]
         if self.is_complete:
             return low, low
@@ -285,7 +285,7 @@ class _Explorer:
         return low, reach(opened, is_least)[-1]
 
     def way(self) -> tuple[str, ...]:
-        """Return the way to where it has failed, in words: from choice to choice, and the steps in between."""
+        """Return the way to the failure in words: the choices, and the steps in between."""
         if self._fails is None:
             return ('it goes round without ever coming to where the property is satisfied',)
         source, goal = self._fails
@@ -305,7 +305,7 @@ class _Explorer:
         return tuple(found)
 
     def _leads(self, state: GlobalState, goal: GlobalState) -> list[Made] | None:
-        """Return the steps from a choice to the next one; None when it does not lead there."""
+        """Return the steps from a choice to the next one; None if they do not lead to ``goal``."""
         if state == goal:
             return []
         path = self._path
@@ -330,7 +330,7 @@ class _Explorer:
 def _sampled(
     path: ModelPath, limits: CheckLimits, begin: float, watch: Watch, notes: list[str], runs: _RoundRuns | _StepRuns
 ) -> Result:
-    """Random runs until there are enough for the error that is asked, or the time is over."""
+    """Make random runs until they suffice for the requested error, or the time is over."""
     looks_at = looks(limits.error, limits.confidence)
     wanted = max(looks_at)
     doubt = looks_at[wanted]
@@ -377,7 +377,7 @@ def _sampled(
 
 
 class _RoundRuns:
-    """Random runs from round to round, each of which is played once. ``made``: what the last run consists of."""
+    """Random runs from round to round; each round is computed once. ``made``: the parts of the last run."""
 
     def __init__(self, path: ModelPath, rounds: Rounds, generator: random.Random) -> None:
         self._path = path
@@ -387,7 +387,7 @@ class _RoundRuns:
         self._times = list(path.system.times())
 
     def one(self, watch: Watch) -> bool | None:
-        """Return how a run ends. Raises OverError."""
+        """Make a run, and return whether the property is satisfied. Raises OverError."""
         self.made = []
         number = self._take(None, 0, self._rounds.first(watch))
         for count, at in enumerate(self._times):
@@ -423,7 +423,8 @@ class _StepRuns:
         self.made: list[Made] = []
 
     def one(self, watch: Watch) -> bool | None:
-        """Return how a run ends; None: it was not decided in a million steps. Raises OverError."""
+        """Make a run, and return whether the property is satisfied; None if undecided after a million steps. Raises
+        OverError."""
         path, generator = self._path, self._random
         state = one_of(path.system.initial(), generator.random)
         self.made = []

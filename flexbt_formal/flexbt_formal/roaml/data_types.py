@@ -25,13 +25,13 @@ MAX_NESTING: Final = 20
 
 
 class DataTypeError(ValueError):
-    """A type that is not known, or a value that is not of its type."""
+    """An unknown type, or a value that does not match its type."""
 
 
 @dataclass(frozen=True)
 class DataType:
-    """``plain`` is the Python type of a number, truth or text; ``members`` are those of a struct; ``inner`` the type of
-    the elements of an array, which are ``most`` at most."""
+    """A data type. ``plain``: the Python type of a number, Boolean or text. ``members``: the members of a struct.
+    ``inner``: the element type of an array with at most ``most`` elements."""
 
     name: str
     plain: type[Any] | None = None
@@ -49,7 +49,7 @@ class DataType:
         return Record((name, kind.zero) for name, kind in self.members.items())
 
     def checked(self, value: Any) -> Any:
-        """Return the value, members in the order of the struct. Raises DataTypeError when it is not of this type."""
+        """Return the value, with members in the order of the struct. Raises DataTypeError if it is not of this type."""
         if self.inner is not None:
             if not isinstance(value, tuple) or isinstance(value, Record):
                 raise DataTypeError(f'{value!r} is not an array, as {self.name} is')
@@ -67,7 +67,7 @@ class DataType:
         return value
 
     def from_text(self, text: str) -> Any:
-        """Return the value that an attribute of a behavior tree gives a port. Raises DataTypeError."""
+        """Return the value of a port from the text of an attribute in a behavior tree. Raises DataTypeError."""
         try:
             if self.plain is str:
                 return text
@@ -82,9 +82,9 @@ class DataType:
         raise DataTypeError(f'{text!r} is not of type {self.name}')
 
     def replaced(self, value: Any, path: Sequence[Any], new: Any) -> Any:
-        """``value``, which is of this type, with ``new`` at the end of a path of members (texts) and indexes.
+        """Return ``value`` (of this type) with ``new`` at the end of a path of members (strings) and indexes.
 
-        An index behind the end makes the array longer. Raises DataTypeError, which is also for what is out of bounds.
+        An index beyond the end extends the array. Raises DataTypeError, also for an index that is out of bounds.
         """
         if not path:
             return new
@@ -110,21 +110,21 @@ class DataType:
             if type(new) is not int or not 0 <= new <= self.most:
                 raise DataTypeError(f'{self.name} cannot have {new!r} elements')
             return (*value[:new], *(self.inner.zero,) * (new - len(value)))
-        # A member of all elements, from an array with a value for each.
+        # Set a member of all elements, from an array with one value per element.
         if not isinstance(new, tuple) or len(new) != len(value):
             raise DataTypeError(f'{new!r} are not the {len(value)} values that {name} of {self.name} needs')
         return tuple(self.inner.replaced(held, (name, *rest), one) for held, one in zip(value, new, strict=True))
 
 
 class DataTypes:
-    """The types of one model. ``most`` bounds arrays that declare no size."""
+    """The types of one model. ``most`` is the maximum length of arrays that declare none."""
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._structs: dict[str, dict[str, str]] = {}
 
     def find(self, name: str, nested: int = 0) -> DataType:
-        """Raise DataTypeError."""
+        """Return the type of a name. Raises DataTypeError."""
         name = name.strip()
         if nested > MAX_NESTING:
             raise DataTypeError(f'{name} is nested more than {MAX_NESTING} deep, or contains itself')
@@ -133,7 +133,7 @@ class DataTypes:
             return DataType(name, plain)
         array = _ARRAY.fullmatch(name)
         if array is not None:
-            # Of int32[][5] the last is the size of the innermost.
+            # In int32[][5], the last size is that of the innermost array.
             base, sizes = name[: name.index('[')], re.findall(r'\[(\d*)\]', name)
             if len(sizes) > MAX_NESTING:
                 raise DataTypeError(f'an array has {len(sizes)} dimensions; {MAX_NESTING} are the most')
@@ -148,7 +148,8 @@ class DataTypes:
         return DataType(name, members={key: self.find(kind, nested + 1) for key, kind in members.items()})
 
     def read(self, asked: SourceElement, path: str) -> None:
-        """Add the structs of a file, XML or JSON schema by the ``type`` of what asks for it. Raises ModelError."""
+        """Add the structs of a file; the ``type`` of the element ``asked`` selects XML or JSON schema. Raises
+        ModelError."""
         if asked.need('type') == 'xml':
             self._read_xml(path, asked)
         else:
@@ -179,7 +180,7 @@ class DataTypes:
         self._from_schema(schema, schema, schema['title'], asked, 0)
 
     def _from_schema(self, root: Mapping[str, Any], schema: Any, name: str, asked: SourceElement, nested: int) -> str:
-        """Return the name of the type that a schema describes; structs are added."""
+        """Return the name of the type that a schema describes, and add its structs."""
         if nested > MAX_NESTING or not isinstance(schema, dict):
             asked.fail(f'the schema of {name!r} is not an object, or is nested more than {MAX_NESTING} deep')
         reference = schema.get('$ref')
@@ -213,11 +214,11 @@ class DataTypes:
         self._structs[name] = members
 
 
-# The values of the models: numbers, truths, texts, arrays (tuples) and records, none of which ever changes.
+# Values of models: numbers, Booleans, texts, arrays (tuples) and records. All are immutable.
 
 
 class Record(tuple[tuple[str, Any], ...]):
-    """Members by their names, in order."""
+    """A struct value: its members by name, in order."""
 
     __slots__ = ()
 
@@ -242,7 +243,7 @@ def length(value: Any) -> int:
 
 
 def member(value: Any, name: str) -> Any:
-    """Return a member of a record; of an array of records the array of that member. Raises KeyError or TypeError."""
+    """Return a member of a record; for an array of records, the array of that member. Raises KeyError or TypeError."""
     if isinstance(value, Record):
         if name == 'length' and all(key != name for key, _ in value):
             return length(value)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The elements of ASCXML for ROS and for behavior trees, and the events that they stand for.
+"""The elements of ASCXML for ROS and for behavior trees, and the events that they represent.
 
 The names are those of AS2FM, since properties use them: ``topic_pose_msg``, ``action_go_result``,
 ``bt_1000_response``.
@@ -26,13 +26,13 @@ _WAITED_FOR: Final = re.compile(
 
 
 def is_waited_for(name: str) -> bool:
-    """Return whether an event waits until its receivers come to a state that has a transition for it. Others are
-    discarded by whoever has none."""
+    """Return whether an event waits until its receivers reach a state with a transition for it. A receiver without a
+    transition discards other events."""
     return _WAITED_FOR.fullmatch(name) is not None
 
 
 def ros_name(name: str) -> str:
-    """Return a name of ROS as a part of the name of an event."""
+    """Return a ROS name in the form that event names contain."""
     return name.strip().removeprefix('/').replace('/', '__')
 
 
@@ -42,7 +42,7 @@ def bt_event(uid: int, what: str) -> str:
 
 
 class Events:
-    """All events of a model by their names and numbers, with the names of what they carry."""
+    """All events of a model by name and number, with the names of their parameters."""
 
     def __init__(self) -> None:
         self.names: list[str] = []
@@ -63,7 +63,7 @@ class Events:
         return self._numbers.get(name)
 
     def send(self, name: str, parameters: Iterable[str] = ()) -> int:
-        """Note that it has a sender with these parameters, and return its number."""
+        """Record that an event has a sender with these parameters, and return its number."""
         number = self.number(name)
         self.sent.add(number)
         known = self.parameters[number]
@@ -71,10 +71,10 @@ class Events:
         return number
 
 
-# The elements of ASCXML for ROS and for behavior trees: which event each means, and how its body names the message.
+# The elements of ASCXML for ROS and behavior trees: the event of each, and the name of the message in its body.
 
 _Roots = Mapping[tuple[str, ...], str]
-"""Names in a body, by members, and the parameters of the event that they stand for."""
+"""Names in a body (by members), with the event parameters that they represent."""
 
 
 INTERFACES: Final[Mapping[str, str]] = {
@@ -85,15 +85,15 @@ INTERFACES: Final[Mapping[str, str]] = {
     'ros_action_server': 'action_name',
     'ros_action_client': 'action_name',
 }
-"""Declarations, with the attribute (or child) that has the name of the interface in ROS."""
+"""Declarations, with the attribute (or child) that contains the ROS name of the interface."""
 
 
 @dataclass(frozen=True)
 class Callback:
-    """A transition by an event, in whose name that of the interface and that of the automaton are to be filled in.
+    """A transition on an event, whose name is a template for the names of the interface and the automaton.
 
-    ``roots`` are the names in its body, by members, and what parameters they stand for. ``code``: the value that the
-    parameter of this name has to have.
+    ``roots``: the names in its body (by members), with the parameters that they represent. ``code``: the required value
+    of the parameter of this name.
     """
 
     interface: str
@@ -132,7 +132,7 @@ CALLBACKS: Final[Mapping[str, Callback]] = {
 
 @dataclass(frozen=True)
 class Trigger:
-    """The sending of an event of an interface, which has fields, and ``extra`` parameters from attributes."""
+    """The send action for an event of an interface, with fields, and ``extra`` parameters from attributes."""
 
     interface: str
     event: str
@@ -161,7 +161,7 @@ BT_CHILD_CALLBACKS: Final[Mapping[str, str]] = {
     'bt_child_halted': 'halt_response_told',
 }
 BT_CHILD_TRIGGERS: Final[Mapping[str, str]] = {'bt_tick_child': 'tick_asked', 'bt_halt_child': 'halt_asked'}
-"""Between a plugin with children and the tree, which ticks the children: so the events are not those of the child."""
+"""Events between a plugin with children and the tree. The tree ticks the children, so these are not their events."""
 
 STATUSES: Final[Mapping[str, int]] = {'SUCCESS': 1, 'FAILURE': 2, 'RUNNING': 3}
 """Numbers of the statuses of nodes in expressions and properties."""

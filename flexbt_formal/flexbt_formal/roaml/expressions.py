@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The expressions of the models: a subset of ECMAScript, compiled to Python.
 
-Arithmetic, comparison, ``&& || !``, ``a ? b : c``, members and indexes, literals of arrays and objects, ``Math``. The
-compiler is our own: the engines for JavaScript on PyPI keep values on a separate heap, and a call of them costs 100
-times as much as an expression here.
+Arithmetic, comparison, ``&& || !``, ``a ? b : c``, members and indexes, literals of arrays and objects, ``Math``. We
+wrote this compiler because the JavaScript engines on PyPI keep values on a separate heap: one call of them costs
+100 times as much as an expression here.
 
-A number is an int or a float as in Python: ``/`` gives a float, ``%`` has the sign of the dividend, as in ECMAScript.
+A number is an int or a float as in Python: ``/`` returns a float. ``%`` has the sign of the dividend, as in ECMAScript.
 """
 
 from __future__ import annotations
@@ -40,8 +40,7 @@ class Literal(NamedTuple):
 
 
 class Call(NamedTuple):
-    """An operator or a function, by its name, with its operands; or an array or object, with the ``keys`` of an
-    object."""
+    """A call of an operator or function with its operands; also an array, or an object with its ``keys``."""
 
     name: str
     operands: tuple[Any, ...]
@@ -96,7 +95,7 @@ _FUNCTIONS: Final = dict.fromkeys((*_REAL, *_WHOLE, 'abs', 'round'), 1) | {'max'
 
 
 def parse_expression(text: str) -> Expression:
-    """Return the expression in a text. Raises ExpressionError."""
+    """Parse an expression. Raises ExpressionError."""
     try:
         return _by_lot(_expression(_GRAMMAR.parse(text).children[0]))
     except GrammarError as error:
@@ -105,7 +104,7 @@ def parse_expression(text: str) -> Expression:
 
 
 def _expression(tree: SyntaxTree) -> Any:
-    """Return what a part of a syntax tree means: an expression, or the name of a member."""
+    """Return the expression, or the name of a member, for a part of a syntax tree."""
     parts: tuple[Any, ...] = tuple(_expression(part) if isinstance(part, Tree) else part for part in tree.children)
     match tree.data, parts:
         case 'number', (Token() as digits,):
@@ -143,7 +142,7 @@ def _expression(tree: SyntaxTree) -> Any:
 
 
 def _call(called: Expression, operands: tuple[Expression, ...], place: int) -> Call:
-    """Return the call of a function, whose name begins at a place."""
+    """Return the call of a function whose name begins at ``place``."""
     name = '.'.join(called.parts) if isinstance(called, Reference) else 'of this value'
     function = name.removeprefix('Math.')
     if function == name or function not in _FUNCTIONS:
@@ -173,7 +172,7 @@ Evaluated = Callable[[Any, Any, Any], Any]
 
 Resolver = Callable[[tuple[str, ...]], str]
 """A function that returns the Python code for a name, in terms of ``d`` (data), ``e`` (parameters) and ``b`` (context).
-It raises ExpressionError."""
+It may raise ExpressionError."""
 
 
 def _remainder(left: Any, right: Any) -> Any:
@@ -194,7 +193,7 @@ def _element_or_0(value: Any, index: Any) -> Any:
 
 
 def _same(left: Any, right: Any) -> bool:
-    """Equality; a text equals the sequence of its bytes, as properties write it."""
+    """Return whether two values are equal; a text equals the sequence of its bytes, the form that properties use."""
     if isinstance(left, str) and isinstance(right, tuple):
         left = tuple(left.encode())
     elif isinstance(left, tuple) and isinstance(right, str):
@@ -231,8 +230,8 @@ _UNARY: Final = {
 
 
 def _by_lot(expression: Expression) -> Expression:
-    """Return the expression, in which whole numbers and truths that are made of a random number are draws of their own:
-    ``floor(random * width + least)`` and ``random < bound``."""
+    """Return the expression with separate draws for integers and Booleans made from a random number: ``floor(random *
+    width + least)`` and ``random < bound``."""
     if not isinstance(expression, Call):
         return expression
     name, operands = expression.name, expression.operands
@@ -249,7 +248,8 @@ def _by_lot(expression: Expression) -> Expression:
 
 
 def _spread(expression: Expression) -> tuple[Expression | None, Expression]:
-    """Width and least value of what is ``random * width + least``, in any order; no width: it is something else."""
+    """Return width and least value of ``random * width + least``, in any order; the width is None for other
+    expressions."""
     if isinstance(expression, Call) and expression.name in ('+', '*') and len(expression.operands) == 2:
         for one, other in (expression.operands, expression.operands[::-1]):
             if expression.name == '*' and one == _RANDOM:
@@ -266,15 +266,15 @@ LOTS: Final = ('random', 'whole by lot', 'below by lot')
 
 
 def is_random(expression: Expression, calls: Collection[str] = LOTS[:1]) -> bool:
-    """Return whether it draws random values: real numbers, of which there are too many to follow each, or by one of
-    ``calls``."""
+    """Return whether an expression draws random values by one of ``calls``; by default real numbers, which are too many
+    to follow each."""
     if not isinstance(expression, Call):
         return False
     return expression.name in calls or any(is_random(one, calls) for one in expression.operands)
 
 
 def references_in(expression: Expression) -> list[tuple[str, ...]]:
-    """Return all names of an expression."""
+    """Return all names in an expression."""
     if isinstance(expression, Reference):
         return [expression.parts]
     operands = expression.operands if isinstance(expression, Call) else ()
@@ -282,7 +282,7 @@ def references_in(expression: Expression) -> list[tuple[str, ...]]:
 
 
 def python_of(expression: Expression, resolve: Resolver) -> str:
-    """Return the expression as Python. Raises ExpressionError for a name that means nothing."""
+    """Return the expression as Python code. Raises ExpressionError for an unknown name."""
     if isinstance(expression, Literal):
         return repr(expression.value)
     if isinstance(expression, Reference):
@@ -303,18 +303,18 @@ def python_of(expression: Expression, resolve: Resolver) -> str:
 
 
 def compiled(expression: Expression, resolve: Resolver) -> Evaluated:
-    """Return a function that gives its value. Raises ExpressionError."""
-    # The text is made of what was parsed: operators, literals by their repr, and names as places in tuples.
+    """Return a function that evaluates the expression. Raises ExpressionError."""
+    # Safe: the code consists of parsed parts only: operators, literals by their repr, and names as tuple indexes.
     text = f'lambda d, e, b: {python_of(expression, resolve)}'
     try:
         function: Evaluated = eval(compile(text, '<model>', 'eval'), _SCOPE)  # noqa: S307
-    except SyntaxError as error:  # too many parentheses within each other: the text has no other error
+    except SyntaxError as error:  # the only possible error: parentheses are nested too deeply
         raise ExpressionError(f'the expression cannot be compiled: {error.msg}') from None
     return function
 
 
 def constant(expression: Expression, names: Mapping[str, Any] | None = None) -> Any:
-    """Return the value of an expression without names, or with these. Raises ExpressionError."""
+    """Return the value of an expression without names, or with these ``names``. Raises ExpressionError."""
     known = dict(names or {})
 
     def resolve(parts: tuple[str, ...]) -> str:

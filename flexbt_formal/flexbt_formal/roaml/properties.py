@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Properties in JANI: the least or greatest probability that a path satisfies F, G, U or W on what events carried.
+"""Properties in JANI: the least or greatest probability that a path satisfies F, G, U or W on values of events.
 
 https://jani-spec.org. A name is ``EVENT.valid`` (whether it was ever sent), ``EVENT__PARAMETER`` (with
 ``ros_fields__`` before the field of a message, and ``__`` before a member), or ``....d1_len``, the length of an array.
 Models of before 2025 write ``EVENT.PARAMETER``.
-What was never sent is 0.
+A value that was never sent is 0.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ _LENGTH: Final = re.compile(r'(.+)\.d(\d+)_len')
 
 
 class PropertyError(ValueError):
-    """A property that is not in the part of JANI that is known here."""
+    """A property outside the supported subset of JANI."""
 
 
 @dataclass(frozen=True)
 class ModelProperty:
-    """P(left U right), least or greatest over the orders; ``is_negated``: 1 minus that is asked, so the other extreme.
+    """P(left U right), least or greatest over the orders; ``is_negated``: the result is 1 minus the other extreme.
 
-    ``lower``, ``upper``: bounds on the steps after which ``right`` counts. ``demand``: what the probability is compared
-    with, if it is; otherwise the property holds when it is 1.
+    ``lower``, ``upper``: bounds on the steps after which ``right`` counts. ``demand``: the comparison that the
+    probability has to meet; without one the property holds if the probability is 1.
     """
 
     name: str
@@ -56,11 +56,11 @@ class ModelProperty:
 
     @property
     def names(self) -> list[str]:
-        """The names of JANI that it speaks of."""
+        """JANI names that the property uses."""
         return [parts[0] for one in (self.left, self.right) for parts in references_in(one)]
 
     def holds(self, value: float, error: float = 1e-9) -> bool:
-        """Return whether a probability is what is demanded."""
+        """Return whether a probability meets the demand."""
         sign, wanted = self.demand or ('>=', 1.0)
         if sign in ('>=', '>'):
             return value >= wanted - error if sign == '>=' else value > wanted
@@ -122,7 +122,7 @@ def _property(name: str, given: Any) -> ModelProperty:
         text = f'{_text(left)} {operator} {_text(right)}'
         if is_negated and 'step-bounds' in path:
             raise PropertyError('W has no bounds here; write it with U')
-        if is_negated:  # it is the contrary of: not right, until neither
+        if is_negated:  # the negation of: not right, until neither
             neither = Call('&&', (Call('unary !', (left,)), Call('unary !', (right,))))
             left, right = Call('unary !', (right,)), neither
     else:
@@ -181,7 +181,7 @@ def _expression(given: Any, depth: int = 0) -> Expression:
     if operator == 'ite':
         return Call('?', (inner('if'), inner('then'), inner('else')))
     if operator == 'aa':
-        # Elements behind the end of an array are 0 in JANI, whose arrays all have their full length.
+        # In JANI all arrays have their full length, so elements beyond the end are 0.
         return Call('element or 0', (inner('exp'), inner('index')))
     if operator == 'av':
         elements = given.get('elements')
@@ -192,7 +192,7 @@ def _expression(given: Any, depth: int = 0) -> Expression:
 
 
 def _text(expression: Expression) -> str:
-    """For people."""
+    """Return the expression as text for messages."""
     if isinstance(expression, Reference):
         return expression.parts[0].replace('__ros_fields__', '.')
     if isinstance(expression, Literal):
@@ -211,7 +211,7 @@ def _text(expression: Expression) -> str:
 
 
 def event_of(name: str, events: Events) -> tuple[str, str]:
-    """Return the event and the rest of a name of JANI: ``valid``, or parameters. Raises PropertyError."""
+    """Return the event and the rest of a JANI name: ``valid``, or parameters. Raises PropertyError."""
     if name.endswith('.valid'):
         return name.removesuffix('.valid'), 'valid'
     best, rest = '', ''
@@ -225,11 +225,11 @@ def event_of(name: str, events: Events) -> tuple[str, str]:
 
 
 Judge = Callable[[Sequence[tuple[Any, ...] | None]], bool]
-"""A function that returns whether an expression is true of the observed values of the watched events."""
+"""A function that returns whether an expression is true for the observed values of the watched events."""
 
 
 def judge_of(expression: Expression, events: Events, watched: Sequence[int]) -> Judge:
-    """Raise PropertyError for a name that means nothing in the model."""
+    """Return the judge of an expression. Raises PropertyError for a name that the model does not know."""
 
     def resolve(parts: tuple[str, ...]) -> str:
         name = parts[0]
@@ -275,7 +275,7 @@ def _length(value: Any) -> int:
 
 
 def _parameter(names: Sequence[str], rest: str) -> tuple[int, tuple[str, ...]] | None:
-    """Return the place of a parameter, and the members behind it."""
+    """Return the index of a parameter, and the members that follow it."""
     for at, name in enumerate(names):
         if name == rest:
             return at, ()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""XML elements with their file, and errors with their place."""
+"""XML elements that know their file, and errors with file and line."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ _TAG: Final = re.compile(r"""<("[^"]*"|'[^']*'|[^"'>])*>""")
 
 
 class ModelError(TreeLoadError):
-    """A file of a model that is refused: file, line, what is wrong, and what to do."""
+    """An error in a file of a model: file, line, the problem, and the remedy."""
 
 
 class ModelFault(Exception):
-    """A model that cannot go on: it computes what has no value, or keeps itself busy. Names file, line and value."""
+    """A model that cannot continue: an expression has no value, or the model loops forever. Names file, line and
+    value."""
 
 
 class SourceElement:
-    """An element of XML and the file that it is in. Prefixes of namespaces are left out of its tag."""
+    """An XML element with its file. Its tag has no namespace prefix."""
 
     __slots__ = ('children', 'element', 'source', 'tag')
 
@@ -47,14 +48,14 @@ class SourceElement:
         return self.element.attributes.get(name)
 
     def need(self, name: str) -> str:
-        """Return an attribute that has to be there, and not empty. Raises ModelError."""
+        """Return a required attribute. Raises ModelError if it is missing or empty."""
         value = self.get(name)
         if value is None or not value.strip():
             self.fail(f'the attribute [{name}] is missing or empty; write {name}="..."', name)
         return value
 
     def number(self, name: str, most: float = 1e9) -> float:
-        """Return an attribute that is a number above 0, up to a bound. Raises ModelError."""
+        """Return an attribute as a number above 0 and up to ``most``. Raises ModelError."""
         text = self.need(name)
         try:
             value = float(text)
@@ -65,7 +66,7 @@ class SourceElement:
         return value
 
     def find(self, tag: str) -> SourceElement | None:
-        """Return the only child of this tag. Raises ModelError when there are several."""
+        """Return the only child with this tag. Raises ModelError if several exist."""
         found = [child for child in self.children if child.tag == tag]
         if len(found) > 1:
             found[1].fail(f'<{tag}> is given twice; remove one of them')
@@ -75,7 +76,7 @@ class SourceElement:
         return (child for child in self.children if child.tag in tags)
 
     def only(self, tags: Iterable[str]) -> None:
-        """Raise ModelError for a child that is none of these."""
+        """Raise ModelError if a child has another tag."""
         known = tuple(tags)
         for child in self.children:
             if child.tag not in known:

@@ -232,7 +232,7 @@ class TreePlayer:
 
     @property
     def keys(self) -> list[str]:
-        """Return the blackboard entries that nodes use."""
+        """Blackboard entries that nodes use."""
         found = [node.port_key(port) for node in self.nodes for port in node.ports]
         found += [node.port_text('output_key') for node in self.nodes if node.id == 'SetBlackboard']
         return sorted({key for key in found if key})
