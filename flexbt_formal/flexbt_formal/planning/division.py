@@ -165,8 +165,9 @@ class Divider:
         return Division(goal, tuple(plan), tuple(before), tuple(ends(self._domain, plan, before)), cost)
 
     def _left_to_others(self, division: Division) -> list[frozenset[int]]:
-        """Return what is not done any more so that the robot that is done last leaves something to the others: of each
-        of its actions all that do the same; at first with what would let the others take the rest from it, too."""
+        """Return the sets of actions to exclude so that the robot that finishes last leaves work to the others: for
+        each of its actions, all its actions with the same effect. Each set comes twice: first together with the actions
+        by which others could take over the rest of its work."""
         if not division.plan:
             return []
         last = max(range(len(division.plan)), key=division.ends.__getitem__)
@@ -195,7 +196,7 @@ MOST_ORDERS: Final = 2000
 
 
 def branches_of(domain: Domain, division: Division, robots: Sequence[str], doers: Sequence[str]) -> list[Branch]:
-    """Return the branches of a division: one for each set of actions that may be done at some time."""
+    """Return the branches of a division: one for each set of actions that can be done at some time."""
     plan, before = division.plan, division.before
     whole = (1 << len(plan)) - 1
     own = [[place for place, action in enumerate(plan) if doers[action] == robot] for robot in robots]

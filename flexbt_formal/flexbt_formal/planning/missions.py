@@ -2,9 +2,9 @@
 """Missions in YAML, as planning problems in terms of skills, and the measurement of their initial state.
 
 skills: [cup_skills.yaml]               # beside this file; the manifests of the leaves and the objects
-start: [at(office), cup_at(kitchen)]    # what is not named does not hold
+start: [at(office), cup_at(kitchen)]    # all other literals are false
 goal: cup_at(office) & not holding
-disturbances:                           # each: what somebody else may bring about
+disturbances:                           # each: literals that others may make true
   - [not open(door)]
 robots: {red: [GoTo, Grasp], blue: [GoTo]}    # where there are several: what each can do
 """
@@ -33,8 +33,8 @@ from .problem import Action, Leaf, PlanningError, PlanningProblem
 
 @dataclass(frozen=True, slots=True)
 class Mission:
-    """The contents of a file. ``goal`` is '' where the file has none. ``robots`` are those of a team, each with its
-    skills. ``lines`` has the line of each entry."""
+    """The contents of a mission file. ``goal`` is '' if the file has none. ``robots`` are the robots of a team, with
+    their skills. ``lines`` has the line of each entry."""
 
     skills: tuple[str, ...] = ()
     start: tuple[str, ...] = ()
@@ -48,7 +48,7 @@ def read_mission(text: str, source: str = '<text>') -> Mission:
     """Return the mission that a text describes.
 
     Raises:
-        PlanningError: with everything that is wrong, each on a line as ``source:line: what``.
+        PlanningError: with all problems, each on a line in the form ``source:line: what``.
     """
     parts = YamlParts(source)
     entries = parts.mapping(parts.root(text), 'a mission')
@@ -176,8 +176,8 @@ def _action_leaf(skill: Skill, action: GroundAction) -> Leaf:
 
 
 def sensor_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
-    """Return the leaf that checks whether a literal holds: that of the predicate's sensor, otherwise one that is called
-    as the predicate. None when the library has no such predicate."""
+    """Return the leaf that tests a literal: the leaf of the predicate's sensor, otherwise a leaf with the name of the
+    predicate. None if the library does not know the predicate."""
     predicate = library.predicates.get(literal.predicate)
     if predicate is None:
         return None
@@ -189,7 +189,7 @@ def sensor_leaf(library: SkillLibrary, literal: Literal) -> Leaf | None:
         return Leaf(sensor.id, ports, inverted)
     if isinstance(sensor, BlackboardSensor):
         return Leaf('ScriptCondition', {'code': Template(sensor.test).safe_substitute(arguments)}, inverted)
-    return Leaf(literal.predicate, arguments, inverted)  # no leaf of ours asks a topic, or remembers: the user's does
+    return Leaf(literal.predicate, arguments, inverted)  # FlexBT has no such leaf; the user's has
 
 
 # Measurement of the initial state: a tree that ticks every sensor leaf once, and the start that follows.
@@ -206,11 +206,12 @@ class Measurement:
 
     @classmethod
     def of(cls, library: SkillLibrary, goal: str, is_type: Callable[[str], bool]) -> Self:
-        """Return what matters for a goal (see :func:`parse_goal`) and can be told of a library's objects by leaves, of
-        which ``is_type`` knows the types.
+        """Return the facts about a library's objects that matter for a goal (see :func:`parse_goal`) and that leaves
+        can measure. ``is_type`` returns whether a leaf type exists.
+
 
         Raises:
-            PlanningError, SkillError: the goal is none, or those are more than MOST_FACTS.
+            PlanningError, SkillError: the goal is invalid, or the facts are more than MOST_FACTS.
         """
         leaves: dict[Literal, Leaf] = {}
         wanted = {parse_literal(text).predicate for alternative in parse_goal(goal) for text in alternative}
@@ -234,7 +235,7 @@ class Measurement:
         return cls(leaves)
 
     def tree_xml(self, name: str) -> str:
-        """Return a tree of this ID that succeeds once every sensor has answered; :meth:`start` reads what they said."""
+        """Return a tree of this ID that succeeds once every sensor has answered; :meth:`start` reads the answers."""
         root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=name)
         tree = ElementTree.SubElement(root, 'BehaviorTree', ID=name)
         asked = ElementTree.SubElement(tree, 'Sequence', name='how the world is')
@@ -243,7 +244,7 @@ class Measurement:
             said = {'_onSuccess': f'{_entry(number)} := true', '_onFailure': f'{_entry(number)} := false'}
             attributes = {'name': str(atom), **leaf.ports, **said}
             ElementTree.SubElement(answered, leaf.type, attributes)
-        ElementTree.SubElement(asked, 'AlwaysSuccess')  # of no sensors
+        ElementTree.SubElement(asked, 'AlwaysSuccess')  # for a goal without sensors
         return ElementTree.tostring(root, encoding='unicode')
 
     def start(self, given: Iterable[str], holds: Callable[[str], bool]) -> list[str]:
@@ -261,8 +262,7 @@ class Measurement:
 
 
 def _that_matter(library: SkillLibrary, wanted: set[str]) -> set[str]:
-    """Return the predicates that are wanted, and those of the conditions of skills that bring about one that
-    matters."""
+    """Return the wanted predicates, and, recursively, the condition predicates of skills that can change them."""
     found = set(wanted)
     pending = list(library.skills.values())
     while bringing := [skill for skill in pending if not found.isdisjoint(_brought_about(skill))]:

@@ -130,8 +130,8 @@ _CALL: Final = re.compile(r'(not )?\s*([^()]+?)\s*(?:\((.*)\))?')
 
 @dataclass(frozen=True, slots=True)
 class Leaf:
-    """A node of a tree: its type and ports. Of a condition, whether its result is ``inverted``; of an action, how often
-    it is tried (``attempts``), and how long each time (``deadline``, s; None: as long as it takes)."""
+    """A leaf of a tree: its type and ports. A condition may be ``inverted``. An action has a number of ``attempts``,
+    and a ``deadline`` for each (s; None: unlimited)."""
 
     type: str
     ports: Mapping[str, str] = field(default_factory=dict)
@@ -141,8 +141,8 @@ class Leaf:
 
     @classmethod
     def of(cls, text: str) -> Leaf:
-        """Return the leaf for a literal or an action of which nothing else is said: ``on(cup, table)`` is a leaf of the
-        type ``on``, whose ports ``argument1`` and ``argument2`` are cup and table."""
+        """Return the default leaf of a literal or an action: ``on(cup, table)`` is a leaf of the type ``on``, with cup
+        and table in the ports ``argument1`` and ``argument2``."""
         found = _CALL.fullmatch(text.strip())
         if found is None:
             return cls(text)
@@ -193,7 +193,7 @@ class PlanningProblem:
         object.__setattr__(self, 'initial', self.initial | opposite(frozenset(opposites) - self.initial))
 
     def leaf(self, text: str) -> Leaf:
-        """Return the leaf that tests a literal or does an action."""
+        """Return the leaf that tests a literal or executes an action."""
         return self.leaves.get(text) or Leaf.of(text)
 
     def knows(self, text: str) -> bool:
@@ -208,11 +208,11 @@ class PlanningProblem:
 
 
 def predicate_of(literal: str) -> str:
-    """Return the predicate of a literal as it is written: on, of ``on(cup, table)`` and of ``not on(cup, table)``."""
+    """Return the predicate of a literal: ``on`` for ``on(cup, table)`` and for ``not on(cup, table)``."""
     return literal.removeprefix(_NOT).partition('(')[0]
 
 
-# The scenes of BTPG (Cai et al., IJCAI 2025), as they are published extracted: grounded actions with costs.
+# The scenes of BTPG (Cai et al., IJCAI 2025) in their published, extracted form: grounded actions with costs.
 
 
 def read_scene(scene: str, actions: Iterable[str], source: str = '<scene>') -> tuple[tuple[Action, ...], Condition]:

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A plan as a map: a region for each branch (the states in which it is the first that holds), and ways between them."""
+"""A plan as a map: a region for each branch (the states in which it is the first that holds), with moves between
+them."""
 
 from __future__ import annotations
 
@@ -32,9 +33,9 @@ class MoveKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PlanRegion:
-    """``actions`` are what is done there, by each robot that does something; ``condition`` the literals of the branch,
-    or the alternatives of the goal;
-    ``left`` what is left to the goal at most: the cost, for several robots the time."""
+    """A region of the map. ``actions``: the action of each active robot. ``condition``: the literals of the branch, or
+    the alternatives of the goal. ``left``: the most that remains to the goal: the cost, or the time for several
+    robots."""
 
     kind: RegionKind
     actions: tuple[str, ...] = ()
@@ -44,7 +45,7 @@ class PlanRegion:
 
 @dataclass(frozen=True, slots=True)
 class RegionMove:
-    """A move between two regions, by their indices; ``name`` is that of the action or disturbance."""
+    """A move between two regions (indices); ``name`` is the name of the action or disturbance."""
 
     start: int
     end: int
@@ -65,7 +66,7 @@ def region_map(plan: Plan) -> RegionMap:
     """Return the map of a plan, for all states that are reachable with the disturbances that its test allowed.
 
     Raises:
-        ValueError: no plan was found.
+        ValueError: the search found no plan.
     """
     policy = plan.policy
     if policy is None or plan.coverage is None:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The delete relaxation: exclusive literals, reachability, landmarks, and the lower bound LM-cut.
 
-A set is found from a literal: whoever makes one of the set true has to make the others false, or takes the place of
-one that it needed and made false; what is lacking for that joins the set (invariants as in Helmert, *Concise
-finite-domain representations for PDDL planning tasks*, 2009, here on grounded actions). Not all such sets are found:
-each result is true, but the results are not complete.
+An exclusive set grows from one literal. Each action that makes a member true has to make the others false, or to
+replace a member that it needs and makes false; literals that are missing for this join the set (invariants as in
+Helmert, *Concise finite-domain representations for PDDL planning tasks*, 2009, here on grounded actions). The results
+are correct, but not complete.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _MOST_PAIRS: Final = 4
 
 
 class Exclusions:
-    """Literals that exclude each other in all states that can be reached from ``initial`` by actions."""
+    """Literals that exclude each other in all states reachable from ``initial``."""
 
     def __init__(self, domain: Domain, initial: int) -> None:
         self._domain = domain
@@ -97,23 +97,25 @@ class Exclusions:
 
 
 # Reachability from a state if no literal ever becomes false (the delete relaxation), for all goals at once.
-#
-# Least costs of literals (h_max), their achievers, and their landmarks: literals that are true at some time on each way
-# to them. Of a domain with 7,300 actions this takes about 0.1 s, and a goal is then asked for often.
+# Least costs of literals (h_max), their achievers, and their landmarks: literals that are true at some time on each
+# path to them. For a domain with 7,300 actions this takes about 0.1 s; the queries for goals after that are frequent.
 
 
 class Reachability:
     """A domain, seen from a state.
 
-    ``costs[p]``: the least cost of literal p when each action costs as much as its dearest need (infinite where it
-    cannot be reached), ``needed[a]``: the same of what action a needs. ``achievers[p]``: actions that can be reached
-    and make p true. ``first[p]``: those of them that do not need p to be reached before: only they can be the first to
-    make it true. ``landmarks[p]``: bit set, p and what is there from the start included. ``weights[p]``: what p costs
-    at least; the weights of what one action adds are together at most its cost, so the weights of any landmarks may be
-    added up. ``before[a]``: the landmarks of what action a needs, ``before_weights[a]``: their weights together.
-    ``needs[a]`` and ``adds[a]``: what action a needs and adds beside what is there from the start.
+    - ``costs[p]``: least cost of literal p if each action costs its own cost plus its dearest need; infinite if
+      unreachable.
+    - ``needed[a]``: the same for the needs of action a.
+    - ``achievers[p]``: reachable actions that make p true.
+    - ``first[p]``: achievers that do not require p to be reached before; only they can be the first to make it true.
+    - ``landmarks[p]``: bit set, including p and the initial literals.
+    - ``weights[p]``: lower bound of the cost of p. The weights of the literals that one action adds sum up to at most
+      its cost, so the weights of any landmarks may be added up.
+    - ``before[a]``: landmarks of the needs of action a; ``before_weights[a]``: the sum of their weights.
+    - ``needs[a]`` and ``adds[a]``: needs and effects of action a without the initial literals.
 
-    ``without`` are numbers of actions that are not to be used.
+    ``without`` are the numbers of excluded actions.
     """
 
     def __init__(self, domain: Domain, initial: int, without: Iterable[int] = ()) -> None:
@@ -162,12 +164,12 @@ class Reachability:
     def landmarks_of(self, literals: list[int]) -> int:
         """Return the literals that are true at some time on each path to these literals."""
         mask = 0
-        for literal in literals:  # often called, with few: union would take twice as long
+        for literal in literals:  # called often with few literals: union would take twice as long
             mask |= self.landmarks[literal]
         return mask
 
     def weight(self, landmarks: int) -> float:
-        """Return a lower bound of the cost to pass these landmarks."""
+        """Return a lower bound of the cost of these landmarks."""
         return sum(weight * (landmarks & mask).bit_count() for weight, mask in self._by_weight)
 
     def _find_landmarks(self, order: list[int]) -> None:
@@ -196,14 +198,11 @@ class Reachability:
 
 
 # LM-cut (Helmert, Domshlak: *Landmarks, critical paths and abstractions: what's the difference anyway?*, ICAPS 2009).
-#
-# A lower bound of the cost of a condition: sets of actions are cut out of the delete relaxation, one of each of which
-# is in every plan. Each set counts with its cheapest action, whose cost all of the set lose; until the condition costs
-# nothing more.
-#
-# Conditions of a search have most in common with the one from which they are regressed, and so have their cuts: those
-# which are still true of it are kept, and only what is lacking is computed (Pommerening, Helmert: *Incremental LM-cut*,
-# ICAPS 2013).
+# A lower bound of the cost of a condition. A cut is a set of actions of which every plan contains at least one. Each
+# cut counts with the cost of its cheapest action, and all its actions become cheaper by that cost. The cuts end when
+# the condition costs nothing.
+# A condition of a search shares most of its literals, and so most cuts, with its successor. The cuts that still hold
+# are kept, and only the missing ones are computed (Pommerening, Helmert: *Incremental LM-cut*, ICAPS 2013).
 
 
 class Cut(NamedTuple):
@@ -236,7 +235,7 @@ class LmCut:
         return tuple(cut for cut in cuts if cut.zone & lacking)
 
     def cuts(self, condition: int, kept: Cuts = ()) -> Cuts:
-        """Return the cuts of a condition, beginning with those that are known of it (:meth:`kept`)."""
+        """Return the cuts of a condition, beginning with the known ones (:meth:`kept`)."""
         goals = list(bits(condition & ~self._known))
         landmarks = self._reachability.landmarks_of(goals)
         needs_of = {action: self._reachability.needs[action] for action in self._relevant(goals)}
@@ -295,7 +294,7 @@ def _relaxed_costs(
     adds_of: Mapping[int, list[int]] | Sequence[list[int]],
     users: Mapping[int, list[int]],
 ) -> dict[int, float]:
-    """Return the least costs of literals when each action costs as much as its dearest need, and what is ``left``."""
+    """Return the least costs of literals if each action costs its dearest need plus its remaining cost (``left``)."""
     costs: dict[int, float] = {}
     queue: list[tuple[float, int]] = []
     missing = {action: len(needs) for action, needs in needs_of.items()}
@@ -339,7 +338,7 @@ def _zone(
 
 
 def _cut(zone: set[int], adds_of: dict[int, list[int]], supporters: dict[int, int | None]) -> set[int]:
-    """Return the actions that lead from what is reached outside of the zone into it."""
+    """Return the actions that lead into the zone from literals outside it."""
     supported: dict[int | None, list[int]] = defaultdict(list)
     for action, supporter in supporters.items():
         supported[supporter].append(action)

@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Backward search for the cheapest plan: A* over conditions, as OBTEA (Chen et al., IJCAI 2024) with a lower bound.
 
-A condition c is regressed through an action a that makes some of it true and none of it false: where
+A condition c is regressed through an action a that makes a part of it true and no part false: where
 ``needs(a) | (c - adds(a))`` holds, a leads to c. The search is *sound* (each condition leads to the goal by its
-actions), *complete* (on the declared model), and *optimal*: conditions are taken by cost so far plus a lower bound of
-the rest, and the first that holds in the initial state is on a cheapest plan.
+actions), *complete* (on the declared model), and *optimal*: it expands conditions by cost so far plus a lower bound of
+the rest, and the first one that holds in the initial state is on a cheapest plan.
 
-What makes it fast, beside LM-cut: of a condition only those regressions are made whose action can be in a plan that
-costs no more than the condition promises (partial expansion; the condition comes again with the next dearer one);
-conditions with two literals that exclude each other are left out, and those that ask for more than another one, at no
-less cost; and the cuts of a condition are only completed when its turn comes, until then those of the one after it do.
+In addition to LM-cut, three methods make it fast:
+
+- Partial expansion: a condition is regressed only through actions of plans within its current bound. It returns to the
+  queue with the next higher bound.
+- Pruning: the search drops conditions with two literals that exclude each other, and conditions that contain another
+  condition of the same or a lower cost.
+- Lazy cuts: the cuts of a condition are completed only before its expansion. Until then it uses the cuts of its
+  successor.
 """
 
 from __future__ import annotations
@@ -39,7 +43,8 @@ class SearchOutcome(Enum):
 
 
 class SearchProgress(NamedTuple):
-    """Progress of a search: no plan is cheaper than ``bound``; ``best`` is the cost of the best so far, or None."""
+    """Progress of a search: no plan is cheaper than ``bound``; ``best`` is the cost of the best plan so far, or
+    None."""
 
     bound: float
     best: float | None
@@ -48,8 +53,8 @@ class SearchProgress(NamedTuple):
 
 
 class RegressionStep(NamedTuple):
-    """A known condition: it leads to the goal at ``cost``, by ``action`` (None: it is the goal) to
-    condition ``next``."""
+    """A step from a known condition to the goal at ``cost``: ``action`` (None at the goal) leads to condition
+    ``next``."""
 
     cost: float
     action: int | None
@@ -60,8 +65,8 @@ class RegressionStep(NamedTuple):
 class SearchResult:
     """The result of a search.
 
-    ``steps``: of the conditions that were looked into, what to do there. ``start``: the condition of the best plan that
-    holds at the start, None without one. ``bound``: no plan is cheaper. ``expanded``: conditions.
+    ``steps``: the step of each expanded condition. ``start``: the condition of the best plan that holds at the start,
+    None without a plan. ``bound``: no plan is cheaper. ``expanded``: number of expanded conditions.
     """
 
     outcome: SearchOutcome
@@ -96,8 +101,9 @@ def search(
 ) -> SearchResult:
     """Return the cheapest plan from the initial state to a goal (a bit set).
 
-    Ends with ``TIME_LIMIT`` when ``time_limit`` (seconds on the ``clock``) is over; what was found until then is in the
-    result: from half of that time on any plan is looked for first. ``report`` is called about five times a second.
+    End with ``TIME_LIMIT`` after ``time_limit`` (seconds on the ``clock``); the result then contains the best plan so
+    far.
+    After half of that time, the search prefers to find any plan first. ``report`` is called about five times a second.
     """
     return _Search(reachability, goal, time_limit, report, clock).run()
 
@@ -209,8 +215,7 @@ class _Search:
     def _regressions(
         self, condition: int, cost: float, done: float, bound: float
     ) -> Iterator[tuple[int, RegressionStep]]:
-        """Yield the predecessors of a condition, by actions in plans with a cost bound above ``done`` and up to
-        ``bound``."""
+        """Yield the predecessors of a condition through actions of plans with a cost bound in (``done``, ``bound``]."""
         domain = self._reachability.domain
         tried: set[int] = set()
         for literal in bits(condition):
@@ -243,7 +248,7 @@ class _Search:
         return now >= self._deadline
 
     def _achievers_of(self, literal: int) -> tuple[list[float], list[int]]:
-        """Return the actions that add a literal, by the least cost of a plan that they are in, with these costs."""
+        """Return the actions that add a literal, sorted by the lower bound of a plan with them, and these bounds."""
         known = self._achievers.get(literal)
         if known is None:
             pairs = sorted(
@@ -255,7 +260,7 @@ class _Search:
     def _bound_with(self, action: int) -> float:
         """Return a lower bound of the cost of a plan with this action.
 
-        The cuts of the goal, and what they leave of the costs of the landmarks before the action, and of its own.
+        It is the sum of the cuts of the goal, and the remaining costs of the action and of the landmarks before it.
         """
         reachability = self._reachability
         before = reachability.before[action]
@@ -274,8 +279,8 @@ class _Search:
 
 
 class _Open(NamedTuple):
-    """A condition that is still to be looked into: lower bounds of a plan through it, and of the ``rest`` of that; its
-    cost, and the bound up to which it was looked into."""
+    """An unexpanded condition: the lower bounds of a plan through it and of the ``rest`` of that plan, its cost, and
+    the bound up to which it was expanded."""
 
     bound: float
     rest: float
@@ -310,10 +315,10 @@ class _Queue:
 
 
 class _Closed:
-    """The conditions that were looked into, found by those that they cover: all that ask for as much, or more.
+    """The expanded conditions, in a form for subset queries: a condition covers all its supersets.
 
-    A tree of literals, in each condition in the same order; those first that few conditions have, which are those that
-    few actions know.
+    It is a tree of literals, in the same order in all conditions. Rare literals, those that few actions use, come
+    first.
     """
 
     def __init__(self) -> None:
@@ -342,7 +347,7 @@ class _Closed:
 
 @dataclass(slots=True)
 class _Literals:
-    """A node of that tree: the literals that follow, also as a bit set; the cost, if a condition ends here."""
+    """A node of the tree: the next literals, also as a bit set, and the cost if a condition ends here."""
 
     known: int = 0
     after: dict[int, _Literals] = field(default_factory=dict)

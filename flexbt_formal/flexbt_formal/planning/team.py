@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans for several robots: their problem, and what each robot does, tested before it is returned."""
+"""Plans for several robots: the problem, and the tested actions of each robot."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .relaxation import Reachability
 from .search import SearchOutcome, SearchProgress
 
 _ROBOT: Final = 'robot'
-"""The parameter of a skill for the robot that does it, and the type of robots."""
+"""The parameter of a skill that selects its robot; also the object type of robots."""
 _MOST: Final = 8
 
 
@@ -31,10 +31,10 @@ class Team:
     """A problem to plan for several robots.
 
     ``doers`` maps each action of the problem, by its name, to the one of the ``robots`` that does it. A robot does one
-    action at a time. Costs are durations where the time that the team needs is to count.
+    action at a time. Costs are durations if the plan is to minimize the team's time.
 
     Raises:
-        PlanningError: there is no robot, or there are more than 8; or none of them does an action.
+        PlanningError: the team has no robot, more than 8, or an action without a robot.
     """
 
     problem: PlanningProblem
@@ -60,12 +60,12 @@ def team_problem(
 ) -> Team:
     """Return the planning problem of a team, from manifests.
 
-    ``robots`` names them, each with its skills. Who does a skill is its parameter ``robot``; a skill without one is
-    done by any robot that has it. Robots that the library does not name are objects of the type ``robot``. The others
-    as for :func:`skill_problem`.
+    ``robots`` maps each robot to its skills. The parameter ``robot`` of a skill selects its robot; any robot that has a
+    skill without this parameter can execute it. Robots that the library does not know become objects of the type
+    ``robot``. The other parameters are as for :func:`skill_problem`.
 
     Raises:
-        PlanningError, SkillError: as there; or a robot has a skill that there is not.
+        PlanningError, SkillError: as for :func:`skill_problem`; or a robot has an unknown skill.
     """
     for robot, skills in robots.items():
         _check_name(robot)
@@ -140,7 +140,7 @@ def staffed(team: Team) -> PlanningProblem:
 
 
 def in_service(robot: str) -> str:
-    """Return the literal that a robot works."""
+    """Return the literal for a robot that is in service."""
     return f'{robot} is in service'
 
 
@@ -153,7 +153,7 @@ def entry(what: str, robot: str) -> str:
 
 
 class Task(NamedTuple):
-    """An action of a robot, and when it begins and ends if costs are durations and nothing hinders."""
+    """An action of a robot with its begin and end, if costs are durations and no disturbance occurs."""
 
     robot: str
     action: str
@@ -165,9 +165,10 @@ class Task(NamedTuple):
 class TeamPlan(Plan):
     """The result of planning for several robots.
 
-    ``tasks`` are the plan in the order in which they begin, ``duration`` when the last is done, ``cost`` the costs
-    together; ``least_duration`` is what no plan can take less than. ``alone`` has for each robot what it would cost it
-    alone (None: it cannot, or it is not known).
+    ``tasks``: the plan, ordered by begin. ``duration``: the end of the last task. ``cost``: the total cost.
+    ``least_duration``: a lower bound of the duration of any plan. ``alone``: for each robot, the cost of reaching the
+    goal
+    alone (None: it cannot, or the cost is unknown).
     """
 
     team: Team

@@ -8,21 +8,25 @@ The tree of a plan for one robot::
       Fallback
         KeepRunningUntilFailure         one action after the other
           ReactiveSequence
-            Inverter(the goal)          when it holds, whatever runs is halted, and the loop ends
+            Inverter(the goal)          when it holds, the running action is halted and the loop ends
             ReactiveFallback            not more actions than are allowed
             ReactiveFallback            the branches, the cheapest first; the last one says why it gives up
               ReactiveSequence(conditions, RetryUntilSuccessful(action))
         ReactiveSequence(the goal)
 
-The tree succeeds when the goal holds. It fails when an action failed as often as it may be tried and no other branch
-holds, when no branch holds, or after three times as many actions as the longest way has that was tried;
-``plan_failure`` on the blackboard says which. An action that succeeds without its effects is done again as often as it
-may be tried, and has failed then. One that has failed is left to the other branches until another action has succeeded.
+The tree succeeds when the goal holds. It fails in three cases, and ``plan_failure`` on the blackboard has the reason:
+
+- an action has used up its attempts, and no other branch holds;
+- no branch holds;
+- the tree has run three times as many actions as the longest tested path.
+
+An action that succeeds without its effects is repeated up to its number of attempts, and then counts as failed. After
+a failure, the tree uses other branches instead of this action until another action has succeeded.
 
 For several robots there is a tree for each of them, and one that runs them all::
 
     Sequence
-      Script                            nobody is lost
+      Script                            no robot is lost
       Fallback
         ReactiveSequence
           Inverter(the goal)            when it holds, everything that runs is halted
@@ -37,8 +41,8 @@ For several robots there is a tree for each of them, and one that runs them all:
         ReactiveFallback                it does that; an action goes on when another branch has it, too
           ReactiveSequence(is it this one?, RetryUntilSuccessful(action))
 
-A robot whose action failed as often as it may be tried is lost from then on: ``lost_ROBOT`` on the blackboard, which
-others may set, too. Then the branches without it are left.
+A robot whose action has used up its attempts is lost from then on: ``lost_ROBOT`` on the blackboard, which other
+programs may also set. Then only the branches without this robot remain.
 """
 
 from __future__ import annotations
@@ -56,7 +60,7 @@ from .problem import Leaf, PlanningError, PlanningProblem, bits
 from .team import TeamPlan, entry
 
 FAILURE_ENTRY: Final = 'plan_failure'
-"""The entry of the blackboard that says why a tree gave up."""
+"""The blackboard entry with the reason why a tree gave up."""
 
 _COUNT_ENTRY: Final = 'plan_actions'
 """The entry of the blackboard with the number of actions that succeeded."""
@@ -81,11 +85,12 @@ _BUILTIN: Final = ('ScriptCondition', 'Script')
 
 
 def tree_xml(plan: Plan, name: str = 'Plan') -> str:
-    """Return the XML of a plan's tree; of a plan for several robots, ``name`` runs all, ``name_ROBOT`` is that of one.
+    """Return the XML of a plan's tree. For several robots, the tree ``name`` runs the trees ``name_ROBOT`` of all
+    robots.
 
     Raises:
-        ValueError: no plan was found, so it has no tree.
-        PlanningError: the type of a leaf, or a port, cannot stand in XML.
+        ValueError: the search found no plan.
+        PlanningError: XML cannot contain the type or a port of a leaf.
     """
     if plan.policy is None or plan.coverage is None:
         raise ValueError('there is no plan, and so no tree')
@@ -102,7 +107,7 @@ def tree_entries(plan: Plan) -> tuple[str, ...]:
 
 
 def failed_action(problem: PlanningProblem, reason: str) -> tuple[str, str] | None:
-    """Return the action whose failure is the ``reason`` of a tree, and what it did; None for other reasons."""
+    """Return the action whose failure is the ``reason`` of a tree, and how it failed; None for other reasons."""
     did = ((action.name, what) for action in problem.actions for what in (_FAILED, _IN_VAIN))
     return next((one for one in did if _reason(*one, problem.leaf(one[0])) == reason), None)
 
