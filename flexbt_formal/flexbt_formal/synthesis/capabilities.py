@@ -23,7 +23,7 @@ DEFAULT_AUTONOMY: Final = 1
 """The level of an outcome for which none is given (low)."""
 
 TIMEOUT: Final = 'timeout'
-"""The parameter of states that a deadline is."""
+"""The state parameter that contains a deadline."""
 
 _CAPABILITY_NAME: Final = re.compile(r'[A-Za-z_]\w*')
 _MAPPING_KEYS: Final = ('sm_outcome_mappings', 'state_outcome_mappings', 'transition_outcomes')
@@ -97,7 +97,7 @@ class CapabilityFile:
 
 
 def read_mappings(text: str, source: str) -> Mappings:
-    """Return a file of mappings. Raises SynthesisError with every problem of it."""
+    """Read a mapping file. Raises SynthesisError with all its problems."""
     file = YamlFile(text, source)
     mappings = _mappings(file, file.top('a file of mappings', _MAPPING_KEYS))
     file.end()

@@ -19,7 +19,8 @@ from .specification import GameVariable, Section, Specification
 
 
 def check_certificate(specification: Specification, certificate: Mapping[str, Any]) -> list[str]:
-    """Return what is wrong with a certificate (:meth:`Strategy.to_json`) of a specification; nothing when it holds."""
+    """Return the problems of a certificate (:meth:`Strategy.to_json`) of a specification; an empty list if it is
+    valid."""
     try:
         return list(_Check(specification, certificate).problems())
     except (KeyError, TypeError, IndexError, ValueError, AttributeError) as error:
@@ -104,7 +105,7 @@ class _Check:
     def _progress(
         self, node: Mapping[str, Any], then: Mapping[str, Any], after: Mapping[VariableName, int]
     ) -> tuple[bool, str | None]:
-        """Return whether a move comes closer to the guarantee, and what is wrong with it."""
+        """Return whether a move comes closer to the guarantee, and its problems."""
         guarantee = self._guarantees[node['goal']]
         if then['goal'] == (node['goal'] + 1) % len(self._guarantees) and (
             guarantee is None or value_of(guarantee, after)

@@ -16,7 +16,7 @@ Diagram = Any
 """A set of valuations; ``&``, ``|`` and ``~`` are those of sets."""
 
 MAX_VALUES: Final = 4096
-"""Values that an integer, or a sum, may have at most."""
+"""Maximum number of values of an integer or a sum."""
 
 
 class Encoding:
@@ -70,11 +70,11 @@ class Encoding:
         return found
 
     def primed(self, states: Diagram) -> Diagram:
-        """Return a set of valuations of this step, said of the next one."""
+        """Return a set of valuations of this step, as valuations of the next step."""
         return self._bdd.let(self._prime, states)
 
     def unprimed(self, states: Diagram) -> Diagram:
-        """Return a set of valuations of the next step, said of this one."""
+        """Return a set of valuations of the next step, as valuations of this step."""
         return self._bdd.let({then: now for now, then in self._prime.items()}, states)
 
     def some(self, names: Iterable[VariableName], of: Diagram) -> Diagram:
@@ -154,7 +154,7 @@ class Encoding:
                 return found
 
     def _values(self, term: Term) -> Mapping[int, Diagram]:
-        """For each value of a term when it has it."""
+        """Return, for each value of a term, the valuations that give it this value."""
         match term:
             case Number(value):
                 return {value: self.true}

@@ -9,7 +9,7 @@ from flexbt_core.errors import FlexbtError
 
 
 class SynthesisError(FlexbtError):
-    """Something cannot be read, or not be made a machine of; ``problems`` are what is wrong, each with its place."""
+    """An input that cannot be read or turned into a machine; ``problems`` lists the reasons, each with its place."""
 
     def __init__(self, problems: Iterable[str]) -> None:
         self.problems = tuple(problems)
@@ -17,4 +17,4 @@ class SynthesisError(FlexbtError):
 
 
 class SynthesisTimeout(FlexbtError):
-    """The time limit was reached before there was an answer; the text says how far it had come."""
+    """The time limit was reached before an answer was found; the text reports the progress."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Explanations why there is no machine: the smallest conflict, in the words of the request.
+"""Explanations why no machine exists: the smallest conflict, in the words of the request.
 
 The questions are asked in this order, and the first answer counts: can it begin at all; could it succeed if the world
 helped; is there always something left to do; and only then: what does the world do to prevent the goal forever.
@@ -26,7 +26,7 @@ from .translation import OBJECTIVE, ONE_ACTIVE, SynthesisProblem
 # continues forever without meeting the starved guarantee, or ends where the system has no answer.
 
 MAX_ANSWERS: Final = 30
-"""Answers that are offered at most."""
+"""Maximum number of answers on offer."""
 
 Values = dict[str, int]
 
@@ -149,7 +149,7 @@ class CounterPlay:
 # Plays in the words of capabilities.
 
 MAX_STEPS: Final = 40
-"""Maximum number of steps that are shown."""
+"""Maximum number of displayed steps."""
 
 
 class PlayStep(NamedTuple):
@@ -185,7 +185,7 @@ def played(play: CounterPlay, problem: SynthesisProblem) -> tuple[tuple[PlayStep
 
 
 def state_text(state: Mapping[str, int] | None, problem: SynthesisProblem) -> str:
-    """Return what is active, and what is known."""
+    """Describe the active capabilities and the known facts."""
     if state is None:
         return 'the start'
     words = problem.vocabulary
@@ -195,7 +195,7 @@ def state_text(state: Mapping[str, int] | None, problem: SynthesisProblem) -> st
 
 
 def world_text(play: CounterPlay, problem: SynthesisProblem) -> str:
-    """Return what the world does."""
+    """Describe the world's move."""
     words = problem.vocabulary
     said = []
     for name in words.active_in(play.state or {}):
@@ -232,7 +232,7 @@ class FailureKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """An explanation why there is no machine.
+    """An explanation why no machine exists.
 
     ``conflict`` are the demands that are impossible together, in the words of the files, with their places; ``never``
     are those of them that never become possible. ``steps`` is one course of events, and ``stuck`` why it ends.
@@ -249,7 +249,7 @@ class Explanation:
     play: CounterPlay | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the explanation as plain data."""
         return {
             'kind': self.kind.name,
             'text': self.kind.value,

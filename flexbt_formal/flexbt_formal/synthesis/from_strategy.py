@@ -19,12 +19,12 @@ from .specification import Section
 from .strategy import Strategy, StrategyNode
 from .translation import SynthesisProblem
 
-# A machine that was synthesized: states, where their outcomes lead, and why they are there.
+# A synthesized machine: its states, the targets of their outcomes, and the reasons for the states.
 
 
 @dataclass(frozen=True, slots=True)
 class MachinePart:
-    """A capability as it is carried out in a state: the class with its parameters, and the userdata of both."""
+    """A capability in a state: the state class with its parameters, and the userdata of both."""
 
     capability: str
     state_class: str
@@ -473,7 +473,7 @@ def _numbered(keys: Sequence[Hashable]) -> list[int]:
     return [numbers.setdefault(key, len(numbers)) for key in keys]
 
 
-# Whether the keys that a state reads have been written, on every way to it.
+# Check that every path to a state writes the keys that it reads.
 
 
 def keys_from_the_start(machine: SynthesizedMachine) -> tuple[str, ...]:

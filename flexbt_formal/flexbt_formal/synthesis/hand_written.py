@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Specifications that were written as a whole: no formula is added but those of the request.
+"""Complete specifications written by hand: only the formulas of the request are added.
 
 Capabilities are the outputs ``NAME_a``, their outcomes the inputs ``NAME_c``, ``NAME_f`` and so on; or, where there is
 an output ``capability``, its values, and the outcomes by their full names. A capability file says which states they
@@ -36,7 +36,7 @@ def hand_written(
     capabilities: CapabilityFile | None = None,
     interfaces: Interfaces | None = None,
 ) -> SynthesisProblem:
-    """Return the problem of a specification that is whole.
+    """Return the problem of a complete specification.
 
     Raises:
         SynthesisError: with everything that does not fit together, each with its place.
@@ -124,7 +124,7 @@ class _HandWritten(Translation):
                 )
 
     def _rules(self) -> None:
-        """All is said."""
+        """Add nothing: the specification is complete."""
 
     def _strive(self, goals: list[tuple[str, str]], success: str | None) -> None:
         if success is None:
