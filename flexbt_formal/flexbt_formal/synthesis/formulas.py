@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Formulas over variables of this step and of the next one: their form, their text, their value.
+"""Formulas over the variables of this step and of the next one: parsing, printing and evaluation.
 
-A primed variable is the value in the next step. Truth values are the numbers 0 and 1, as they are in a valuation.
+A primed variable is the value in the next step. In a valuation, the numbers 0 and 1 stand for false and true.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ Valuation = Mapping[VariableName, int]
 
 
 def valuation(values: Mapping[str, int], *, primed: bool = False) -> dict[VariableName, int]:
-    """Return values of variables, by their names, as those of this step or of the next one."""
+    """Return the valuation of this step, or (``primed``) of the next one, from values by the names of the variables."""
     return {VariableName(name, primed): value for name, value in values.items()}
 
 
@@ -116,11 +116,11 @@ COMPARE: Final[Mapping[str, Callable[[int, int], bool]]] = {
     '<=': operator.le,
     '>=': operator.ge,
 }
-"""What a comparison says of two numbers."""
+"""Evaluation of each comparison operator."""
 
 
 def names_in(formula: Formula | Term) -> Iterator[VariableName]:
-    """Yield the variables of a formula, as often as it has them."""
+    """Yield each occurrence of a variable in a formula."""
     match formula:
         case VariableName():
             yield formula

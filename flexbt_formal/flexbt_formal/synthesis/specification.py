@@ -36,15 +36,18 @@ class GameVariable:
 
     @property
     def values(self) -> range:
-        """All values: of a Boolean 0 and 1."""
+        """All values; 0 and 1 for a Boolean."""
         low, high = self.bounds or (0, 1)
         return range(low, high + 1)
 
 
 @dataclass(frozen=True, slots=True)
 class SpecificationLine:
-    """A formula of a section. ``origin`` is what its author wrote, in that author's words and with its place; None for
-    what follows from the form of a specification, such as that exactly one capability is active: ``rule`` says it."""
+    """A formula of a section.
+
+    ``origin`` is the author's own text, with its place in the file. It is None for a formula that every specification
+    has, such as that exactly one capability is active; then ``rule`` describes it.
+    """
 
     section: Section
     text: str
@@ -54,18 +57,19 @@ class SpecificationLine:
 
     @property
     def meaning(self) -> str:
-        """Text of the line for people."""
+        """Text of the line for messages."""
         return self.origin or self.rule or self.text
 
 
 @dataclass(frozen=True, slots=True)
 class Specification:
-    """Variables, and lines about them.
+    """The variables, and formulas about them.
 
-    ``live`` are pairs of an activation and an outcome (formulas; the outcome about the next step): whenever the first
-    holds again and again in the same state, the second follows at some time (strong fairness of transitions).
-    ``last_resort`` says of a move that it gives up: it is made only where ``hopes`` cannot be met again and again any
-    more, even with luck. ``idle`` are outputs that are not set without need.
+    - ``live``: pairs of formulas, an activation and an outcome in the next step. If the activation holds infinitely
+      often in the same state, the outcome follows at some time (strong fairness of transitions).
+    - ``last_resort``: holds for moves that give up. Such a move is allowed only where no outcome of the world lets
+      ``hopes`` hold infinitely often.
+    - ``idle``: outputs that stay false unless they are needed.
     """
 
     variables: Mapping[str, GameVariable]
@@ -89,6 +93,6 @@ class Specification:
         return [VariableName(one.name, primed) for one in self.variables.values() if one.is_input is inputs]
 
     def without(self, origins: Iterable[str]) -> Specification:
-        """Return the specification without what these origins ask for."""
+        """Return the specification without the lines of these origins."""
         dropped = set(origins)
         return replace(self, lines=tuple(line for line in self.lines if line.origin not in dropped))

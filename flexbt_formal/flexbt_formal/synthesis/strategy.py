@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A winning strategy as a graph: the system's answer to each move of the world.
 
-The graph is the same whenever it is made: each choice is by the nearest layer, then for a node that exists, then for
-what was changed after the same inputs before, then for the least change, then by the order of the variables.
+The graph is deterministic. Among several answers, the criteria are, in this order: the nearest layer, a node that
+exists already, the same change as after the same inputs before, the least change, and the order of the variables.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from .formulas import Valuation, VariableName
 from .solver import FAIR, Solution
 
 MAX_NODES: Final = 20_000
-"""Nodes that a strategy may have."""
+"""Maximum number of nodes of a strategy."""
 
 MAX_MOVES: Final = 4096
-"""Moves that the world may have in one state, or at the start."""
+"""Maximum number of moves of the world in one state, or at the start."""
 
 
 @dataclass(frozen=True, slots=True)
 class StrategyNode:
     """A state of the game (``values`` of all variables) on the way to guarantee ``goal``.
 
-    ``rank`` is how many layers away the guarantee is, ``kind`` what the way there needs: the number of an assumption,
-    or FAIR. ``moves`` are pairs of next inputs (by their names) and of the number of the node that answers.
+    ``rank`` is the distance to the guarantee in layers. ``kind`` is the number of the assumption on which this step
+    depends, or FAIR. ``moves`` are pairs: the next inputs by name, and the number of the node that answers them.
     """
 
     values: dict[str, int]
@@ -42,7 +42,7 @@ class StrategyNode:
 
 @dataclass(frozen=True, slots=True)
 class Strategy:
-    """Nodes by their numbers, and those at the start: one for all inputs with which the world may begin."""
+    """The nodes, and the numbers of the start nodes: one for each combination of initial inputs."""
 
     nodes: tuple[StrategyNode, ...]
     start: tuple[int, ...]

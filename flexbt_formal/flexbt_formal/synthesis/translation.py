@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """From capabilities, a specification and a request to formulas.
 
-The formulas are those of flexbe_synthesis: exactly one capability or outcome of the machine is active in each step;
-an active capability answers in the next step; pre- and postconditions are about the memory. What is added by choice:
-limits on retries, fairness of outcomes, that a machine gives up only when nothing else is left, and that capabilities
-may be active at once whose resources are known.
+The formulas are those of flexbe_synthesis: in each step exactly one capability or outcome of the machine is active;
+the outcome of an active capability arrives in the next step; pre- and postconditions are about the memory. Options add
+limits on retries, fairness of outcomes, giving up as a last resort, and concurrent capabilities, if their resources are
+known.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ class Vocabulary:
         return tuple(outcome for outcome, proposition in self.ends.items() if values.get(proposition))
 
     def is_own(self, name: str) -> bool:
-        """Return whether a variable is an activation, an outcome of a capability, or one of the machine, or tells that
-        a capability was given up, or is owed."""
+        """Return whether a variable is one of the translation: an activation, an outcome of a capability or of the
+        machine, or the mark of a capability that was given up or has not completed yet."""
         own = (
             {f'{capability}_{kind}' for capability in self.outcomes for kind in 'axp'}
             | set(self.ends.values())
@@ -96,7 +96,7 @@ class Vocabulary:
 
 
 def suffixes(outcomes: Sequence[str]) -> dict[str, str]:
-    """Return the beginning of each outcome that no other one has: its first letter, where that suffices."""
+    """Return the shortest prefix of each outcome that no other outcome has."""
     found = {}
     for outcome in outcomes:
         lengths = range(1, len(outcome) + 1)
@@ -158,11 +158,11 @@ class SynthesisProblem:
 
     @property
     def hoped(self) -> str:
-        """The normalized outcome that is hoped for."""
+        """The normalized outcome that counts as success."""
         return self.file.mappings.transition_outcomes[0]
 
     def normalized(self, outcome: str) -> str:
-        """Return what an outcome of a state counts as."""
+        """Return the normalized outcome for an outcome of a state."""
         return self.file.mappings.state_outcomes[outcome]
 
     def formula(self, text: str) -> Formula:
@@ -170,7 +170,7 @@ class SynthesisProblem:
         return parse_formula(text, self.specification.ranges)
 
     def holding(self, values: Mapping[str, int]) -> list[str]:
-        """Return what is known in a valuation, beside what is active and what has ended: memory, and integers by
+        """Return the variables of the user that a valuation sets: memory that is true, and integers with their
         labels."""
         found = []
         for name, value in values.items():
@@ -352,7 +352,7 @@ class Translation:
         return ends
 
     def _remembered(self) -> dict[str, bool]:
-        """Return which memory there is, by the name without suffix, with its value at the start."""
+        """Return the initial values of the memory, by name without suffix."""
         memory = dict(self._file.memory)
         texts = [*self._request.initial_conditions, *self._request.goals]
         for one in self._file.capabilities.values():
@@ -405,11 +405,11 @@ class Translation:
                 self._variables.setdefault(name, variable)
 
     def _failing(self) -> list[str]:
-        """Return the capabilities that have an outcome beside the one that is hoped for."""
+        """Return the capabilities that have another outcome than success."""
         return [name for name, outcomes in self._vocabulary.outcomes.items() if set(outcomes) - {self._hoped}]
 
     def _fails(self, name: str) -> str:
-        """Return the proposition that such a capability ends otherwise than is hoped for."""
+        """Return the proposition that such a capability ends without success."""
         words = self._vocabulary
         return ' | '.join(words.arrives(name, one) for one in words.outcomes[name] if one != self._hoped)
 
@@ -441,7 +441,7 @@ class Translation:
         self._begin_otherwise(mentioned)
 
     def _given_in(self, section: Section) -> Iterator[tuple[str, str, str, str]]:
-        """Yield what the specification has in a section: the text, and the formula with its origin and place."""
+        """Yield the given formulas of a section: text, formula, origin and place."""
         for text, line in self._given.formulas.get(section, ()):
             place = f'{self._given.source}:{line}'
             yield text, self._expanded(text, False), f"{section.value} '{truncate_middle(text)}' ({place})", place
@@ -593,7 +593,7 @@ class Translation:
         self._add(section, f'{arrives} -> {effect}', f'{what} after {outcome} ({place})', place)
 
     def _frames(self) -> None:
-        """Require that what nothing changes stays as it is."""
+        """Add the frame conditions: a value that nothing changes stays the same."""
         self._rule = 'what nothing changes stays as it is'
         own = {f'{name}_m' for name in self._memory} | self._file.labels.keys()
         for name, variable in self._variables.items():
@@ -665,14 +665,15 @@ class Translation:
         return "'" in formula or 'next' in formula
 
     def _limits(self) -> None:
-        """Require that a capability that has failed is not tried again: its state has tried as often as it may."""
+        """Require that a capability that has used up its retries is not tried again."""
         self._rule = 'a capability that was given up is not tried again'
         for name in self._failing():
             self._add(Section.SYS_TRANS, f"{name}_x' <-> ({name}_x | {self._fails(name)})")
             self._add(Section.SYS_TRANS, f"{name}_x' -> !{self._vocabulary.active(name, primed=True)}")
 
     def _owed(self) -> None:
-        """Track what was started and did not complete: upstream's assumptions, with or without pending flags."""
+        """Track capabilities that were started and have not completed, as flexbe_synthesis does, with or without pending
+        flags."""
         self._rule = 'what was started is owed until it completes'
         words = self._vocabulary
         for name in self._failing():
@@ -688,7 +689,7 @@ class Translation:
                 self._add(Section.ENV_LIVENESS, f'!{owed} | {completes}')
 
     def _promises(self) -> tuple[list[tuple[str, str]], str | None, list[str]]:
-        """Return live outcomes, what gives up, and what is hoped for until then."""
+        """Return ``live``, ``last_resort`` and ``hopes`` of the :class:`Specification`, as texts."""
         if self._options.liveness is not Liveness.FAIR and self._options.retries is None:
             return [], None, []
         words = self._vocabulary
@@ -705,7 +706,7 @@ class Translation:
     # -- texts -------------------------------------------------------------------------------------------------------
 
     def _proposition(self, name: str) -> str:
-        """Return what a name of the user's stands for: a capability for that it was completed (its memory)."""
+        """Return the proposition for a name in the user's text. The name of a capability means its memory."""
         words = self._vocabulary
         if name in self._memory and name not in self._variables:
             return f'{name}_m'
@@ -714,7 +715,7 @@ class Translation:
         return name
 
     def _expanded(self, text: str, primed: bool) -> str:
-        """Return a formula of the user's with propositions for names; with ``primed`` about the next step."""
+        """Return the user's formula with propositions for names, about the next step if ``primed``."""
 
         def proposition(word: re.Match[str]) -> str:
             name, prime = word[1], word[2] or ("'" if primed else '')
@@ -737,7 +738,7 @@ class Translation:
         return _WORD.sub(proposition, labelled)
 
     def _value(self, variable: str, text: str) -> str:
-        """Return a value as a number; labels stand for theirs."""
+        """Return the number of a value, which may be a label."""
         for number, label in self._file.labels.get(variable, {}).items():
             if label == text and not text.isdigit():
                 return str(number)
