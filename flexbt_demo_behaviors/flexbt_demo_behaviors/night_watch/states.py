@@ -35,22 +35,22 @@ ROOMS_LEFT = 'rooms_left'
 
 class NextRoomState(EventState):
     """
-    Choose the room to look at next, and tell on the topic "rooms_left" what is left of the round.
+    Choose the next room to check, and publish the rest of the round on the topic "rooms_left".
 
     -- rooms        string[]    Rooms of this robot, in the order of its round
     -- places       string      File of the places, as package/path.yaml
 
-    ># inherited    string[]    Rooms that it has taken over from its partner
-    ># checked      string[]    Rooms that it has looked at in this round
-    ># postponed    string[]    Rooms that it tries again after all others
+    ># inherited    string[]    Rooms taken over from the partner
+    ># checked      string[]    Rooms checked in this round
+    ># postponed    string[]    Rooms to try again after all others
 
     #> room         string      The room
-    #> goal         geometry_msgs/PoseStamped   The place in the room from which it is looked at
-    #> entrance     geometry_msgs/PoseStamped   The place from which the door of the room is opened, if it has one
+    #> goal         geometry_msgs/PoseStamped   Pose in the room from which the robot scans it
+    #> entrance     geometry_msgs/PoseStamped   Pose at which the robot opens the door of the room, if there is one
 
     <= room                     The room has no door.
-    <= door                     The room has a door: there is a place ROOM_door.
-    <= done                     All rooms have been looked at in this round.
+    <= door                     The room has a door: the file has a place ROOM_door.
+    <= done                     All rooms are checked in this round.
     """
 
     is_instant = True
@@ -139,21 +139,21 @@ THERE = 0.5
 
 class CompareScanState(EventState):
     """
-    Compare a scan with the map: what stands round the robot that is not on the map?
+    Compare a scan with the map to find objects around the robot that are not on the map.
 
-    -- reach        float       How far from the robot it counts, m
+    -- reach        float       Maximum distance of an object from the robot, m
 
     ># map          nav_msgs/OccupancyGrid      The map
-    ># goal         geometry_msgs/PoseStamped   The place from which it is looked
-    ># pose         geometry_msgs/PoseStamped   Where the robot is on the map
-    ># scan         sensor_msgs/LaserScan       What it sees
+    ># goal         geometry_msgs/PoseStamped   Pose at which the robot should be
+    ># pose         geometry_msgs/PoseStamped   Pose of the robot on the map
+    ># scan         sensor_msgs/LaserScan       Scan of the lidar
 
-    #> finding      geometry_msgs/PoseStamped   Where that is, if there is something; the place, if it is beside
+    #> finding      geometry_msgs/PoseStamped   Position of the object; ``goal``, if the outcome is beside
 
-    <= found                    There is something; the operator is told where.
-    <= clear                    Everything that is seen is on the map.
-    <= elsewhere                The robot is not at that place: it was driven away meanwhile.
-    <= beside                   Nor is it the next time: it does not get there, as where something stands on the place.
+    <= found                    There is an object; the operator is told where.
+    <= clear                    The scan shows nothing that is not on the map.
+    <= elsewhere                The robot is not at ``goal``: it was driven away meanwhile.
+    <= beside                   It is not there the second time either: an object may stand there.
     """
 
     is_instant = True
@@ -229,13 +229,13 @@ class OpenDoorState(EventState):
     Have the door of a room opened, and wait until it is. The controller of the doors has a service for each of them,
     SERVICES/ROOM_door (std_srvs/SetBool).
 
-    -- services     string      What comes before the name of the door
-    -- seconds      float       How long the door takes to open, on the node's clock
+    -- services     string      Prefix of the services of doors
+    -- seconds      float       Time that the door takes to open, s, on the node's clock
 
     ># room         string      The room
 
     <= open                     The door is open.
-    <= jammed                   It does not move, or nobody answers for it; the operator is told why.
+    <= jammed                   The door does not move, or its controller does not answer; the operator is told why.
     """
 
     skill = Skill.of(
@@ -288,14 +288,14 @@ class OpenDoorState(EventState):
 
 class WatchPartnerState(EventState):
     """
-    Wait until the executive of another robot is gone: by the token that each node holds on NAME/alive.
+    Wait until the executive of another robot is gone, which its liveness token on NAME/alive shows.
 
     -- partner      string      Namespace of the other robot; empty for none, which is never lost
-    -- places       string      File of the places, as package/path.yaml: what it says of others is left aside
+    -- places       string      File of the places, as package/path.yaml; other rooms are ignored
 
-    #> left_behind  string[]    Rooms that it had still to look at, as it said last
+    #> left_behind  string[]    Rooms that it still had to check, from its last message
 
-    <= lost                     It was there, and is gone.
+    <= lost                     The executive was there, and is gone.
     """
 
     def __init__(self, partner: str, places: str) -> None:

@@ -672,8 +672,7 @@ class Translation:
             self._add(Section.SYS_TRANS, f"{name}_x' -> !{self._vocabulary.active(name, primed=True)}")
 
     def _owed(self) -> None:
-        """Track capabilities that were started and have not completed, as flexbe_synthesis does, with or without pending
-        flags."""
+        """Track capabilities that have not completed, as flexbe_synthesis does. Pending flags are optional."""
         self._rule = 'what was started is owed until it completes'
         words = self._vocabulary
         for name in self._failing():
