@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Explanations why no machine exists: the smallest conflict, in the words of the request.
 
-The questions are asked in this order, and the first answer counts: can it begin at all; could it succeed if the world
-helped; is there always something left to do; and only then: what does the world do to prevent the goal forever.
+The first of these checks that fails gives the explanation: Is an initial state possible? Could the goal be reached if
+the world helped? Has the system an answer in every state? If all pass, the world can prevent the goal forever, and a
+play shows how.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ Values = dict[str, int]
 
 
 class CounterPlay:
-    """A play step by step: :attr:`inputs` is what the world does, :attr:`answers` what the system may answer.
+    """A play step by step: :attr:`inputs` is the move of the world, :attr:`answers` are the possible answers.
 
-    ``solution`` is that of a game that is lost, solved with ``explained``. A ``lenient`` world lets things succeed at
-    first wherever it can afford that, so that the point is reached sooner at which it prevents the goal.
+    ``solution`` is the solution of a lost game, solved with ``explained``. A ``lenient`` world first lets capabilities
+    succeed wherever it does not lose by that, so that the play soon comes to where the world prevents the goal.
     """
 
     def __init__(self, solution: Solution, *, lenient: bool = False) -> None:
@@ -81,7 +82,7 @@ class CounterPlay:
         self._offer(inputs, of.given({**here, **inputs}, game.system), game.outputs_next)
 
     def _world_moves(self, removal: Removal, here: dict[VariableName, int]) -> Diagram:
-        """Return the moves by which the world stays ahead; among them from time to time those that it has to take."""
+        """Return the moves with which the world keeps winning; at every second visit, its live moves."""
         game, of = self._game, self._of
         stays = of.primed(removal.kept)
         closer = (game.guarantees[removal.goal] & stays) | of.primed(removal.reached)
@@ -131,7 +132,7 @@ class CounterPlay:
         return distances.index(min(distances))
 
     def why_none(self) -> list[str]:
-        """Return where there is no answer: the formulas that exclude all of them, none of which could be left out."""
+        """Return a minimal set of formulas that exclude all answers; for a position without an answer."""
         game, of = self._game, self._of
         section = Section.SYS_INIT if self.state is None else Section.SYS_TRANS
         known = valuation(self.inputs, primed=self.state is not None)
@@ -153,7 +154,7 @@ MAX_STEPS: Final = 40
 
 
 class PlayStep(NamedTuple):
-    """A position of a play: what is active, what the world answers, and what was chosen of what may follow."""
+    """A position of a play: the active capabilities, the move of the world, and the chosen answer."""
 
     doing: str
     world: str
@@ -162,8 +163,11 @@ class PlayStep(NamedTuple):
 
 
 def played(play: CounterPlay, problem: SynthesisProblem) -> tuple[tuple[PlayStep, ...], tuple[str, ...]]:
-    """Return a play in which the system does what takes least luck, until it has come round or the goal is out of
-    reach; and why it ends: the demands that leave no answer, or that nothing helps any more."""
+    """Return a play in which the system needs least luck, and the reason for its end.
+
+    It ends when a position comes a third time, after MAX_STEPS, when no answer is left (the reason has the demands that
+    exclude all of them), or when the goal cannot be reached any more.
+    """
     steps: list[PlayStep] = []
     seen: dict[tuple[object, ...], int] = {}
     while len(steps) < MAX_STEPS:
@@ -208,8 +212,7 @@ def world_text(play: CounterPlay, problem: SynthesisProblem) -> str:
 
 
 def answers_text(play: CounterPlay, problem: SynthesisProblem) -> tuple[str, ...]:
-    """Return what may follow, each by what becomes active and what is known then; where that is the same, it is
-    numbered."""
+    """Return a text for each answer: the active capabilities and known facts after it. Equal texts are numbered."""
     texts = [state_text({**play.inputs, **one}, problem) for one in play.answers]
     return tuple(
         text if texts.count(text) == 1 else f'{text} ({texts[:index].count(text) + 1})'
@@ -234,8 +237,8 @@ class FailureKind(Enum):
 class Explanation:
     """An explanation why no machine exists.
 
-    ``conflict`` are the demands that are impossible together, in the words of the files, with their places; ``never``
-    are those of them that never become possible. ``steps`` is one course of events, and ``stuck`` why it ends.
+    ``conflict`` are the demands that are impossible together, as quoted from the files with their places; ``never`` are
+    those of them that can never be met. ``steps`` is an example play, and ``stuck`` the reason for its end.
     ``remedies`` are changes that may help.
     """
 
@@ -263,7 +266,7 @@ class Explanation:
 
 
 def explained(problem: SynthesisProblem, watch: Watch | None = None) -> Explanation:
-    """Return why no strategy solves a problem, given that none does."""
+    """Explain why no strategy solves a problem. The caller knows that none does."""
     return _Question(problem, watch or (lambda _: None)).answer()
 
 
@@ -304,7 +307,7 @@ class _Question:
         return replace(told, steps=steps, stuck=stuck, play=CounterPlay(solution))
 
     def _posed(self, kind: FailureKind, specification: Specification) -> Game:
-        """Return a game with fewer demands; when giving up is too early, all of them decide."""
+        """Return a game with fewer demands. All demands decide when giving up is too early."""
         restraint = None if kind is FailureKind.LUCK else self._game.restraint
         return Game(self._asked(kind, specification), self._encoding, self._watch, restraint)
 
@@ -328,7 +331,7 @@ class _Question:
                 return not game.can_begin_in(game.solved().winning)
 
     def _exclude_each_other(self, demands: Sequence[str]) -> bool:
-        """Return whether demands could not be had together either if everything changed as it pleases."""
+        """Return whether demands contradict each other even if all variables may change freely."""
         lines = self._specification.lines
         asked = [line for line in lines if line.origin in demands]
         begun = [line for line in lines if line.origin is None and line.section.value.endswith('INIT')]
@@ -415,8 +418,8 @@ class Conflict(NamedTuple):
 def smallest_conflict(demands: Sequence[str], conflicts: Conflicts, may_go_on: Callable[[], bool]) -> Conflict:
     """Return a smallest set of demands that conflict, given that all of them do.
 
-    ``may_go_on`` is asked before each further search; when it says no, the answer is a set of which each member is
-    needed, which need not be the smallest.
+    ``may_go_on`` is called before each further search. If it returns False, the result is a minimal set: each member is
+    needed, but a smaller set may exist.
     """
     if conflicts(()):
         return Conflict((), True)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""From the strategy of a game to a machine: its states and transitions, the fewest of them, and its userdata.
+"""Conversion of the strategy of a game to the machine with the fewest states, with its transitions and userdata.
 
-A node where nothing is active is skipped; one where the machine has ended is that outcome. A state continues while no
-outcome arrives. The outcome alone has to determine what follows: a machine sees nothing else of the world.
+A node without an active capability is skipped. A node where the machine has ended becomes an outcome of the machine. A
+state remains active while no outcome arrives. The outcome alone must determine the next state, since a machine sees
+nothing else of the world.
 """
 
 from __future__ import annotations
@@ -42,9 +43,9 @@ class MachinePart:
 
 @dataclass(frozen=True, slots=True)
 class MachineState:
-    """A state. Several ``parts`` are active at once; their outcomes are then joined, one of each, by ``combinations``.
+    """A state. If it has several ``parts``, these are active at once, and ``combinations`` join one outcome of each.
 
-    ``nodes`` are those of the strategy that the state stands for, ``holds`` what is known in all of them.
+    ``nodes`` are the nodes of the strategy that the state represents, ``holds`` the facts known in all of them.
     """
 
     name: str
@@ -58,10 +59,10 @@ class MachineState:
 
 @dataclass(frozen=True, slots=True)
 class SynthesizedMachine:
-    """States by their names in the order in which they are reached; the first one begins.
+    """States by name, in the order in which they are reached; the first one is the initial state.
 
-    ``attempts`` is how often a state with ``retry_on`` is entered at most. ``keys`` is the userdata that has to be
-    there from the beginning.
+    ``attempts`` is the maximum number of entries of a state with ``retry_on``. ``keys`` are the userdata keys that must
+    exist at the start.
     """
 
     name: str
@@ -206,7 +207,7 @@ class _Building:
         return reached, steps
 
     def _steps(self, number: int) -> dict[str, list[int]]:
-        """By each outcome that may arrive (of several parts, of some of them) the nodes where it leads."""
+        """Return the next nodes by outcome, or by the combination of outcomes of some of several parts."""
         place = self._places[number]
         targets: dict[str, list[int]] = {}
         waiting = [] if place.end else [number]
@@ -235,7 +236,7 @@ class _Building:
         )
 
     def _settled(self, number: int) -> list[int]:
-        """Return where one is at once after a node: at itself, or at what follows where nothing is active."""
+        """Return the nodes reached at once from a node: itself, or its successors if nothing is active in it."""
         found, seen = list[int](), [number]
         for node in seen:
             place = self._places[node]
@@ -340,7 +341,7 @@ class _Building:
         return MachineState(name, parts, transitions, levels, tuple(nodes), holds, combinations)
 
     def _impossible(self, part: MachinePart, transitions: dict[str, str], autonomy: dict[str, int]) -> None:
-        """Outcomes of the class that cannot come, as the specification has it, lead to the failure of the machine."""
+        """Add transitions to the failure of the machine for outcomes that the specification excludes."""
         failures = [end for end in self._words.ends if end in FAILURE_OUTCOMES]
         for outcome in part.outcomes:
             if outcome in transitions:
@@ -383,7 +384,7 @@ class _Building:
         return one.autonomy.get(outcome, one.default_autonomy)
 
     def _asking(self, begins: list[int], of_block: Mapping[int, list[int]], names: Mapping[int, str]) -> MachineState:
-        """Return a state before all others in which the operator says how the world is."""
+        """Return a state before all others in which the operator enters the initial facts."""
         inputs = [name.name for name in self._problem.specification.names(inputs=True)]
         begun = [self._nodes[number].values for number in self._strategy.start]
         told = [name for name in inputs if len({values[name] for values in begun}) > 1]
@@ -415,7 +416,7 @@ class _Building:
 
 
 def blocks_of(outputs: Sequence[Hashable], edges: Sequence[Mapping[str, Collection[int]]]) -> list[int]:
-    """For each state the number of its block, that of all states that behave the same.
+    """Return the number of the block of each state. The states of a block behave the same.
 
     ``edges[i]`` are the targets of state ``i`` by outcome. Blocks are numbered from 0 in the order of their first
     states.
@@ -441,7 +442,7 @@ def blocks_of(outputs: Sequence[Hashable], edges: Sequence[Mapping[str, Collecti
 
 
 def merged(outputs: Sequence[Hashable], edges: Sequence[Mapping[str, int]]) -> list[int]:
-    """For each state the number of the one that it is merged with, so that no outcome has two targets."""
+    """Return for each state the number of the state that it is merged with, so that no outcome has two targets."""
     root = list(range(len(outputs)))
     for one, other in combinations(range(len(outputs)), 2):
         if root[one] != root[other] and outputs[one] == outputs[other]:
@@ -452,7 +453,7 @@ def merged(outputs: Sequence[Hashable], edges: Sequence[Mapping[str, int]]) -> l
 def _joined(
     root: list[int], one: int, other: int, outputs: Sequence[Hashable], edges: Sequence[Mapping[str, int]]
 ) -> list[int] | None:
-    """Return the classes when two blocks are one, with all that follows; None when that contradicts what they do."""
+    """Return the classes after merging two blocks and all merges that follow; None if outputs contradict that."""
     waiting = [(one, other)]
     while waiting:
         a, b = sorted(root[block] for block in waiting.pop())
@@ -477,10 +478,10 @@ def _numbered(keys: Sequence[Hashable]) -> list[int]:
 
 
 def keys_from_the_start(machine: SynthesizedMachine) -> tuple[str, ...]:
-    """Return the keys that no state writes and some state reads: the machine has to get them.
+    """Return the keys that some state reads and no state writes: the caller of the machine must provide them.
 
     Raises:
-        SynthesisError: a key is written by a state, but there is a way to a reader without that; the text shows it.
+        SynthesisError: a state writes a key, but a path to a reader avoids that state; the text shows the path.
     """
     reads = {
         name: {key for part in state.parts for key in part.reads.values()} for name, state in machine.states.items()
@@ -504,7 +505,7 @@ def keys_from_the_start(machine: SynthesizedMachine) -> tuple[str, ...]:
 
 
 def _way_without(machine: SynthesizedMachine, target: str, writers: set[str]) -> list[str] | None:
-    """Return the shortest way from the start to a state on which none of the writers is left."""
+    """Return the shortest path from the start to a state on which no writer is left."""
     ways = {machine.initial: [machine.initial]}
     for name in (waiting := [machine.initial]):
         if name == target:
