@@ -36,6 +36,7 @@ SPREAD = LONGEST[0]  # takes far longer than any other: a worker of pytest for e
 SKIPPED_IN_CI = {
     'clone of ros-navigation/navigation2': 'the sources of Nav2 are not a dependency',
     'empty parameter set for (branch)': 'the same, for each branch of Nav2',
+    'empty parameter set for (tree)': 'the same, for each tree of Nav2',
     'Nav2 is not at hand': 'the same',
     'trees of Nav2 are not at hand': 'the same',
     "Nav2's map is not beside": 'the same',

@@ -212,7 +212,9 @@ def test_watch_prints_json_lines_and_ends_cleanly(executive: ScriptedExecutive) 
         deadline = threading.Timer(DEADLINE, watching.kill)
         deadline.start()
         first = json.loads(watching.stdout.readline())
-        assert (first['event'], first['link']) == ('link', 'live')  # one is there: nothing else was ever so
+        # An executive is there, so no earlier link is told; on a busy machine its heartbeat may be late.
+        assert first['event'] == 'link'
+        assert first['link'] in ('live', 'stale')
         hostile = '\x1b]0;title\x07two\nlines'
         executive.do(lambda: executive.log(hostile))
         for line in watching.stdout:

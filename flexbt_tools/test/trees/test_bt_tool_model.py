@@ -115,10 +115,10 @@ PACKAGED_TREES = [
 ]
 
 
-@pytest.mark.parametrize('file', STOCK_TREES, ids=lambda file: file.stem)
-def test_the_trees_of_nav2_are_valid_by_the_schema(file: Path) -> None:
+@pytest.mark.parametrize('tree', STOCK_TREES, ids=lambda tree: tree.stem)
+def test_the_trees_of_nav2_are_valid_by_the_schema(tree: Path) -> None:
     installed = {manifest.id for manifest in node_registry(lambda source, error: None)}
-    text = file.read_text(encoding='utf-8')
+    text = tree.read_text(encoding='utf-8')
     missing = {tag for tag in re.findall(r'<([A-Z]\w+)', text) if tag not in installed} - {'BehaviorTree'}
     found = errors(SCHEMA, text)
     assert len(found) == len(missing)

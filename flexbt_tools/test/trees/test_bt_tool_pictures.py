@@ -138,11 +138,11 @@ def test_random_trees(tmp_path: Path, seed: int) -> None:
     assert_drawn(file, expected)
 
 
-@pytest.mark.parametrize('file', STOCK_TREES, ids=lambda file: file.stem)
-def test_the_trees_of_nav2(file: Path) -> None:
-    expected = rows(file.read_text(encoding='utf-8'))
-    assert shown_rows(tool('show', '--ports', 'none', str(file)).out) == expected
-    assert_drawn(str(file), expected)
+@pytest.mark.parametrize('tree', STOCK_TREES, ids=lambda tree: tree.stem)
+def test_the_trees_of_nav2(tree: Path) -> None:
+    expected = rows(tree.read_text(encoding='utf-8'))
+    assert shown_rows(tool('show', '--ports', 'none', str(tree)).out) == expected
+    assert_drawn(str(tree), expected)
 
 
 def symbol(id: str) -> str:

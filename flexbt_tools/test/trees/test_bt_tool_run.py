@@ -414,14 +414,14 @@ def test_a_file_without_a_main_tree_needs_a_name(tmp_path: Path) -> None:
     assert run(tmp_path, text, '--tree', 'B').code == 1
 
 
-@pytest.mark.parametrize('file', STOCK_TREES, ids=lambda file: file.stem)
-def test_the_trees_of_nav2_run(file: Path) -> None:
+@pytest.mark.parametrize('tree', STOCK_TREES, ids=lambda tree: tree.stem)
+def test_the_trees_of_nav2_run(tree: Path) -> None:
     words = ['--mock', '*=SUCCESS']
     for decorator in ('DistanceController', 'SpeedController', 'GoalUpdater'):
-        words += ['--mock', f'{decorator}=pass'] if f'<{decorator}' in file.read_text(encoding='utf-8') else []
-    done = tool('run', str(file), *words, '--quiet', '--timeout', '60')
+        words += ['--mock', f'{decorator}=pass'] if f'<{decorator}' in tree.read_text(encoding='utf-8') else []
+    done = tool('run', str(tree), *words, '--quiet', '--timeout', '60')
     # Following a point never ends by itself.
-    assert done.code == (5 if file.stem == 'follow_point' else 0), done
+    assert done.code == (5 if tree.stem == 'follow_point' else 0), done
 
 
 STATUSES = st.lists(st.sampled_from(['SUCCESS', 'FAILURE', 'SKIPPED', 'RUNNING']), min_size=1, max_size=4).map(','.join)
