@@ -61,6 +61,8 @@ POSE_TYPES: Final[Mapping[str, str]] = {
     names.ODOM: 'nav_msgs/msg/Odometry',
 }
 """Topics that may have the pose of the robot."""
+STAMPED: Final = 'geometry_msgs/msg/TwistStamped'
+"""Type of velocity commands if enable_stamped_cmd_vel is true."""
 LITTLE_DISK: Final = 500_000_000
 """Free bytes below which a disk counts as nearly full."""
 BUFFER: Final = 4_194_304
@@ -244,6 +246,7 @@ class RobotCheck:
         yield from self._clocks(simulated)
         yield from self._transforms(listener, any(simulated.values()))
         yield from self._poses()
+        yield from self._velocities()
         yield from self._servers()
         yield from self._topics()
         yield from self._offset(simulated)
@@ -386,6 +389,33 @@ class RobotCheck:
                 'start the localization or the odometry: else nobody notices that the robot moves after a STOP',
             )
 
+    def _velocities(self) -> Iterator[Finding]:
+        topic = self._name(names.CMD_VEL)
+        ours = {self._name(name) for name in OURS}
+        bases = [one for one in self._graph.subscriptions.get(topic, ()) if node_of(one) not in ours]
+        if not bases:
+            yield warning(
+                'velocity',
+                f'nobody listens to {topic}: a STOP cannot command zero velocity',
+                'start the base, or set cmd_vel_topic to the topic that it listens to',
+            )
+            return
+        taken = sorted({one.topic_type for one in bases})
+        deaf = [
+            node_of(one)
+            for one in self._graph.publishers.get(topic, ())
+            if node_of(one) in ours and one.topic_type not in taken
+        ]
+        for node in sorted(set(deaf)):
+            yield error(
+                'velocity',
+                f'{_few(sorted({node_of(one) for one in bases}))} takes {", ".join(taken)} on {topic}, and {node} '
+                'sends another type: a STOP cannot command zero velocity',
+                f'set enable_stamped_cmd_vel to {str(STAMPED in taken).lower()} for {node}, and restart it',
+            )
+        if not deaf:
+            yield ok('velocity', f'{topic} takes {", ".join(taken)}: enable_stamped_cmd_vel is {STAMPED in taken}')
+
     def _servers(self) -> Iterator[Finding]:
         actions = self._graph.actions
         served = 0
@@ -416,7 +446,7 @@ class RobotCheck:
     def _topics(self) -> Iterator[Finding]:
         bad = 0
         for topic, types in self._graph.topics.items():
-            if len(types) > 1:
+            if len(types) > 1 and topic != self._name(names.CMD_VEL):
                 bad += 1
                 users = {node_of(one) for one in (*self._graph.publishers[topic], *self._graph.subscriptions[topic])}
                 yield error(

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import importlib.util
+import keyword
 import re
+import sys
 from pathlib import Path
 from typing import Final
 
@@ -27,9 +30,18 @@ def write_package(name: str, parent: Path) -> list[Path]:
         TemplateError: the name cannot be that of a package, or is taken, or the directory cannot be written.
     """
     if not _NAME.fullmatch(name):
-        raise TemplateError(f'{short_repr(name)} is not the name of a package; use lower case letters, digits and _')
+        near = re.sub(r'[^a-z0-9]+', '_', re.sub(r'(?<=[a-z0-9])(?=[A-Z])', '_', name).lower()).strip('_0123456789')
+        such = f', such as {short_repr(near)}' if _NAME.fullmatch(near) else ''
+        raise TemplateError(
+            f'{short_repr(name)} is not the name of a package; use lower case letters, digits and _, with a letter '
+            f'first{such}'
+        )
+    if keyword.iskeyword(name) or name in sys.stdlib_module_names:
+        raise TemplateError(f'{name} is a name of Python itself; choose another name, such as {name}_missions')
     if name in get_packages_with_prefixes():
         raise TemplateError(f'a package {name} is installed already; choose another name')
+    if importlib.util.find_spec(name) is not None:
+        raise TemplateError(f'a Python module {name} is installed already; choose another name')
     template = Path(get_package_share_directory('flexbt_bringup')) / 'template'
     title = ''.join(word.capitalize() for word in name.split('_'))
     directory = parent / name
@@ -44,6 +56,9 @@ def write_package(name: str, parent: Path) -> list[Path]:
             file.write_text(text, encoding='utf-8')
             written.append(file)
     except OSError as error:
-        remedy = 'choose another name or --directory' if isinstance(error, FileExistsError) else 'nothing is removed'
-        raise TemplateError(f'{error.filename}: {error.strerror}; {remedy}') from error
+        if isinstance(error, FileExistsError):
+            raise TemplateError(f'{directory} exists; choose another name or --directory') from error
+        left = f'; remove {directory}, which is incomplete, before you try again' if written else ''
+        place = error.filename or directory
+        raise TemplateError(f'{place}: {error.strerror}; choose another --directory{left}') from error
     return written

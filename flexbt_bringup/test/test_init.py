@@ -55,8 +55,13 @@ def test_its_files_are_what_their_readers_expect(workspace: Path) -> None:
 @pytest.mark.parametrize(('name', 'reason'), [
     ('My-Robot', 'is not the name of a package'),
     ('', 'is not the name of a package'),
+    ('MyRobot', "such as 'my_robot'"),
+    ('2nd-floor', "such as 'nd_floor'"),
+    ('class', 'is a name of Python itself'),
+    ('json', 'is a name of Python itself'),
+    ('yaml', 'a Python module yaml is installed already'),
     ('flexbt_core', 'is installed already'),
-    ('taken', 'File exists; choose another name'),
+    ('taken', 'taken exists; choose another name'),
 ])  # fmt: skip
 def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str, reason: str) -> None:
     (tmp_path / 'taken').mkdir()

@@ -61,8 +61,12 @@ class LifecycleSubnode:
             use_global_arguments=False,
             enable_rosout=False,
             start_parameter_services=has_parameters,
-            parameter_overrides=[Parameter('start_type_description_service', value=False)],
+            parameter_overrides=[
+                Parameter('start_type_description_service', value=False),
+                Parameter(_USE_SIM_TIME, value=self._has_simulated_time),
+            ],
         )
+        host.add_post_set_parameters_callback(self._follow_clock)
         self._node.add_on_set_parameters_callback(self._refuse_clock)
         self._node.add_post_set_parameters_callback(self._tell_set)
         self._thread = runtime.once(LifecycleSubnode, _SubnodesThread)
@@ -81,16 +85,26 @@ class LifecycleSubnode:
 
     def close(self) -> None:
         """Remove the node from the graph."""
+        self._runtime.node.remove_post_set_parameters_callback(self._follow_clock)
         self._thread.remove(self._node)
         self._runtime.nodes.remove(self._node)
         self._node.destroy_node()
 
     def _refuse_clock(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        if all(parameter.name != _USE_SIM_TIME for parameter in parameters):
+        own = self._has_simulated_time
+        if all(parameter.name != _USE_SIM_TIME or parameter.value == own for parameter in parameters):
             return SetParametersResult(successful=True)
         host = self._runtime.node.get_fully_qualified_name()
         reason = f'{self._node.get_name()} has the time of its process: set {_USE_SIM_TIME} of {host}'
         return SetParametersResult(successful=False, reason=reason)
+
+    @property
+    def _has_simulated_time(self) -> bool:
+        return bool(self._runtime.node.get_parameter(_USE_SIM_TIME).value)
+
+    def _follow_clock(self, parameters: Sequence[Parameter]) -> None:
+        if any(parameter.name == _USE_SIM_TIME for parameter in parameters):
+            self._node.set_parameters([Parameter(_USE_SIM_TIME, value=self._has_simulated_time)])
 
     def _tell_set(self, parameters: Sequence[Parameter]) -> None:
         def tell() -> None:
@@ -158,6 +172,11 @@ class _Subnode(ExtendedLifecycleNode):
         self.trigger_configure()
         self.trigger_activate()
         self.is_active = True
+
+    def create_subscription(self, msg_type: Any, topic: str, *args: Any, **options: Any) -> Any:
+        """See :meth:`LargeQueueNode.create_subscription`. Ignores rclpy's request for /clock: nothing reads the time
+        of a part, and its thread would wake for each message."""
+        return None if topic == names.CLOCK else super().create_subscription(msg_type, topic, *args, **options)
 
     def answer_get_state(self, request: Any, response: Any) -> Any:
         """Return the state, as :class:`LifecycleSubnode` describes."""

@@ -94,3 +94,28 @@ def test_its_parameters_can_be_set_at_any_time_as_those_of_any_node() -> None:
         (result,) = answer(lambda: client.set_parameters([Parameter('use_sim_time', value=True)])).results
         assert not result.successful and 'set use_sim_time of /robot1/host' in result.reason
         assert told == [(0.2, True)]
+
+
+def test_it_says_that_it_has_the_time_of_its_process() -> None:
+    with NodeRuntime.open('host', parameters={'use_sim_time': True}) as host, NodeRuntime.open('person') as person:
+        part = host.call(lambda: LifecycleSubnode(host, 'planner_server', has_parameters=True))
+        client = person.call(lambda: AsyncParameterClient(person.node, '/planner_server'))
+        assert client.wait_for_services(DEADLINE)
+
+        def told() -> bool:
+            future, done = person.call(lambda: client.get_parameters(['use_sim_time'])), threading.Event()
+            person.call(lambda: future.add_done_callback(lambda _: done.set()))
+            assert done.wait(DEADLINE)
+            return bool(future.result().values[0].bool_value)
+
+        assert told()
+        for value in (False, True):
+            (result,) = host.call(
+                lambda value=value: host.node.set_parameters([Parameter('use_sim_time', value=value)])
+            )
+            assert result.successful, result.reason
+            assert told() is value
+        assert person.node.count_subscribers('/clock') == 1  # that of the host
+        host.call(part.close)
+        (result,) = host.call(lambda: host.node.set_parameters([Parameter('use_sim_time', value=False)]))
+        assert result.successful, result.reason
