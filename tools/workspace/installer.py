@@ -112,6 +112,7 @@ class Installer:
 
         Raises CommandError.
         """
+        expected = sum(len(re.findall(r'^[\w.-]+==', file.read_text('utf-8'), re.MULTILINE)) for file in locks)
         files = ['--require-hashes', *(word for file in locks for word in ('--requirement', file))]
         try:
             with step('installer (uv)') as shown:
@@ -121,9 +122,14 @@ class Installer:
                 shown.outcome = 'installed'
             with step('ROS 2 and tools (uv)') as shown:
                 command = [self._uv, 'pip', 'install', '--python', self._python, *files]
-                if self._environment.get('PYTHONDONTWRITEBYTECODE'):  # or every start of a program compiles everything
-                    command.append('--compile-bytecode')
-                self._run(command, 'setup-install.log', 'uv', shown, progress=progress_of_uv, variables=variables)
+                self._run(
+                    command,
+                    'setup-install.log',
+                    'uv',
+                    shown,
+                    progress=lambda log: progress_of_uv(log, expected, self._installed()),
+                    variables=variables,
+                )
                 shown.outcome = 'installed'
         except WorkspaceError as error:
             if isinstance(error, CommandError) and (error.was_killed or error.disk_was_full):
@@ -131,19 +137,40 @@ class Installer:
             why = f'see {error.log}' if isinstance(error, CommandError) else error.message
             print(f'    continuing without uv, with pip alone, which takes longer ({why})', flush=True)
         else:
+            if self._environment.get('PYTHONDONTWRITEBYTECODE'):  # or every start of a program compiles everything
+                self._compile_modules()
             return
         with step('ROS 2 and tools (pip)') as shown:
-            expected = sum(file.read_text(encoding='utf-8').count('==') for file in locks)
             self._run(
                 [*self._pip('install'), *files],
                 'setup-install.log',
                 'pip',
                 shown,
                 remedy=_REMEDY,
-                progress=lambda log: progress_of_pip(log, expected),
+                progress=lambda log: progress_of_pip(log, expected, self._installed()),
                 variables=self._cache,
             )
             shown.outcome = 'installed'
+
+    def _compile_modules(self) -> None:
+        """Let Python compile all modules. uv could, but it would report nothing for minutes."""
+        modules = sum(1 for place in self._site_packages() for _ in place.rglob('*.py'))
+        program = 'import compileall, sys; [compileall.compile_dir(place, workers=0) for place in sys.argv[1:]]'
+        with step('compilation of modules') as shown:
+            self._run(
+                [self._python, '-u', '-c', program, *self._site_packages()],
+                'setup-modules.log',
+                'compiling the modules',
+                shown,
+                progress=lambda log: f'{log.read_bytes().count(b"Compiling ")} of {modules} modules compiled',
+            )
+
+    def _site_packages(self) -> list[Path]:
+        return list(self._python.parents[1].glob('lib/python3.*/site-packages'))
+
+    def _installed(self) -> int:
+        """Return the number of packages that are in place."""
+        return sum(1 for place in self._site_packages() for _ in place.glob('*.dist-info'))
 
     def _pip(self, command: str) -> list[str | Path]:
         wheel = bundled_pip()
@@ -196,28 +223,31 @@ def uv_variables(configuration: str, environment: Mapping[str, str]) -> dict[str
     return {name: value for name, value in result.items() if name not in environment}
 
 
-def progress_of_uv(log: Path) -> str:
-    """Return how much of what uv downloads is here, from its output. It names the large files only."""
+def progress_of_uv(log: Path, expected: int, installed: int) -> str:
+    """Return what uv is doing to about `expected` packages, and how much of it is done, from its output.
+
+    It names the size of large files only. `installed`: packages that are in place.
+    """
     text = log.read_text(encoding='utf-8', errors='replace')
     packages = re.search(r'Resolved (\d+) packages', text)
     if packages is None:
-        return 'looking up the packages'
+        return f'step 1 of 3: looking up about {expected} packages'
     if 'Prepared ' in text:
-        return f'installing {packages[1]} packages'
+        return f'step 3 of 3: {min(installed, int(packages[1]))} of {packages[1]} packages installed'
     sizes = {
         name: float(size) * {'K': 0.001, 'M': 1, 'G': 1000}[unit]
         for name, size, unit in re.findall(r'Downloading (\S+) \(([\d.]+)([KMG])iB\)', text)
     }
     here = sum(sizes.get(name, 0) for name in re.findall(r'Downloaded (\S+)', text))
-    return f'{here:.0f} of {sum(sizes.values()):.0f} MB downloaded, for {packages[1]} packages'
+    return f'step 2 of 3: {here:.0f} of {sum(sizes.values()):.0f} MB downloaded'
 
 
-def progress_of_pip(log: Path, expected: int) -> str:
-    """Return how many packages pip has inspected, of about `expected`, from its output."""
+def progress_of_pip(log: Path, expected: int, installed: int) -> str:
+    """Return how many of about `expected` packages pip has looked up, from its output, or `installed`."""
     text = log.read_text(encoding='utf-8', errors='replace')
-    collected = _names(re.findall(r'Collecting ([\w.-]+)', text))
     if 'Installing collected packages' in text:
-        return f'installing {len(collected)} packages'
+        return f'{min(installed, expected)} of about {expected} packages installed'
+    collected = _names(re.findall(r'Collecting ([\w.-]+)', text))
     return f'{len(collected)} of about {expected} packages looked up and downloaded'
 
 

@@ -17,7 +17,7 @@ from workspace.errors import CommandError, WorkspaceError
 
 _LABEL_WIDTH = 34
 _FIRST_NOTE_S = 5.0  # in a log file, and then
-_NOTES_S = 15.0
+_NOTES_S = 10.0
 
 
 class Step:
@@ -38,7 +38,7 @@ class Step:
             self._write(self._head())
 
     def show(self, note: str) -> None:
-        """Show what is being done now and how much is left: in a terminal at each call, in a log file every 15 s."""
+        """Show what is being done now and how much is left: in a terminal at each call, in a log file every 10 s."""
         elapsed = time.monotonic() - self._start
         if self._live:
             head = f'{self._head()}{elapsed:5.0f} s  '

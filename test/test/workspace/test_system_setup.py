@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NoReturn, cast
@@ -142,6 +142,30 @@ def test_without_uv_pip_installs_alone_and_nothing_but_what_the_hashes_say(
     )
 
 
+def test_modules_are_compiled_where_python_is_told_to_write_none(tmp_path: Path) -> None:
+    """By a step that counts them: a module that is no Python, as some packages bring along, stops nothing."""
+    python = tmp_path / 'bin' / 'python'
+    python.parent.mkdir()
+    python.symlink_to(sys.executable)
+    site_packages = tmp_path / 'lib' / 'python3.11' / 'site-packages'
+    site_packages.mkdir(parents=True)
+    for name, text in (('one', ''), ('other', ''), ('template', '<no Python>')):
+        (site_packages / f'{name}.py').write_text(text, encoding='utf-8')
+    notes = []
+
+    def run(command: Sequence[str | Path], log: str, what: str, shown: terminal.Step, **options: object) -> None:
+        progress = cast(Callable[[Path], str], options['progress'])
+        environment = {**BARE, 'PYTHONDONTWRITEBYTECODE': '1'}
+        file = tmp_path / log
+        run_logged(command, file, what=what, shown=shown, directory=tmp_path, environment=environment)
+        notes.append(progress(file))
+
+    Installer(python, BARE, run)._compile_modules()
+    assert notes == ['3 of 3 modules compiled']
+    compiled = {file.name.partition('.')[0] for file in site_packages.rglob('*.pyc')}
+    assert compiled == {'one', 'other'}
+
+
 def test_a_full_disk_is_named(tmp_path: Path) -> None:
     log = tmp_path / 'log'
     log.write_text("cc1: error: writing to 'x.o': No space left on device\n", encoding='utf-8')
@@ -210,10 +234,12 @@ def test_in_a_log_file_nothing_is_written_over(
     log = tmp_path / 'uv.log'
     log.write_text('Resolved 3 packages in 1s\nDownloading a (30.0MiB)\nDownloading b (1.5GiB)\n Downloaded a\n')
     with step('packages') as shown:
-        shown.show(progress_of_uv(log))
+        shown.show(progress_of_uv(log, 4, 0))
         shown.show('too soon for another')
+        log.write_text('Resolved 3 packages in 1s\nPrepared 3 packages in 2s\n')
+        assert progress_of_uv(log, 4, 2) == 'step 3 of 3: 2 of 3 packages installed'
     first, last = capsys.readouterr().out.splitlines()
-    assert first == '  packages, 0 s: 30 of 1530 MB downloaded, for 3 packages'
+    assert first == '  packages, 0 s: step 2 of 3: 30 of 1530 MB downloaded'
     assert last.startswith('  packages ....................... done  ')
 
 
