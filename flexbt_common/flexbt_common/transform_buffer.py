@@ -278,4 +278,4 @@ class TransformBuffer:
 
 def _check_frame(name: str) -> None:
     if not name or name.startswith('/'):
-        raise TransformError(f'{name!r} is no name of a frame: give one that is not empty and begins without a slash')
+        raise TransformError(f'{name!r} is not a frame name: give one that is not empty and has no slash in front')

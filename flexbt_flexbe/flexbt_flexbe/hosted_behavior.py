@@ -106,7 +106,7 @@ def load_class(source: FlexbeManifest) -> type[Any]:
         problem = (
             'has no such class'
             if found is None
-            else f'has {short_repr(found)} there, which is no Behavior of flexbe_core'
+            else f'has {short_repr(found)} there, which is not a Behavior of flexbe_core'
         )
         raise FlexbeManifestError(f'{source.file}: class {source.class_name}: module {source.module} {problem}')
     try:

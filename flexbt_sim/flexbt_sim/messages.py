@@ -106,7 +106,7 @@ def map_of(grid: OccupancyGrid) -> OccupancyMap:
         raise SimulationError(f'a map of {info.width} x {info.height} cells came with {len(grid.data)} of them')
     if not MIN_RESOLUTION <= info.resolution <= MAX_RESOLUTION or not origin.is_place:
         raise SimulationError(
-            f'a map with cells of {info.resolution:g} m at {tuple(origin)} is no map; '
+            f'a map with cells of {info.resolution:g} m at {tuple(origin)} is not a map; '
             f'cells have {MIN_RESOLUTION:g} to {MAX_RESOLUTION:g} m'
         )
     cells = numpy.frombuffer(grid.data, numpy.int8).reshape(info.height, info.width)

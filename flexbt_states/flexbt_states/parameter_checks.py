@@ -48,7 +48,7 @@ def checked_message_type(state: object, parameter: str, message: str | type[Any]
     name = checked_type(state, parameter, message)
     resolved = resolve_type(name)
     if resolved.message is None or resolved.is_array:
-        raise StateParameterError(state, parameter, f'{name} is no message; a topic carries package/msg/Name')
+        raise StateParameterError(state, parameter, f'{name} is not a message; a topic carries package/msg/Name')
     return resolved.message
 
 
@@ -62,7 +62,7 @@ def checked_action_type(state: object, parameter: str, action: str | type[Any]) 
     except (ImportError, ValueError):
         found = None
     if found is None:
-        raise StateParameterError(state, parameter, f'{action!r} is no action that is installed (package/action/Name)')
+        raise StateParameterError(state, parameter, f'{action!r} is not an installed action (package/action/Name)')
     return found
 
 
@@ -108,7 +108,7 @@ def checked_outcomes(state: object, parameter: str, outcomes: Iterable[str]) -> 
         raise StateParameterError(state, parameter, 'the list is empty')
     for name in names:
         if not isinstance(name, str):  # YAML reads on, off, yes and no as booleans
-            raise StateParameterError(state, parameter, f'{name!r} is no text; in YAML an outcome such as on is quoted')
+            raise StateParameterError(state, parameter, f'{name!r} is not text; in YAML, quote an outcome such as on')
     if len(set(names)) < len(names):
         raise StateParameterError(state, parameter, f'an outcome is listed twice: {", ".join(names)}')
     return names
@@ -121,7 +121,7 @@ def checked_keys(state: object, parameter: str, keys: Iterable[str]) -> list[str
     names = list(keys)
     for name in names:
         if not isinstance(name, str) or not name:
-            raise StateParameterError(state, parameter, f'{name!r} is no userdata key')
+            raise StateParameterError(state, parameter, f'{name!r} is not a userdata key')
     return list(dict.fromkeys(names))
 
 

@@ -142,9 +142,9 @@ def _function(file: Path, text: str) -> Any:
     try:
         tree = ast.parse(text, mode='eval')
     except SyntaxError as error:
-        raise StateTestError(f'{file}: {short_repr(text)} is no function: {error.msg}') from None
+        raise StateTestError(f'{file}: {short_repr(text)} is not a function: {error.msg}') from None
     if not isinstance(tree.body, ast.Lambda):
-        raise StateTestError(f'{file}: {short_repr(text)} is no function')
+        raise StateTestError(f'{file}: {short_repr(text)} is not a function')
     return eval(compile(tree, str(file), 'eval'), {})  # noqa: S307
 
 
@@ -153,7 +153,7 @@ def _plain(node: yaml.Node) -> Any:
     if node.tag.startswith(_OBJECT):
         found = _MESSAGE.fullmatch(node.tag.removeprefix(_OBJECT))
         if found is None:
-            raise YamlError(node.start_mark, f'{node.tag.removeprefix(_OBJECT)} is no ROS message; no other is made')
+            raise YamlError(node.start_mark, f'{node.tag.removeprefix(_OBJECT)} is not a ROS message; no other is made')
         return from_plain(_fields(node), resolve_type(f'{found["package"]}/msg/{found["name"]}'))
     if isinstance(node, yaml.SequenceNode) and node.tag == _SEQUENCE:
         return [_plain(item) for item in node.value]
@@ -270,7 +270,7 @@ def _machine_of_behavior(test: StateTest, subject: type[Any]) -> OperatableState
             raise StateTestError(f'the behavior has no parameter {name!r}')
     machine = behavior.create()
     if not isinstance(machine, OperatableStateMachine):
-        raise StateTestError(f'create() gave {short_repr(machine)}, which is no state machine')
+        raise StateTestError(f'create() gave {short_repr(machine)}, which is not a state machine')
     without_harmless_faults(machine, partial(run.log, Severity.WARN, ''))
     return machine
 

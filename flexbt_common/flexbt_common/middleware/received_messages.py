@@ -107,7 +107,7 @@ class Received:
         try:
             return deserialize_message(self.data, message_type)
         except Exception as error:  # an error of rclpy, or of a text that is not UTF-8
-            raise ValueError(f'these {self.size} bytes are no {message_type.__name__}: {error}') from error
+            raise ValueError(f'these {self.size} bytes are not a {message_type.__name__}: {error}') from error
 
 
 class ReceivedMessages:

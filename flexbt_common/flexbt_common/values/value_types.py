@@ -270,11 +270,11 @@ def parse_text(text: str, resolved: ValueType) -> Any:
     if is_string:
         return text
     if len(text) > MAX_YAML:
-        raise FieldError('', f'the text is no JSON, and {len(text)} characters of YAML; at most {MAX_YAML} are read')
+        raise FieldError('', f'the text is not JSON, and {len(text)} characters of YAML; at most {MAX_YAML} are read')
     try:
         return load_yaml(text)
     except YamlError as error:
-        raise FieldError('', f'the text is no JSON, and {error.reason}') from error
+        raise FieldError('', f'the text is not JSON, and {error.reason}') from error
 
 
 def to_plain(value: Any, resolved: ValueType) -> Any:

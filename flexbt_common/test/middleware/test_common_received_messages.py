@@ -96,7 +96,7 @@ def test_bytes_that_are_no_message_are_told_as_such(receiver: Receiver) -> None:
         received = receiver.wait_for(1)
         wait_until(lambda: received[-1].data and b'good' in received[-1].data, 'the last')
         for one in received[:-1]:
-            with pytest.raises(ValueError, match='are no String'):
+            with pytest.raises(ValueError, match='are not a String'):
                 one.unpack(String)
         assert received[-1].unpack(String).data == 'good'
     finally:

@@ -47,7 +47,7 @@ def autonomy_level(text: str) -> AutonomyLevel:
     numbers = {str(level.value): level for level in AutonomyLevel}
     level = names.get(text.lower(), numbers.get(text))
     if level is None:
-        raise UsageError(f'{short_repr(text)} is no level of autonomy; expected off, low, high, full or 0 to 3')
+        raise UsageError(f'{short_repr(text)} is not a level of autonomy; expected off, low, high, full or 0 to 3')
     return level
 
 
@@ -79,21 +79,22 @@ def parameter_value(parameter: BehaviorParameter, text: str) -> str:
             raise RefusedError(f'{where} is none of its choices ({", ".join(parameter.choices)})')
         return text
     if parameter.type == 'bool' and text.strip().lower() not in _BOOLEANS:
-        raise RefusedError(f'{where} is no bool; expected true or false')
+        raise RefusedError(f'{where} is not a valid bool; expected true or false')
     if parameter.type in _STRUCTURES:
         from flexbt_core.values.yaml_data import YamlError, load_yaml  # help and completion need no YAML
 
         kind, example = _STRUCTURES[parameter.type]
         try:
             if not isinstance(load_yaml(text), kind):
-                raise RefusedError(f'{where} is no {parameter.type}; expected YAML such as {example}')
+                raise RefusedError(f'{where} is not a valid {parameter.type}; expected YAML such as {example}')
         except YamlError as error:
-            raise RefusedError(f'{where} is no {parameter.type}: {error}; expected YAML such as {example}') from None
+            problem = f'{where} is not a valid {parameter.type}: {error}; expected YAML such as {example}'
+            raise RefusedError(problem) from None
     if parameter.type in ('int', 'float'):
         number = _number(text, int if parameter.type == 'int' else float)
         if math.isnan(number):
             expected = 'a whole number' if parameter.type == 'int' else 'a number'
-            raise RefusedError(f'{where} is no {parameter.type}; expected {expected}')
+            raise RefusedError(f'{where} is not a valid {parameter.type}; expected {expected}')
         if number < _number(parameter.minimum, float) or number > _number(parameter.maximum, float):  # NaN: no limit
             raise RefusedError(f'{where} is beyond its limits ({limits_text(parameter)})')
     return text
@@ -140,7 +141,7 @@ def capability_text(file: str) -> str:
     except TextFileError as error:
         raise UsageError(f'{file}: cannot be read: {error}') from error
     if not text.strip():
-        raise UsageError(f'{file}: empty; this is no capability file')
+        raise UsageError(f'{file}: empty; this is not a capability file')
     return text
 
 
@@ -153,7 +154,7 @@ def full_namespace(text: str) -> str:
     full = '/' + text.strip('/')
     if _NAMESPACE.fullmatch(full) is None:
         raise UsageError(
-            f'{short_repr(text)} is no namespace of ROS: '
+            f'{short_repr(text)} is not a namespace of ROS: '
             'letters, digits and _ between slashes, no part begins with a digit'
         )
     return full
@@ -234,7 +235,7 @@ def _pose(text: str, places: Mapping[str, FramedPose]) -> FramedPose:
         known = f'; the places are {", ".join(sorted(places))}' if places else '; there are no named places'
         remedy = did_you_mean(text.strip(), places, known)
         raise RefusedError(
-            f'{short_repr(text.strip())} is no place and not "x y yaw" (metres, radians){remedy}'
+            f'{short_repr(text.strip())} is neither a place nor "x y yaw" (metres, radians){remedy}'
         ) from None
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(yaw)):
         raise RefusedError(f'{short_repr(text.strip())}: a pose has finite numbers')
@@ -272,7 +273,7 @@ def _checked_text(text: str, type: str) -> str:
     try:
         return value_to_text(text_to_value(text, resolved.name), resolved.name)
     except ValueConversionError as error:
-        raise RefusedError(f'{short_repr(text)} is no {type}: {error.reason}') from error
+        raise RefusedError(f'{short_repr(text)} is not a valid {type}: {error.reason}') from error
 
 
 def map_size(text: str) -> tuple[int, int]:

@@ -68,7 +68,7 @@ def _parser() -> argparse.ArgumentParser:
 def _rate(text: str) -> float:
     rate = float(text)
     if not (rate > 0.0 and math.isfinite(rate)):
-        raise argparse.ArgumentTypeError(f'{text} is no factor above 0')
+        raise argparse.ArgumentTypeError(f'{text} is not a factor above 0')
     return rate
 
 

@@ -210,13 +210,13 @@ def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iter
     """Yield the messages of a file in the order of the file. If it is cut off or damaged, call ``at_damage`` there, and
     end.
 
-    Raises UsageError if the file cannot be read, is no MCAP file, or has a chunk of more than MOST_RECORD bytes or with
-    an unknown compression.
+    Raises UsageError if the file cannot be read, is not an MCAP file, or has a chunk of more than MOST_RECORD bytes or
+    with an unknown compression.
     """
     try:
         with open(file, 'rb', opener=open_regular) as stream:
             if stream.read(len(_MAGIC)) != _MAGIC:
-                raise UsageError(f'{file}: is no MCAP file')
+                raise UsageError(f'{file}: is not an MCAP file')
             stream.seek(0)
             yield from _messages(_sound(_unpacked(stream), at_damage))
     except OSError as error:

@@ -158,9 +158,9 @@ def test_what_is_typed_for_a_list_or_mapping_is_checked(make: CommandBuilder) ->
     arguments = [('legs', '[1, [2, a]]'), ('stops', '{home: 1}')]
     assert list(make.start(view(), 'Legs', arguments).arguments) == arguments
     for name, text, message in (
-        ('legs', '{a: 1}', r"'legs': '{a: 1}' is no list; expected YAML such as \[1, 2\]"),
-        ('stops', '{home', "'stops': '{home' is no dict: line 1: no YAML.*; expected YAML such as {name: 1}"),
-        ('stops', '', "'stops': '' is no dict"),
+        ('legs', '{a: 1}', r"'legs': '{a: 1}' is not a valid list; expected YAML such as \[1, 2\]"),
+        ('stops', '{home', "'stops': '{home' is not a valid dict: line 1: no YAML.*; expected YAML such as {name: 1}"),
+        ('stops', '', "'stops': '' is not a valid dict"),
     ):
         with pytest.raises(RefusedError, match=message):
             make.start(view(), 'Legs', [(name, text)])

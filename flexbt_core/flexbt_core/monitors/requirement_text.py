@@ -139,7 +139,7 @@ def parse_requirement(text: str, place: str) -> StatedRequirement:
     if (match := _HAS.fullmatch(line)) is not None:
         values = [part.partition('=') for part in _NEXT.split(match[2])]
         return StatedRequirement(Has(_event(match[1]), tuple((port, text) for port, _, text in values)), place)
-    raise RequirementError([f'{place}: "{line}" is no requirement; write one of {_EXAMPLES}'])
+    raise RequirementError([f'{place}: "{line}" is not a requirement; write one of {_EXAMPLES}'])
 
 
 def read_requirements(text: str, source: str) -> dict[str, tuple[StatedRequirement, ...]]:
@@ -292,4 +292,4 @@ def _unknown(stated: StatedRequirement, known: Vocabulary, what: str) -> Iterato
         if event not in known.events:
             yield f"{what} has no event '{event}'{did_you_mean(event, known.events)}"
     if isinstance(one, After) and ' > ' not in one.event:
-        yield f"'{one.event}' is no state left by an outcome: write '{one.event} > OUTCOME'"
+        yield f"'{one.event}' is not a state left by an outcome: write '{one.event} > OUTCOME'"

@@ -114,7 +114,7 @@ class SkillLibrary(Immutable):
                 remedy = (
                     f'; one that no predicate takes has to be named: types: {{{truncate_middle(kind)}: {ANYTHING}}}'
                 )
-                yield ('objects', name), f'{short_repr(kind)} is no type{did_you_mean(kind, known)}{remedy}'
+                yield ('objects', name), f'{short_repr(kind)} is not a type{did_you_mean(kind, known)}{remedy}'
         for predicate in self.predicates.values():
             at = ('predicates', predicate.name)
             yield from ((at, problem) for problem in predicate.problems())
@@ -125,7 +125,7 @@ class SkillLibrary(Immutable):
             yield from (((*at, 'parameters'), problem) for problem in _names(skill.parameters))
             for name, kind in skill.parameters.items():
                 if kind not in known:
-                    yield (*at, 'parameters', name), f'{short_repr(kind)} is no type{did_you_mean(kind, known)}'
+                    yield (*at, 'parameters', name), f'{short_repr(kind)} is not a type{did_you_mean(kind, known)}'
             yield from self._of_arguments(skill, (*at, 'arguments'))
             for literal in skill.preconditions:
                 yield from (((*at, 'preconditions'), text) for text in self.problems_of(literal, skill.parameters))
@@ -156,7 +156,7 @@ class SkillLibrary(Immutable):
                 if name not in skill.parameters:
                     yield (
                         (*at, port),
-                        f'${name} in {short_repr(text)} is no parameter of the skill{_of(skill.parameters)}',
+                        f'${name} in {short_repr(text)} is not a parameter of the skill{_of(skill.parameters)}',
                     )
 
     def _at_once(self, skill: Skill) -> Iterator[str]:
@@ -190,7 +190,7 @@ class SkillLibrary(Immutable):
             own = parameters.get(argument) or self.objects.get(argument)
             if own is None:
                 known = [*parameters, *self.objects]
-                what = 'neither a parameter nor an object' if parameters else 'no object'
+                what = 'neither a parameter nor an object' if parameters else 'not an object'
                 yield f'{literal}: {short_repr(argument)} is {what}{did_you_mean(argument, known)}'
             elif not self.is_kind_of(own, kind):
                 yield f'{literal}: {argument} is of the type {own}, and {literal.predicate} takes {kind}'

@@ -94,7 +94,7 @@ def parse_literal(text: str) -> Literal:
     remedy = (
         'in [ ] one with a comma has to be in quotes' if split else 'such as at(robot, place), not open(door), a != b'
     )
-    raise SkillError([f'{short_repr(text)} is no literal; {remedy}'])
+    raise SkillError([f'{short_repr(text)} is not a literal; {remedy}'])
 
 
 def parse_literals(texts: Iterable[str | Literal]) -> tuple[Literal, ...]:

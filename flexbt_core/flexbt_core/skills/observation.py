@@ -72,7 +72,7 @@ class SkillMonitor:
                 )
                 self._exclusive |= {str(name): int(place) for name, place in entry.get('exclusive', {}).items()}
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise SkillError([f'these are no claims of skills: {type(error).__name__}: {error}']) from error
+            raise SkillError([f'these are not claims of skills: {type(error).__name__}: {error}']) from error
         self._facts: dict[Literal, _Fact] = {}
         self._failures: dict[str, int] = {}
         self._active: set[str] = set()

@@ -82,13 +82,13 @@ def outcome_class(name: str) -> OutcomeClass:
         return OutcomeClass(name)
     except ValueError:
         known = [kind.value for kind in OutcomeClass]
-        raise SkillError([f'{short_repr(name)} is no class of outcomes{did_you_mean(name, known)}']) from None
+        raise SkillError([f'{short_repr(name)} is not a class of outcomes{did_you_mean(name, known)}']) from None
 
 
 def level(name: str) -> int:
     """Return the autonomy level called ``name``. Raises SkillError."""
     if name.lower() not in LEVELS:
-        raise SkillError([f'{short_repr(name)} is no level of autonomy; there are {", ".join(LEVELS)}'])
+        raise SkillError([f'{short_repr(name)} is not a level of autonomy; there are {", ".join(LEVELS)}'])
     return LEVELS.index(name.lower())
 
 

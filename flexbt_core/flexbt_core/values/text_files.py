@@ -36,11 +36,11 @@ def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
     except (OSError, ValueError) as error:  # a name with NUL is a ValueError
         raise TextFileError(getattr(error, 'strerror', None) or str(error)) from error
     if len(data) > most:
-        raise TextFileError(f'it is longer than {most} bytes; this is no file of this kind')
+        raise TextFileError(f'it is longer than {most} bytes; this is not a file of this kind')
     try:
         return data.decode('utf-8-sig')
     except UnicodeDecodeError as error:
-        raise TextFileError(f'byte {error.start + 1} is no UTF-8; this is no text') from error
+        raise TextFileError(f'byte {error.start + 1} is not UTF-8; this is not text') from error
 
 
 def write_text(file: str | Path, text: str) -> None:

@@ -147,7 +147,7 @@ class _Constructor(yaml.constructor.SafeConstructor):
             raise
         except Exception as error:  # PyYAML passes on exceptions of a conversion
             kind = node.tag.rpartition(':')[2]
-            raise YamlError(node.start_mark, f'{short_repr(node.value)} is no {kind}') from error
+            raise YamlError(node.start_mark, f'{short_repr(node.value)} is not a valid {kind}') from error
 
 
 def _problem(error: Exception) -> str:
@@ -220,7 +220,7 @@ class YamlParts:
         try:
             return construct_yaml(node)
         except YamlError as error:
-            self.problem(node, f'{what} is no plain value: {error.reason}')
+            self.problem(node, f'{what} is not a plain value: {error.reason}')
             return None
 
     def values(self, node: yaml.Node, what: str) -> dict[str, Any]:

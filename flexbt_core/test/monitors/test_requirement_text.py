@@ -70,8 +70,8 @@ def test_spaces_and_units_are_free() -> None:
 @pytest.mark.parametrize(
     ('text', 'why'),
     [
-        ('/A should work', 'is no requirement; write one of "never A"'),
-        ('', 'is no requirement'),
+        ('/A should work', 'is not a requirement; write one of "never A"'),
+        ('', 'is not a requirement'),
         ('/A at most 0 times', 'write "never" for none'),
         ('after /A, /B within 0 s', 'a time is above 0'),
         ('/A at most 2 times in 0 s', 'a time is above 0'),
@@ -98,7 +98,7 @@ def test_all_that_is_wrong_in_a_file_is_told_with_its_line() -> None:
     ('text', 'why'),
     [
         ('never /Aa > done', "Test has no event '/Aa > done'; did you mean '/A > done'?"),
-        ('after /A comes /B', "'/A' is no state left by an outcome: write '/A > OUTCOME'"),
+        ('after /A comes /B', "'/A' is not a state left by an outcome: write '/A > OUTCOME'"),
         ('a works only while b holds', 'this can be required of a tree only'),
         ('=ended only with path written', "the userdata of Test has no key 'path'"),
         ('/A never while /C', "Test has no state '/C'"),

@@ -156,7 +156,7 @@ def test_ways_that_cannot_hold_are_not_tried() -> None:
 
 def test_a_goal_of_which_nothing_is_known_is_refused() -> None:
     library = SkillLibrary.of([], [Predicate('open', {'door': 'door'})], objects={'front': 'door'})
-    with pytest.raises(SkillError, match=r"goal: open\(frnt\): 'frnt' is no object; did you mean"):
+    with pytest.raises(SkillError, match=r"goal: open\(frnt\): 'frnt' is not an object; did you mean"):
         ground(library, [], [parse_literal('open(frnt)')])
     with pytest.raises(SkillError, match=r"start: opn\(front\): there is no predicate 'opn'; did you mean 'open'"):
         ground(library, [parse_literal('opn(front)')], [])

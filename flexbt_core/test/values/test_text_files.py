@@ -31,7 +31,7 @@ def test_a_text_is_read_with_its_ends_of_lines_and_without_its_mark(tmp_path: Pa
         ('n\0ul', 'null byte'),
         ('n' * 300, 'name too long'),
         ('long', 'longer than 8 bytes'),
-        ('latin', 'byte 2 is no UTF-8'),
+        ('latin', 'byte 2 is not UTF-8'),
     ],
 )
 def test_what_is_no_text_is_refused_with_its_reason(tmp_path: Path, name: str, why: str) -> None:

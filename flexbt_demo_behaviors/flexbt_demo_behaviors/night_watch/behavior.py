@@ -52,7 +52,7 @@ class NightWatch(Behavior):
         """Load the trees, get the map, and start the watch."""
         places = places_in(self.places)
         if self.home not in places:
-            raise ValueError(f'home: {self.home!r} is no place of {self.places}')
+            raise ValueError(f'home: {self.home!r} is not a place of {self.places}')
         machine = OperatableStateMachine(outcomes=['finished', 'failed'], autonomy=Autonomy.Off)
         machine.userdata.home = pose_of(places[self.home])
         machine.userdata.inherited = []

@@ -68,7 +68,7 @@ class NextRoomState(EventState):
             raise StateParameterError(self, 'rooms', 'there are none; give at least one')
         for room in self._rooms:
             if room not in self._places:
-                raise StateParameterError(self, 'rooms', f'{room!r} is no place of {places}')
+                raise StateParameterError(self, 'rooms', f'{room!r} is not a place of {places}')
         self._publisher: Publisher | None = None
 
     def on_start(self) -> None:

@@ -175,7 +175,7 @@ def from_yaml_file(name: str, text: str) -> Any:
     """
     found = _FILE.fullmatch(text.strip())
     if found is None:
-        raise ParameterError(f'parameter {name!r}: {text!r} is no package/relative/path.yaml, with or without :KEY')
+        raise ParameterError(f'parameter {name!r}: {text!r} is not a package/relative/path.yaml, with or without :KEY')
     try:
         content = load_yaml(read_text(resolve_file(found['file'])), aliases=True)
     except (FlexbtError, OSError, ValueError) as error:

@@ -100,5 +100,5 @@ def message_class(topic: str, message: str | type[Any]) -> type[Any]:
     except FlexbtError as error:
         raise ProxyError(f'topic {topic!r}: {error}') from None
     if resolved.message is None or resolved.is_array:
-        raise ProxyError(f'topic {topic!r}: {message} is no message; a topic carries package/msg/Name')
+        raise ProxyError(f'topic {topic!r}: {message} is not a message; a topic carries package/msg/Name')
     return resolved.message

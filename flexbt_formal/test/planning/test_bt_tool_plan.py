@@ -124,7 +124,7 @@ def test_whoever_may_hold_up_a_team_is_named(team: Path) -> None:
         ),
         ('red: [DriveTo, TakeCup, LeaveCup]', 'red: DriveTo', "robot red has to be a list, not 'DriveTo'"),
         ('red: [', "'r d': [", "team.yaml:2:1: robots: 'r d' cannot name a robot"),
-        ('robot_at(red', 'robot_at(rod', "team.yaml:4:1: start: robot_at(rod, office): 'rod' is no object"),
+        ('robot_at(red', 'robot_at(rod', "team.yaml:4:1: start: robot_at(rod, office): 'rod' is not an object"),
     ],
 )
 def test_what_is_wrong_with_a_team_is_told(team: Path, wrong: str, right: str, message: str) -> None:
@@ -164,9 +164,9 @@ def test_a_goal_may_be_nested(mission: Path) -> None:
     ('wrong', 'right', 'message'),
     [
         ('goal: cup_at(office)', 'goal: (robot_at(hall) | holding_cup', "cup.yaml:10:1: goal '(robot_at(hall) | hol"),
-        ('cup_at(office)', 'cup_at(offce)', "cup.yaml:10:1: goal: cup_at(offce): 'offce' is no object"),
+        ('cup_at(office)', 'cup_at(offce)', "cup.yaml:10:1: goal: cup_at(offce): 'offce' is not an object"),
         ('goal: cup_at(office)', 'goal: robot_at(hall) &', 'cup.yaml:10:1: goal '),
-        ('robot_at(office)', 'robot_at(office', "cup.yaml:3:1: 'robot_at(office' is no literal"),
+        ('robot_at(office)', 'robot_at(office', "cup.yaml:3:1: 'robot_at(office' is not a literal"),
         (
             'start:',
             'start:\n  - robot_at(hall)',
@@ -194,7 +194,7 @@ def test_wrong_words_are_refused(mission: Path) -> None:
     for words in (['--time-limit', '0'], ['--time-limit', 'nan'], ['--disturbed', '-1'], ['--name'], ['--name', 'a/b']):
         assert tool('plan', str(mission), *words).code == 2
     mission.write_bytes(b'goal: \xff')
-    assert f'{mission}: cannot be read: byte 7 is no UTF-8' in tool('plan', str(mission)).err
+    assert f'{mission}: cannot be read: byte 7 is not UTF-8' in tool('plan', str(mission)).err
     mission.write_text('skills: [cup_skills.yaml]')
     assert 'names no goal' in tool('plan', str(mission)).err
 

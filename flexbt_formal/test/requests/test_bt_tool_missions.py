@@ -62,7 +62,7 @@ def found(directory: Path, ports: str) -> list[str]:
         ('', '', 'robot_at(kitchen) &amp; !shut | shut', None),
         ("'joined(office, kitchen)'", '', 'robot_at(office)', None),
         ('', '', 'held(shelf)', "tree.xml:2 the goal 'held(shelf)' of DIR/cup.yaml cannot be reached: held(shelf) doe"),
-        ('', '', 'held(mug)', "tree.xml:2 goal: held(mug): 'mug' is no object"),
+        ('', '', 'held(mug)', "tree.xml:2 goal: held(mug): 'mug' is not an object"),
         ('', '', 'held(cup', "tree.xml:2 goal 'held(cup', character 5"),
         ('light(cup), ', '', '', "tree.xml:2 the goal 'held(cup)' of DIR/cup.yaml cannot be reached: held(cup) does"),
         ('held(cup)', 'held(cup) & hold(cup)', '', "cup.yaml:3 goal: hold(cup): there is no predicate 'hold'"),

@@ -301,7 +301,7 @@ def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ('ports', 'mission', 'reason'),
     [
-        ('goal="cup_at(cellar)"', MISSION, "'cellar' is no object"),
+        ('goal="cup_at(cellar)"', MISSION, "'cellar' is not an object"),
         ('goal="cup_at(office) &amp;"', MISSION, 'a literal, such as on(cup, table), is missing'),
         ('goal="cup_at(office) &amp; cup_at(hall)"', MISSION, 'can never hold at once'),
         ('', MISSION.replace('goal:', 'gaol:'), 'gaol'),

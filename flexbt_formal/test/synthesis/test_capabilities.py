@@ -116,4 +116,4 @@ def test_skills_of_a_file_as_capabilities(tmp_path: Path) -> None:
     assert made.memory == {'at_hall': True, 'at_dock': False}
     refused = tool('skills', str(file), '--capabilities', 'm', '--start', 'at hall')
     assert (refused.code, refused.out) == (2, '')
-    assert "'at hall' is no literal" in refused.err
+    assert "'at hall' is not a literal" in refused.err

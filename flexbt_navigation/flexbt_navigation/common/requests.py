@@ -207,7 +207,7 @@ def finite_pose(message: Any, name: str, code: str) -> Pose:
     if not pose.is_place:
         raise NavigationError(
             code,
-            f'{name} is no place: x {pose.x}, y {pose.y}, yaw {pose.yaw}; give finite numbers, of at most {FARTHEST:g}',
+            f'{name} is not a pose: x {pose.x}, y {pose.y}, yaw {pose.yaw}; give finite numbers, at most {FARTHEST:g}',
         )
     return pose
 

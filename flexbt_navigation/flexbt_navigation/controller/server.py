@@ -263,7 +263,7 @@ class ControllerServer:
         limit = float(message.speed_limit)
         if not 0.0 <= limit < math.inf:
             self._runtime.node.get_logger().error(
-                f'{names.SPEED_LIMIT}: {limit:g} is no limit of the speed: ignored',
+                f'{names.SPEED_LIMIT}: {limit:g} is not a limit of the speed: ignored',
                 throttle_duration_sec=COMPLAINT_SECONDS,
             )
             return

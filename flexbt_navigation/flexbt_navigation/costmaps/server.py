@@ -86,7 +86,7 @@ def declare_inflation(declare: ParameterDeclarer, inflation: Inflation) -> Infla
     """
     return _inflation(
         declare.text(
-            'footprint', _written(inflation.corners), 'corners of a robot that is no circle, m: [[x, y], ...]'
+            'footprint', _written(inflation.corners), 'corners of a robot that is not a circle, m: [[x, y], ...]'
         ),
         declare.real('robot_radius', inflation.robot_radius, 0.001, MOST_RADIUS, 'radius of the robot, m'),
         declare.real('inflation_radius', inflation.radius, 0.0, 10.0, 'how far costs reach round obstacles, m'),
@@ -244,7 +244,7 @@ class CostmapServer:
             check_limits(scan)
             numbers = (scan.angle_min, scan.angle_increment, scan.range_max)
             if math.isnan(sum(numbers)) or not all(map(math.isfinite, numbers[:2])):
-                raise NavigationError('UNKNOWN', f'a scan with angles or a range that are no numbers: {numbers}')
+                raise NavigationError('UNKNOWN', f'a scan with angles or a range that are not numbers: {numbers}')
         except (FlexbtError, ValueError) as error:
             self._complain(error)
             return

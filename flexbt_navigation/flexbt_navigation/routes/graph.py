@@ -251,7 +251,7 @@ def _features(file: Path) -> Iterator[tuple[_Feature, str, Mapping[str, Any]]]:
         raise GraphError.unreadable(file, error, 'a GeoJSON file of nodes and edges') from error
     features = collection.get('features') if isinstance(collection, dict) else None
     if not isinstance(features, list):
-        raise GraphError(file, 'features', 'expected a list: the file is no GeoJSON FeatureCollection')
+        raise GraphError(file, 'features', 'expected a list: the file is not a GeoJSON FeatureCollection')
     for index, item in enumerate(features):
         fields = item if isinstance(item, dict) else {}
         geometry = fields.get('geometry')

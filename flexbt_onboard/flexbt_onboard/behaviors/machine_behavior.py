@@ -100,7 +100,7 @@ def check_name(name: str) -> None:
     """Check that a machine may have this name. Raise BehaviorError if not."""
     if not _NAME.fullmatch(name) or name != name.strip():
         raise BehaviorError(
-            f'{short_repr(name)} is no name of a behavior: a letter, then letters, digits, blanks, _ and -, 80 in all'
+            f'{short_repr(name)} is not a behavior name: a letter, then letters, digits, blanks, _ and -, 80 in all'
         )
 
 
@@ -154,7 +154,7 @@ class MachineStore:
             try:
                 found.append((file, _text_of(file)))
             except (BehaviorError, OSError, ValueError) as error:
-                problems.append(f'{file} is no synthesized behavior: {error}')
+                problems.append(f'{file} is not a synthesized behavior: {error}')
         return found, problems
 
 
@@ -162,7 +162,7 @@ def _text_of(file: Path) -> str:
     """Return the text of a machine. Raise BehaviorError, OSError or ValueError if the file is not one."""
     check_name(file.stem)
     if not file.is_file():
-        raise ValueError('it is no file')
+        raise ValueError('it is not a file')
     if file.stat().st_size > 4 * MACHINE_LENGTH:
         raise ValueError('it is too large')
     text = file.read_text(encoding='utf-8')

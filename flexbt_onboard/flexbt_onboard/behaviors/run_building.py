@@ -150,7 +150,7 @@ def checked_inputs(definition: MachineDefinition, inputs: Sequence[BlackboardEnt
     for entry in inputs:
         if entry.key not in accepted:
             known = ', '.join(sorted(accepted)) or 'none'
-            raise ParameterError(f'input {entry.key!r} is no userdata key of the behavior; it takes: {known}')
+            raise ParameterError(f'input {entry.key!r} is not a userdata key of the behavior; it takes: {known}')
         if entry.key in values:
             raise ParameterError(f'input {entry.key!r} is given twice')
         values[entry.key] = from_entry(entry)

@@ -238,12 +238,12 @@ class CommandIntake:
         try:
             command = received.unpack(ExecutiveCommand)
         except ValueError as error:
-            self._drop(topic, received, f'what it sends is no command: {error}')
+            self._drop(topic, received, f'what it sends is not a command: {error}')
             return
         if topic == names.EXECUTIVE_COMMAND or command.kind == ExecutiveCommand.STOP:
             self._on_command(command, received.participant)
         else:
-            self._drop(topic, received, f'kind {command.kind} is no STOP, and belongs on {names.EXECUTIVE_COMMAND}')
+            self._drop(topic, received, f'kind {command.kind} is not a STOP, and belongs on {names.EXECUTIVE_COMMAND}')
 
     def _drop(self, topic: str, received: Received, why: str) -> None:
         """Report a dropped command, at most once in ``_TELL_SECONDS`` for each process."""

@@ -234,7 +234,7 @@ def _fill(run: MachineRun, result: Any, request: Any) -> None:
         active = ', '.join(userdata)
         result.code, result.message = (
             GetUserdataResult.FAILURE,
-            f'{request.path!r} is no active machine; these are: {active}',
+            f'{request.path!r} is not an active machine; these are: {active}',
         )
     elif missing:
         who = f'machine {request.path} has no' if request.path else 'no active machine has a'

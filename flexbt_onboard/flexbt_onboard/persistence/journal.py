@@ -500,9 +500,9 @@ def _decode(raw: bytes) -> tuple[int, JournalLine]:
     try:
         content = json.loads(encoded)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f'is no JSON: {error}') from None
+        raise ValueError(f'is not JSON: {error}') from None
     if not isinstance(content, dict):
-        raise ValueError('is no object')
+        raise ValueError('is not an object')
     return int(number), content
 
 

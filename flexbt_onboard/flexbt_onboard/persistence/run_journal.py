@@ -243,7 +243,7 @@ def from_plain_form(value: Any, depth: int = 0) -> Any:
         FlexbtError: the value could not be written, or is not in this form.
     """
     if depth > _MOST_DEPTH + 1:
-        raise FlexbtError(f'{short_repr(value)} is no value that was written here: it is in {depth} others')
+        raise FlexbtError(f'{short_repr(value)} is not a value that was written here: it is in {depth} others')
 
     def inner(item: Any) -> Any:
         return from_plain_form(item, depth + 1)
@@ -269,10 +269,10 @@ def from_plain_form(value: Any, depth: int = 0) -> Any:
     except FlexbtError:
         raise
     except Exception as error:
-        raise FlexbtError(f'{short_repr(value)} is no value that was written here: {error}') from error
+        raise FlexbtError(f'{short_repr(value)} is not a value that was written here: {error}') from error
     if mark == '$lost':
         raise FlexbtError(f'a value of type {content} could not be written')
-    raise FlexbtError(f'{short_repr(value)} is no value that was written here')
+    raise FlexbtError(f'{short_repr(value)} is not a value that was written here')
 
 
 def _lost(value: Any, on_lost: Callable[[str], object]) -> dict[str, str]:

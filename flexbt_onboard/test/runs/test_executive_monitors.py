@@ -79,7 +79,7 @@ def test_a_run_is_stopped_by_what_a_monitor_finds_if_that_is_wanted() -> None:
     [
         ({'monitor_action': 'explode'}, "'explode' is neither warn nor stop"),
         ({'requirements': '/no/such/file.yaml'}, 'No such file'),
-        ({'requirements': 'WRONG'}, 'wrong.yaml:2: "walk" is no requirement'),
+        ({'requirements': 'WRONG'}, 'wrong.yaml:2: "walk" is not a requirement'),
     ],
 )
 def test_parameters_that_cannot_work_are_refused(value: dict[str, str], why: str, tmp_path: Path) -> None:

@@ -250,7 +250,7 @@ def test_the_editor_of_flexbe_gets_states_and_the_executive_keeps_nothing(
 CASES = {
     'it crashes': ('import os; os.abort()', 'SIGABRT'),
     'it ends without an answer': ('', 'exit code 0'),
-    'it writes what is no JSON': ('print("hello", flush=True); input()', 'cannot be run'),
+    'it writes what is not JSON': ('print("hello", flush=True); input()', 'cannot be run'),
     'it hangs': ('import time; time.sleep(1000)', 'no answer within'),
 }
 

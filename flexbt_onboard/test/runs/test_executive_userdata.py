@@ -115,7 +115,7 @@ def test_only_what_is_asked_for_is_told_and_what_is_missing_is_named(bench: User
     assert partly.code == Result.FAILURE
     assert partly.message == "machine / has no value for 'speed'; there are: count, goal, odd, start"
     assert [entry.key for entry in partly.scopes[0].entries] == ['start']
-    assert "'/Outer' is no active machine; these are: /, /Inner" in bench.told('/Outer').message
+    assert "'/Outer' is not an active machine; these are: /, /Inner" in bench.told('/Outer').message
 
 
 def test_a_run_that_is_kept_busy_is_waited_for_and_the_question_can_be_withdrawn(bench: UserdataBench) -> None:

@@ -99,7 +99,7 @@ class GoalOwners:
             self._runtime.node.resolve_topic_name(alive_topic(owner))
         except RCLError as error:
             raise FlexbtError(
-                f'the owner {owner!r} is no name of a node; give one, such as /robot1/executive, or leave owner empty'
+                f'the owner {owner!r} is not a node name; give one, such as /robot1/executive, or leave owner empty'
             ) from error
 
     def _look_for(self, owner: str, goal: Hashable) -> None:

@@ -160,7 +160,7 @@ def read_log(path: Path) -> LogContent:
         data = file.read()
     position = len(_MAGIC) + 1 + _LENGTH.size
     if not data.startswith(_MAGIC) or len(data) < position:
-        raise LogError(f'{path}: this is no log file of BehaviorTree.CPP 4 (.btlog)')
+        raise LogError(f'{path}: this is not a log file of BehaviorTree.CPP 4 (.btlog)')
     version = data[len(_MAGIC)]
     if version != _VERSION:
         raise LogError(f'{path}: version {version} of the format is not known, only {_VERSION}')

@@ -437,7 +437,7 @@ def test_an_owner_that_can_be_no_node_is_refused_and_leaves_nothing(world: Serve
     world.server_runtime.on_fault(faults.append)
     world.client.load_tree('<AlwaysSuccess/>')
     result = world.client.execute(owner=owner).result
-    assert result.code == Result.ERROR and repr(owner) in result.message and 'name of a node' in result.message
+    assert result.code == Result.ERROR and repr(owner) in result.message and 'node name' in result.message
     owners = world.server.goals.owners
     assert not faults and not owners._goals and not owners._watches
 

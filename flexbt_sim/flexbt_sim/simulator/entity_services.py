@@ -161,7 +161,7 @@ class EntityServices:
         codes = SpawnEntity.Response
         if not uri.endswith(SUFFIXES):
             raise ServiceRefusedError(
-                codes.UNSUPPORTED_FORMAT, f'{short_repr(uri)} is no YAML file: {", ".join(SUFFIXES)}'
+                codes.UNSUPPORTED_FORMAT, f'{short_repr(uri)} is not a YAML file: {", ".join(SUFFIXES)}'
             )
         try:
             return resolve_file(uri.removeprefix('package://'))
@@ -377,7 +377,7 @@ class NameFilter:
 
     def _error(self, problem: str) -> SimulationError:
         return SimulationError(
-            f'{short_repr(self._pattern)} is no extended regular expression, at {self._at}: {problem}'
+            f'{short_repr(self._pattern)} is not an extended regular expression, at {self._at}: {problem}'
         )
 
     def _next(self) -> str:

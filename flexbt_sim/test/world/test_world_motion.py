@@ -595,7 +595,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing() -> None:
         (lambda: world.add('beta', MODELS['burger'], Pose(1.1, 1.0, 0.0)), "would overlap 'alpha'"),
         (lambda: world.add('beta', MODELS['burger'], Pose(9.0, 1.0, 0.0)), 'outside of the map'),
         (lambda: world.add('beta', MODELS['burger'], Pose(0.1, 1.0, 0.0)), 'from an obstacle'),
-        (lambda: world.add('beta', MODELS['burger'], Pose(math.nan, 1.0, 0.0)), 'is no pose'),
+        (lambda: world.add('beta', MODELS['burger'], Pose(math.nan, 1.0, 0.0)), 'is not a pose'),
         (lambda: world.add('beta', MODELS['burger']), 'its pose is missing'),
         (lambda: world.add('box', ObstacleModel(pose=Pose(1.2, 1.0, 0.0))), "would overlap 'alpha'"),
         (lambda: world.move('nobody', Pose(1.0, 1.0, 0.0)), "there is no 'nobody'"),

@@ -214,7 +214,7 @@ def _wrong_script(predicate: Predicate, test: str) -> Iterator[str]:
     try:
         parse_script(Template(test).safe_substitute(dict.fromkeys(predicate.parameters, 'x')))
     except ScriptError as error:
-        yield f'sensor of predicate {predicate.name}: {short_repr(test)} is no script: {error}'
+        yield f'sensor of predicate {predicate.name}: {short_repr(test)} is not a script: {error}'
 
 
 def unreached_ports(library: SkillLibrary, base: SkillLibrary, registry: NodeRegistry) -> Iterator[str]:
@@ -365,7 +365,7 @@ def run_log(options: argparse.Namespace) -> ExitCode:
         node = log.nodes.get(one.uid, LoggedNode(f'uid {one.uid}', '?'))
         print(transition(one.time, node.path, node.type, one.before, one.after, as_json=options.json))
     if log.left_over:
-        print(f'{options.file}: the last {log.left_over} bytes are no whole transition', file=sys.stderr)
+        print(f'{options.file}: the last {log.left_over} bytes are not a whole transition', file=sys.stderr)
     return ExitCode.OK
 
 

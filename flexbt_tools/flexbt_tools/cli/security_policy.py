@@ -52,7 +52,7 @@ def policy(namespaces: Sequence[str]) -> ElementTree.Element:
 
 def _namespace(text: str) -> str:
     if not _NAMESPACE.fullmatch(text):
-        raise argparse.ArgumentTypeError(f'{text!r} is no absolute namespace; write it as /robot1')
+        raise argparse.ArgumentTypeError(f'{text!r} is not an absolute namespace; write it as /robot1')
     return text
 
 

@@ -127,7 +127,7 @@ def _value_of_word(word: str, text: str) -> Any:
 
 def _no_status(name: object) -> str:
     remedy = did_you_mean(str(name).upper(), _STATUSES, f'; expected one of {", ".join(_STATUSES)}')
-    return f'{short_repr(name)} is no status{remedy}'
+    return f'{short_repr(name)} is not a status{remedy}'
 
 
 class _Reader(YamlParts):
@@ -196,7 +196,7 @@ class _Reader(YamlParts):
         seconds = finite_number(value)
         if seconds is not None and seconds >= 0.0:
             return seconds
-        self.problem(node, f'{short_repr(value)} is no duration in seconds')
+        self.problem(node, f'{short_repr(value)} is not a duration in seconds')
         return 0.0
 
     def _place(self, node: yaml.Node, message: str) -> LoadError:

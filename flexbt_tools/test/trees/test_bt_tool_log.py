@@ -69,7 +69,7 @@ def test_a_log_that_is_cut_off_is_read_as_far_as_it_goes(tmp_path: Path) -> None
             cut = read_log(path)
             assert cut.transitions == full.transitions[: (size - start) // 9]
             assert cut.left_over == (size - start) % 9
-    assert tool('log', str(path)).err.endswith('the last 8 bytes are no whole transition\n')
+    assert tool('log', str(path)).err.endswith('the last 8 bytes are not a whole transition\n')
 
 
 def test_a_disk_that_is_full_leaves_a_log_of_whole_rounds_or_none(tmp_path: Path) -> None:

@@ -121,7 +121,7 @@ def test_in_no_tree_of_nav2_two_drive_at_once() -> None:
 
 def test_a_class_with_a_wrong_skill_cannot_be_registered() -> None:
     for skill, message in [
-        (Skill.of(outcomes={'done': 'completed'}), "'done' is no outcome of a leaf; it ends by SUCCESS or FAILURE"),
+        (Skill.of(outcomes={'done': 'completed'}), "'done' is not an outcome of a leaf; it ends by SUCCESS or FAILURE"),
         (Skill.of(cost=-1.0), 'cost: -1.0 has to be a number from 0 on'),
     ]:
         wrong = type('Wrong', (Look,), {'skill': skill})

@@ -227,15 +227,18 @@ def test_the_blackboard_has_the_types_of_the_ports() -> None:
 
 # (file of mocks with a ^ at the place of each error, the errors)
 WRONG_PLANS: list[tuple[str, list[str]]] = [
-    ('mocks: {Drive: ^SUCESS}', ["'SUCESS' is no status; did you mean 'SUCCESS'?"]),
-    ('mocks: {Drive: ^IDLE}', ["'IDLE' is no status; expected one of RUNNING, SUCCESS, FAILURE, SKIPPED"]),
+    ('mocks: {Drive: ^SUCESS}', ["'SUCESS' is not a status; did you mean 'SUCCESS'?"]),
+    ('mocks: {Drive: ^IDLE}', ["'IDLE' is not a status; expected one of RUNNING, SUCCESS, FAILURE, SKIPPED"]),
     ('mocks:\n  Drive: ^[]', ["'Drive' has no step; write a status, or a list of them"]),
     ('mocks: {Drive: ^{after: 1}}', ["a step of 'Drive' does not say what it gives: gives: SUCCESS"]),
     (
         'mocks: {Drive: [{gives: SUCCESS, after: ^-1, outputs: ^3}]}',
-        ['-1 is no duration in seconds', "outputs has to be a mapping, not '3'"],
+        ['-1 is not a duration in seconds', "outputs has to be a mapping, not '3'"],
     ),
-    (f'mocks: {{Drive: {{gives: SUCCESS, after: ^{10**400}}}}}', [f'{short_repr(10**400)} is no duration in seconds']),
+    (
+        f'mocks: {{Drive: {{gives: SUCCESS, after: ^{10**400}}}}}',
+        [f'{short_repr(10**400)} is not a duration in seconds'],
+    ),
     (
         'mocks: {Drive: {gives: SUCCESS, delay: ^1}}',
         ["'delay' means nothing in a step; expected gives, after, outputs, reason"],
@@ -244,13 +247,13 @@ WRONG_PLANS: list[tuple[str, list[str]]] = [
     ('mock: ^{Drive: SUCCESS}', ["'mock' means nothing here; expected mocks or blackboard"]),
     ('mocks: {^[a, b]: SUCCESS}', ['a name in mocks has to be a name, not a list']),
     ('^', ['the file is empty; expected mocks: {PATTERN: STATUS}']),
-    ('blackboard: {x: ^2001-99-99}', ["blackboard: 'x' is no plain value: '2001-99-99' is no timestamp"]),
+    ('blackboard: {x: ^2001-99-99}', ["blackboard: 'x' is not a plain value: '2001-99-99' is not a valid timestamp"]),
     (
         'blackboard: {x: ^!!python/object:os.system []}',
-        ["blackboard: 'x' is no plain value: could not determine a constructor for the tag"],
+        ["blackboard: 'x' is not a plain value: could not determine a constructor for the tag"],
     ),
     ('blackboard: &x {x: ^*x}', ['*x is in what it stands for']),
-    ('blackboard: {x: ^!!bool perhaps}', ["blackboard: 'x' is no plain value: 'perhaps' is no bool"]),
+    ('blackboard: {x: ^!!bool perhaps}', ["blackboard: 'x' is not a plain value: 'perhaps' is not a valid bool"]),
     ('x: ' + '[' * 99 + '^' + '[' * 100_000, ['nested more than 100 levels deep']),
     ('mocks: {Drive: SUCCESS^', ["no YAML: expected ',' or '}', but got '<stream end>'"]),
     (
@@ -295,7 +298,7 @@ def test_wrong_plans_are_refused_with_their_places(tmp_path: Path, mocks: str, e
     [
         (
             ['--mock', 'Drive=OK'],
-            "--mock Drive=OK: 'OK' is no status; expected one of RUNNING, SUCCESS, FAILURE, SKIPPED",
+            "--mock Drive=OK: 'OK' is not a status; expected one of RUNNING, SUCCESS, FAILURE, SKIPPED",
         ),
         (['--mock', 'nowhere.yaml'], 'nowhere.yaml:1:1: cannot be read: '),
         (['--set', 'x'], '--set x: expected KEY=VALUE'),

@@ -88,8 +88,8 @@ skills:
         "warning: sensor of predicate close: there is no leaf 'GoalReachd'; did you mean 'GoalReached'?",
         "warning: sensor of predicate free: CheckPoseOccupancy has no port 'pos'; did you mean 'pose'?",
         'warning: predicate open has no sensor: it is only remembered, so no tree can test it',
-        "warning: sensor of predicate charged: 'level_$of >' is no script: a value is missing here: a number, a name "
-        'or a text; found the end of the script (column 10 of the script [level_x >])',
+        "warning: sensor of predicate charged: 'level_$of >' is not a script: a value is missing here: a number, a "
+        'name or a text; found the end of the script (column 10 of the script [level_x >])',
         "warning: arguments of skill NavigateToPose: NavigateToPose has no port 'gaol'; did you mean 'goal'?",
     ]
     assert tool('skills').err == ''

@@ -144,4 +144,4 @@ def test_who_observes_moves_nothing(tmp_path: Path) -> None:
 def test_a_namespace_that_is_none_is_refused(namespace: str) -> None:
     program = Path(get_package_prefix('flexbt_tools')) / 'lib/flexbt_tools/security_policy'
     done = subprocess.run([program, namespace], capture_output=True, text=True, check=False)
-    assert done.returncode == 2 and 'is no absolute namespace' in done.stderr
+    assert done.returncode == 2 and 'is not an absolute namespace' in done.stderr

@@ -103,7 +103,7 @@ class OperatorScreen(OrderedApp):
     .ascii .dialog, .ascii OptionList {{ scrollbar-size: 0 0; }}
     """
     # With priority, keys are handled in the order in which they were typed, by what is open then: a key typed
-    # quickly after one that opens a line or a list goes to that line or list, and is no command.
+    # quickly after one that opens a line or a list goes to that line or list, and is not a command.
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(key, action, show=False, priority=True)
         for key, action in (

@@ -35,7 +35,7 @@ def _completed(leaf: LeafNode, result: object) -> NodeStatus:
     """Store and return the result of ``run`` of a leaf."""
     status = leaf.checked(result)
     if status is RUNNING:
-        raise leaf.fault('run has to return when the work is done; RUNNING is no result')
+        raise leaf.fault('run has to return when the work is done; RUNNING is not a result')
     if status is not SKIPPED:
         leaf.status = status
     return status

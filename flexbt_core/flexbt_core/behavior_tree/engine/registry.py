@@ -70,7 +70,7 @@ class NodeRegistry:
             raise RegistrationError(f'node ID [{id}]: {problem}')
         if not (inspect.isclass(node_class) and issubclass(node_class, LeafNode | DecoratorNode | ControlNode)):
             raise RegistrationError(
-                f'node ID [{id}]: {node_class!r} is no node class; derive it from SyncAction, StatefulAction, '
+                f'node ID [{id}]: {node_class!r} is not a node class; derive it from SyncAction, StatefulAction, '
                 'Condition, Decorator or Control'
             )
         if inspect.isabstract(node_class):
@@ -180,7 +180,7 @@ def _skill_problem(node_class: type[TreeNode]) -> str:
         return ''  # a user's class may use the attribute for something else
     for name in node_class.skill.outcomes:
         if name not in ('SUCCESS', 'FAILURE'):
-            return f'{short_repr(name)} is no outcome of a leaf; it ends by SUCCESS or FAILURE'
+            return f'{short_repr(name)} is not an outcome of a leaf; it ends by SUCCESS or FAILURE'
     return next((f'{" ".join(at)}: {problem}' for at, problem in node_class.skill.problems()), '')
 
 
@@ -189,7 +189,7 @@ def _port_problem(name: str, port: object) -> str:
     if problem:
         return problem
     if not isinstance(port, Port):
-        return f'{port!r} is no Port; use input_port, output_port or inout_port'
+        return f'{port!r} is not a Port; use input_port, output_port or inout_port'
     if port.default is NO_DEFAULT:
         return ''
     pointer = isinstance(port.default, str) and pointer_key(port.default, name) is not None

@@ -284,7 +284,7 @@ def _status_from_text(text: str) -> NodeStatus:
         return NodeStatus[text]
     except KeyError:
         raise ConversionError(
-            f'{short_repr(text)} is no status; write one of {" ".join(NodeStatus.__members__)}'
+            f'{short_repr(text)} is not a status; write one of {" ".join(NodeStatus.__members__)}'
         ) from None
 
 

@@ -60,7 +60,7 @@ class CompiledScript:
     def bind(self, board: Blackboard, *, condition: bool = False) -> BoundScript:
         """Return the script on ``board``. Raises ScriptError for an empty ``condition``."""
         if condition and self.empty:
-            raise ScriptError(self.text, 0, 'the script is empty, and so is no condition')
+            raise ScriptError(self.text, 0, 'the script is empty, and an empty script is not a condition')
         return BoundScript(self, board, condition=condition)
 
     def scope(self, board: Blackboard) -> ScriptScope:

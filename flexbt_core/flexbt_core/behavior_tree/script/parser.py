@@ -330,7 +330,7 @@ def _check_end(script: str, match: re.Match[str], forbidden: re.Pattern[str]) ->
     if forbidden.match(script, match.end()) is not None:
         word = _WORD.match(script, match.start())
         assert word is not None
-        raise ScriptError(script, match.start(), f"'{word.group()}' is no number; write 12, 0.5, 1e3 or 0x1F")
+        raise ScriptError(script, match.start(), f"'{word.group()}' is not a number; write 12, 0.5, 1e3 or 0x1F")
 
 
 def _integer(script: str, match: re.Match[str], digits: str, base: int) -> int:

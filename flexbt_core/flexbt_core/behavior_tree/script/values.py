@@ -62,7 +62,7 @@ def real(value: Value) -> float:
     if value.__class__ is int and -_SMALL <= value <= _SMALL:
         return float(value)
     if not is_number(value):
-        raise _refused(f'{kind_of(value)} is no number', value)
+        raise _refused(f'{kind_of(value)} is not a number', value)
     number: float = cast(value, DOUBLE)
     return number
 

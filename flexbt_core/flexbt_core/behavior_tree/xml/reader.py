@@ -141,7 +141,7 @@ class _Loader:
             self._error(
                 source,
                 root,
-                f'main_tree_to_execute names [{main}], which is no tree of this file; its trees are: {known}',
+                f'main_tree_to_execute names [{main}], which is not a tree of this file; its trees are: {known}',
                 'main_tree_to_execute',
             )
         if not self._trees and not self._models and not self.errors and len(self._open_files) == 1:

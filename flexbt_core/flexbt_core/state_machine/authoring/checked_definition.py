@@ -166,13 +166,13 @@ def _transitions(own: str, child: Child, machine: Machine) -> Iterator[str]:
             yield f"{own}: the outcome '{outcome}' leads nowhere; add it to transitions"
     for outcome, target in child.transitions.items():
         if outcome not in outcomes:
-            yield f"{own}: transition of '{outcome}', which is no outcome of it{did_you_mean(outcome, outcomes)}"
+            yield f"{own}: transition of '{outcome}', which is not an outcome of it{did_you_mean(outcome, outcomes)}"
         if target not in targets:
-            what = 'no outcome of the container' if is_concurrent else 'neither a state nor an outcome of the machine'
+            what = 'not an outcome of the container' if is_concurrent else 'neither a state nor an outcome of the machine'
             yield f"{own}: the outcome '{outcome}' leads to '{target}', which is {what}{did_you_mean(target, targets)}"
     for outcome, level in child.autonomy.items():
         if outcome not in outcomes:
-            yield f"{own}: autonomy of '{outcome}', which is no outcome of it{did_you_mean(outcome, outcomes)}"
+            yield f"{own}: autonomy of '{outcome}', which is not an outcome of it{did_you_mean(outcome, outcomes)}"
         if not (isinstance(level, int) and UNDECLARED <= level <= Autonomy.Full):
             yield f"{own}: autonomy {level!r} of '{outcome}' is none of the levels Off 0, Low 1, High 2, Full 3"
 
@@ -265,10 +265,10 @@ def _names(path: str, container: Machine) -> Iterator[str]:
             yield f'{place} wants two outcomes of one child, so that it never holds'
         for label, outcome in condition.children:
             if label not in children:
-                yield f'{place} names {label!r}, which is no child{did_you_mean(label, children)}'
+                yield f'{place} names {label!r}, which is not a child{did_you_mean(label, children)}'
             elif outcome not in children[label]:
                 near = did_you_mean(outcome, children[label])
-                yield f'{place} names {outcome!r}, which is no outcome of {label}{near}'
+                yield f'{place} names {outcome!r}, which is not an outcome of {label}{near}'
 
 
 def outcomes_of(state: EventState | Machine) -> tuple[str, ...]:

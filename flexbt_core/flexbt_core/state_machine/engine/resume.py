@@ -67,10 +67,10 @@ class RunPosition:
         kinds = get_type_hints(cls)
         if plain.keys() != kinds.keys():
             wrong = ', '.join(sorted(map(str, plain.keys() ^ kinds.keys())))
-            raise StateMachineError(f'this is no position of a run: missing or left over: {wrong}')
+            raise StateMachineError(f'this is not a position of a run: missing or left over: {wrong}')
         for name, value in plain.items():
             if not _is_of(value, kinds[name]) or (name == 'decision_count' and value < 0):
-                raise StateMachineError(f'this is no position of a run: {name} cannot be {short_repr(value)}')
+                raise StateMachineError(f'this is not a position of a run: {name} cannot be {short_repr(value)}')
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()
         }

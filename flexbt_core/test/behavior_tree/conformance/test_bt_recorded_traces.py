@@ -25,7 +25,7 @@ SAME = [vector for vector in VECTORS if vector['same_in_4.10']]
 DIFFERS_ON_PURPOSE = {
     'setbb no output_key': 'port [output_key] of type std::string of [SetBlackboard] is missing',
     'missing port': 'port [num_cycles] of type int of [Repeat] is missing',
-    'NodeStatus port bad': "'success' is no status",
+    'NodeStatus port bad': "'success' is not a status",
     'explicit child in ReactiveSequence': 'load error',
     '= port bare': 'load error',
     'root-level Action without ID w/ models': 'load error',

@@ -2,7 +2,7 @@
 """Scripts against BehaviorTree.CPP: random expressions, value by value and error by error.
 
 The library of the wheel, 4.8.2, has another grammar than the engine, which follows 4.10. So every operator has its
-parentheses here, and ``true`` is no result by itself: it is an integer there, and a double in 4.10.
+parentheses here, and ``true`` is not a result by itself: it is an integer there, and a double in 4.10.
 """
 
 from __future__ import annotations

@@ -188,7 +188,7 @@ def test_a_definition_cannot_be_changed() -> None:
             'm.yaml:27: /Rescue has to have one of state, machine,',
         ),
         ('  output_keys: [result]', '  outcomes: []', "m.yaml:4: / (machine) has 'outcomes' twice"),
-        ('place: dock', 'place: !!python/name:os.system x', "userdata of / (machine): 'place' is no plain value"),
+        ('place: dock', 'place: !!python/name:os.system x', "userdata of / (machine): 'place' is not a plain value"),
         ('[1, 2.5, yes]', '[1, 2.5', 'm.yaml:5: no YAML: '),
         (
             'limits: [1, 2.5, yes]',

@@ -45,9 +45,9 @@ def keyed(inputs: str = '', outputs: str = '') -> Scripted:
         (
             [Child('A', Scripted(), END | {'dome': 'ended'})],
             {},
-            "/A: transition of 'dome', which is no outcome of it; did you mean 'done'?",
+            "/A: transition of 'dome', which is not an outcome of it; did you mean 'done'?",
         ),
-        ([Child('A', Scripted(), END, {'x': 1})], {}, "/A: autonomy of 'x', which is no outcome of it (done)"),
+        ([Child('A', Scripted(), END, {'x': 1})], {}, "/A: autonomy of 'x', which is not an outcome of it (done)"),
         (
             [Child('A', Scripted(), END, {'done': 4})],
             {},

@@ -247,10 +247,10 @@ def problems(conditions: Iterable[tuple[str, Iterable[tuple[str, str]]]], **plac
             "/: condition 1, of 'don', is of no outcome of the container; did you mean 'done'?",
         ),
         ([('done', [])], "/: condition 1, of 'done', names no child"),
-        ([('done', [('C', 'done')])], "/: condition 1, of 'done', names 'C', which is no child (A, B)"),
+        ([('done', [('C', 'done')])], "/: condition 1, of 'done', names 'C', which is not a child (A, B)"),
         (
             [('done', [('A', 'dne')])],
-            "/: condition 1, of 'done', names 'dne', which is no outcome of A; did you mean 'done'?",
+            "/: condition 1, of 'done', names 'dne', which is not an outcome of A; did you mean 'done'?",
         ),
         (
             [('done', [('A', 'done'), ('A', 'failed')])],
@@ -297,7 +297,7 @@ def test_children_lead_to_outcomes_of_the_container_only() -> None:
         Child('A', Scripted(), {'done': 'B'}), Child('B', Scripted()), conditions=[('ended', [('A', 'done')])]
     )
     with pytest.raises(
-        MachineError, match=r"/A: the outcome 'done' leads to 'B', which is no outcome of the container"
+        MachineError, match=r"/A: the outcome 'done' leads to 'B', which is not an outcome of the container"
     ):
         define(made)
 

@@ -211,7 +211,7 @@ def load_map(file: Path) -> OccupancyMap:
     x, y, yaw = (float(number) for number in numbers if number is not None)
     pose = Pose(x, y, yaw)
     if not pose.is_place:
-        raise MapError(file, 'origin', f'{short_repr(origin)} is no place: more than {FARTHEST:g} m away')
+        raise MapError(file, 'origin', f'{short_repr(origin)} is not a place: more than {FARTHEST:g} m away')
     # The image has its first row at the top, the grid at the bottom.
     return OccupancyMap(numpy.ascontiguousarray(cells[::-1]), resolution, pose)
 

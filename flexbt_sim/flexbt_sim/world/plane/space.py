@@ -427,5 +427,5 @@ def check_pose(pose: Pose) -> str:
     """
     place = f'({pose.x:g}, {pose.y:g}, {pose.yaw:g})'
     if not pose.is_place:
-        raise SimulationError(f'{place} is no pose; give finite numbers, of at most {FARTHEST:g}: m, m, rad')
+        raise SimulationError(f'{place} is not a pose; give finite numbers, of at most {FARTHEST:g}: m, m, rad')
     return place
