@@ -168,7 +168,9 @@ def _transitions(own: str, child: Child, machine: Machine) -> Iterator[str]:
         if outcome not in outcomes:
             yield f"{own}: transition of '{outcome}', which is not an outcome of it{did_you_mean(outcome, outcomes)}"
         if target not in targets:
-            what = 'not an outcome of the container' if is_concurrent else 'neither a state nor an outcome of the machine'
+            what = (
+                'not an outcome of the container' if is_concurrent else 'neither a state nor an outcome of the machine'
+            )
             yield f"{own}: the outcome '{outcome}' leads to '{target}', which is {what}{did_you_mean(target, targets)}"
     for outcome, level in child.autonomy.items():
         if outcome not in outcomes:
