@@ -11,6 +11,7 @@ from pathlib import Path
 
 from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.values.findings import finding_record
 from flexbt_core.values.text import escape_lines
 
 from .doctor import Finding, Level, RobotCheck, machine_findings
@@ -55,12 +56,7 @@ def run_doctor(options: argparse.Namespace) -> int:
     worst = 0
     for finding in _findings(options):
         if options.json:
-            found = {
-                'check': finding.check,
-                'level': finding.level.value,
-                'what': finding.what,
-                'remedy': finding.remedy,
-            }
+            found = finding_record(finding.check, finding.level.value, finding.what, fix=finding.remedy)
             print(json.dumps(found), flush=True)
         else:
             print(*escape_lines(f'{SIGNS[finding.level]} {finding.check}: {finding.what}'), sep='\n', flush=True)

@@ -141,8 +141,8 @@ def test_the_command_prints_json_and_ends_with_a_code() -> None:
         ['flexbt', 'doctor', '--json', '--seconds', '0.3'], capture_output=True, text=True, check=False, timeout=60
     )
     lines = [json.loads(line) for line in ran.stdout.splitlines()]
-    assert {line['check'] for line in lines} >= {'middleware', 'disk', 'discovery'}, ran.stderr
-    assert (ran.returncode, lines[-1]['level']) == (1, 'error')
+    assert {line['rule'] for line in lines} >= {'middleware', 'disk', 'discovery'}, ran.stderr
+    assert (ran.returncode, lines[-1]['severity']) == (1, 'error')
     machine = subprocess.run(['flexbt', 'doctor', '--machine'], capture_output=True, text=True, check=False, timeout=60)
     assert machine.returncode == 0, machine.stdout
 

@@ -16,6 +16,7 @@ from flexbt_core.behavior_tree.model.definition import tree_name_problem
 from flexbt_core.behavior_tree.model.errors import LoadError
 from flexbt_core.skills.library import clashes
 from flexbt_core.skills.literals import SkillError, parse_literal
+from flexbt_core.values.findings import finding_record
 from flexbt_core.values.text import escape_lines, one_line, pluralize, short_repr
 from flexbt_core.values.text_files import open_regular
 from flexbt_formal.planning.goal import conditions, parse_goal
@@ -217,7 +218,9 @@ def plan_document(found: Plan, text: str | None) -> dict[str, Any]:
             'unlimited': found.unlimited,
         }
     coverage = found.coverage
+    problem = found.reason or ('no plan within the time limit' if found.policy is None else '')
     return {
+        'findings': [finding_record('no-plan', 'error', problem)] if problem else [],
         'outcome': found.outcome.value,
         'cost': found.cost,
         'bound': None if found.bound == math.inf else found.bound,

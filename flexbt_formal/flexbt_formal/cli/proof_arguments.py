@@ -10,6 +10,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
+from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES
 from flexbt_core.monitors.requirement_text import (
@@ -27,6 +28,7 @@ from flexbt_formal.proofs.proof_report import (
     ProgressLine,
     comparison_as_json,
     comparison_lines,
+    proof_findings,
     report_as_json,
     report_lines,
 )
@@ -34,6 +36,7 @@ from flexbt_formal.proofs.saved_test import File, Replay, saved_test
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, RefusedError, UnfitError, UsageError
 from flexbt_tools.files import read_text_file, write_text_file
+from flexbt_tools.trees.outline import node_places
 
 _MOST_BYTES: Final = 1_000_000
 
@@ -129,11 +132,22 @@ def proving(options: argparse.Namespace) -> Iterator[ProgressLine]:
 
 
 def tell(
-    options: argparse.Namespace, replays: Sequence[Replay], reports: Sequence[Report], compared: Sequence[Compared]
+    options: argparse.Namespace,
+    library: TreeLibrary,
+    replays: Sequence[Replay],
+    proofs: Sequence[tuple[TreeKey | None, Report]],
+    compared: Sequence[Compared],
 ) -> ExitCode:
-    """Print the results, write the requested test, diagrams and recording, and return the exit code."""
+    """Print the results, write the requested test, diagrams and recording, and return the exit code.
+
+    ``proofs`` are those of trees of the library, and of a machine (None).
+    """
+    reports = [report for _, report in proofs]
     if options.json:
-        plain: dict[str, Any] = {'proofs': [report_as_json(report) for report in reports]}
+        findings = (
+            one for key, report in proofs for one in proof_findings(report, node_places(library, key) if key else {})
+        )
+        plain: dict[str, Any] = {'proofs': [report_as_json(report) for report in reports], 'findings': list(findings)}
         if compared:
             plain['comparisons'] = [comparison_as_json(one) for one in compared]
         print(json.dumps(plain))

@@ -84,7 +84,8 @@ def run(options: argparse.Namespace) -> ExitCode:
         )
         compared = _compared(options, behavior.machine, used, bounds, progress)
     replays = list(_replays(options, proof, bounds, required, by_name))
-    return proof_arguments.tell(options, replays, proof.reports, compared)
+    proofs = [*proof.trees.items(), (None, proof.machine)]
+    return proof_arguments.tell(options, used.library, replays, proofs, compared)
 
 
 def _used(options: argparse.Namespace, behavior: BuiltBehavior, files: Sequence[str]) -> UsedTrees:

@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> ExitCode:
         )
         for key, report in reports.items()
     ]
-    return proof_arguments.tell(options, replays, list(reports.values()), compared)
+    return proof_arguments.tell(options, library, replays, list(reports.items()), compared)
 
 
 def _compared(

@@ -10,6 +10,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from flexbt_core.values.findings import finding_record
 from flexbt_core.values.text import escape_lines
 from flexbt_formal.proofs.counterexamples import draw_diagram
 from flexbt_formal.proofs.sequence_picture import Arrow, Note, SequenceDiagram
@@ -122,6 +123,8 @@ def _answered(options: argparse.Namespace) -> ExitCode:
     try:
         answer = synthesize(problem, time_limited(limit, '--time-limit allows more', _show))
     except SynthesisTimeout as error:
+        if options.json:
+            print(json.dumps({'realizable': None, 'findings': [finding_record('time-limit', 'error', str(error))]}))
         print(*escape_lines(str(error)), sep='\n', file=sys.stderr)
         return ExitCode.UNFINISHED
     return _told(options, answer, interfaces, time.monotonic() - began)
@@ -151,7 +154,16 @@ def _told(options: argparse.Namespace, answer: Synthesis, interfaces: StateInter
         write_text_file(options.output, text)
     if options.json:
         print(
-            json.dumps({'realizable': True, 'machine': text, 'seconds': round(seconds, 3), 'figures': answer.figures})
+            json.dumps(
+                {
+                    'realizable': True,
+                    'machine': text,
+                    'notes': answer.machine.notes,
+                    'seconds': round(seconds, 3),
+                    'figures': answer.figures,
+                    'findings': [],
+                }
+            )
         )
     elif not options.output:
         print(text, end='')
@@ -174,7 +186,10 @@ def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explan
             options.draw, counterstrategy_diagram(f'No machine can do that: {", ".join(options.goal)}', explanation)
         )
     if options.json:
-        print(json.dumps({'realizable': False, 'seconds': round(seconds, 3), 'explanation': explanation.to_json()}))
+        fix = '; '.join(explanation.remedies)
+        findings = [finding_record('unrealizable', 'error', demand, fix=fix) for demand in explanation.conflict]
+        plain = {'realizable': False, 'seconds': round(seconds, 3), 'explanation': explanation.to_json()}
+        print(json.dumps({**plain, 'findings': findings}))
         return ExitCode.NEGATIVE
     for line in explanation_lines(explanation):
         print(line)

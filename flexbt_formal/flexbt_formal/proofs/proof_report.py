@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, Final, NamedTuple
 
+from flexbt_core.behavior_tree.model.errors import LoadError
 from flexbt_core.monitors.properties import Property, Violation
+from flexbt_core.values.findings import FindingRecord, finding_record
 from flexbt_core.values.text import pluralize
 from flexbt_formal.exploration.comparison import Comparison
 from flexbt_formal.exploration.model import Counterexample, Label, Move, Report, System
@@ -182,6 +184,32 @@ def report_as_json(report: Report) -> dict[str, Any]:
             for found in report.counterexamples
         ],
     }
+
+
+def proof_findings(report: Report, places: Mapping[str, LoadError]) -> Iterator[FindingRecord]:
+    """Yield what is wrong as findings. ``places`` are those of nodes, by their paths: a finding is at the node where it
+    happens, or else at the first one that its text names."""
+    for found in report.counterexamples:
+        kind, where, text, _ = found.violation
+        named = (places[word] for word in (where, *map(_bare, text.split())) if word in places)
+        place = next(named, LoadError('', 0, 0, where, ''))
+        end_line, end_column = place.end
+        yield finding_record(
+            kind.name.lower().replace('_', '-'),
+            'error',
+            text,
+            file=place.file,
+            line=place.line,
+            column=place.column,
+            end_line=end_line,
+            end_column=end_column,
+            node=where,
+            fix=_REMEDIES.get(kind, ''),
+        )
+
+
+def _bare(word: str) -> str:
+    return word.strip(',;:()[]')
 
 
 def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:

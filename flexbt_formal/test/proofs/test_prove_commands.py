@@ -349,6 +349,21 @@ def test_a_proof_is_kept_until_something_changes(tmp_path: Path) -> None:
     assert not was_kept and not mended['wrong']
 
 
+def test_errors_of_proofs_are_findings_at_the_nodes(tmp_path: Path) -> None:
+    tree = tmp_path / 'main.xml'
+    tree.write_text(
+        document(
+            'Main: <Sequence><Fallback><ComputePathToPose goal="{goal}" path="{path}"/><AlwaysSuccess/></Fallback>'
+            '<SubTree ID="X" name="x" path="{path}"/></Sequence>',
+            'X: <Parallel success_count="2"><FollowPath path="{path}"/><Spin spin_dist="6.28"/></Parallel>',
+        )
+    )
+    findings = json.loads(tool('prove', str(tree), '--json').out)['findings']
+    where = {one['rule']: tree.read_text().splitlines()[one['line'] - 1][one['column'] - 1 :] for one in findings}
+    assert {one['severity'] for one in findings} == {'error'} and all(one['fix'] for one in findings)
+    assert where['data'].startswith('<FollowPath') and where['one-owner'].startswith('<FollowPath')
+
+
 def test_what_is_required_is_proved_told_and_saved(tmp_path: Path) -> None:
     tree, required, saved = tmp_path / 'inspect.xml', tmp_path / 'site.yaml', tmp_path / 'test_inspect.py'
     tree.write_text(document('Main: <Sequence><Wait name="drive"/><Spin name="look"/></Sequence>'))
@@ -366,7 +381,7 @@ def test_what_is_required_is_proved_told_and_saved(tmp_path: Path) -> None:
         and f"{required}:2: \"never lok\": tree Main has no event 'lok'; did you mean 'look'?" in done.err
     )
     done = tool('prove', str(tree), '--require', 'look well')
-    assert done.code == 2 and '--require: "look well" is no requirement; write one of' in done.err
+    assert done.code == 2 and '--require: "look well" is not a requirement; write one of' in done.err
 
 
 def test_what_is_required_of_a_behavior_is_about_its_machine() -> None:

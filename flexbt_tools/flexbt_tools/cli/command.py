@@ -8,6 +8,7 @@ Packages with further dependencies add commands through entry points of the grou
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ from typing import Final
 from flexbt_common.command_line import SuggestingArgumentParser, abandon_stdout, make_streams_safe, report_full_output
 from flexbt_core.values.text import escape_lines
 from flexbt_tools.errors import ExitCode, ToolError, missing_package
+from flexbt_tools.tree_checks.diagnostics import error_records
 
 ENTRY_POINTS: Final = 'flexbt.commands'
 
@@ -65,6 +67,8 @@ def run_command(
         code: ExitCode = options.run(options)
         sys.stdout.flush()
     except ToolError as error:
+        if '--json' in words:
+            print(json.dumps({'findings': error_records(error)}), flush=True)
         for line in escape_lines(str(error), limit=1000):
             print(line, file=sys.stderr)
         return error.exit_code

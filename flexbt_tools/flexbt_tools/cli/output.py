@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -28,7 +28,7 @@ class Reported(NamedTuple):
 
     rule: CheckRule
     line: str
-    document: dict[str, Any]
+    document: Mapping[str, Any]
 
 
 def add_report_arguments(parser: argparse.ArgumentParser, ignorable: Iterable[CheckRule]) -> None:

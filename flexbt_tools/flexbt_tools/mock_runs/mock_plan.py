@@ -200,4 +200,5 @@ class _Reader(YamlParts):
         return 0.0
 
     def _place(self, node: yaml.Node, message: str) -> LoadError:
-        return LoadError(self.source, node.start_mark.line + 1, node.start_mark.column + 1, '', message)
+        begin, end = node.start_mark, node.end_mark
+        return LoadError(self.source, begin.line + 1, begin.column + 1, '', message, end=(end.line + 1, end.column + 1))

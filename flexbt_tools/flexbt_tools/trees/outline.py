@@ -10,7 +10,9 @@ from itertools import zip_longest
 from typing import Any, Final, NamedTuple
 
 from flexbt_common.pictures.tree_picture import DrawnNode, NodeShape
+from flexbt_core.behavior_tree.engine.node import node_path
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition, TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.errors import LoadError
 from flexbt_core.behavior_tree.model.ports import PortDirection
 from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
@@ -99,6 +101,21 @@ def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[It
         for child in reversed(node.children):
             stack.append((child, owner, tree, depth + 1, position, child is node.children[-1]))
         position += 1
+
+
+def node_places(library: TreeLibrary, key: TreeKey) -> dict[str, LoadError]:
+    """Return the places in files of the nodes of a tree and its sub-trees, by the paths of the nodes in a run."""
+    found: dict[str, LoadError] = {}
+    scopes: list[str] = []  # of each node: the path of the sub-tree that contains it
+    paths: list[str] = []
+    items = list(items_of(library, key, expand=True))
+    for uid, item in enumerate(items, 1):
+        parent = item.parent
+        is_first = parent is not None and items[parent].kind is NodeKind.SUBTREE
+        scopes.append('' if parent is None else paths[parent] if is_first else scopes[parent])
+        paths.append(node_path(scopes[-1], item.type, item.node.name, uid))
+        found[paths[-1]] = item.tree.error(item.node, '')
+    return found
 
 
 def drawn_nodes(items: Iterable[Item], ports: str) -> list[DrawnNode]:

@@ -474,17 +474,54 @@ def test_exit_codes_and_output(tmp_path: Path) -> None:
     assert json.loads(done.out) == {
         'findings': [
             {
+                'rule': 'unreachable',
+                'severity': 'warning',
                 'file': str(slip),
                 'line': 2,
                 'column': 51,
-                'severity': 'warning',
-                'rule': 'unreachable',
+                'end_line': 2,
+                'end_column': 67,
                 'node': '<AlwaysFailure>',
                 'message': finding,
+                'fix': 'leave the child out, or change what keeps it from being ticked',
             }
         ],
         'summary': {'files': 1, 'error': 0, 'warning': 1, 'info': 0},
     }
+
+
+def test_findings_span_the_text_that_they_are_about(tmp_path: Path) -> None:
+    """In each: the tree with the text between ``«`` and ``»``, which may hold what ends a tag."""
+    for marked in (
+        '<Sequence>«<FolowPath path="{a}"/>»</Sequence>',
+        '<Wait «wait_duration="x > \'y\'"»/>',
+        "<Sequence><Delay «delay_msec='\"'»>\n<AlwaysSuccess/></Delay></Sequence>",
+        '<Fallback><AlwaysSuccess/>«<Wait\n name="<é>"\n wait_duration="1"/>»</Fallback>',
+    ):
+        text = document(f'Main: {marked}')
+        file = tmp_path / 'tree.xml'
+        file.write_text(text.replace('«', '').replace('»', ''))
+        [found] = json.loads(tool('check', '--json', str(file)).out)['findings']
+        lines = file.read_text().splitlines(keepends=True)
+        starts = [sum(map(len, lines[:number])) for number in range(len(lines))]
+        begin = starts[found['line'] - 1] + found['column'] - 1
+        end = starts[found['end_line'] - 1] + found['end_column'] - 1
+        assert file.read_text()[begin:end] == text.partition('«')[2].partition('»')[0], found
+
+
+def test_errors_of_commands_are_findings_too(tmp_path: Path) -> None:
+    tree, mocks = tmp_path / 'tree.xml', tmp_path / 'mocks.yaml'
+    tree.write_text(document('Main: <AlwaysSuccess/>'))
+    mocks.write_text('mocks: {Drive: SUCESS}')
+    where = {'file': str(mocks), 'line': 1, 'column': 16, 'end_line': 1, 'end_column': 22, 'node': ''}
+    what = "'SUCESS' is not a status; did you mean 'SUCCESS'?"
+    done = tool('run', '--json', str(tree), '--mock', str(mocks))
+    assert (done.code, done.err) == (3, f'{mocks}:1:16: {what}\n')
+    assert json.loads(done.out)['findings'] == [
+        {'rule': 'refused', 'severity': 'error', 'message': what, 'fix': "did you mean 'SUCCESS'?"} | where
+    ]
+    [found] = json.loads(tool('run', '--json', str(tree), '--set', 'x').out)['findings']
+    assert (found['rule'], found['line'], found['message']) == ('usage', 0, '--set x: expected KEY=VALUE')
 
 
 def test_node_types_that_are_not_installed(tmp_path: Path) -> None:

@@ -54,8 +54,9 @@ class LoadError:
     """One reason why a document is rejected, or one warning about it.
 
     ``line`` and ``column`` count from 1 in the text as the user wrote it; both are 0 when the error concerns the whole
-    file. ``node`` is the element: its tag, and its ``name`` if it has one; '' without an element. ``unknown`` is the
-    node type that is not registered, if that is the reason and no similar type is known.
+    file. ``end`` is the line and column behind the last character; (0, 0) if only the start is known. ``node`` is the
+    element: its tag, and its ``name`` if it has one; '' without an element. ``unknown`` is the node type that is not
+    registered, if that is the reason and no similar type is known.
     """
 
     file: str
@@ -64,6 +65,7 @@ class LoadError:
     node: str
     message: str
     unknown: str = ''
+    end: tuple[int, int] = (0, 0)
 
     def __str__(self) -> str:
         where = f'{self.file}:{self.line}:{self.column}' if self.line else self.file
@@ -215,6 +217,11 @@ class FailureTrace(NamedTuple):
 
 # The source text of definitions, and the positions of errors in it.
 
+_SPAN: Final = re.compile(
+    r"""<(?:[^<>"']|"[^"]*"|'[^']*')*>?|[\w:.-]+\s*=\s*(?:"[^"]*"|'[^']*')|[^\s<>"'=]+|.""", re.DOTALL
+)
+"""What an error at an offset is about: a tag, an attribute with its value, or a word."""
+
 
 class Source:
     """The text of one file. It converts offsets to lines and columns."""
@@ -234,4 +241,6 @@ class Source:
     def error(self, offset: int, message: str, node: str = '') -> LoadError:
         """Return an error at this offset. ``node`` is the element, in the form shown to users."""
         line, column = self.position(offset)
-        return LoadError(self.file, line, column, truncate_middle(node, 200), truncate_middle(message, 500))
+        span = _SPAN.match(self.text, offset)
+        end = self.position(offset if span is None else span.end())
+        return LoadError(self.file, line, column, truncate_middle(node, 200), truncate_middle(message, 500), end=end)
