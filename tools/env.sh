@@ -26,6 +26,7 @@ else
   # The scripts of colcon and of ROS 2 cannot be sourced under `set -u`.
   _flexbt_options=$-
   set +u
+  _flexbt_middleware=${RMW_IMPLEMENTATION:-}
   # shellcheck disable=SC1091
   . "$FLEXBT_ROOT/install/flexbt_underlay.sh"
   if [ -n "${BASH_VERSION:-}" ]; then
@@ -39,6 +40,9 @@ else
     . "$FLEXBT_ROOT/install/local_setup.sh"
   fi
 
+  # The set-up of the wheels names the middleware that they bring; a choice made before stays.
+  [ -z "$_flexbt_middleware" ] || export RMW_IMPLEMENTATION="$_flexbt_middleware"
+
   case $_flexbt_options in *u*) set -u ;; esac
 
   # The executables of a package are in install/PACKAGE/lib/PACKAGE.
@@ -49,7 +53,7 @@ else
     esac
   done
   export PATH
-  unset _flexbt_directory _flexbt_options
+  unset _flexbt_directory _flexbt_options _flexbt_middleware
 
   # Unless told otherwise, only this computer; quick discovery (see flexbt_common/discovery.py); logs beside the others of the workspace.
   if [ "${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}" = rmw_fastrtps_cpp ]; then

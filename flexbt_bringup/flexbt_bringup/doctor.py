@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
+import socket
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,13 +18,14 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-import rclpy
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import GetState
 
 from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import TransformError
+from flexbt_common.middleware.fastdds import FAST_DDS
+from flexbt_common.middleware.implementation import ZENOH, implementation, losses
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.transform_listener import TransformListener
 from flexbt_core.values.text import did_you_mean, pluralize
@@ -31,7 +33,6 @@ from flexbt_msgs.msg import ExecutiveStatus
 
 from .graph import Graph, node_of, observe, parameters
 
-FAST_DDS: Final = 'rmw_fastrtps_cpp'
 OURS: Final = (names.BT_SERVER, names.ONBOARD_EXECUTIVE, names.STOP_GUARD)
 """Nodes of FlexBT that a robot runs."""
 ACTION_TYPES: Final[Mapping[str, str]] = {
@@ -71,6 +72,8 @@ MOST_OFFSET: Final = 0.5
 """Largest difference between the clocks of two computers, s."""
 OLD_TRANSFORM: Final = 2.0
 """Age at which the newest transform of the robot is too old, s."""
+ROUTER: Final = '127.0.0.1', 7447
+"""Address at which nodes look for the router of Zenoh, unless they are told otherwise."""
 
 
 class Level(Enum):
@@ -115,16 +118,28 @@ def machine_findings(environment: Mapping[str, str] = os.environ) -> Iterator[Fi
 
 
 def _middleware(environment: Mapping[str, str]) -> Iterator[Finding]:
-    used = rclpy.get_rmw_implementation_identifier()
     distribution = environment.get('ROS_DISTRO', 'without ROS_DISTRO')
-    if used == FAST_DDS:
-        yield ok('middleware', f'{used}, ROS 2 {distribution}, Python {sys.version.split()[0]}')
+    yield ok('middleware', f'{implementation()}, ROS 2 {distribution}, Python {sys.version.split()[0]}')
+    if lost := '; '.join(losses()):
+        remedy = f'nothing, if that is acceptable; else set RMW_IMPLEMENTATION={FAST_DDS} on all computers'
+        yield warning('middleware', f'{implementation()}: {lost}', remedy)
+    if implementation() == ZENOH:
+        yield from router_findings(environment)
+
+
+def router_findings(environment: Mapping[str, str], address: tuple[str, int] = ROUTER) -> Iterator[Finding]:
+    """Check that nodes reach the router of Zenoh, without which they do not discover each other."""
+    if told := [name for name in ('ZENOH_SESSION_CONFIG_URI', 'ZENOH_CONFIG_OVERRIDE') if environment.get(name)]:
+        yield ok('router', f'where it is depends on {" and ".join(told)}; not checked')
         return
-    yield warning(
-        'middleware',
-        f'{used}: limits for each sender and protected operator names need {FAST_DDS}',
-        f'nothing, if you know that; else set RMW_IMPLEMENTATION={FAST_DDS} on all computers',
-    )
+    where = f'{address[0]}:{address[1]}'
+    try:
+        socket.create_connection(address, 1.0).close()
+    except OSError as problem:
+        remedy = 'ros2 run rmw_zenoh_cpp rmw_zenohd, on each computer; connect these routers to each other'
+        yield error('router', f'no router of Zenoh at {where} ({problem.strerror or problem})', remedy)
+        return
+    yield ok('router', f'there is a router at {where}')
 
 
 def _versions() -> Iterator[Finding]:

@@ -41,10 +41,12 @@ from typing import Any, Final
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.exceptions import InvalidHandle
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
+from flexbt_common.middleware.fastdds import FAST_DDS
+from flexbt_common.middleware.implementation import implementation
 from flexbt_common.middleware.received_messages import (
     COMPLAINT_SECONDS,
     UNKNOWN_WRITER,
@@ -121,7 +123,9 @@ def _qos() -> QoSProfile:
 
 
 def has_liveliness_protocol() -> bool:
-    """Return whether the middleware of this process reports liveliness; that of a console on a radio does not."""
+    """Return whether the middleware of this process reports liveliness; Fast DDS of a console on a radio does not."""
+    if implementation() != FAST_DDS:
+        return True
     file = Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))
     return not (file.is_file() and '<use_WriterLivelinessProtocol>false<' in file.read_text(errors='replace'))
 
@@ -425,15 +429,21 @@ class _SeenToken:
         self._heard_at = self._silent_since = 0.0
         self._runtime = runtime
         self._timer: Timer | None = None
-        self._messages = ReceivedMessages(
-            runtime.node,
+        try:
+            self._messages = self._subscribe(liveliness=self._liveliness_changed, matched=self._matched)
+        except UnsupportedEventTypeError:  # Zenoh; the messages show the same, later
+            self._messages = self._subscribe(matched=self._matched)
+
+    def _subscribe(self, **callbacks: Callable[[Any], None]) -> ReceivedMessages:
+        return ReceivedMessages(
+            self._runtime.node,
             DiagnosticStatus,
-            topic,
+            self._topic,
             _qos(),
             self._receive,
             _STATUS_BYTES,
-            event_callbacks=SubscriptionEventCallbacks(liveliness=self._liveliness_changed, matched=self._matched),
-            rates=SenderRates(_STATUS_RATE, _STATUS_BURST, runtime.steady.now),
+            event_callbacks=SubscriptionEventCallbacks(**callbacks),
+            rates=SenderRates(_STATUS_RATE, _STATUS_BURST, self._runtime.steady.now),
         )
 
     @property
@@ -463,7 +473,7 @@ class _SeenToken:
             logger.error(f'{self._topic}: left aside: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
         identity = _identity_of(status)
-        if received.writer != UNKNOWN_WRITER:
+        if received.participant != UNKNOWN_WRITER:
             self._processes[received.participant] = identity
             self._processes.move_to_end(received.participant)
             if len(self._processes) > _PROCESSES:

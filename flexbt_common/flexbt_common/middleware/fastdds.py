@@ -42,7 +42,7 @@ def loaded_function(library: str, name: str, result: Any, *arguments: Any, is_sh
 
 CALLBACK_SECONDS: Final = 1
 
-_RMW: Final = 'rmw_fastrtps_cpp'
+FAST_DDS: Final = 'rmw_fastrtps_cpp'
 _FASTDDS_LIBRARY: Final = 'libfastrtps.so.2.14'
 _RETCODE_OK: Final = 0
 _GET_PARTICIPANT: Final = '_ZN16rmw_fastrtps_cpp22get_domain_participantEP10rmw_node_s'
@@ -70,12 +70,12 @@ def end_callbacks(node: Node) -> None:
 
 def participant_address(node: Node) -> int | None:
     """Return the address of the DomainParticipant of a node, or None if it is not one of Fast DDS 2.14."""
-    if get_rmw_implementation_identifier() != _RMW:
+    if get_rmw_implementation_identifier() != FAST_DDS:
         return None
     try:
         loaded_function(_FASTDDS_LIBRARY, _SET_LISTENER, ctypes.c_int)
         get_rmw_node = loaded_function('librcl.so', 'rcl_node_get_rmw_handle', ctypes.c_void_p, ctypes.c_void_p)
-        get_participant = loaded_function(f'lib{_RMW}.so', _GET_PARTICIPANT, ctypes.c_void_p, ctypes.c_void_p)
+        get_participant = loaded_function(f'lib{FAST_DDS}.so', _GET_PARTICIPANT, ctypes.c_void_p, ctypes.c_void_p)
     except (OSError, AttributeError):
         return None
     with node.handle:
@@ -93,6 +93,17 @@ _IGNORE: Final = (
 )
 _PREFIX_SIZE: Final = 12
 _PARTICIPANT_ENTITY: Final = b'\x00\x00\x01\xc1'  # ENTITYID_PARTICIPANT (DDSI-RTPS 9.3.1.3)
+
+
+def can_ignore() -> bool:
+    """Return whether the middleware of this process is Fast DDS 2.14, which can ignore a participant."""
+    if get_rmw_implementation_identifier() != FAST_DDS:
+        return False
+    try:
+        loaded_function(_FASTDDS_LIBRARY, _IGNORE, ctypes.c_int)
+    except (OSError, AttributeError):
+        return False
+    return True
 
 
 class _InstanceHandle(ctypes.Structure):

@@ -31,7 +31,9 @@ from flexbt_common.errors import LimitExceededError
 from flexbt_common.values.limits import MESSAGE, check_limits
 from flexbt_core.clock.rates import SenderRates
 
-from .fastdds import ignore_participant, loaded_function
+from .cyclonedds import WriterGuids
+from .fastdds import FAST_DDS, ignore_participant, loaded_function
+from .implementation import CYCLONE_DDS, has_participants, implementation
 from .rclpy_private import EXECUTOR, is_usable
 
 COMPLAINT_SECONDS: Final = 5.0
@@ -73,15 +75,16 @@ class Received:
 
     @property
     def participant(self) -> bytes:
-        """Identifier of the writer's participant in the domain: of its process or a part of it."""
+        """Identifier of the writer's participant in the domain: of its process or a part of it. UNKNOWN_WRITER with a
+        middleware that is not DDS."""
         return guid_prefix_of(self.writer)
 
     @property
     def process(self) -> bytes:
         """Identifier of the writer's process, whose participants share one allowance: Fast DDS begins their identifiers
-        with the vendor, the host and the process. With another middleware, and with DDS security, which changes the
-        identifiers, it is that of one participant."""
-        return self.writer[:8]
+        with the vendor, the host and the process. With another DDS, and with DDS security, which changes the
+        identifiers, it is that of one participant; with a middleware that is not DDS, that of the writer."""
+        return self.writer[:8] if implementation() == FAST_DDS else self.participant or self.writer
 
     def checked(self, message_type: type[Any]) -> Any:
         """Return the message after a check of the limits of its texts and lists.
@@ -209,9 +212,9 @@ class ReceivedMessages:
 
 
 def guid_prefix_of(writer: bytes) -> bytes:
-    """Return the participant that a writer belongs to: the first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1). With a
-    middleware other than DDS, it differs for each writer."""
-    return writer[:12]
+    """Return the participant that a writer belongs to: the first 12 bytes of a GUID (DDSI-RTPS 8.2.4.1). Return
+    UNKNOWN_WRITER with a middleware that is not DDS."""
+    return writer[:12] if has_participants() else UNKNOWN_WRITER
 
 
 def writer_name(node: Node, topic: str, writer: bytes) -> str:
@@ -287,6 +290,7 @@ class _Taker:
         self._free = short('librcutils.so', 'rcutils_uint8_array_fini', ctypes.c_int, pointer(_Bytes))
         self._forget_error = short('librcutils.so', 'rcutils_reset_error', None)
         self._allocator = short('librcutils.so', 'rcutils_get_default_allocator', _Allocator)()
+        self._guids = WriterGuids() if implementation() == CYCLONE_DDS else None
 
     @classmethod
     def make(cls) -> _Taker | None:
@@ -310,7 +314,10 @@ class _Taker:
                     self._forget_error()
                 return None
             data = ctypes.string_at(taken.buffer, taken.length) if taken.length <= limit else None
-            return Received(data, taken.length, bytes(info.publisher_gid.data), info.source_timestamp * 1e-9)
+            writer = bytes(info.publisher_gid.data)
+            if self._guids is not None:
+                writer = self._guids.guid(subscription, writer)
+            return Received(data, taken.length, writer, info.source_timestamp * 1e-9)
         finally:
             self._free(ctypes.byref(taken))
 

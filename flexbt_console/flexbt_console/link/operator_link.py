@@ -381,7 +381,7 @@ class ExecutiveLink(RobotLink):
 
     def _take_status(self, received: Received) -> None:
         participant = received.participant
-        if participant != UNKNOWN_WRITER and not self._status_rates.allows(received.process):
+        if received.writer != UNKNOWN_WRITER and not self._status_rates.allows(received.process):
             self._statuses.blame(received)
             return
         answers = not self._sender.has_sent(participant)

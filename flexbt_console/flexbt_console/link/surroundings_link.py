@@ -112,7 +112,7 @@ class SurroundingsLink:
         def read(received: Received) -> None:
             try:
                 with self._pace.work():
-                    told_by = (self._server(topic, received.participant),) if type is TreeStatus else ()
+                    told_by = (self._server(topic, received.writer),) if type is TreeStatus else ()
                     receive(received.unpack(type), *told_by)
             except (ValueError, LimitExceededError) as error:
                 text = f'{topic}: left aside: {one_line(str(error), REPORT_CHARACTERS)}'
@@ -120,16 +120,16 @@ class SurroundingsLink:
 
         return read
 
-    def _server(self, topic: str, participant: bytes) -> str:
-        """Return the node of a participant that publishes trees; '' while it is not known."""
-        if participant not in self._servers:
-            name = writer_name(self._node, topic, participant)
+    def _server(self, topic: str, writer: bytes) -> str:
+        """Return the node of a writer that publishes trees; '' while it is not known."""
+        if writer not in self._servers:
+            name = writer_name(self._node, topic, writer)
             if not name.startswith('/'):
                 return ''
-            self._servers[participant] = name
+            self._servers[writer] = name
             if len(self._servers) > _SERVERS:
                 self._servers.popitem(last=False)
-        return self._servers[participant]
+        return self._servers[writer]
 
     def _trees_matched(self, event: Any) -> None:
         if event.current_count_change < 0:

@@ -254,5 +254,5 @@ class CommandIntake:
         if len(self._told) >= _PROCESSES:
             return
         self._told[process] = now + _TELL_SECONDS
-        who = writer_name(self._runtime.node, topic, received.participant) if process else 'somebody'
+        who = writer_name(self._runtime.node, topic, received.writer) if process else 'somebody'
         self._tell(ExecutiveLog.WARN, f'commands of {who or "a node that is gone"} were dropped: {why}')
