@@ -12,7 +12,7 @@ import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from target import target
 
@@ -28,7 +28,10 @@ Packages and their folders, from the import contracts in `pyproject.toml`, which
 
 A package may import packages below it, but none in the same row.
 """
-ON_LAYERS: Final = 'Layers are numbered from the top. A folder imports only from lower layers, not from its own.'
+ON_FOLDERS: Final = """\
+Folders of a package are listed by layers, the top one first. The contracts also cover modules, and list what needs no
+ROS and what needs no engine.
+"""
 
 
 def summary(package: Path) -> str:
@@ -54,26 +57,13 @@ def diagram(layers: list[str]) -> Iterator[str]:
     yield '```'
 
 
-def folders(package: Path, depth: int = 0) -> Iterator[str]:
-    """Return a package and its folders, each with its purpose, as a nested list."""
+def folders(package: Path, layer_of: dict[str, int], depth: int = 0) -> Iterator[str]:
+    """Return a package and its folders, the top layer first, each with its purpose, as a nested list."""
     yield f'{"  " * depth}- `{package.name}`: {summary(package)}'
-    for inner in sorted(package.iterdir()):
-        if (inner / '__init__.py').exists():
-            yield from folders(inner, depth + 1)
-
-
-def contract(rule: dict[str, Any]) -> Iterator[str]:
-    """Return a contract as a list."""
-    yield f'- **{rule["name"]}**'
-    if rule['type'] == 'forbidden':
-        yield f'  - {_names(rule["source_modules"])}'
-        yield f'  - must not import {_names(rule["forbidden_modules"])}'
-    elif rule['type'] == 'layers' and '.' in rule['layers'][-1]:  # those of the packages are drawn
-        yield from (f'  {place}. {_names(layer.split(" | "))}' for place, layer in enumerate(rule['layers'], 1))
-
-
-def _names(names: list[str]) -> str:
-    return ', '.join(f'`{name}`' for name in names)
+    inner = [folder for folder in package.iterdir() if (folder / '__init__.py').exists()]
+    names = {folder: '.'.join(folder.relative_to(ROOT).parts[1:]) for folder in inner}
+    for folder in sorted(inner, key=lambda folder: (layer_of.get(names[folder], 0), folder.name)):
+        yield from folders(folder, layer_of, depth + 1)
 
 
 def page() -> str:
@@ -86,12 +76,16 @@ def page() -> str:
         for rule in contracts
         if rule['type'] == 'layers' and not rule.get('containers') and set(packages) >= {rule['layers'][-1]}
     ]
-    lines = [HEAD, *diagram(layers), '', '## Contracts', '', ON_LAYERS, '']
-    for rule in contracts:
-        lines += contract(rule)
-    lines += ['', '## Folders', '']
+    layer_of = {
+        name: place
+        for rule in contracts
+        if rule['type'] == 'layers'
+        for place, layer in enumerate(rule['layers'])
+        for name in layer.split(' | ')
+    }
+    lines = [HEAD, *diagram(layers), '', '## Folders', '', ON_FOLDERS]
     for name in packages:
-        lines += folders(ROOT / name / name)
+        lines += folders(ROOT / name / name, layer_of)
     return '\n'.join(lines) + '\n'
 
 
