@@ -49,8 +49,8 @@ def entry(file: Path) -> str:
     text = file.read_text(encoding='utf-8')
     title = text.partition('\n')[0].lstrip('# ')
     paragraphs = [part.strip() for part in text.split('\n\n')[1:]]
-    first = next((part for part in paragraphs if part[:1].isalpha()), '')
-    sentence = re.split(r'(?<=[a-z)][.:])\s', re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', ' '.join(first.split())))[0]
+    first = next((part for part in paragraphs if re.match('[A-Za-z[]|`[^`]', part)), '')
+    sentence = re.split(r'(?<=[a-z)`][.:])\s', re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', ' '.join(first.split())))[0]
     about = f': {sentence}' if sentence.endswith('.') else ''
     return f'- [{title}]({file.relative_to(ROOT)}){about}'
 
