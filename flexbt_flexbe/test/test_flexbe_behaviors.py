@@ -253,7 +253,7 @@ def test_a_manifest_that_cannot_be_used_is_listed_with_the_reason(package: Insta
     package.add(bad=text.replace('{p}', package.name))
     (bad,) = [entry for entry in package.entries().values() if entry.error]
     assert words.replace('{p}', package.name) in bad.error
-    assert set(package.entries()) >= {'Patrol', 'Greet'}, 'the others go on working'
+    assert set(package.entries()) >= {'Patrol', 'Greet'}, 'the others continue working'
 
 
 def test_a_manifest_that_is_a_pipe_is_not_waited_for(package: Installed) -> None:

@@ -220,7 +220,7 @@ class Navigation:
         self._arbiter.hold(bool(late))
         if self._arbiter.running is not None:
             told = '; '.join(f'{owner.node_name} is late: {owner.problem}' for owner in late)
-            self._runtime.node.get_logger().warning(f'the robot is held: {told}' if told else 'the robot goes on')
+            self._runtime.node.get_logger().warning(f'the robot is held: {told}' if told else 'the robot continues')
 
     def _on_robot(self, robot: str, alive: bool) -> None:
         if not alive:

@@ -46,7 +46,7 @@ class Simulation:
         for other in self._simulator.further:  # else it reports all that it creates to them
             ignore_each_other(runtime.node, other.node)
         self._simulator.further.append(runtime)
-        told = f'{names.NAVIGATION} in {namespace} cannot go on'
+        told = f'{names.NAVIGATION} in {namespace} cannot continue'
         runtime.on_failure(lambda: self._simulator.abort(f'{told}: {runtime.health.failure}'))
         Navigation(runtime, self._in_process)
 

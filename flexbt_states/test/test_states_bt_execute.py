@@ -264,9 +264,9 @@ def test_feedback_that_comes_when_the_run_has_ended_is_no_fault(bench: StateBenc
     ActionCall(link, BtExecute.Goal(), on_done=lambda _outcome: None, on_feedback=heard.append)
     wait_until(lambda: len(server.running) == 2, 'another goal')
     for goal in (0, 1):  # what comes for the second goal comes after what came for the first one
-        server.feedback(goal, BtExecute.Feedback(run_id='tree', active_nodes=['Root'], not_ended=['Root goes on']))
+        server.feedback(goal, BtExecute.Feedback(run_id='tree', active_nodes=['Root'], not_ended=['Root continues']))
     wait_until(lambda: heard, 'feedback')
-    assert faults == [] and 'Root goes on' not in run.errors()
+    assert faults == [] and 'Root continues' not in run.errors()
 
 
 def test_the_running_nodes_are_the_activity_of_the_state(bench: StateBench) -> None:

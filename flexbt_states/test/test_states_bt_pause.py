@@ -225,7 +225,7 @@ def test_a_paused_state_that_is_stopped_cancels_its_tree(bench: StateBench) -> N
     assert [command for command, _ in server.commands] == [PAUSE]  # it is not to move before it ends
     server.end()
     run.wait()
-    wait_until(lambda: len(server.commands) == 2, 'what may go on for somebody else')
+    wait_until(lambda: len(server.commands) == 2, 'what may continue for somebody else')
     assert server.commands[-1] == (RESUME, server.run_id)
 
 
@@ -240,7 +240,7 @@ def test_a_tree_that_was_taken_over_in_a_pause_goes_on_when_the_state_is_stopped
     wait_until(lambda: server.handle.status == GoalStatus.STATUS_SUCCEEDED, 'the end of the goal')
     assert len(server.commands) == 1  # the pause is that of the operator
     state.stop('test')
-    wait_until(lambda: len(server.commands) == 2, 'the newer goal may go on')
+    wait_until(lambda: len(server.commands) == 2, 'the newer goal may continue')
     assert server.commands[-1] == (RESUME, server.run_id)
     run.wait()
 
@@ -257,7 +257,7 @@ def test_what_the_tree_cannot_pause_is_shown_until_it_is_resumed(bench: StateBen
     pause(run, True)
     shown = ('goal of bt_executor: main/Door: a service call cannot be stopped',)
     wait_until(lambda: not_paused(run) == shown, lambda: not_paused(run))
-    assert f'is paused, and yet goes on: {shown[0]}' in run.errors()
+    assert f'is paused, and yet continues: {shown[0]}' in run.errors()
     pause(run, False)
     wait_until(lambda: not_paused(run) == (), 'nothing is paused')
     server.end()

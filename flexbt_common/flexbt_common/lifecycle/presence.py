@@ -139,7 +139,7 @@ class PresenceWatch:
             word = received.checked(PeerStatus)
         except ValueError as error:
             self._runtime.node.get_logger().error(
-                f'{names.EXECUTIVE_PRESENCE}: left aside: {one_line(str(error))}',
+                f'{names.EXECUTIVE_PRESENCE}: ignored: {one_line(str(error))}',
                 throttle_duration_sec=PRESENCE_LEASE_SECONDS,
             )
             return

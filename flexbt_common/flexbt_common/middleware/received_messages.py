@@ -401,7 +401,7 @@ class LatestMessage:
             self._newest = data
             return
         self._node.get_logger().error(
-            f'{self._subscription.topic_name}: a message of {len(data)} bytes is left aside; at most {self._most} '
+            f'{self._subscription.topic_name}: a message of {len(data)} bytes is ignored; at most {self._most} '
             'are allowed',
             throttle_duration_sec=COMPLAINT_SECONDS,
         )

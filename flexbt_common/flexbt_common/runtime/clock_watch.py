@@ -206,7 +206,7 @@ class ClockHealth:
         elif now - self._jumped_at < SHOWN_SECONDS and not self._several:
             found['jump'] = f'simulated time has jumped by {self._runtime.clock.last_jump:+.9g} s'
         elif self._is_slow:
-            found['slow'] = f'simulated time is slow: it goes on by less than {SLOW:g} s in a second'
+            found['slow'] = f'simulated time is slow: it advances by less than {SLOW:g} s in a second'
         self._set_problem(found)
 
     def _why_still(self) -> str:

@@ -356,7 +356,7 @@ class GuestExecutors:
         if get_ident() == self.host_thread:
             raise RuntimeError(
                 f'a callback of node {node.get_fully_qualified_name()} cannot spin this node: what it waits for is '
-                'called on the same thread after it has returned. Return from the callback, and go on in another one '
+                'called on the same thread after it has returned. Return from the callback and continue in another one '
                 '(future.add_done_callback), or in the execute() of a state or the tick of a leaf'
             )
         with self._lock:

@@ -90,7 +90,7 @@ def test_nobody_goes_on_while_the_stop_of_the_process_is_told() -> None:
 
     def go_on() -> None:
         health.check_pause()
-        order.append('goes on')
+        order.append('continues')
 
     second = threading.Thread(target=go_on)
 
@@ -104,7 +104,7 @@ def test_nobody_goes_on_while_the_stop_of_the_process_is_told() -> None:
     clock.stopped = OUT_OF_REACH_SECONDS
     health.check_pause()
     second.join(60.0)
-    assert order == ['told', 'goes on']
+    assert order == ['told', 'continues']
 
 
 def test_after_a_hang_what_has_waited_comes_before_the_process_is_called_alive() -> None:

@@ -47,7 +47,7 @@ _DECISION = Option(DECISION, 'decision to answer; refused if it is no longer pen
 _UNSEEN = Option(UNSEEN, 'answer even if the subject of the decision (a path, a value) was not received')
 _UNSEEN_MACHINE = Option(UNSEEN, 'send it even if the machine of a synthesized behavior was not received')
 _LEAVING = Option(
-    '--leaving', 'what "quit" does (default: the robot goes on); for programs that start the console', 'TEXT'
+    '--leaving', 'what "quit" does (default: the robot continues); for programs that start the console', 'TEXT'
 )
 _PAGE = Option('--page', 'address of the page of the same robots, for programs', 'URL')
 _PORT = Option('--port', 'port of the page (default 8465; 0 picks a free one)', 'NUMBER', read=port_number)

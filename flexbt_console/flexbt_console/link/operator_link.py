@@ -370,7 +370,7 @@ class ExecutiveLink(RobotLink):
             message = received.unpack(message_type)
             check_limits(message)
         except (ValueError, LimitExceededError) as error:
-            text = f'{topic}: left aside: {one_line(str(error))}'
+            text = f'{topic}: ignored: {one_line(str(error))}'
             self._runtime.node.get_logger().error(text, throttle_duration_sec=REPORT_SECONDS)
             return None
         return message

@@ -182,7 +182,7 @@ class ScanLink:
             check_limits(message)
             take_transforms(self._frames, message, is_static=is_static)
         except (ValueError, FlexbtError) as error:
-            self._tell(f'transforms are left aside: {error}')
+            self._tell(f'transforms are ignored: {error}')
         self._place()
 
     def _is_due(self) -> bool:
@@ -204,7 +204,7 @@ class ScanLink:
                 scan = received.unpack(self._types[0])
                 check_limits(scan)
             except (ValueError, FlexbtError) as error:
-                self._tell(f'left aside: {error}')
+                self._tell(f'ignored: {error}')
                 return
             if self._moving is None:
                 shown = self._shown

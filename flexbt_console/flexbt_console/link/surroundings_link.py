@@ -115,7 +115,7 @@ class SurroundingsLink:
                     told_by = (self._server(topic, received.writer),) if type is TreeStatus else ()
                     receive(received.unpack(type), *told_by)
             except (ValueError, LimitExceededError) as error:
-                text = f'{topic}: left aside: {one_line(str(error), REPORT_CHARACTERS)}'
+                text = f'{topic}: ignored: {one_line(str(error), REPORT_CHARACTERS)}'
                 self._node.get_logger().error(text, throttle_duration_sec=REPORT_SECONDS)
 
         return read

@@ -66,7 +66,7 @@ COMPLETION_SECONDS = 1.5
 DEFAULT_PORT = 8465
 """Default port of the page."""
 
-LEAVING = 'the robot goes on'
+LEAVING = 'the robot continues'
 """Consequence of leaving for the robot."""
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)

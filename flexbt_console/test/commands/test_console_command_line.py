@@ -40,14 +40,14 @@ def test_the_help_has_every_command_option_and_exit_code_in_80_columns() -> None
 
 
 def test_the_help_of_the_prompt_tells_what_each_command_and_option_does_in_80_columns() -> None:
-    overview_lines = prompt_help('the robot goes on')
+    overview_lines = prompt_help('the robot continues')
     for spec in (spec for spec in COMMANDS if spec.in_prompt):
         assert spec.summary in in_one_line('\n'.join(overview_lines)), spec.name
         helped = prompt_command_help(spec)
         told = [spec.summary, *spec.details, *(option.help for option in spec.options if option.in_prompt)]
         assert [part for part in told if in_one_line(part) not in in_one_line('\n'.join(helped))] == [], spec.name
         assert max(map(len, [*overview_lines, *helped])) <= 80
-    assert 'as Ctrl-D does: the robot goes on' in in_one_line('\n'.join(overview_lines))
+    assert 'as Ctrl-D does: the robot continues' in in_one_line('\n'.join(overview_lines))
 
 
 @pytest.mark.parametrize(

@@ -246,7 +246,7 @@ def test_what_an_executive_sends_has_a_bound_for_each_field(capfd: pytest.Captur
                 received = Received(data, len(data), UNKNOWN_WRITER, 0.0)
                 taken = link._unpacked(received, kind, kind.__name__)
                 assert (taken is not None) is is_taken, f'{kind.__name__}.{path}'
-    assert 'BehaviorList: left aside: executive_id has 2000000 characters' in capfd.readouterr().err
+    assert 'BehaviorList: ignored: executive_id has 2000000 characters' in capfd.readouterr().err
 
 
 @pytest.mark.filterwarnings('ignore:failed to send response')  # to the console, which has ended

@@ -58,7 +58,7 @@ MAKE = CommandBuilder('ann')
 
 
 def station(mirror: Mirror, link: Any, clock: Clock) -> Station:
-    return Station(mirror, link, MAKE, 5.0, Attention(clock), 'the robot goes on')
+    return Station(mirror, link, MAKE, 5.0, Attention(clock), 'the robot continues')
 
 
 def view(*decisions: Decision, link: LinkState = LinkState.LIVE) -> View:

@@ -112,7 +112,7 @@ def test_what_others_write_to_the_terminal_stands_above_the_line_that_is_typed(e
     terminal.type('pau')
     terminal.read_until(b'pau')
     executive.do(lambda: executive._log.publish(b'no line'))
-    terminal.read_until(b'executive/log: left aside')
+    terminal.read_until(b'executive/log: ignored')
     terminal.read_until(b'> pau')  # once more, whole
     terminal.type('\x03\x04')
     assert terminal.exit_code() == 0
@@ -136,7 +136,7 @@ def test_a_mission_at_the_prompt(executives: Any) -> None:
     assert executive.values[0].pose.position.x == 1.0
     terminal.type('force can\x03')
     terminal.type('\x03')
-    terminal.read_until(b'Ctrl-C clears the line. "quit" leaves: the robot goes on.')
+    terminal.read_until(b'Ctrl-C clears the line. "quit" leaves: the robot continues.')
     assert not terminal.makes_signals  # a Ctrl-C that becomes a signal ends whatever has started the console
     terminal.type('quit\r')
     assert terminal.exit_code() == 0

@@ -149,7 +149,7 @@ class TreeMonitor:
         opened = self._open
         if len(self.going_on) < len(opened):
             for path in [leaf.path for leaf in opened if leaf not in self.going_on]:
-                text = f'{path} goes on, but nothing ticks it any more: it was not halted'
+                text = f'{path} continues, but nothing ticks it any more: it was not halted'
                 self._found(Violation(Property.HALTED, path, text))
         self.going_on.clear()
         if self._is_taken:

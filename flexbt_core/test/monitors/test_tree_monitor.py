@@ -125,7 +125,7 @@ class Watched:
 def test_a_leaf_that_its_control_forgets_is_found() -> None:
     watched = Watched('<Turns><Work name="one"/><Work name="other"/></Turns>')
     assert watched.tick() == []
-    assert watched.tick() == ['other goes on, but nothing ticks it any more: it was not halted']
+    assert watched.tick() == ['other continues, but nothing ticks it any more: it was not halted']
     assert watched.found[0].property is Property.HALTED
 
 

@@ -17,10 +17,10 @@ class AskOperator(Behavior):
 
     manifest = BehaviorManifest(
         name='Ask Operator',
-        description='Ask a person how the program shall go on; the person may drive the robot elsewhere first.',
+        description='Ask a person how the program shall continue; the person may drive the robot elsewhere first.',
         author='The FlexBT developers',
         parameters=[
-            BehaviorParameter('question', 'How shall the program go on?', 'what the operator is asked'),
+            BehaviorParameter('question', 'How shall the program continue?', 'what the operator is asked'),
             BehaviorParameter('tree', TREE, 'behavior tree that drives to a place of the operator, as package/path'),
         ],
     )

@@ -92,9 +92,9 @@ def _run_script(options: RunOptions, group: ProcessGroup, session: DemoSession, 
 # The actions of the scripted operator while the program drives, and the branches that must be taken.
 
 PAUSED: Final = "the program's drive paused, and resumed"
-CONFIRMED: Final = 'the program asks, and goes on as confirmed'
+CONFIRMED: Final = 'the program asks, and continues as confirmed'
 RECOVERED: Final = 'a blocked doorway: recovery until it is free'
-REROUTED: Final = 'sent elsewhere before the program goes on'
+REROUTED: Final = 'sent elsewhere before the program continues'
 PREEMPTED: Final = "the program's round stopped by the operator"
 HOME: Final = 'sent home, and arrived there'
 BRANCHES: Final = (PAUSED, CONFIRMED, RECOVERED, REROUTED, PREEMPTED, HOME)

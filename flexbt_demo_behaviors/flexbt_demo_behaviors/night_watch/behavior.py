@@ -188,7 +188,7 @@ class NightWatch(Behavior):
                 'JudgeFinding',
                 OperatorDecisionState(
                     outcomes=['harmless', 'alarm'],
-                    hint='Something is there that is not on the map. harmless: go on, alarm: raise the alarm',
+                    hint='Something is there that is not on the map. harmless: continue, alarm: raise the alarm',
                     suggestion='alarm',
                 ),
                 transitions={'harmless': 'NoteRoom', 'alarm': 'RaiseAlarm'},

@@ -297,7 +297,7 @@ def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
 # The actions of the scripted operator of the night watch, and the branches that must be taken.
 
 DOOR_JAMMED: Final = 'a door jams: that room later'
-CHARGED: Final = 'battery low: charged, the round goes on'
+CHARGED: Final = 'battery low: charged, the round continues'
 LOST: Final = 'a robot is lost: the other one takes over'
 SWITCHED: Final = 'a further room, given at run time'
 HARMLESS: Final = 'something found, judged harmless'

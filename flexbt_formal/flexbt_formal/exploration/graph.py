@@ -105,7 +105,7 @@ class ConfigurationGraph:
                     told.append(set(gone))
                     way, where = self._shortest(caught, position)
                     whose = f'{" and that of ".join(gone)} {"is" if number == 1 else "are"} gone for good'
-                    text = f'when the server of {whose}, it goes on forever from here: {where}; only a stop ends it'
+                    text = f'when the server of {whose}, it continues forever from here: {where}; only a stop ends it'
                     yield Violation(Property.CAN_END, ', '.join(gone), text), way
 
     def add_turn(self, source: bytes, key: bytes, move: Move) -> None:

@@ -179,7 +179,7 @@ class Environment:
             self.events.append(f'{action.path} is being canceled')
         elif action.model.resources:
             self.canceling[action.path] = None
-            self.events.append(f'{action.path} is halted, and what it has begun goes on')
+            self.events.append(f'{action.path} is halted, and what it has begun continues')
         else:
             self.events.append(f'{action.path} is halted')
 

@@ -174,7 +174,7 @@ def happening(step: PlayStep) -> str:
     """Describe the world's move in a step."""
     if ' ends by ' in step.world:
         return step.world
-    return f'{step.doing} goes on' if step.doing.partition(' ')[0] not in ('nothing', 'the') else 'at the start'
+    return f'{step.doing} continues' if step.doing.partition(' ')[0] not in ('nothing', 'the') else 'at the start'
 
 
 def step_through(play: CounterPlay, problem: SynthesisProblem) -> None:

@@ -87,7 +87,7 @@ def test_a_simulator_whose_world_raises_ends_and_says_why() -> None:
     with python_process(['-c', BROKEN], PREPARED) as process:
         _, err = process.communicate(timeout=DEADLINE)
     assert process.returncode == 1
-    assert 'simulator: cannot go on' in err and 'a wheel came off' in err
+    assert 'simulator: cannot continue' in err and 'a wheel came off' in err
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -38,8 +38,8 @@ class RunRequirement(Enum):
     """The run that a command must name in ``run_id``."""
 
     NONE = 'none'
-    ANY = 'the run that goes on; none while idle'
-    RUNNING = 'the run that goes on, when it is running or paused'
+    ANY = 'the active run; none while idle'
+    RUNNING = 'the active run, when it is running or paused'
     SHOWN = 'the run that the status shows, also when it has ended'
     INTERRUPTED = 'the run that was interrupted'
 

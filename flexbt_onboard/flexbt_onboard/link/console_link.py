@@ -86,7 +86,7 @@ class ConsoleLink:
         except ValueError as error:
             logger = self._runtime.node.get_logger()
             logger.error(
-                f'{names.EXECUTIVE_PING}: left aside: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS
+                f'{names.EXECUTIVE_PING}: ignored: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS
             )
 
     def listen(self, on_command: OnCommand) -> None:

@@ -106,7 +106,7 @@ class Executive(RunReader):
         runtime.on_close(self._journal.close)
         self._clock = self._watch_clock()
         self.presence = presence = PresenceWatch(runtime, functools.partial(link.log, ExecutiveLog.WARN))
-        pose = RobotPose(runtime, parameters.pose_topic)
+        pose = RobotPose(runtime, parameters.pose_topic, parameters.frames)
         peers = PeersWatch(
             runtime, parameters.peers, report, parameters.peer_timeout, are_expected=parameters.expects_peers
         )
@@ -293,7 +293,7 @@ class Executive(RunReader):
             run.announce()
 
     def _report_fault(self, error: BaseException) -> None:
-        text = f'fault in the executive, which goes on: {type(error).__name__}: {error}'
+        text = f'fault in the executive, which continues: {type(error).__name__}: {error}'
         self._report.log(ExecutiveLog.ERROR, text)
 
     def _report_clock(self, problem: str) -> None:

@@ -74,7 +74,7 @@ class ExecutiveParameters(MotionParameters):
     journal_directory: str = parameter(
         'journal_directory',
         '',
-        'directory of the journal, by which a run can go on after a crash of the executive; empty for none',
+        'directory of the journal, by which a run can continue after a crash of the executive; empty for none',
         is_fixed=True,
     )
     event_log_size: int = parameter(

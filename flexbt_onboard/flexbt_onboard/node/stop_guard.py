@@ -102,7 +102,7 @@ class StopGuard:
         self._motion = MotionStop(
             runtime,
             ServiceLinks(runtime),
-            RobotPose(runtime, parameters.pose_topic),
+            RobotPose(runtime, parameters.pose_topic, parameters.frames),
             parameters,
         )
         self._motion.prepare()
@@ -167,7 +167,7 @@ class StopGuard:
         try:
             status = self._newest.unpack(ExecutiveStatus)
         except ValueError as error:
-            text = f'{names.EXECUTIVE_STATUS}: left aside: {one_line(str(error))}'
+            text = f'{names.EXECUTIVE_STATUS}: ignored: {one_line(str(error))}'
             self._runtime.node.get_logger().error(text, throttle_duration_sec=COMPLAINT_SECONDS)
             return
         applied = {result.command_id for result in status.results if result.code == CommandResult.APPLIED}

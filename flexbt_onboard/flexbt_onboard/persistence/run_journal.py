@@ -63,7 +63,7 @@ class InterruptedRun:
             return RunPosition.from_plain(from_plain_form(self.plain_position))
         except (FlexbtError, StateMachineError) as error:
             raise CommandRefusedError(
-                f'run {self.run_id} cannot go on where it was: {error}; abort it, and start the behavior anew'
+                f'run {self.run_id} cannot continue where it was: {error}; abort it, and start the behavior anew'
             ) from error
 
 

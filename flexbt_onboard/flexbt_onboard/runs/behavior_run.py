@@ -357,7 +357,7 @@ class BehaviorRun(RunReader):
             machine.close_commands(_HAS_ENDED)
             self._refuse_switches()
             if self._monitoring.is_on and outcome != ERROR and self.has_goals:
-                text = f'the run has ended by {outcome!r}, and a goal of it goes on'
+                text = f'the run has ended by {outcome!r}, and a goal of it continues'
                 self._findings.add(Violation(Property.STOP_STOPS, ROOT_PATH, text))
             values = machine.userdata()
             outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
@@ -382,7 +382,7 @@ class BehaviorRun(RunReader):
         definition, built = self._define(request)
         at = request.at
         if at is not None and (reasons := reasons_against(definition, at)):
-            raise ParameterError(f'it cannot go on where it was: {"; ".join(reasons)}')
+            raise ParameterError(f'it cannot continue where it was: {"; ".join(reasons)}')
         machine = MachineRun(
             definition,
             self._services.runtime.clock,

@@ -215,7 +215,7 @@ class RunRecorder(RunReader):
             autonomy=request.autonomy,
             by=request.by,
         )
-        what = 'started' if is_new else 'goes on; its active states are entered again'
+        what = 'started' if is_new else 'continues; its active states are entered again'
         self._report.log(Severity.INFO.value, f'behavior {name!r} {what}', run_id=self._run_id)
 
     def _move(self, event: RunMoved) -> None:
@@ -227,9 +227,7 @@ class RunRecorder(RunReader):
         if self._journal.has(self._run_id):
             position = position_of(event.machine)
             for type_name in self._journal.move(self._run_id, position, event.decided, switched_to):
-                text = (
-                    f'the userdata has a {type_name}, which cannot be journaled: the run could not go on after a crash'
-                )
+                text = f'the userdata has a {type_name}, which cannot be journaled: a crash would end the run'
                 self._report.log(Severity.WARN.value, text, run_id=self._run_id)
 
 

@@ -326,4 +326,4 @@ def not_paused_lines(before: Sequence[ActiveLeaf], now: Sequence[ActiveLeaf]) ->
     known = {leaf.path: leaf.not_paused for leaf in before}
     for leaf in now:
         if leaf.not_paused and leaf.not_paused != known.get(leaf.path):
-            yield f'state {leaf.path} is paused, and yet goes on: {"; ".join(leaf.not_paused)}'
+            yield f'state {leaf.path} is paused, and yet continues: {"; ".join(leaf.not_paused)}'

@@ -121,7 +121,7 @@ class StopEnforcer:
         if going_on and going_on.keys() != self._told.keys():
             self._report.log(
                 ExecutiveLog.WARN,
-                f'the robot is kept at rest until the next start: {_listed(going_on)} went on after the stop. '
+                f'the robot is kept at rest until the next start: {_listed(going_on)} continued after the stop. '
                 'Restart the node if it does not end the goal; a node that was killed is taken for running '
                 'for up to 30 s: wait, or start the next run',
             )

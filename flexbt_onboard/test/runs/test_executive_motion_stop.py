@@ -310,7 +310,7 @@ def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_t
             state.rests = True
             state.wake()
             assert bench.wait_idle() == 'preempted'
-            bench.logged('the robot is kept at rest until the next start: spin (of /robot) went on after the stop')
+            bench.logged('the robot is kept at rest until the next start: spin (of /robot) continued after the stop')
             commands.clear()
             wait_until(is_stopped_when_it_moves, 'zero velocity after the end of the run')
             spin.end(0, 'canceled')
@@ -331,7 +331,7 @@ def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_t
 
             wait_until(is_heard, 'what the server says')
             bench.applied(ExecutiveCommand.STOP)
-            bench.logged('kept at rest until the next start: navigate_to_pose (of /robot) went on after the stop')
+            bench.logged('kept at rest until the next start: navigate_to_pose (of /robot) continued after the stop')
             driver.end(0, 'canceled')
             goal.wait()
             bench.logged('navigate_to_pose (of /robot) has ended: the robot is not kept at rest any more')

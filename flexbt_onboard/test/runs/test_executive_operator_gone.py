@@ -80,7 +80,7 @@ def test_a_run_is_held_until_an_operator_resumes_it(bench: ExecutiveBench, opera
         bench.logged('an operator is there')
         assert bench.status.state == ExecutiveStatus.PAUSED
         bench.applied(ExecutiveCommand.RESUME)
-        bench.wait_for(lambda status: status.state == ExecutiveStatus.RUNNING, 'goes on')
+        bench.wait_for(lambda status: status.state == ExecutiveStatus.RUNNING, 'continues')
 
 
 def test_who_comes_and_goes_is_no_news_where_the_run_goes_on_anyway(bench: ExecutiveBench) -> None:

@@ -79,7 +79,7 @@ def test_a_goal_of_a_server_that_came_after_the_preparation_is_known_to_go_on(be
     def going_on() -> list[str]:
         return [action for action, _ in bench._executive.call(lambda: bench.stop.going_on)]
 
-    wait_until(lambda: going_on() == ['spin'], 'a goal that goes on')
+    wait_until(lambda: going_on() == ['spin'], 'a goal that continues')
     server.end(0)
     goal.wait()
     wait_until(lambda: not going_on(), 'the end of the goal')

@@ -92,7 +92,7 @@ def test_the_robot_is_held_as_long_as_something_goes_on_which_operators_read_onc
     bench.steady.advance(HALT_SECONDS + 10.0)
     assert bench.holds()
     (line,) = bench.lines
-    assert '/spin, /wait went on after the stop' in line
+    assert '/spin, /wait continued after the stop' in line
     bench.robot.going_on = {}
     bench.steady.advance(1.0)
     assert not bench.holds()

@@ -176,7 +176,7 @@ class TreeGoals:
         # The runs of an owner that is gone are being stopped and must not move again.
         if not running.paused_for and running.goal.owner != owner:
             self._runtime.node.get_logger().warning(
-                f'{running.description} goes on: {owner}, on whose behalf it was paused, is gone'
+                f'{running.description} continues: {owner}, on whose behalf it was paused, is gone'
             )
             running.run.control(TickCommand.RESUME, lambda _refusal: None)
 

@@ -33,7 +33,7 @@ class ExecuteBehavior(ActionLeaf):
     action_type = action.ExecuteBehavior
     default_server = names.EXECUTE_BEHAVIOR
     cancels_on_pause = False  # the behavior would end
-    goes_on = 'the behavior goes on: pause it at its executive'
+    goes_on = 'the behavior continues: pause it at its executive'
     ports = ACTION_PORTS | {
         'behavior': input_port(STRING, description='name of the behavior'),
         'arguments': input_port(STRING, default='', description='values of its parameters, as name=value;name=value'),

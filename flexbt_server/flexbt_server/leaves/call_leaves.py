@@ -115,7 +115,7 @@ class CallAction(MessageLeaf, ActionLeaf):
         return {
             'skill': replace(cls.skill, resources=(*cls.skill.resources, *resources)),
             'cancels_on_pause': cancels,
-            'goes_on': '' if cancels else 'its goal goes on, as on_pause="continue" says',
+            'goes_on': '' if cancels else 'its goal continues, as on_pause="continue" says',
         }
 
     def make_goal(self) -> Any:

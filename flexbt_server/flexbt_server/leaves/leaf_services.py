@@ -249,8 +249,8 @@ class EndingGoals:
             goals = list(islice(late, _MOST_TOLD))
         return [
             f'{goal.action}: its server has not ended the goal canceled at {goal.time_of_day}: '
-            f'{"the robot may move; STOP keeps it at rest," if goal.resources else "what it does goes on;"} restart a '
-            'server that hangs'
+            f'{"the robot may move; STOP keeps it at rest," if goal.resources else "what it does continues;"} restart '
+            'a server that hangs'
             for goal in goals
         ]
 
@@ -284,7 +284,7 @@ class EndingGoals:
         held = ', '.join(sorted(goal.resources))
         self._warn(
             f'{goal.action}: its server has not ended the goal {self._patience:g} s after its cancel, so what it does '
-            f'goes on. It is asked again and again; no other goal is sent to it{f" or to {held}" if held else ""} '
+            f'continues. It is asked again and again; no other goal is sent to it{f" or to {held}" if held else ""} '
             'before. To stop the robot: STOP at the executive; restart the server if it hangs'
         )
 

@@ -116,7 +116,7 @@ def test_whoever_runs_a_tree_is_told_what_goes_on_in_a_pause() -> None:
         wait_until(lambda: spin.running, 'the goal')
         run = world.server_runtime.call(lambda: world.server.goals.running.find(goal.call.goal_id.hex()).run)
         run.hold('a test')
-        (told,) = wait_until(lambda: goal.feedback and goal.feedback[-1].not_ended, 'what goes on')
+        (told,) = wait_until(lambda: goal.feedback and goal.feedback[-1].not_ended, 'what continues')
         assert re.match(r'spin: its server has not ended .* canceled at \d\d:\d\d:\d\d: the robot may move; STOP', told)
         spin.end(0, 'canceled')
         wait_until(lambda: not goal.feedback[-1].not_ended, 'its end')

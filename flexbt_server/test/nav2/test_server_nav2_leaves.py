@@ -335,7 +335,7 @@ def test_how_the_robot_is_on_its_path(world: ServerWorld) -> None:
     wait_until(lambda: follow.running, 'the robot to drive')
     publish(pose_stamped(1.0, 0.4))
     follow.feedback(0, FollowPath.Feedback(speed=0.5))
-    wait_until(lambda: sent.feedback and not sent.ended, 'the tree to go on')
+    wait_until(lambda: sent.feedback and not sent.ended, 'the tree to continue')
     publish(pose_stamped(1.0, -0.4))
     assert sent.result.code == Result.FAILURE
     assert '0.40 m to the right of the path' in sent.result.message

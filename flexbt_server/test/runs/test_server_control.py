@@ -297,7 +297,7 @@ def test_a_tree_that_was_taken_over_goes_on_when_all_are_gone_for_whom_it_was_pa
     assert operator.ask(PAUSE) == operator.ask(PAUSE, owner='/third') == ''  # which is not there
     wait_until(lambda: running.paused_for == {''}, 'nobody sees it')
     assert operator.shown
-    assert 'no name' in operator.ask(PAUSE, owner='not a name')
+    assert 'not a node name' in operator.ask(PAUSE, owner='not a name')
     new.call.cancel(DEADLINE)
     assert new.result.code == Result.CANCELED
 
@@ -378,7 +378,7 @@ def test_what_goes_on_in_a_pause_is_told(world: ServerWorld, operator: Operator)
     future = operator.send(PAUSE)
     assert answer(future) == ''
     (told,) = future.result().not_paused
-    assert told.startswith('InThread') and told.endswith(': its thread goes on')
+    assert told.startswith('InThread') and told.endswith(': its thread continues')
     goal.call.cancel(DEADLINE)
     goal.wait()
 

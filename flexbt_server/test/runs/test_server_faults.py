@@ -169,7 +169,7 @@ def test_a_goal_is_not_held_back_for_ever_by_a_thread_that_does_not_return(world
     world.client.load_tree(f'<Sequence>{first}<Spin name="turn" error_msg="{{why}}"/></Sequence>')
     result = world.client.execute(outputs=['why']).result
     assert result.failed_node == 'turn'
-    why = 'the goal was not sent, because of what goes on after a halt: [held]'
+    why = 'the goal was not sent, because of what continues after a halt: [held]'
     assert why in from_entry(result.outputs[0]) and why in ''.join(result.reasons)
     assert world.navigation.count(names.SPIN) == 0
     Held.release.set()

@@ -205,7 +205,7 @@ with open_server_world() as world:
     for _ in range(3):
         print(world.client.load(xml=large).message, flush=True)
     world.client.load_tree('<AlwaysSuccess/>', 'Small')
-    print('goes on', world.client.execute('Small').result.code, flush=True)
+    print('continues', world.client.execute('Small').result.code, flush=True)
 """
 
 
@@ -214,7 +214,7 @@ def test_a_process_whose_address_space_is_limited_refuses_and_goes_on() -> None:
         [sys.executable, '-c', LIMITED], capture_output=True, text=True, timeout=DEADLINE, check=False
     )
     *refusals, last = done.stdout.splitlines()
-    assert last == f'goes on {BtExecute.Result.SUCCESS}', done.stderr
+    assert last == f'continues {BtExecute.Result.SUCCESS}', done.stderr
     for line in refusals:
         assert 'nothing was loaded: <xml>: too little memory: to read it may take 1' in line
     assert len(refusals) == 3

@@ -305,7 +305,7 @@ class SimulatorCore:
         try:
             self.reset_state()
             response.success = True
-            response.message = 'everything is where it was at the start; the time goes on'
+            response.message = 'everything is where it was at the start; the time continues'
         except SimulationError as error:
             response.message = str(error)
         return response

@@ -292,7 +292,7 @@ class TimeServices:
             self._begin(int(request.steps), stepped)
             left = await done
             if left:
-                raise SimulationError(f'{left} of {request.steps} steps were not made: the simulation goes on')
+                raise SimulationError(f'{left} of {request.steps} steps were not made: the simulation continues')
             response.result.result = Result.RESULT_OK
         except SimulationError as error:
             response.result = Result(result=Result.RESULT_OPERATION_FAILED, error_message=str(error))

@@ -126,7 +126,7 @@ def _unheard(container: MachineDefinition) -> Iterator[Finding]:
     for label, child in container.children.items():
         for outcome in _outcomes_of(child, _FAILURES):
             if (label, outcome) not in heard:
-                message = f'when it ends by {outcome!r}, {container.path} goes on: no condition is about that'
+                message = f'when it ends by {outcome!r}, {container.path} continues: no condition is about that'
                 yield Finding(UNHEARD, child.path, message)
 
 

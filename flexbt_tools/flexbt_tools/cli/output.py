@@ -162,7 +162,7 @@ def skill_lines(skill: Skill) -> Iterator[str]:
         'deadline': f'{skill.deadline:g} s' if skill.deadline is not None else '',
         'retries': f'{skill.retries}' if skill.retries is not None else '',
         'cost': f'{skill.cost:g}' if skill.cost != 1.0 else '',
-        'cancel': 'what it has begun goes on' if skill.ignores_cancel else '',
+        'cancel': 'what it has begun continues' if skill.ignores_cancel else '',
     }
     yield from (f'  {name}: {text}' for name, text in told.items() if text)
     for name, outcome in skill.outcomes.items():

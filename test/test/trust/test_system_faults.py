@@ -144,7 +144,7 @@ def test_a_server_that_is_killed_while_driving(victim: str, stack: Stack, probe:
     assert uncontended_time() - killed < SEEN_AFTER_DEATH + RECOVERY_SECONDS[victim]
     assert [run.server_gone for run in console.view().drawn_trees] == [True] * (victim == 'bt_server')
     assert stack.running() == ROBOT - {victim}
-    assert probe.status.state == ExecutiveStatus.RUNNING, 'the behavior goes on: what to do now is for the operator'
+    assert probe.status.state == ExecutiveStatus.RUNNING, 'the behavior continues: what to do now is for the operator'
     stack.start(victim)
     probe.wait(lambda: probe.peer_alive(victim), f'{victim} alive again')
     probe.stop()

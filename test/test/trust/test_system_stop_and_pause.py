@@ -182,7 +182,7 @@ def test_a_paused_robot_is_stopped(stack: Stack, probe: Probe) -> None:
     assert probe.status.outcome == 'preempted'
     where = probe.moved_stamp
     probe.wait_at_rest()
-    assert probe.moved_stamp == where, 'nothing goes on that was paused'
+    assert probe.moved_stamp == where, 'nothing continues that was paused'
     for action in ('bt_executor', 'follow_path'):
         assert probe.active_goals(action) == 0, action
 

@@ -149,7 +149,7 @@ class LineMode:
         def end_of_run(view: View) -> ExecutiveSnapshot | None:
             snapshot = view.snapshot
             if view.link is LinkState.LOST and view.age is not None and view.age > self._station.timeout:
-                raise NoLinkError(f'the link was lost {view.age:.1f} s ago; the run may go on')
+                raise NoLinkError(f'the link was lost {view.age:.1f} s ago; the run may continue')
             if snapshot is None:
                 return None
             if snapshot.executive_id != executive_id:
@@ -165,7 +165,7 @@ class LineMode:
 
         ended = self._link.wait_for(end_of_run, self._line.seconds('--wait-timeout'), every=0.5)
         if ended is None:
-            raise NoAnswerError('the run did not end within --wait-timeout; it goes on')
+            raise NoAnswerError('the run did not end within --wait-timeout; it continues')
         by_itself = ended.outcome not in ('', 'preempted', 'error')
         exit_code = ExitCode.OK if by_itself or not starting else ExitCode.REFUSED
         result = result_json(self._spec.name, tracked, exit_code, outcome=ended.outcome, message=ended.message)

@@ -363,7 +363,7 @@ class _PromptCompleter(Completer):
 
 
 def _fault_lines(error: BaseException) -> list[str]:
-    text = ['fault in the console, which goes on:', *escape_lines(''.join(traceback.format_exception(error)))]
+    text = ['fault in the console, which continues:', *escape_lines(''.join(traceback.format_exception(error)))]
     return _warned(text, Tone.ERROR)
 
 

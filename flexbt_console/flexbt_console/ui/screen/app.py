@@ -210,7 +210,7 @@ class OperatorScreen(OrderedApp):
             self._warn(str(error))
         else:
             fault = escape_lines(''.join(traceback.format_exception(error)))
-            self.tell([Line(line, Tone.ERROR) for line in ('fault in the console, which goes on:', *fault)])
+            self.tell([Line(line, Tone.ERROR) for line in ('fault in the console, which continues:', *fault)])
 
     def _warn(self, text: str) -> None:
         self.tell([Line(line, Tone.WARNING) for line in escape_lines(text)])

@@ -206,7 +206,7 @@ class PageLink:
         except Exception as error:
             text = ''.join(traceback.format_exception(error))
             with contextlib.suppress(ConnectionError, TimeoutError):
-                await self._tell(['fault in the server of the page, which goes on:', *escape_lines(text)], 'error')
+                await self._tell(['fault in the server of the page, which continues:', *escape_lines(text)], 'error')
 
     async def _later(self, wait: PageRequest) -> Told:
         """On another thread. Raises ConsoleError."""

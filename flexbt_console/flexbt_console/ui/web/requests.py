@@ -17,7 +17,7 @@ from flexbt_console.ui.answers import Bound, Local, Meaning, choose
 from flexbt_console.ui.station import RobotRequest, Session, Station
 from flexbt_core.values.json_data import load_json
 
-LEAVING: Final = 'close the page: the robot goes on'
+LEAVING: Final = 'close the page: the robot continues'
 """Answer to "quit" on a page."""
 
 

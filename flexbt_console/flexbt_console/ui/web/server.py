@@ -350,4 +350,4 @@ def _request_logger() -> logging.Logger:
 
 def print_address(address: str) -> None:
     """Print the address of the page."""
-    print(f'the page is at {address}  (Ctrl-C ends it; the robot goes on)', flush=True)
+    print(f'the page is at {address}  (Ctrl-C ends it; the robot continues)', flush=True)

@@ -183,7 +183,7 @@ class ThreadedAction(LeafNode):
     __slots__ = ('_call',)
 
     kind = NodeKind.ACTION
-    goes_on = 'its thread goes on'
+    goes_on = 'its thread continues'
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)

@@ -127,7 +127,7 @@ class _Parser:
             raise ScriptError(
                 self._script,
                 self._tokens[MAX_TOKENS].offset,
-                f'the script goes on after {MAX_TOKENS} tokens, which is the limit; divide it',
+                f'the script continues after {MAX_TOKENS} tokens, which is the limit; divide it',
             )
         if self._peek().kind is TokenKind.END:
             raise self._error('the script is empty')

@@ -201,7 +201,7 @@ def start_at(run: MachineRun, position: RunPosition) -> None:
         StateError: a state is part of another run that has not ended.
     """
     if reasons := reasons_against(run.definition, position):
-        raise StateMachineError(f'the run cannot go on there: {"; ".join(reasons)}')
+        raise StateMachineError(f'the run cannot continue there: {"; ".join(reasons)}')
 
     def enter() -> None:
         run.pausing.is_paused = position.is_paused
@@ -301,7 +301,7 @@ def switch_machine(run: MachineRun, definition: MachineDefinition) -> str | None
             leaf.bind()
         reasons = _raising(leaves)
     if reasons:
-        return f'the run cannot go on with that machine: {"; ".join(reasons)}'
+        return f'the run cannot continue with that machine: {"; ".join(reasons)}'
     run.go_on_with(root)
     for leaf in old.leaves():
         if leaf.path not in staying:

@@ -163,7 +163,7 @@ class MachineRun(Engine):
         try:
             refusal = command(self, *arguments, **named)
         except Exception as error:
-            text = f'a command raised; the run goes on:\n{traceback.format_exc().rstrip()}'
+            text = f'a command raised; the run continues:\n{traceback.format_exc().rstrip()}'
             self.tell(Faulted(ROOT_PATH, text))
             refusal = f'fault in the state machine: {type(error).__name__}: {error}'
         self.tell(CommandDecided(command_id, refusal))

@@ -299,12 +299,12 @@ def test_a_switch_is_refused_while_something_is_left_and_when_a_new_state_cannot
     broken = Scripted(do={'on_start': boom})
     fine = Scripted()
     bench = Bench(line(Scripted(), fine))
-    assert bench.switch(line(Scripted(), broken)) == 'the run cannot go on with that machine: /S1 raised in on_start'
+    assert bench.switch(line(Scripted(), broken)) == 'the run cannot continue with that machine: /S1 raised in on_start'
     assert broken.trace == ['on_start', 'on_stop']
     other = Bench(line(Scripted(do={'halting': lambda *_: 'braking'}), Scripted()))
     other.force('/S0', 'done')
     refusal = other.switch(line(Scripted(), Scripted()))
-    assert refusal == 'the run cannot go on with that machine: /S0 is being left; try again when it has halted'
+    assert refusal == 'the run cannot continue with that machine: /S0 is being left; try again when it has halted'
     taken = line(Scripted(), fine)
     refusal = other.switch(taken)
     assert refusal is not None
