@@ -569,7 +569,7 @@ class NodeRuntime(Runtime):
             return
         text = ''.join(traceback.format_exception(error)).rstrip()
         again = f' ({held} times more since this was reported)' if held else ''
-        self.node.get_logger().error(f'{where} raised{again}; the node goes on:\n{text}')
+        self.node.get_logger().error(f'{where} raised{again}; the node continues:\n{text}')
         for observer in self._on_fault:
             try:
                 observer(error)
@@ -588,7 +588,7 @@ class NodeRuntime(Runtime):
         self.has_failed = True
         try:
             self.health.fail(problem)
-            self.node.get_logger().fatal(f'the node cannot go on: {problem}')
+            self.node.get_logger().fatal(f'the node cannot continue: {problem}')
         finally:  # even if that fails, for example without free memory
             for fn in list(self._on_failure):
                 fn()
@@ -810,7 +810,10 @@ def run_node(
         os.read(signals, 1)
         if runtime.health.failure:
             print(
-                *escape_lines(f'{name}: cannot go on: {runtime.health.failure}'), sep='\n', file=sys.stderr, flush=True
+                *escape_lines(f'{name}: cannot continue: {runtime.health.failure}'),
+                sep='\n',
+                file=sys.stderr,
+                flush=True,
             )
         _close_in_time(name, runtime)
         return 1 if runtime.has_failed else 0

@@ -269,7 +269,9 @@ class ActionLeaf(ServerNode, StatefulAction):
             return NodeStatus.RUNNING
         self._stop_waiting()
         if unfinished:
-            return self._failed(f'the goal was not sent, because of what goes on after a halt: {", ".join(unfinished)}')
+            return self._failed(
+                f'the goal was not sent, because of what continues after a halt: {", ".join(unfinished)}'
+            )
         older = self._goal
         try:
             if older is None:
