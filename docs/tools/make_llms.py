@@ -50,7 +50,9 @@ def entry(file: Path) -> str:
     title = text.partition('\n')[0].lstrip('# ')
     paragraphs = [part.strip() for part in text.split('\n\n')[1:]]
     first = next((part for part in paragraphs if re.match('[A-Za-z[]|`[^`]', part)), '')
-    sentence = re.split(r'(?<=[a-z)`][.:])\s', re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', ' '.join(first.split())))[0]
+    sentence = re.split(
+        r'(?:(?<=[a-z)][.:])|(?<=\w`[.:]))\s', re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', ' '.join(first.split()))
+    )[0]
     about = f': {sentence}' if sentence.endswith('.') else ''
     return f'- [{title}]({file.relative_to(ROOT)}){about}'
 
