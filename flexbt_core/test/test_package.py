@@ -68,13 +68,15 @@ def test_each_example_of_the_readme_runs_where_nothing_else_is_installed(
 
 def test_what_is_installed_is_described(python: Path) -> None:
     program = (
-        'from importlib.metadata import metadata, requires, version\n'
+        'from importlib.metadata import files, metadata, requires\n'
         'about = metadata("flexbt_core")\n'
         'print(about["Requires-Python"], [one for one in requires("flexbt_core") if "extra" not in one])\n'
+        'print(about["License"], [one.read_text() for one in files("flexbt_core") if one.name == "LICENSE"])\n'
         'print(about.get_payload())\n'
     )
-    first, _, description = run(python, '-I', '-c', program).partition('\n')
+    first, second, description = run(python, '-I', '-c', program).split('\n', 2)
     assert first == ">=3.11 ['pyyaml']"
+    assert second == f'BSD-3-Clause {[(PACKAGE.parent / "LICENSE").read_text(encoding="utf-8")]}'
     assert description.strip() == README.strip()
 
 
