@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ from std_msgs.msg import Int32, String
 from tf2_msgs.msg import TFMessage
 
 from flexbt_bringup import doctor
-from flexbt_bringup.doctor import Finding, Level, RobotCheck, machine_findings
+from flexbt_bringup.doctor import Finding, Level, RobotCheck, machine_findings, router_findings
 from flexbt_bringup.graph import observe
 from flexbt_bringup.manifest import manifest_text
 from flexbt_common.runtime.node_runtime import NodeRuntime
@@ -134,6 +135,16 @@ def test_this_computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert 'nodes of other computers are not found' in of(found, 'reach', Level.WARNING)[0]
     monkeypatch.setattr(doctor, 'LITTLE_DISK', 1 << 62)
     assert 'MB left' in of(list(machine_findings({})), 'disk', Level.WARNING)[0]
+
+
+def test_the_router_of_zenoh() -> None:
+    with socket.create_server(('127.0.0.1', 0)) as router:
+        address = router.getsockname()
+        assert [one.level for one in router_findings({}, address)] == [Level.OK]
+    (missing,) = router_findings({}, address)
+    assert missing.level is Level.ERROR and 'rmw_zenohd' in missing.remedy
+    (elsewhere,) = router_findings({'ZENOH_CONFIG_OVERRIDE': 'connect/endpoints=["tcp/10.0.0.1:7447"]'}, address)
+    assert elsewhere.level is Level.OK and 'not checked' in elsewhere.what
 
 
 def test_the_command_prints_json_and_ends_with_a_code() -> None:

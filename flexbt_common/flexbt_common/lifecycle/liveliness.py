@@ -46,7 +46,7 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 from flexbt_common.middleware.fastdds import FAST_DDS
-from flexbt_common.middleware.implementation import implementation
+from flexbt_common.middleware.implementation import implementation, warn_of_losses
 from flexbt_common.middleware.received_messages import (
     COMPLAINT_SECONDS,
     UNKNOWN_WRITER,
@@ -180,6 +180,7 @@ class _HeldToken:
         self._publishers: dict[str, Any] = {}
         self._said_at = self._watcher_found_at = -math.inf
         self._systemd = SystemdReports()
+        warn_of_losses(self._node.get_logger().warning)
         self.add_name(self._node.get_fully_qualified_name())
         self._clock = clock_health(runtime)
         self._clock.add_listener(self._clock_changed)

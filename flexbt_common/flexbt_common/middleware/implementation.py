@@ -33,11 +33,12 @@ def losses() -> Iterator[str]:
     if not can_ignore():
         yield 'messages of a process that floods are dropped after they arrive, which costs processor time and memory'
     if not has_participants():
+        yield 'a server that hangs is noticed only by the deadlines of calls'
         yield 'each publisher has its own message limits, and operator names are not protected'
         yield 'a node that hangs is noticed within 1.5 s instead of 0.5 s'
 
 
 def warn_of_losses(warn: Callable[[str], object]) -> None:
-    """Warn in one line about what this process lacks, if anything."""
+    """Warn in one line about what this process lacks, if anything. Nodes of a robot do that at their start."""
     if lost := '; '.join(losses()):
         warn(f'{implementation()}: {lost}')

@@ -63,7 +63,6 @@ from flexbt_common.errors import TopicTypeError
 from flexbt_common.middleware import rclpy_private
 from flexbt_common.middleware.default_context import DefaultContext
 from flexbt_common.middleware.fastdds import end_callbacks, release_large_messages
-from flexbt_common.middleware.implementation import warn_of_losses
 from flexbt_common.middleware.qos_misfits import QosMisfits
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.names import service_qos
@@ -464,7 +463,6 @@ class NodeRuntime(Runtime):
         self.health.on_hang(self._log_hang)
         for warning in rclpy_private.warnings():
             self.node.get_logger().warning(warning)
-        warn_of_losses(self.node.get_logger().warning)
         self._executor = make_executor(self.node, self._on_escaped, self.health.check_pause, self.post_in)
         self.simulated_time = self._executor.simulated_time
         self.listening_time = self._executor.listening_time

@@ -19,6 +19,8 @@ from unique_identifier_msgs.msg import UUID
 
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.middleware.fastdds import FAST_DDS
+from flexbt_common.middleware.implementation import implementation
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.system.python_processes import PythonProcess, python_process
@@ -519,6 +521,7 @@ def test_a_server_that_dies_loses_the_goal_and_is_used_again(link: ActionServerL
             child.kill()
 
 
+@pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 def test_where_the_middleware_tells_no_liveliness_servers_are_judged_by_the_graph(
     client: NodeRuntime, children: list[PythonProcess], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

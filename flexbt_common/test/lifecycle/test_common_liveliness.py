@@ -29,6 +29,8 @@ from flexbt_common.lifecycle.liveliness import (
     LivelinessWatch,
 )
 from flexbt_common.lifecycle.managed_node import NodeScope
+from flexbt_common.middleware.fastdds import FAST_DDS
+from flexbt_common.middleware.implementation import implementation
 from flexbt_common.middleware.received_messages import reports_writers
 from flexbt_common.runtime.health import Hang
 from flexbt_common.runtime.node_runtime import NodeRuntime
@@ -441,6 +443,7 @@ def test_a_process_that_went_on_is_ready_again_and_one_in_its_place_is_not() -> 
             process.kill()
 
 
+@pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 def test_a_profile_for_consoles_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a liveliness protocol, the middleware would crash."""
     profiles = Path(get_package_share_directory('flexbt_common')) / 'config'

@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.lifecycle.managed_node import ManagedNode, NodeScope, unconfigured
 from flexbt_common.lifecycle.presence import PresenceToken
+from flexbt_common.middleware.implementation import implementation
 from flexbt_common.runtime.node_runtime import NodeRuntime, Runtime
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_core.errors import FlexbtError
@@ -390,12 +391,17 @@ def test_a_signal_ends_the_process_in_any_state(labels: list[str], printed: list
         assert 'Traceback' not in err
 
 
+def own_lines(err: str) -> list[str]:
+    """Return the lines of a process without that about the middleware."""
+    return [line for line in err.splitlines() if implementation() not in line]
+
+
 def test_a_parameter_that_is_refused_is_not_said_to_be_missing() -> None:
     with NodeRuntime.open('manager') as manager, process('autostart:=false', 'most:=many') as child:
         assert LifecycleClient(manager, 'managed').change('configure')
         child.send_signal(signal.SIGINT)
         _out, err = child.communicate(timeout=60)
-    (line,) = err.splitlines()
+    (line,) = own_lines(err)
     assert "cannot be configured so: parameter 'most': 'many' is of type string, not integer; write most: 1" in line
     assert 'there is no parameter' not in err
 
@@ -422,7 +428,7 @@ def test_a_node_that_nobody_manages_starts_by_itself_or_says_why_not() -> None:
         assert [child.stdout.readline() for _ in range(2)] == ['configured \n', 'activated\n']
         child.send_signal(signal.SIGINT)
         out, err = child.communicate(timeout=60)
-        assert (out, err, child.returncode) == ('closed\n', '', 0)
+        assert (out, own_lines(err), child.returncode) == ('closed\n', [], 0)
     with process('broken:=true') as child:
         told = child.communicate(timeout=60)
         assert (told, child.returncode) == (('closed\n', 'managed: cannot start: it is broken; mend it\n'), 1)

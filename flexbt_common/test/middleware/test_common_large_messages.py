@@ -16,7 +16,8 @@ from std_msgs.msg import String
 
 from flexbt_common import names
 from flexbt_common.discovery import profile
-from flexbt_common.middleware.fastdds import is_dynamic
+from flexbt_common.middleware.fastdds import FAST_DDS, is_dynamic
+from flexbt_common.middleware.implementation import implementation
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.waiting import wait_until
 
@@ -89,6 +90,7 @@ with NodeRuntime.open('sender') as runtime:
 waits for an answer, since what is sent to a service that has not discovered its client waits in that queue."""
 
 
+@pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 def test_few_requests_of_a_service_wait_unread_and_none_is_lost_for_that() -> None:
     """Of processes: within one, Fast DDS sends nothing again."""
     sender = subprocess.Popen([sys.executable, '-c', SENDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

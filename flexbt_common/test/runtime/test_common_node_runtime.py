@@ -34,6 +34,8 @@ from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import TopicTypeError, UnfitParameterError
 from flexbt_common.lifecycle.managed_node import ExtendedLifecycleNode
 from flexbt_common.middleware import rclpy_private
+from flexbt_common.middleware.fastdds import FAST_DDS
+from flexbt_common.middleware.implementation import implementation
 from flexbt_common.runtime.node_runtime import LargeQueueNode, NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer, unknown_parameters
 from flexbt_testing.system.python_processes import PythonProcess, python_process
@@ -78,6 +80,7 @@ sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
 
 
+@pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 def test_a_topic_of_another_type_is_refused_with_both_types() -> None:
     with NodeRuntime.open('clock', parameters={'use_sim_time': True}) as runtime:
         node, told = runtime.node, '/clock has the type rosgraph_msgs/msg/Clock .* std_msgs/msg/Empty'
