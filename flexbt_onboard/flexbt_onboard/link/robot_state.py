@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from geometry_msgs.msg import Pose, PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
 from flexbt_common import names
 from flexbt_common.errors import TransformError
@@ -109,12 +109,15 @@ class _PoseTopic:
 
     def _open(self) -> None:
         """Subscribe to the topic once a node publishes it, since its type is unknown before."""
-        for publisher in self._node.get_publishers_info_by_topic(self.name):
-            message_type = POSE_TYPES.get(publisher.topic_type)
-            if message_type is not None and self._newest is None:
-                # Best effort and volatile, which is compatible with every publisher.
-                qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-                self._newest = LatestMessage(self._node, message_type, self.name, qos)
+        publishers = self._node.get_publishers_info_by_topic(self.name)
+        known = [POSE_TYPES[one.topic_type] for one in publishers if one.topic_type in POSE_TYPES]
+        if known:
+            # Best effort and volatile are compatible with every publisher. A localization that publishes only when the
+            # robot has moved latches its pose: the last one is needed.
+            qos, latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT), names.transient_local_qos()
+            if all(qos_check_compatible(one.qos_profile, latched)[0] != QoSCompatibility.ERROR for one in publishers):
+                qos = latched
+            self._newest = LatestMessage(self._node, known[0], self.name, qos)
 
     def is_published(self, gone: Collection[str] = ()) -> bool:
         """Return whether a node that is not ``gone`` publishes the topic."""

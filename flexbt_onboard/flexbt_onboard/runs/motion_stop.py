@@ -91,6 +91,8 @@ class MotionParameters:
     """The parameters for stopping the robot without the nodes that drive it."""
 
     pose_topic: str = parameter('pose_topic', names.POSE, 'topic of the robot pose (geometry_msgs/msg/PoseStamped)')
+    global_frame: str = parameter('global_frame', 'map', 'frame of the pose, when no node publishes it')
+    robot_base_frame: str = parameter('robot_base_frame', 'base_link', 'frame of the robot')
     motion_actions: tuple[str, ...] = parameter(
         'motion_actions',
         MOTION_ACTIONS,
@@ -104,6 +106,11 @@ class MotionParameters:
     stamped_cmd_vel: bool = parameter(
         'enable_stamped_cmd_vel', False, 'velocity commands are TwistStamped instead of Twist'
     )
+
+    @property
+    def frames(self) -> tuple[str, str]:
+        """The frames between which the transform is the pose of the robot."""
+        return self.global_frame, self.robot_base_frame
 
 
 class MotionStop:

@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformS
 from nav_msgs.msg import Odometry
 from tf2_msgs.msg import TFMessage
 
+from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_onboard.link import robot_state
 from flexbt_onboard.link.robot_state import RobotPose
@@ -72,6 +73,14 @@ def test_the_localization_serves_where_there_is_no_such_topic(robot: Robot) -> N
 
     wait_until(heard, 'the pose')
     assert robot.problem() == ''
+
+
+def test_a_localization_that_is_silent_while_the_robot_stands_is_heard(robot: Robot) -> None:
+    latched = names.transient_local_qos()
+    node = robot.runtime.node
+    publisher = robot.runtime.call(lambda: node.create_publisher(PoseWithCovarianceStamped, 'amcl_pose', latched))
+    publisher.publish(posed(PoseWithCovarianceStamped(), 4.0))  # once, before anybody listens
+    wait_until(lambda: robot.x() == 4.0, 'the pose')
 
 
 def test_transforms_serve_before_the_localization_and_not_when_they_are_old(robot: Robot) -> None:
