@@ -30,6 +30,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.transform_listener import TransformListener
 from flexbt_core.values.text import did_you_mean, pluralize
 from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_onboard.link.robot_state import POSE_TYPES
 
 from .graph import Graph, node_of, observe, parameters
 
@@ -56,12 +57,6 @@ ACTION_TYPES: Final[Mapping[str, str]] = {
 """Types of Nav2's actions, in nav2_msgs/action."""
 NEEDED: Final = (names.COMPUTE_PATH_TO_POSE, names.FOLLOW_PATH)
 """Actions without which no tree of ours drives."""
-POSE_TYPES: Final[Mapping[str, str]] = {
-    names.POSE: 'geometry_msgs/msg/PoseStamped',
-    names.AMCL_POSE: 'geometry_msgs/msg/PoseWithCovarianceStamped',
-    names.ODOM: 'nav_msgs/msg/Odometry',
-}
-"""Topics that may have the pose of the robot."""
 STAMPED: Final = 'geometry_msgs/msg/TwistStamped'
 """Type of velocity commands if enable_stamped_cmd_vel is true."""
 LITTLE_DISK: Final = 500_000_000
@@ -235,6 +230,9 @@ class RobotCheck:
         self._seconds = seconds
         self._status: list[tuple[float, ExecutiveStatus]] = []
         self._graph: Graph
+        self._frames = 'map', 'base_link'
+        self._pose_topic: str = names.POSE
+        self._cmd_vel_topic: str = names.CMD_VEL
 
     def _name(self, name: str) -> str:
         return name if name.startswith('/') else f'{self._namespace}/{name}'
@@ -259,12 +257,27 @@ class RobotCheck:
         yield from self._nodes()
         simulated = parameters(self._runtime, self._asked(), 'use_sim_time', 1.0)
         yield from self._clocks(simulated)
-        yield from self._transforms(listener, any(simulated.values()))
-        yield from self._poses()
+        self._read_settings()
+        transforms = list(self._transforms(listener, any(simulated.values())))
+        yield from transforms
+        yield from self._poses(transforms[-1].level is Level.OK)
         yield from self._velocities()
         yield from self._servers()
         yield from self._topics()
         yield from self._offset(simulated)
+
+    def _read_settings(self) -> None:
+        """Read the topics and frames of the executive, which stops the robot; without it, these are its defaults."""
+        executive = self._name(names.ONBOARD_EXECUTIVE)
+        if executive not in self._graph.nodes:
+            return
+
+        def setting(name: str, default: str) -> str:
+            return str(parameters(self._runtime, [executive], name, 1.0).get(executive, default))
+
+        self._frames = setting('global_frame', self._frames[0]), setting('robot_base_frame', self._frames[1])
+        self._pose_topic = setting('pose_topic', self._pose_topic)
+        self._cmd_vel_topic = setting('cmd_vel_topic', self._cmd_vel_topic)
 
     def _asked(self) -> list[str]:
         """Return the nodes that have parameters."""
@@ -355,18 +368,18 @@ class RobotCheck:
                     'start the localization and robot_state_publisher; in a namespace remap /tf to tf',
                 )
         end = time.monotonic() + self._seconds
+        world, robot = self._frames
         while True:
             try:
                 moment = self._runtime.call(lambda: self._newest(listener))
                 break
             except TransformError as unknown:
                 if time.monotonic() >= end:
-                    frames = self._runtime.call(lambda: listener.buffer.frames)
                     yield error(
                         'transforms',
-                        f'no pose of base_link in map: {unknown}',
-                        f'start the localization; frames that are known: {", ".join(frames) or "none"}. '
-                        'With other names set global_frame and robot_base_frame',
+                        f'no pose of {robot} in {world}: {unknown}',
+                        'start the localization and robot_state_publisher; if frames have other names, set '
+                        'global_frame and robot_base_frame for all nodes of FlexBT',
                     )
                     return
                 time.sleep(0.05)
@@ -374,38 +387,44 @@ class RobotCheck:
         if not is_simulated and math.isfinite(moment) and age > OLD_TRANSFORM:
             yield error(
                 'transforms',
-                f'the newest transform from map to base_link is {age:.1f} s old',
+                f'the newest transform from {world} to {robot} is {age:.1f} s old',
                 'check that the localization runs, and that the clocks of all computers are the same (chrony)',
             )
         else:
-            yield ok('transforms', 'base_link is known in map')
+            yield ok('transforms', f'{robot} is known in {world}')
 
-    @staticmethod
-    def _newest(listener: TransformListener) -> float:
-        listener.buffer.lookup('map', 'base_link')
-        return listener.buffer.latest('map', 'base_link')
+    def _newest(self, listener: TransformListener) -> float:
+        listener.buffer.lookup(*self._frames)
+        return listener.buffer.latest(*self._frames)
 
-    def _poses(self) -> Iterator[Finding]:
-        found = [topic for topic in POSE_TYPES if self._graph.is_published(self._name(topic))]
-        for topic in found:
-            types = self._graph.topics[self._name(topic)]
-            if POSE_TYPES[topic] not in types:
+    def _poses(self, has_transform: bool) -> Iterator[Finding]:
+        """``has_transform`` is True if the transforms have a pose that is up to date."""
+        sources = [self._name(topic) for topic in dict.fromkeys((self._pose_topic, names.AMCL_POSE, names.ODOM))]
+        found = ['the transforms'] if has_transform else []
+        for topic in sources:
+            types = self._graph.topics.get(topic, ())
+            if not self._graph.is_published(topic):
+                continue
+            if set(types) & POSE_TYPES.keys():
+                found.append(topic)
+            else:
                 yield error(
                     'pose',
-                    f'{self._name(topic)} has the type {", ".join(types)}, expected {POSE_TYPES[topic]}',
-                    'set pose_topic to another topic',
+                    f'{topic} has the type {", ".join(types)}, expected {", ".join(POSE_TYPES)}',
+                    'set pose_topic to the topic that has the pose',
                 )
         if found:
-            yield ok('pose', f'the pose of the robot is on {", ".join(self._name(topic) for topic in found)}')
+            yield ok('pose', f'the pose of the robot comes from {", ".join(found)}')
         else:
             yield warning(
                 'pose',
-                f'nobody publishes {", ".join(self._name(topic) for topic in POSE_TYPES)}',
-                'start the localization or the odometry: else nobody notices that the robot moves after a STOP',
+                f'there is no transform, and nobody publishes {", ".join(sources)}: nobody notices that the robot '
+                'moves after a STOP',
+                'start the localization or the odometry, or set pose_topic to the topic that has the pose',
             )
 
     def _velocities(self) -> Iterator[Finding]:
-        topic = self._name(names.CMD_VEL)
+        topic = self._name(self._cmd_vel_topic)
         ours = {self._name(name) for name in OURS}
         bases = [one for one in self._graph.subscriptions.get(topic, ()) if node_of(one) not in ours]
         if not bases:
@@ -429,7 +448,8 @@ class RobotCheck:
                 f'set enable_stamped_cmd_vel to {str(STAMPED in taken).lower()} for {node}, and restart it',
             )
         if not deaf:
-            yield ok('velocity', f'{topic} takes {", ".join(taken)}: enable_stamped_cmd_vel is {STAMPED in taken}')
+            needed = str(STAMPED in taken).lower()
+            yield ok('velocity', f'{topic} takes {", ".join(taken)}, as with enable_stamped_cmd_vel: {needed}')
 
     def _servers(self) -> Iterator[Finding]:
         actions = self._graph.actions
@@ -461,7 +481,7 @@ class RobotCheck:
     def _topics(self) -> Iterator[Finding]:
         bad = 0
         for topic, types in self._graph.topics.items():
-            if len(types) > 1 and topic != self._name(names.CMD_VEL):
+            if len(types) > 1 and topic != self._name(self._cmd_vel_topic):
                 bad += 1
                 users = {node_of(one) for one in (*self._graph.publishers[topic], *self._graph.subscriptions[topic])}
                 yield error(

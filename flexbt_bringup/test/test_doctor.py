@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import rclpy.qos
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath, Spin, Wait
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
@@ -45,13 +45,13 @@ def of(found: list[Finding], check: str, level: Level = Level.ERROR) -> list[str
     return [one.what for one in found if one.check == check and one.level is level]
 
 
-def publish_transform(runtime: NodeRuntime, age: float = 0.0) -> Any:
+def publish_transform(runtime: NodeRuntime, age: float = 0.0, world: str = 'map', robot: str = 'base_link') -> Any:
     publisher = runtime.node.create_publisher(TFMessage, 'tf', 10)
 
     def send() -> None:
         transform = TransformStamped()
         moment = time.time() - age
-        transform.header.frame_id, transform.child_frame_id = 'map', 'base_link'
+        transform.header.frame_id, transform.child_frame_id = world, robot
         transform.header.stamp.sec, transform.header.stamp.nanosec = int(moment), int(moment % 1 * 1e9)
         transform.transform.rotation.w = 1.0
         publisher.publish(TFMessage(transforms=[transform]))
@@ -73,7 +73,7 @@ def test_a_healthy_robot_has_no_errors(other: NodeRuntime) -> None:
     found = findings()
     assert [one for one in found if one.level is Level.ERROR] == []
     assert of(found, 'transforms', Level.OK) == ['base_link is known in map']
-    assert of(found, 'pose', Level.OK) == ['the pose of the robot is on /amcl_pose']
+    assert of(found, 'pose', Level.OK) == ['the pose of the robot comes from the transforms, /amcl_pose']
     assert of(found, 'servers', Level.OK) == ['2 actions of Nav2']
     assert pose is not None
 
@@ -96,6 +96,37 @@ def test_transforms_that_are_missing_or_old(other: NodeRuntime) -> None:
     other.call(lambda: publish_transform(other, age=60.0))
     (told,) = of(findings(), 'transforms')
     assert told.startswith('the newest transform from map to base_link is 6')
+
+
+def test_topics_and_frames_are_those_of_the_executive(other: NodeRuntime) -> None:
+    settings = {
+        'global_frame': 'world',
+        'robot_base_frame': 'base',
+        'pose_topic': 'slam/pose',
+        'cmd_vel_topic': 'wheels',
+    }
+    other.call(lambda: publish_transform(other, world='world', robot='base'))
+    kept = [
+        other.call(lambda: other.node.create_publisher(PoseWithCovarianceStamped, 'slam/pose', 10)),
+        other.call(lambda: other.node.create_subscription(TwistStamped, 'wheels', print, 10)),
+    ]
+    found = findings(seconds=1.0)
+    assert 'no pose of base_link in map: ' in of(found, 'transforms')[0]
+    assert of(found, 'velocity', Level.WARNING) == ['nobody listens to /cmd_vel: a STOP cannot command zero velocity']
+    assert 'there is no transform, and nobody publishes /pose, /amcl_pose, /odom' in of(found, 'pose', Level.WARNING)[0]
+    with NodeRuntime.open('onboard_executive') as executive:
+        for name, value in settings.items():
+            executive.call(lambda name=name, value=value: executive.node.declare_parameter(name, value))
+        for sent, level in ((Twist, Level.ERROR), (TwistStamped, Level.OK)):
+            publisher = executive.call(lambda sent=sent: executive.node.create_publisher(sent, 'wheels', 1))
+            found = findings()
+            assert of(found, 'transforms', Level.OK) == ['base is known in world']
+            assert of(found, 'pose', Level.OK) == ['the pose of the robot comes from the transforms, /slam/pose']
+            (told,) = [one for one in found if one.check == 'velocity']
+            assert told.level is level, told
+            assert level is Level.OK or told.remedy.startswith('set enable_stamped_cmd_vel to true for /onboard_exec')
+            executive.call(lambda publisher=publisher: executive.node.destroy_publisher(publisher))
+    assert all(kept)
 
 
 def test_servers_of_another_type_or_missing(other: NodeRuntime) -> None:
