@@ -274,7 +274,8 @@ class TreeRun(Generic[Client]):
                 self._warn(self._overruns.note(self._steady.now() - began - self._waited))
             if status is not None and status is not NodeStatus.RUNNING:
                 return outcome_of_tree(tree, status)
-            if not self._control.pending:
+            # A leaf that has waited ends the rounds of a tick; nodes that yield expect the next one at once.
+            if not self._control.pending and not (tree.context.waited and tree.wake_pending):
                 self._wait(tree, due)
 
     def _new_monitor(self) -> TreeMonitor | None:

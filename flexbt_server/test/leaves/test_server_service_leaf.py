@@ -141,6 +141,14 @@ def test_a_tree_that_asks_again_and_again_can_be_paused(world: ServerWorld) -> N
     assert goal.result.code == Result.SUCCESS, goal.result.message
 
 
+def test_a_node_that_yields_is_ticked_again_at_once_after_a_leaf_has_waited() -> None:
+    """Not at the tick rate, with which this tree would take five minutes."""
+    with open_server_world(tick_rate=0.1) as world:
+        world.client.load_tree('<Repeat num_cycles="30"><IsPathValid path="{path}"/></Repeat>')
+        path = Path(poses=[pose_stamped(1.0)])
+        assert world.client.execute(inputs={'path': path}).result.code == Result.SUCCESS
+
+
 def test_other_trees_go_on_while_one_waits_for_an_answer(world: ServerWorld, stuck: Stuck) -> None:
     world.client.load_tree(f'<IsPathValid service_name="stuck/is_path_valid" server_timeout="{NEVER}"/>', 'Waits')
     waits = world.client.execute('Waits', blackboard='waits')
