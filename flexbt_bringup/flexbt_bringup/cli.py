@@ -67,8 +67,10 @@ def run_doctor(options: argparse.Namespace) -> int:
 
 
 def _findings(options: argparse.Namespace) -> Iterator[Finding]:
-    yield from machine_findings()
-    if not options.machine:
+    here = list(machine_findings())
+    yield from here
+    # No node starts in a domain that cannot be.
+    if not options.machine and not any(one.check == 'domain' and one.level is Level.ERROR for one in here):
         with NodeRuntime.open('flexbt_doctor', args=()) as runtime:
             yield from RobotCheck(runtime, options.namespace, options.seconds).findings()
 

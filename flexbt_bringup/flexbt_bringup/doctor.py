@@ -157,20 +157,23 @@ def _environment(environment: Mapping[str, str]) -> Iterator[Finding]:
         yield error('domain', f'ROS_DOMAIN_ID={domain}', 'use a number from 0 to 101, the same on all computers')
     else:
         yield ok('domain', f'ROS_DOMAIN_ID {domain}')
-    reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE', '').upper()
+    reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') or 'SUBNET'
     peers = environment.get('ROS_STATIC_PEERS', '')
-    if environment.get('ROS_LOCALHOST_ONLY', '0') == '1' or reach == 'LOCALHOST':
+    only_here = ['ROS_LOCALHOST_ONLY=1'] if environment.get('ROS_LOCALHOST_ONLY') == '1' else []
+    if reach not in ('SUBNET', 'SYSTEM_DEFAULT', 'OFF'):  # rcl takes any other value for LOCALHOST
+        only_here.append(f'ROS_AUTOMATIC_DISCOVERY_RANGE={reach}')
+    if only_here:
         yield warning(
             'reach',
-            'nodes of other computers are not found (ROS_LOCALHOST_ONLY or ROS_AUTOMATIC_DISCOVERY_RANGE)',
-            'for a robot and a laptop: unset both, or set ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET',
+            f'nodes of other computers are not found ({", ".join(only_here)})',
+            'for a robot and a laptop: unset ROS_LOCALHOST_ONLY, and set ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET',
         )
     elif reach == 'OFF':
         yield warning(
             'reach', f'ROS_AUTOMATIC_DISCOVERY_RANGE={reach}: no node is found', 'unset it, or set it to SUBNET'
         )
     else:
-        yield ok('reach', f'discovery range {reach or "SUBNET"}{f", and {peers}" if peers else ""}')
+        yield ok('reach', f'discovery range {reach}{f", and {peers}" if peers else ""}')
 
 
 def _disks(environment: Mapping[str, str]) -> Iterator[Finding]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import socket
 import subprocess
 import time
@@ -164,6 +165,10 @@ def test_this_computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = list(machine_findings(wrong))
     assert of(found, 'domain') == ['ROS_DOMAIN_ID=300']
     assert 'nodes of other computers are not found' in of(found, 'reach', Level.WARNING)[0]
+    for value in ('LOCALHOST', 'subnet'):  # as rcl, which takes what it does not know for LOCALHOST
+        (told,) = of(list(machine_findings({'ROS_AUTOMATIC_DISCOVERY_RANGE': value})), 'reach', Level.WARNING)
+        assert value in told
+    assert of(list(machine_findings({'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'})), 'reach', Level.WARNING) == []
     monkeypatch.setattr(doctor, 'LITTLE_DISK', 1 << 62)
     assert 'MB left' in of(list(machine_findings({})), 'disk', Level.WARNING)[0]
 
@@ -185,6 +190,17 @@ def test_the_command_prints_json_and_ends_with_a_code() -> None:
     lines = [json.loads(line) for line in ran.stdout.splitlines()]
     assert {line['rule'] for line in lines} >= {'middleware', 'disk', 'discovery'}, ran.stderr
     assert (ran.returncode, lines[-1]['severity']) == (1, 'error')
+    for domain in ('abc', '300'):  # the middleware refuses both
+        ran = subprocess.run(
+            ['flexbt', 'doctor', '--json'],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=60,
+            env=os.environ | {'ROS_DOMAIN_ID': domain},
+        )
+        assert (ran.returncode, ran.stderr) == (1, '')
+        assert f'ROS_DOMAIN_ID={domain}' in ran.stdout
     machine = subprocess.run(['flexbt', 'doctor', '--machine'], capture_output=True, text=True, check=False, timeout=60)
     assert machine.returncode == 0, machine.stdout
 
