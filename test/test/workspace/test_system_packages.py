@@ -19,6 +19,7 @@ ROOT = Path(__file__).parents[3]
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'aiohttp': 'python3-aiohttp',
+    'catkin_pkg': 'python3-catkin-pkg-modules',
     'hypothesis': 'python3-hypothesis',
     'lark': 'python3-lark-parser',
     'lxml': 'python3-lxml',
