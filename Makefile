@@ -20,8 +20,9 @@ help:  ## this text
 	@echo
 	@echo '  . tools/env.sh   a shell with everything of the workspace: bt_server, console, colcon, Python imports'
 	@echo
-	@echo 'ROS 2 Jazzy is used when it is sourced; otherwise its PyPI wheels, in .venv.'
-	@echo 'PYTHON=/path/to/python3.12 chooses the Python of .venv. The logs are in log/.'
+	@echo 'ROS 2 is used when it is sourced; otherwise the PyPI wheels of ROS 2 Jazzy, in .venv.'
+	@echo 'ROS_WHEELS=kilted uses those of ROS 2 Kilted, in .kilted, whatever is sourced.'
+	@echo 'PYTHON=/path/to/python3.12 chooses the Python of these. The logs are in log/.'
 
 setup:  ## install what is missing, build what has changed
 	@tools/workspace.sh setup

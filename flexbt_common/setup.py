@@ -13,7 +13,10 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
-        (f'share/{package_name}/config', [str(file) for file in sorted(Path('config').glob('*.xml'))]),
+        *(
+            (f'share/{package_name}/{directory}', [str(file) for file in sorted(Path(directory).glob('*.xml'))])
+            for directory in ('config', 'config/fastdds3')
+        ),
     ],
     install_requires=['setuptools'],
     extras_require={'test': ['pytest']},  # colcon test looks for it

@@ -3,6 +3,7 @@
 # To be sourced, after `make setup`:   . tools/env.sh
 # Gives this shell (bash, zsh; sh when in the root of the workspace) what the workspace installs: Python imports, the executables by
 # their names (bt_server, console, ...), colcon, and ROS 2 settings for one computer. What is set already stays as it is.
+# ROS_WHEELS=kilted chooses what `make setup ROS_WHEELS=kilted` has made.
 
 # Where this file is: bash and zsh tell; other shells have to be in the workspace, or set FLEXBT_ROOT.
 if [ -n "${BASH_VERSION:-}" ]; then
@@ -14,30 +15,40 @@ else
   FLEXBT_ROOT=${FLEXBT_ROOT:-$PWD}
 fi
 
+# The wheels of another distribution than the default have a place of their own.
+case ${ROS_WHEELS:-jazzy} in
+  jazzy) _flexbt_spaces=$FLEXBT_ROOT ;;
+  *) _flexbt_spaces=$FLEXBT_ROOT/.$ROS_WHEELS ;;
+esac
+
 if [ ! -f "$FLEXBT_ROOT/tools/env.sh" ]; then
   echo "error: '$FLEXBT_ROOT' is not the workspace: cd to it, or set FLEXBT_ROOT to it, before sourcing tools/env.sh" >&2
   unset FLEXBT_ROOT
   false
-elif [ ! -f "$FLEXBT_ROOT/install/local_setup.sh" ] || [ ! -f "$FLEXBT_ROOT/install/flexbt_underlay.sh" ]; then
-  echo "error: the workspace is not built yet: run 'make setup' in $FLEXBT_ROOT" >&2
+elif [ ! -f "$_flexbt_spaces/install/local_setup.sh" ] || [ ! -f "$_flexbt_spaces/install/flexbt_underlay.sh" ]; then
+  echo "error: the workspace is not built yet: run 'make setup${ROS_WHEELS:+ ROS_WHEELS=$ROS_WHEELS}' in $FLEXBT_ROOT" >&2
+  false
+elif [ -n "${ROS_WHEELS:-}" ] && [ "${ROS_DISTRO:-$ROS_WHEELS}" != "$ROS_WHEELS" ]; then
+  echo "error: ROS 2 $ROS_DISTRO is sourced in this shell: use a new one for ROS_WHEELS=$ROS_WHEELS" >&2
   false
 else
   export FLEXBT_ROOT
+  [ -z "${ROS_WHEELS:-}" ] || export ROS_WHEELS
   # The scripts of colcon and of ROS 2 cannot be sourced under `set -u`.
   _flexbt_options=$-
   set +u
   _flexbt_middleware=${RMW_IMPLEMENTATION:-}
   # shellcheck disable=SC1091
-  . "$FLEXBT_ROOT/install/flexbt_underlay.sh"
+  . "$_flexbt_spaces/install/flexbt_underlay.sh"
   if [ -n "${BASH_VERSION:-}" ]; then
     # shellcheck disable=SC1091
-    . "$FLEXBT_ROOT/install/local_setup.bash"
+    . "$_flexbt_spaces/install/local_setup.bash"
   elif [ -n "${ZSH_VERSION:-}" ]; then
     # shellcheck disable=SC1091
-    . "$FLEXBT_ROOT/install/local_setup.zsh"
+    . "$_flexbt_spaces/install/local_setup.zsh"
   else
     # shellcheck disable=SC1091
-    . "$FLEXBT_ROOT/install/local_setup.sh"
+    . "$_flexbt_spaces/install/local_setup.sh"
   fi
 
   # The set-up of the wheels names the middleware that they bring; a choice made before stays.
@@ -46,7 +57,7 @@ else
   case $_flexbt_options in *u*) set -u ;; esac
 
   # The executables of a package are in install/PACKAGE/lib/PACKAGE.
-  for _flexbt_directory in "$FLEXBT_ROOT"/install/*/lib/flexbt_*; do
+  for _flexbt_directory in "$_flexbt_spaces"/install/*/lib/flexbt_*; do
     case ":$PATH:" in
       *":$_flexbt_directory:"*) ;;
       *) [ ! -d "$_flexbt_directory" ] || PATH=$_flexbt_directory:$PATH ;;
@@ -57,17 +68,23 @@ else
 
   # Unless told otherwise, only this computer; quick discovery (see flexbt_common/discovery.py); logs beside the others of the workspace.
   if [ "${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}" = rmw_fastrtps_cpp ]; then
-    if [ -z "${ROS_AUTOMATIC_DISCOVERY_RANGE:-}${FASTRTPS_DEFAULT_PROFILES_FILE:-}" ]; then
+    case ${_flexbt_fastdds:-2} in
+      2) _flexbt_variable=FASTRTPS_DEFAULT_PROFILES_FILE _flexbt_config=$FLEXBT_ROOT/flexbt_common/config ;;
+      *) _flexbt_variable=FASTDDS_DEFAULT_PROFILES_FILE _flexbt_config=$FLEXBT_ROOT/flexbt_common/config/fastdds3 ;;
+    esac
+    eval "_flexbt_profile=\${$_flexbt_variable:-}"
+    if [ -z "${ROS_AUTOMATIC_DISCOVERY_RANGE:-}$_flexbt_profile" ]; then
       ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT
-      FASTRTPS_DEFAULT_PROFILES_FILE=$FLEXBT_ROOT/flexbt_common/config/this_computer.xml
+      _flexbt_profile=$_flexbt_config/this_computer.xml
     fi
-    export FASTRTPS_DEFAULT_PROFILES_FILE="${FASTRTPS_DEFAULT_PROFILES_FILE:-$FLEXBT_ROOT/flexbt_common/config/network.xml}"
+    export "$_flexbt_variable=${_flexbt_profile:-$_flexbt_config/network.xml}"
   fi
   export ROS_AUTOMATIC_DISCOVERY_RANGE="${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}"
   # Where neither the workspace nor the home directory can be written, no node would start.
   if [ -w "$FLEXBT_ROOT" ]; then
-    export ROS_LOG_DIR="${ROS_LOG_DIR:-$FLEXBT_ROOT/log/ros}"
+    export ROS_LOG_DIR="${ROS_LOG_DIR:-$_flexbt_spaces/log/ros}"
   elif [ ! -w "${HOME:-/nowhere}" ] && [ -z "${ROS_HOME:-}" ]; then
     export ROS_LOG_DIR="${ROS_LOG_DIR:-${TMPDIR:-/tmp}/flexbt-$(id -u)/log}"
   fi
+  unset _flexbt_spaces _flexbt_fastdds _flexbt_variable _flexbt_config _flexbt_profile
 fi

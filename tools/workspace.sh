@@ -1,22 +1,26 @@
 #!/bin/sh
 # SPDX-License-Identifier: BSD-3-Clause
-# tools/workspace.sh COMMAND ...: finds a Python 3.11 or 3.12 and runs tools/workspace with it.
+# tools/workspace.sh COMMAND ...: finds a Python of a supported version and runs tools/workspace with it.
 # PYTHON=/path/to/python3 chooses one.
 set -u
 tools=$(CDPATH='' cd -- "$(dirname -- "$0")" && pwd) || exit 1
+
+# The wheels are tested with Python 3.11 and 3.12. A sourced ROS has its own, up to 3.14 (ROS 2 Lyrical).
+newest=12
+[ -z "${ROS_DISTRO:-}" ] || [ -n "${ROS_WHEELS:-}${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ] || newest=14
 
 # Prints the interpreter behind a name (behind a version manager's shim, behind an activated virtual environment),
 # when it is of a supported version. With a second argument: only when it can also make virtual environments.
 probe() {
   "$1" -E -c 'import sys
-if not (3, 11) <= sys.version_info[:2] <= (3, 12): sys.exit(1)
-if len(sys.argv) > 1: import ensurepip, venv
-print(getattr(sys, "_base_executable", "") or sys.executable)' ${2:+"$2"} 2>/dev/null
+if not (3, 11) <= sys.version_info[:2] <= (3, int(sys.argv[1])): sys.exit(1)
+if len(sys.argv) > 2: import ensurepip, venv
+print(getattr(sys, "_base_executable", "") or sys.executable)' "$newest" ${2:+"$2"} 2>/dev/null
 }
 
 if [ -n "${PYTHON:-}" ]; then
   python=$(probe "$PYTHON") || {
-    printf 'error: PYTHON=%s is not a Python 3.11 or 3.12: %s\n' "$PYTHON" "$("$PYTHON" -V 2>&1)" >&2
+    printf 'error: PYTHON=%s is not a Python 3.11 to 3.%s: %s\n' "$PYTHON" "$newest" "$("$PYTHON" -V 2>&1)" >&2
     printf 'remedy: name another, or none to have one searched for\n' >&2
     exit 1
   }
@@ -26,7 +30,7 @@ else
   for candidate in $candidates; do python=$(probe "$candidate" with-venv) && break; done
   [ -n "$python" ] || for candidate in $candidates; do python=$(probe "$candidate") && break; done
   if [ -z "$python" ]; then
-    printf 'error: no Python 3.11 or 3.12 was found.\n' >&2
+    printf 'error: no Python 3.11 to 3.%s was found.\n' "$newest" >&2
     for candidate in $candidates; do
       version=$("$candidate" -V 2>&1) && printf '  %s is %s\n' "$candidate" "$version" >&2
     done

@@ -48,6 +48,7 @@ from typing import Any, Final
 from _figures import install_behavior, processor_time, write_figures
 from domain_coordinator import domain_id
 
+from flexbt_common.discovery import PROFILE
 from flexbt_testing.system.processes import executable
 
 HERE: Final = Path(__file__).resolve().parent
@@ -236,7 +237,7 @@ def main() -> int:
         install_behavior(Path(directory), HERE / '_fleet_probe.py', 'FleetProbe')
         os.environ.update(ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE='SUBNET', ROS_LOG_DIR=directory)
         # Its announcements come 15 times as often as the middleware's default.
-        os.environ.pop('FASTRTPS_DEFAULT_PROFILES_FILE', None)
+        os.environ.pop(PROFILE, None)
         if not arguments.simple:
             os.environ['ROS_DISCOVERY_SERVER'] = stack.enter_context(discovery_server())
         from flexbt_common.runtime.node_runtime import NodeRuntime

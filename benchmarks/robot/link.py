@@ -33,7 +33,7 @@ from typing import Any
 from _figures import write_figures
 from domain_coordinator import domain_id
 
-from flexbt_common.discovery import only_this_computer, profile
+from flexbt_common.discovery import PROFILE, only_this_computer, profile
 from flexbt_console.commands.effects import SCAN_PERIOD
 from flexbt_onboard.commands.command_ledger import REPORT_TIME
 from flexbt_testing.system import networks
@@ -109,8 +109,8 @@ def measure(
 ) -> dict[str, Any]:
     """Return the figures with one of the settings, in windows of that many seconds."""
     across = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'}
-    at_executive = {**across, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(robot_side)}
-    at_console = {**across, 'FASTRTPS_DEFAULT_PROFILES_FILE': str(console_side)}
+    at_executive = {**across, PROFILE: str(robot_side)}
+    at_console = {**across, PROFILE: str(console_side)}
     with ExitStack() as stack:
         directory = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         robot, station = (stack.enter_context(NetworkNamespace()) for _ in range(2))

@@ -10,14 +10,18 @@ from pathlib import Path
 from typing import Final
 
 from ament_index_python.packages import get_package_share_directory
+from ament_index_python.search_paths import get_search_paths
 
 RANGE: Final = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
-PROFILE: Final = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+_IS_FASTDDS_3: Final = any(Path(prefix, 'lib', 'libfastdds.so').exists() for prefix in get_search_paths())
+PROFILE: Final = 'FASTDDS_DEFAULT_PROFILES_FILE' if _IS_FASTDDS_3 else 'FASTRTPS_DEFAULT_PROFILES_FILE'
+"""Variable that names the profile. Fast DDS 3 (ROS 2 Kilted) renamed it, its library, and an element of profiles."""
 
 
 def profile(name: str) -> Path:
     """Return the path of an included Fast DDS profile: this_computer, network, radio_robot or radio_console."""
-    return Path(get_package_share_directory('flexbt_common')) / 'config' / f'{name}.xml'
+    directory = Path(get_package_share_directory('flexbt_common')) / 'config'
+    return directory / ('fastdds3' if _IS_FASTDDS_3 else '') / f'{name}.xml'
 
 
 def only_this_computer(environment: MutableMapping[str, str] = os.environ) -> None:

@@ -2,6 +2,7 @@
 """Processes of this computer find each other without shared memory; those that have other settings find them, too."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -51,6 +52,14 @@ def test_processes_hear_each_other(range_of_other: str) -> None:
                 assert bool(shared_memory(other.pid)) is bool(range_of_other)
             finally:
                 other.kill()
+
+
+@pytest.mark.parametrize('name', ['this_computer', 'network', 'radio_robot', 'radio_console'])
+def test_a_profile_differs_between_versions_of_fast_dds_only_in_the_name_of_an_element(name: str) -> None:
+    config = Path(__file__).parents[1] / 'config'
+    texts = [(config / place / f'{name}.xml').read_text(encoding='utf-8') for place in ('', 'fastdds3')]
+    of_2, of_3 = (re.sub(r'<!--.*?-->|\s+', '', text, flags=re.DOTALL) for text in texts)
+    assert of_2.replace('heartbeatPeriod', 'heartbeat_period') == of_3 != of_2
 
 
 def test_it_is_told_that_there_is_no_loopback_interface() -> None:

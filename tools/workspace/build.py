@@ -94,6 +94,7 @@ class Build:
         count = len(names)
         with step(f'build of {count} package{"s" if count > 1 else ""}') as shown:
             command: list[str | Path] = ['colcon', '--log-base', self._layout.log / 'colcon', 'build']
+            command += ['--build-base', self._layout.build, '--install-base', self._layout.install]
             command += ['--base-paths', self._layout.root, *(package.path for package in self._stand_ins())]
             command += ['--event-handlers', 'console_cohesion+']
             if not self._underlay.is_wheels:
@@ -189,8 +190,11 @@ class Build:
 
     def _write_underlay_setup(self) -> None:
         """Write the file by which tools/env.sh finds the underlay that the workspace was built on."""
-        setup = self._venv.local_setup if self._underlay.prefix is None else self._underlay.prefix / 'setup.sh'
+        prefix = self._underlay.prefix or self._venv.path
+        setup = self._venv.local_setup if self._underlay.is_wheels else prefix / 'setup.sh'
         text = f'. {shlex.quote(str(setup))}\n'
+        if (prefix / 'lib' / 'libfastdds.so').exists():  # as in flexbt_common/discovery.py
+            text += '_flexbt_fastdds=3\n'
         if self._underlay.is_wheels:
             text += f'export COLCON_DEFAULTS_FILE={shlex.quote(str(self._venv.colcon_defaults))}\n'
         file = self._layout.install / 'flexbt_underlay.sh'

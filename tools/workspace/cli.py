@@ -17,6 +17,7 @@ from workspace import bench, lint, prerequisites, test_run
 from workspace.errors import WorkspaceError, of_system
 from workspace.layout import Layout, remove
 from workspace.terminal import report
+from workspace.underlay import with_spaces
 from workspace.workspace import Workspace
 
 _INTERRUPTED = 130
@@ -43,6 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
             signal.signal(number, _interrupt)
     try:
+        layout = with_spaces(layout, os.environ)
         if options.command == 'clean':
             return _clean(layout, everything=options.all)
         workspace = _set_up(layout)

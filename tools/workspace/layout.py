@@ -39,9 +39,10 @@ class Package:
 
 @dataclass(frozen=True)
 class Layout:
-    """The directories of the workspace at `root`."""
+    """The directories of the workspace at `root`. What it makes itself is below `spaces`, by default at the root."""
 
     root: Path
+    spaces: str = ''
 
     @classmethod
     def of_this_file(cls) -> Layout:
@@ -58,23 +59,23 @@ class Layout:
 
     @property
     def venv(self) -> Path:
-        return self.root / '.venv'
+        return self.root / self.spaces / '.venv'
 
     @property
     def build(self) -> Path:
-        return self.root / 'build'
+        return self.root / self.spaces / 'build'
 
     @property
     def install(self) -> Path:
-        return self.root / 'install'
+        return self.root / self.spaces / 'install'
 
     @property
     def log(self) -> Path:
-        return self.root / 'log'
+        return self.root / self.spaces / 'log'
 
     @property
     def out(self) -> Path:
-        return self.root / 'out'
+        return self.root / self.spaces / 'out'
 
     @property
     def benchmarks(self) -> Path:

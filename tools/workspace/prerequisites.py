@@ -19,7 +19,7 @@ from pathlib import Path
 from workspace.errors import WorkspaceError, write_remedy
 from workspace.installer import bundled_pip
 from workspace.layout import STAMP, Layout
-from workspace.underlay import DISTRIBUTION, Underlay
+from workspace.underlay import Underlay
 
 SPACE_OF_WHEELS = 1_000_000_000  # bytes: virtual environment 0.6 GB, the downloads
 SPACE_OF_PIP = 300_000_000  # bytes of temporary files, at most 0.15 GB
@@ -76,7 +76,9 @@ def _missing(underlay: Underlay, layout: Layout, environment: Mapping[str, str])
     if not os.access(layout.root, os.W_OK | os.X_OK):
         yield Missing(f'the permission to write to {layout.root}', write_remedy(layout.root))
     yield from _missing_space(underlay, layout)
-    yield from _missing_for_wheels() if underlay.is_wheels else _missing_for_installation(environment)
+    yield from (
+        _missing_for_wheels(underlay.distribution) if underlay.is_wheels else _missing_for_installation(environment)
+    )
 
 
 def _missing_space(underlay: Underlay, layout: Layout) -> Iterator[Missing]:
@@ -96,9 +98,9 @@ def _missing_space(underlay: Underlay, layout: Layout) -> Iterator[Missing]:
             )
 
 
-def _missing_for_wheels() -> Iterator[Missing]:
+def _missing_for_wheels(distribution: str) -> Iterator[Missing]:
     machine, (libc, libc_version) = platform.machine(), platform.libc_ver()
-    own_ros = f'install ROS 2 {DISTRIBUTION} and source its setup.bash; then the wheels are not needed'
+    own_ros = f'install ROS 2 {distribution} and source its setup.bash; then the wheels are not needed'
     if sys.platform != 'linux' or machine != 'x86_64':
         yield Missing(f'ROS 2 wheels: there are none for {sys.platform} on {machine} (only Linux on x86_64)', own_ros)
     elif libc != 'glibc' or _numbers(libc_version) < OLDEST_GLIBC:

@@ -19,7 +19,6 @@ from workspace.terminal import Step, last_line, run_logged, step
 
 _CMAKE_REQUIREMENTS = 'requirements-cmake.txt'
 _UV_REQUIREMENT = 'requirements-uv.txt'
-_LOCK = 'lock.txt'
 _BASE_PYTHON = Path(getattr(sys, '_base_executable', None) or sys.executable)  # workspace.sh has looked for it
 
 # Sourced by colcon's scripts as the set-up of a prefix, and by tools/env.sh. POSIX sh, bash and zsh.
@@ -42,7 +41,7 @@ _flexbt_prepend LD_LIBRARY_PATH "$_flexbt_prefix/lib"
 _flexbt_prepend PATH "$_flexbt_prefix/bin"
 # The library path is complete: the wheels need not start every Python a second time to set it.
 export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
-export ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 RMW_IMPLEMENTATION=rmw_fastrtps_cpp
+export ROS_DISTRO={distribution} ROS_VERSION=2 ROS_PYTHON_VERSION=3 RMW_IMPLEMENTATION=rmw_fastrtps_cpp
 unset _flexbt_prefix _flexbt_value _flexbt_value_of_loop
 unset -f _flexbt_prepend
 """
@@ -51,9 +50,11 @@ unset -f _flexbt_prepend
 class VirtualEnvironment:
     """The virtual environment of the workspace. `ensure` makes it, completes it, or leaves it as it is."""
 
-    def __init__(self, layout: Layout, environment: Mapping[str, str]) -> None:
+    def __init__(self, layout: Layout, distribution: str, environment: Mapping[str, str]) -> None:
         """`environment` is the clean one, see underlay.clean_environment."""
         self._layout = layout
+        self._distribution = distribution
+        self._locks = ['lock.txt', f'lock-{distribution}.txt']
         self._environment = environment
         self.path = layout.venv
         self.python = self.path / 'bin' / 'python'
@@ -103,7 +104,7 @@ class VirtualEnvironment:
         return (self.path / 'bin' / 'cmake').exists() or not suitable_cmake(self._environment)
 
     def _requirement_files(self) -> list[Path]:
-        return [self._layout.tools / name for name in (_LOCK, _CMAKE_REQUIREMENTS, _UV_REQUIREMENT)]
+        return [self._layout.tools / name for name in (*self._locks, _CMAKE_REQUIREMENTS, _UV_REQUIREMENT)]
 
     def _usable(self) -> bool:
         """Return whether what is there can be completed: of the right Python, and at this place."""
@@ -130,7 +131,7 @@ class VirtualEnvironment:
         shown.outcome = f'made with Python {sys.version_info.major}.{sys.version_info.minor}.{sys.version_info.micro}'
 
     def _install(self, lock: int) -> None:
-        names = [_LOCK, *((_CMAKE_REQUIREMENTS,) if self._brings_cmake() else ())]
+        names = [*self._locks, *((_CMAKE_REQUIREMENTS,) if self._brings_cmake() else ())]
         tools = self._layout.tools
         before, installed_before = read_stamp(self._stamp), self._installed()
         self._stamp.unlink(missing_ok=True)
@@ -172,7 +173,7 @@ class VirtualEnvironment:
 
     def _write_setup_files(self) -> None:
         """Write the files by which colcon chains the environment into install/setup.*, and the defaults of colcon."""
-        text = _LOCAL_SETUP.format(prefix=shlex.quote(str(self.path)))
+        text = _LOCAL_SETUP.format(prefix=shlex.quote(str(self.path)), distribution=self._distribution)
         for shell in ('sh', 'bash', 'zsh'):
             (self.path / f'local_setup.{shell}').write_text(text, encoding='utf-8')
             (self.path / f'setup.{shell}').write_text(f'. {shlex.quote(str(self.local_setup))}\n', encoding='utf-8')

@@ -42,7 +42,7 @@ class Workspace:
         self.layout = layout
         self.underlay = detect(environment, layout)
         self.clean_environment = clean_environment(environment, self.underlay, layout)
-        self.venv = VirtualEnvironment(layout, self.clean_environment)
+        self.venv = VirtualEnvironment(layout, self.underlay.distribution, self.clean_environment)
         self._build = Build(layout, self.underlay, self.venv, self.clean_environment)
 
     def is_installed(self) -> bool:

@@ -45,6 +45,7 @@ from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallba
 from rclpy.exceptions import InvalidHandle
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
+from flexbt_common.discovery import PROFILE
 from flexbt_common.middleware.fastdds import FAST_DDS
 from flexbt_common.middleware.implementation import implementation, warn_of_losses
 from flexbt_common.middleware.received_messages import (
@@ -126,7 +127,7 @@ def has_liveliness_protocol() -> bool:
     """Return whether the middleware of this process reports liveliness; Fast DDS of a console on a radio does not."""
     if implementation() != FAST_DDS:
         return True
-    file = Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))
+    file = Path(os.environ.get(PROFILE, ''))
     return not (file.is_file() and '<use_WriterLivelinessProtocol>false<' in file.read_text(errors='replace'))
 
 
@@ -137,10 +138,10 @@ def _check_profile() -> None:
         RuntimeError: the profile in use turns off the protocol that reports liveliness.
     """
     if not has_liveliness_protocol():
-        file = os.environ['FASTRTPS_DEFAULT_PROFILES_FILE']
+        file = os.environ[PROFILE]
         raise RuntimeError(
             f'{file} turns the liveliness protocol off, which the nodes of a robot need; '
-            'set FASTRTPS_DEFAULT_PROFILES_FILE to another profile (radio_robot.xml beside radio_console.xml)'
+            f'set {PROFILE} to another profile (radio_robot.xml beside radio_console.xml)'
         )
 
 

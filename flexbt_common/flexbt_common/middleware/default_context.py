@@ -66,8 +66,13 @@ class DefaultContext:
 
     def shut_down(self) -> None:
         """End loops over ``rclpy.ok()`` and threads that spin. No effect if other code opened the context."""
-        if self._opened is rclpy.get_default_context():
-            rclpy.try_shutdown()
+        context = self._opened
+        if context is None or context is not rclpy.get_default_context():
+            return
+        if hasattr(context, 'untrack_node'):  # or it would destroy its nodes now, under the threads that spin (rclpy 9)
+            for node in _nodes_in(context):
+                context.untrack_node(node)
+        rclpy.try_shutdown()
 
     def close(self) -> None:
         """Shut the context down and destroy its remaining nodes."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ctypes
 import os
 import threading
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -14,6 +15,7 @@ from xml.etree import ElementTree
 from rclpy.node import Node
 from rclpy.utilities import get_rmw_implementation_identifier
 
+from flexbt_common.discovery import PROFILE
 from flexbt_core.values.text_files import open_regular
 
 
@@ -43,7 +45,12 @@ def loaded_function(library: str, name: str, result: Any, *arguments: Any, is_sh
 CALLBACK_SECONDS: Final = 1
 
 FAST_DDS: Final = 'rmw_fastrtps_cpp'
-_FASTDDS_LIBRARY: Final = 'libfastrtps.so.2.14'
+_IGNORE: Final = {
+    f'lib{name}': f'_ZN8eprosima7fastdds3dds17DomainParticipant18ignore_participantERK{scope}4rtps16InstanceHandle_tE'
+    for name, scope in (('fastrtps.so.2.14', 'NS_8fastrtps'), ('fastdds.so.3.2', 'NS0_'))
+}
+"""Libraries of the known versions of Fast DDS (of ROS 2 Jazzy and Kilted), with the name of ignore_participant."""
+
 _RETCODE_OK: Final = 0
 _GET_PARTICIPANT: Final = '_ZN16rmw_fastrtps_cpp22get_domain_participantEP10rmw_node_s'
 _SET_LISTENER: Final = (
@@ -62,18 +69,27 @@ def end_callbacks(node: Node) -> None:
     if participant is None:
         return
     set_listener = loaded_function(
-        _FASTDDS_LIBRARY, _SET_LISTENER, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long
+        loaded_library(), _SET_LISTENER, ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long
     )
     if set_listener(participant, None, CALLBACK_SECONDS) != _RETCODE_OK:
         node.get_logger().warning(f'a callback of the middleware did not end within {CALLBACK_SECONDS} s')
 
 
+def loaded_library() -> str:
+    """Return the name of the library of Fast DDS that is loaded. Raises OSError if it is not of a known version."""
+    for name in _IGNORE:
+        with suppress(OSError):
+            ctypes.CDLL(name, mode=os.RTLD_NOLOAD)
+            return name
+    raise OSError(f'none of {", ".join(_IGNORE)} is loaded')
+
+
 def participant_address(node: Node) -> int | None:
-    """Return the address of the DomainParticipant of a node, or None if it is not one of Fast DDS 2.14."""
+    """Return the address of the DomainParticipant of a node, or None if it is not one of a known Fast DDS."""
     if get_rmw_implementation_identifier() != FAST_DDS:
         return None
     try:
-        loaded_function(_FASTDDS_LIBRARY, _SET_LISTENER, ctypes.c_int)
+        loaded_function(loaded_library(), _SET_LISTENER, ctypes.c_int)
         get_rmw_node = loaded_function('librcl.so', 'rcl_node_get_rmw_handle', ctypes.c_void_p, ctypes.c_void_p)
         get_participant = loaded_function(f'lib{FAST_DDS}.so', _GET_PARTICIPANT, ctypes.c_void_p, ctypes.c_void_p)
     except (OSError, AttributeError):
@@ -88,22 +104,24 @@ def participant_address(node: Node) -> int | None:
 # Unwanted messages would still cost a node memory: the middleware assembles large messages and keeps them until they
 # are taken. (DDS has ``ignore_participant`` for this, DDS 1.4, 2.2.2.2.1.14; rmw does not offer it.)
 
-_IGNORE: Final = (
-    '_ZN8eprosima7fastdds3dds17DomainParticipant18ignore_participantERKNS_8fastrtps4rtps16InstanceHandle_tE'
-)
 _PREFIX_SIZE: Final = 12
 _PARTICIPANT_ENTITY: Final = b'\x00\x00\x01\xc1'  # ENTITYID_PARTICIPANT (DDSI-RTPS 9.3.1.3)
 
 
 def can_ignore() -> bool:
-    """Return whether the middleware of this process is Fast DDS 2.14, which can ignore a participant."""
+    """Return whether the middleware of this process is a known version of Fast DDS, which can ignore a participant."""
     if get_rmw_implementation_identifier() != FAST_DDS:
         return False
     try:
-        loaded_function(_FASTDDS_LIBRARY, _IGNORE, ctypes.c_int)
+        _ignore_function()
     except (OSError, AttributeError):
         return False
     return True
+
+
+def _ignore_function() -> Any:
+    library = loaded_library()
+    return loaded_function(library, _IGNORE[library], ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(_InstanceHandle))
 
 
 class _InstanceHandle(ctypes.Structure):
@@ -113,15 +131,13 @@ class _InstanceHandle(ctypes.Structure):
 def ignore_participant(node: Node, participant: bytes) -> bool:
     """Ignore a participant (see :class:`Received`) permanently, on all topics of the process of ``node``.
 
-    Return False, without an effect, if the middleware is not Fast DDS 2.14.
+    Return False, without an effect, if the middleware is not a known version of Fast DDS.
     """
     own = participant_address(node)
     if own is None or len(participant) != _PREFIX_SIZE:
         return False
     try:
-        ignore = loaded_function(
-            _FASTDDS_LIBRARY, _IGNORE, ctypes.c_int, ctypes.c_void_p, ctypes.POINTER(_InstanceHandle)
-        )
+        ignore = _ignore_function()
     except (OSError, AttributeError):
         return False
     value = (ctypes.c_uint8 * 16)(*participant, *_PARTICIPANT_ENTITY)
@@ -131,7 +147,7 @@ def ignore_participant(node: Node, participant: bytes) -> bool:
 def ignore_each_other(first: Node, second: Node) -> None:
     """Prevent two nodes of different processes or contexts from discovering each other: neither sees the other in the
     graph, or receives its messages. Call this before the nodes have many entities. No effect if the middleware is not
-    Fast DDS 2.14."""
+    a known version of Fast DDS."""
     for node, other in ((first, second), (second, first)):
         ignore_participant(node, _prefix_of(other))
 
@@ -166,7 +182,7 @@ _lock: Final = threading.Lock()
 def release_large_messages() -> None:
     """Make the process return the memory of received messages. Call this before the first node is created.
 
-    The profile in FASTRTPS_DEFAULT_PROFILES_FILE decides once for the process, if it :func:`is_dynamic`; Fast DDS also
+    The profile in the variable PROFILE decides once for the process, if it :func:`is_dynamic`; Fast DDS also
     reads it only once.
     """
     with _lock:
@@ -179,7 +195,7 @@ def _decide() -> None:
     mallopt = getattr(libc, 'mallopt', None)  # of glibc
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, _LARGE)
-    if _HEEDS not in os.environ and is_dynamic(Path(os.environ.get('FASTRTPS_DEFAULT_PROFILES_FILE', ''))):
+    if _HEEDS not in os.environ and is_dynamic(Path(os.environ.get(PROFILE, ''))):
         # The variable stays: each participant reads it, and other threads may read the environment meanwhile.
         # It is not in os.environ, so that child processes with another profile do not inherit it.
         libc.setenv(_HEEDS.encode(), b'1', 0)

@@ -27,7 +27,7 @@ def has_participants() -> bool:
 
 
 def losses() -> Iterator[str]:
-    """Yield what is weaker than with Fast DDS 2.14."""
+    """Yield what is weaker than with a known version of Fast DDS."""
     if implementation() not in _TESTED:
         yield 'FlexBT has not been tested with it'
     if not can_ignore():

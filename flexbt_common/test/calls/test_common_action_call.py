@@ -17,6 +17,7 @@ from nav2_msgs.action import Spin, Wait
 from rclpy.action import ActionServer, CancelResponse
 from unique_identifier_msgs.msg import UUID
 
+from flexbt_common import discovery
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, ActionServerLink, GoalOutcome, GoalStatus
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
 from flexbt_common.middleware.fastdds import FAST_DDS
@@ -530,7 +531,7 @@ def test_where_the_middleware_tells_no_liveliness_servers_are_judged_by_the_grap
     profile.write_text('<use_WriterLivelinessProtocol>false</use_WriterLivelinessProtocol>')
     children.append(start_child('token'))
     with monkeypatch.context() as patch:
-        patch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+        patch.setenv(discovery.PROFILE, str(profile))
         link = ActionLinks(client).link(Wait, 'wait')
         done, accepted = Done(), threading.Event()
         one = call(link, done, on_accepted=accepted.set)

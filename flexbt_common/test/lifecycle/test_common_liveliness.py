@@ -13,12 +13,11 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-from ament_index_python.packages import get_package_share_directory
 
+from flexbt_common import discovery
 from flexbt_common.lifecycle import liveliness
 from flexbt_common.lifecycle.liveliness import (
     LEASE_SECONDS,
@@ -446,12 +445,11 @@ def test_a_process_that_went_on_is_ready_again_and_one_in_its_place_is_not() -> 
 @pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 def test_a_profile_for_consoles_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a liveliness protocol, the middleware would crash."""
-    profiles = Path(get_package_share_directory('flexbt_common')) / 'config'
     with NodeRuntime.open('here') as here:
-        monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profiles / 'radio_console.xml'))
+        monkeypatch.setenv(discovery.PROFILE, str(discovery.profile('radio_console')))
         with pytest.raises(RuntimeError, match=r'radio_robot\.xml'):
             LivelinessToken(here)
-        monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profiles / 'radio_robot.xml'))
+        monkeypatch.setenv(discovery.PROFILE, str(discovery.profile('radio_robot')))
         LivelinessToken(here)
 
 

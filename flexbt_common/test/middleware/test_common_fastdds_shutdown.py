@@ -12,7 +12,7 @@ import pytest
 from flexbt_common.middleware import fastdds
 from flexbt_common.runtime.node_runtime import NodeRuntime
 
-WHEEL = list(distributions(name='ros-fastrtps'))
+WHEEL = [*distributions(name='ros-fastrtps'), *distributions(name='ros-fastdds')]
 GET_LISTENER = '_ZNK8eprosima7fastdds3dds17DomainParticipant12get_listenerEv'
 
 
@@ -23,7 +23,7 @@ def test_the_listener_of_a_participant_is_taken_off_before_it_is_destroyed(monke
     with NodeRuntime.open('ending') as runtime:
         participant = fastdds.participant_address(runtime.node)
         assert participant is not None
-        get_listener = ctypes.CDLL('libfastrtps.so.2.14', mode=os.RTLD_NOLOAD)[GET_LISTENER]
+        get_listener = ctypes.CDLL(fastdds.loaded_library(), mode=os.RTLD_NOLOAD)[GET_LISTENER]
         get_listener.argtypes, get_listener.restype = [ctypes.c_void_p], ctypes.c_void_p
         listeners.append(get_listener(participant))
         destroy = runtime.node.destroy_node

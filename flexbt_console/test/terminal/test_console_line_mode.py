@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from flexbt_common import discovery
 from flexbt_common.command_line import restored_signals
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.commands.command_line import parse
@@ -200,7 +201,7 @@ def test_what_the_middleware_prints_is_no_part_of_an_answer(tmp_path: Path, monk
     """Fast DDS writes its errors to standard output: here, that it does not know an element of its profile."""
     profile = tmp_path / 'profile.xml'
     profile.write_text('<dds><profiles><participant profile_name="x"><unknown/></participant></profiles></dds>')
-    monkeypatch.setenv('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+    monkeypatch.setenv(discovery.PROFILE, str(profile))
     done = console('status', '--json', namespace='nobody', timeout='0.5')
     assert json.loads(done.stdout)['exit_code'] == done.returncode == ExitCode.NO_LINK
     assert 'Error' in done.stderr or os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp') != 'rmw_fastrtps_cpp'

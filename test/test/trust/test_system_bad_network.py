@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import pytest
-from ament_index_python.packages import get_package_share_directory
 
+from flexbt_common import discovery
 from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
 from flexbt_console.mirror.freshness import LIVE_PERIODS, LOST_SECONDS, LinkState
 from flexbt_console.mirror.records import AutonomyLevel, ExecutiveSnapshot, ExecutiveState
@@ -150,8 +150,7 @@ class Scene:
 
 def middleware(side: str) -> dict[str, str]:
     """Return the settings of one end of the link."""
-    profile = Path(get_package_share_directory('flexbt_common')) / 'config' / f'radio_{side}.xml'
-    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', 'FASTRTPS_DEFAULT_PROFILES_FILE': str(profile)}
+    return {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', discovery.PROFILE: str(discovery.profile(f'radio_{side}'))}
 
 
 def gist(snapshot: ExecutiveSnapshot) -> tuple[Any, ...]:

@@ -26,8 +26,10 @@ from workspace.errors import CommandError, WorkspaceError  # noqa: E402
 from workspace.installer import Installer, bundled_pip, cache_variables, progress_of_uv, uv_variables  # noqa: E402
 from workspace.layout import Layout, Package  # noqa: E402
 from workspace.terminal import run_logged, step  # noqa: E402
+from workspace.underlay import WHEELS, with_spaces  # noqa: E402
 from workspace.workspace import Workspace  # noqa: E402
 
+LAYOUT = with_spaces(Layout(ROOT), os.environ)
 BARE = {'PATH': os.defpath, 'PIP_CONFIG_FILE': os.devnull}
 
 
@@ -96,12 +98,15 @@ def pins(file: str) -> dict[str, str]:
     return {re.sub(r'[-_.]+', '-', name).lower(): version for name, version in found}
 
 
-def test_the_lock_has_what_is_required_at_its_version_and_hashes_of_all() -> None:
-    locked = pins('lock.txt')
-    for file in ('requirements.txt', 'requirements-ros.txt', 'requirements-dev.txt'):
+@pytest.mark.parametrize('distribution', WHEELS)
+def test_the_locks_have_what_is_required_at_its_version_and_hashes_of_all(distribution: str) -> None:
+    locks = ('lock.txt', f'lock-{distribution}.txt')
+    general, of_ros = map(pins, locks)
+    assert {name: general[name] for name in general.keys() & of_ros.keys()}.items() <= of_ros.items()
+    for file in ('requirements.txt', f'requirements-{distribution}.txt', 'requirements-dev.txt'):
         required = pins(file)
-        assert required and required.items() <= locked.items(), file
-    for file in ('lock.txt', 'requirements-uv.txt', 'requirements-cmake.txt'):
+        assert required and required.items() <= (general | of_ros).items(), file
+    for file in (*locks, 'requirements-uv.txt', 'requirements-cmake.txt'):
         _, *entries = re.split(r'^(?=[A-Za-z0-9])', (ROOT / 'tools' / file).read_text(encoding='utf-8'), flags=re.M)
         assert [entry for entry in entries if '--hash=sha256:' not in entry] == []
 
@@ -181,7 +186,7 @@ def test_a_full_disk_is_named(tmp_path: Path) -> None:
 def generator_arguments(tmp_path: Path) -> Iterator[Path]:
     """Yield what CMake gave to the Python generator, for one of the interfaces, with another place for what is
     generated."""
-    file = ROOT / 'build' / 'flexbt_msgs' / 'rosidl_generator_py__arguments.json'
+    file = LAYOUT.build / 'flexbt_msgs' / 'rosidl_generator_py__arguments.json'
     if not file.exists():
         pytest.skip('flexbt_msgs was not built here')
     arguments = json.loads(file.read_text(encoding='utf-8'))
@@ -221,7 +226,7 @@ def test_generators_that_work_once_generate_the_same(generator_arguments: Path) 
 
 def test_what_is_generated_is_installed_by_copies() -> None:
     """Links cost 20 ms a file, a third of a set-up, as ament makes each of them by a program of its own."""
-    build = ROOT / 'build' / 'flexbt_msgs'
+    build = LAYOUT.build / 'flexbt_msgs'
     if not build.exists() or 'CMAKE_PROJECT_INCLUDE' not in (build / 'CMakeCache.txt').read_text(encoding='utf-8'):
         pytest.skip('flexbt_msgs was not built on the wheels')
     assert 'symlink' not in (build / 'cmake_install.cmake').read_text(encoding='utf-8')

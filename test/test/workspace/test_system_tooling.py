@@ -12,6 +12,14 @@ import pytest
 
 ROOT = Path(__file__).parents[3]
 TIMEOUT_S = 60
+
+sys.path.append(str(ROOT / 'tools'))
+from workspace.layout import Layout  # noqa: E402
+from workspace.underlay import DISTRIBUTIONS, WHEELS, with_spaces  # noqa: E402
+
+CHOICE = {name: value for name, value in os.environ.items() if name == 'ROS_WHEELS'}
+LAYOUT = with_spaces(Layout(ROOT), CHOICE)
+IS_BUILT = (LAYOUT.install / 'flexbt_underlay.sh').exists()
 PYTHON = Path(sys.base_prefix) / 'bin' / f'python3.{sys.version_info.minor}'
 
 
@@ -60,6 +68,14 @@ def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path, 'clone')
 
 
+def sourced(machine: Machine, distribution: str) -> Path:
+    """Return the prefix of an installation of ROS that has nothing but the manifest of rclpy."""
+    prefix = machine.clone.parent / distribution
+    (prefix / 'share' / 'rclpy').mkdir(parents=True)
+    (prefix / 'share' / 'rclpy' / 'package.xml').touch()
+    return prefix
+
+
 def test_no_compiler(machine: Machine) -> None:
     (machine.bin / 'g++').unlink()
     text = machine.refusal()
@@ -70,7 +86,7 @@ def test_no_compiler(machine: Machine) -> None:
 def test_a_python_of_another_version(machine: Machine) -> None:
     fake = machine.install_script('python3.9', 'if [ "$1" = -V ]; then echo Python 3.9.18; else exit 1; fi')
     text = machine.refusal(PYTHON=str(fake))
-    assert f'PYTHON={fake} is not a Python 3.11 or 3.12: Python 3.9.18' in text
+    assert f'PYTHON={fake} is not a Python 3.11 to 3.12: Python 3.9.18' in text
     assert 'remedy:' in text
 
 
@@ -80,12 +96,33 @@ def test_another_ros_distribution(machine: Machine) -> None:
     assert '/opt/ros/jazzy/setup.bash' in text
 
 
-def test_an_installation_of_ros_without_colcon_and_cmake(machine: Machine) -> None:
-    prefix = machine.clone.parent / 'jazzy'
-    (prefix / 'share' / 'rclpy').mkdir(parents=True)
-    (prefix / 'share' / 'rclpy' / 'package.xml').touch()
-    text = machine.refusal(ROS_DISTRO='jazzy', AMENT_PREFIX_PATH=str(prefix))
-    assert f'set-up on ROS 2 Jazzy in {prefix}' in text
+def test_wheels_that_there_are_not(machine: Machine) -> None:
+    text = machine.refusal(ROS_WHEELS='humble')
+    assert 'ROS_WHEELS=humble: there are no wheels of that ROS 2 distribution; known: jazzy, kilted' in text
+    assert 'remedy:' in text
+
+
+def test_wheels_that_are_named_come_before_what_is_sourced_and_have_a_place_of_their_own(machine: Machine) -> None:
+    (machine.bin / 'g++').unlink()
+    text = machine.refusal(ROS_WHEELS='kilted', ROS_DISTRO='jazzy', AMENT_PREFIX_PATH=str(sourced(machine, 'jazzy')))
+    assert 'set-up on ROS 2 Kilted from PyPI wheels' in text
+    assert not (machine.clone / '.kilted').exists()
+    layouts = [with_spaces(Layout(machine.clone), {'ROS_WHEELS': name}) for name in WHEELS]
+    assert layouts[0] == Layout(machine.clone)
+    for place in ('venv', 'build', 'install', 'log'):
+        assert len({getattr(layout, place) for layout in layouts}) == len(WHEELS)
+    shell = ['sh', '-c', '. tools/env.sh']
+    ended = subprocess.run(
+        shell, cwd=machine.clone, env={'PATH': os.defpath, 'ROS_WHEELS': 'kilted'}, capture_output=True, text=True
+    )
+    assert "run 'make setup ROS_WHEELS=kilted'" in ended.stderr
+
+
+@pytest.mark.parametrize('distribution', DISTRIBUTIONS)
+def test_an_installation_of_ros_without_colcon_and_cmake(machine: Machine, distribution: str) -> None:
+    prefix = sourced(machine, distribution)
+    text = machine.refusal(ROS_DISTRO=distribution, AMENT_PREFIX_PATH=str(prefix))
+    assert f'set-up on ROS 2 {distribution.capitalize()} in {prefix}' in text
     assert 'the program colcon' in text
     assert 'sudo apt-get install cmake python3-colcon-common-extensions' in text
 
@@ -111,7 +148,7 @@ def test_two_at_a_time_wait_for_each_other(machine: Machine) -> None:
     assert process.returncode == 0
 
 
-@pytest.mark.skipif(not (ROOT / 'install' / 'flexbt_underlay.sh').exists(), reason='built by colcon alone')
+@pytest.mark.skipif(not IS_BUILT, reason='built by colcon alone')
 @pytest.mark.parametrize('shell', ['bash', 'dash', 'zsh'])
 def test_the_environment_in_a_strict_shell(shell: str, tmp_path: Path) -> None:
     """Sourced from elsewhere, twice, under `set -eu`; a plain sh has to be told where the workspace is."""
@@ -120,7 +157,7 @@ def test_the_environment_in_a_strict_shell(shell: str, tmp_path: Path) -> None:
         pytest.skip(f'{shell} is not installed')
     source = '. "$0/tools/env.sh"'
     script = f'{source}; before=$PATH; {source}; test "$before" = "$PATH"; set -o | grep nounset; command -v bt_server'
-    environment = {'HOME': str(tmp_path), 'PATH': os.defpath}
+    environment = {'HOME': str(tmp_path), 'PATH': os.defpath, **CHOICE}
     if shell == 'dash':
         environment['FLEXBT_ROOT'] = str(ROOT)
     ended = subprocess.run(
@@ -134,17 +171,17 @@ def test_the_environment_in_a_strict_shell(shell: str, tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     nounset, executable = ended.stdout.splitlines()
     assert nounset.split()[-1] == 'on'
-    assert executable == f'{ROOT}/install/flexbt_server/lib/flexbt_server/bt_server'
+    assert executable == f'{LAYOUT.install}/flexbt_server/lib/flexbt_server/bt_server'
 
 
-@pytest.mark.skipif(not (ROOT / 'install' / 'flexbt_underlay.sh').exists(), reason='built by colcon alone')
+@pytest.mark.skipif(not IS_BUILT, reason='built by colcon alone')
 @pytest.mark.skipif(os.geteuid() != 0, reason='only root can mount')
 def test_logs_of_ros_have_a_place_where_neither_workspace_nor_home_can_be_written(tmp_path: Path) -> None:
     script = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && . "$0/tools/env.sh" && echo "$ROS_LOG_DIR"'
     ended = subprocess.run(
         ['unshare', '--mount', 'bash', '-c', script, ROOT],
         cwd=tmp_path,
-        env={'HOME': '/nowhere', 'PATH': os.defpath, 'TMPDIR': str(tmp_path)},
+        env={'HOME': '/nowhere', 'PATH': os.defpath, 'TMPDIR': str(tmp_path), **CHOICE},
         capture_output=True,
         text=True,
         timeout=TIMEOUT_S,
@@ -171,7 +208,7 @@ STATES_PACKAGE = """<?xml version="1.0"?>
 """
 
 
-@pytest.mark.skipif(not (ROOT / 'install' / 'flexbt_underlay.sh').exists(), reason='built by colcon alone')
+@pytest.mark.skipif(not IS_BUILT, reason='built by colcon alone')
 def test_a_package_for_flexbe_that_asks_for_rclcpp_is_built_on_the_wheels(tmp_path: Path) -> None:
     source = tmp_path / 'src' / 'some_flexbe_states'
     (source / 'some_flexbe_states').mkdir(parents=True)
@@ -181,7 +218,7 @@ def test_a_package_for_flexbe_that_asks_for_rclcpp_is_built_on_the_wheels(tmp_pa
     ended = subprocess.run(
         ['bash', '-c', '. "$0/tools/env.sh" && colcon build', ROOT],
         cwd=tmp_path,
-        env={'HOME': str(tmp_path), 'PATH': os.defpath},
+        env={'HOME': str(tmp_path), 'PATH': os.defpath, **CHOICE},
         capture_output=True,
         text=True,
         timeout=TIMEOUT_S,
