@@ -3,7 +3,7 @@
 
     python3 tools/release.py 0.1.0 --maintainer 'Ann Example <ann@example.org>' --url https://forge.example/flexbt
 
-The steps before and after are in CONTRIBUTING.md. `catkin_prepare_release` sets the version, commits and tags.
+The steps before and after are in docs/releases.md. `catkin_prepare_release` sets the version, commits and tags.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def read_changelog(text: str) -> list[Release]:
         found = re.fullmatch(r'\[(\d+\.\d+\.\d+)] – (\S+)', title)
         if found is None:
             raise ValueError(
-                f"CHANGELOG.md: '## {title}' is no '## [VERSION] – DATE' and no '## [VERSION] – {UNRELEASED}'"
+                f"CHANGELOG.md: '## {title}' is not '## [VERSION] – DATE' or '## [VERSION] – {UNRELEASED}'"
             )
         items = []
         for section in re.split(r'^#{3,} ', body, flags=re.MULTILINE)[1:]:
@@ -121,7 +121,7 @@ def main() -> int:
     except ValueError as error:
         print(f'error: {error}', file=sys.stderr)
         return 1
-    print(f'Prepared {arguments.version}. Read `git diff`, then follow the section Releases of CONTRIBUTING.md.')
+    print(f'Prepared {arguments.version}. Read `git diff`, then follow docs/releases.md.')
     return 0
 
 
