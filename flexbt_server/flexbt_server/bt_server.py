@@ -22,6 +22,7 @@ from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN, run_managed_node
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_core.clock.work_thread import LateWork, WorkThread
+from flexbt_core.errors import FlexbtError
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_server.actions.data_servers import DataServers, LoadServer
 from flexbt_server.actions.execute_server import ControlServer, ExecuteServer
@@ -57,9 +58,17 @@ class BtServer:
         parameters = runtime.call(lambda: declare_parameters(runtime.node))
         logger = runtime.node.get_logger()
         runtime.default_context.open()
-        registry = node_registry(
-            lambda nodes, error: logger.error(f'{nodes} not added: {error!r}'), parameters.nav2_branch
-        )
+
+        def broken(nodes: str, error: Exception) -> None:
+            why = str(error) if isinstance(error, FlexbtError) else repr(error)
+            logger.error(f'{nodes} not added: {why}')
+
+        registry = node_registry(broken, parameters.nav2_branch)
+        self._plugins: list[RunWatcher] = []
+        if parameters.plugins:
+            from .cpp_nodes import PluginHosts  # its import takes time, and few servers need it
+
+            self._plugins.append(PluginHosts.of(runtime, parameters.plugins, registry, broken))
         allowed = (*parameters.allowed_directories, *parameters.navigators.trusted)
         topics = TopicCaches(runtime)
         store = TreeStore(
@@ -150,7 +159,7 @@ class BtServer:
         return self.goals.stop_all(f'the BT server {why}', within)
 
     def _watchers(self, runtime: Runtime, parameters: ServerParameters, types: JsonTypes) -> list[RunWatcher]:
-        watchers: list[RunWatcher] = []
+        watchers = [*self._plugins]
         if parameters.groot2_port:
             watchers.append(
                 Groot2Runs(runtime, parameters.groot2_port, parameters.groot2_address, parameters.groot2_tree, types)

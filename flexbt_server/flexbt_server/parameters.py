@@ -142,6 +142,13 @@ class ServerParameters:
         f'Nav2 branch of trees that do not show theirs: {", ".join(NAV2_BRANCHES)}',
         choices=NAV2_BRANCHES,
     )
+    plugins: tuple[str, ...] = parameter(
+        'plugins',
+        (),
+        'libraries of C++ nodes for BehaviorTree.CPP, or directories of them: an absolute path, package/path, or a '
+        'name for the dynamic loader, such as my_nodes for libmy_nodes.so; each entry runs in its own process',
+        is_fixed=True,
+    )
     tick_rate: float = parameter('tick_rate', 10.0, 'minimum tick rate when no event wakes the tree, Hz', 0.1, 1000.0)
     feedback_rate: float = parameter(
         'feedback_rate', 5.0, 'feedback rate of a running tree, Hz of wall time', 0.1, 100.0

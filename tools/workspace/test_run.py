@@ -42,6 +42,7 @@ SKIPPED_IN_CI = {
     "Nav2's map is not beside": 'the same',
     'nav2_simple_commander is not installed': 'there is no wheel of it',
     "'flexbe_msgs": 'there is no wheel of it',
+    'BehaviorTree.CPP is not installed': 'there is no wheel of the library with its headers',
     'data of BTPG is not here': 'the data of the peer are not a dependency',
     'examples of flexbe_synthesis are not at hand': 'the data of the peer are not a dependency',
     'FLEXBT_ACCELERATION=0': 'a variant without what the test is about',
