@@ -65,6 +65,8 @@ BUFFER: Final = 4_194_304
 """Receive buffer of the network that large messages need, bytes."""
 MOST_OFFSET: Final = 0.5
 """Largest difference between the clocks of two computers, s."""
+PATIENCE: Final = 3.0
+"""Time for an answer after which a node counts as hanging, s."""
 OLD_TRANSFORM: Final = 2.0
 """Age at which the newest transform of the robot is too old, s."""
 ROUTER: Final = '127.0.0.1', 7447
@@ -258,7 +260,7 @@ class RobotCheck:
         if not self._graph.nodes:
             return
         yield from self._nodes()
-        simulated = parameters(self._runtime, self._asked(), 'use_sim_time', 1.0)
+        simulated = parameters(self._runtime, self._asked(), 'use_sim_time', PATIENCE)
         yield from self._clocks(simulated)
         self._read_settings()
         transforms = list(self._transforms(listener, any(simulated.values())))
@@ -276,7 +278,7 @@ class RobotCheck:
             return
 
         def setting(name: str, default: str) -> str:
-            return str(parameters(self._runtime, [executive], name, 1.0).get(executive, default))
+            return str(parameters(self._runtime, [executive], name, PATIENCE).get(executive, default))
 
         self._frames = setting('global_frame', self._frames[0]), setting('robot_base_frame', self._frames[1])
         self._pose_topic = setting('pose_topic', self._pose_topic)
@@ -317,7 +319,7 @@ class RobotCheck:
             if f'{full}/get_state' not in self._graph.services:
                 yield ok('nodes', f'{full} runs')
                 continue
-            outcome = service_outcome(links.link(GetState, f'{full}/get_state'), GetState.Request(), 1.0)
+            outcome = service_outcome(links.link(GetState, f'{full}/get_state'), GetState.Request(), PATIENCE)
             if outcome.response is None:
                 yield error(
                     'nodes', f'{full} does not answer: {outcome.reason}', 'restart it; its log says why it hangs'

@@ -6,6 +6,7 @@ from __future__ import annotations
 import configparser
 import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -33,8 +34,9 @@ def run(directory: Path, command: list[str], script: str = '') -> subprocess.Com
     return subprocess.run(words, cwd=directory, capture_output=True, text=True, check=False, timeout=300, env=home)
 
 
-def test_its_tests_pass(workspace: Path) -> None:
-    tests = run(workspace, ['python3', '-m', 'pytest', '-q', f'src/{NAME}/test'], 'install/local_setup.sh')
+def test_its_tests_pass_without_executables_on_the_path(workspace: Path) -> None:
+    python = ['env', 'PATH=/usr/bin:/bin', sys.executable]  # as with ROS, where they are run by `ros2 run`
+    tests = run(workspace, [*python, '-m', 'pytest', '-q', f'src/{NAME}/test'], 'install/local_setup.sh')
     assert tests.returncode == 0, tests.stdout + tests.stderr
     assert '4 passed' in tests.stdout
 
@@ -42,10 +44,20 @@ def test_its_tests_pass(workspace: Path) -> None:
 def test_its_files_are_what_their_readers_expect(workspace: Path) -> None:
     package = workspace / 'src' / NAME
     unit = configparser.ConfigParser(strict=False, interpolation=None, comment_prefixes=('#',))
-    unit.read(package / 'deploy' / 'flexbt@.service')
+    unit.optionxform = str  # type: ignore[assignment,method-assign]  # keys are case-sensitive
+    deploy = package / 'deploy'
+    unit.read(deploy / 'flexbt@.service')
     assert unit['Service']['Restart'] == 'always'
-    services = yaml.safe_load((package / 'deploy' / 'compose.yaml').read_text())['services']
+    # Home directories are read-only for the unit: what goes below ~ by default needs a home that is not.
+    assert unit['Service']['Environment'] == f'HOME=/var/lib/{unit["Service"]["StateDirectory"]}'
+    services = yaml.safe_load((deploy / 'compose.yaml').read_text())['services']
     assert set(services) == {'bt_server', 'onboard_executive', 'stop_guard'}
+    for name, service in services.items():
+        context = (deploy / service['build']['context']).resolve()
+        assert (context / service['build']['dockerfile']).read_text() == (deploy / 'Dockerfile').read_text()
+        assert context == workspace, name  # the Dockerfile copies src
+        assert service['command'].endswith('robot.yaml'), name
+    assert run(workspace, ['world_tool', 'check', str(package / 'world.yaml')]).returncode == 0
     files = [file for file in package.rglob('*') if file.is_file() and '__pycache__' not in file.parts]
     left = [file for file in files if '@NAME@' in file.read_text()]
     assert left == []
