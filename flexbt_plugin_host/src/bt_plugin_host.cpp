@@ -15,7 +15,7 @@
 //     {"node": 1, "op": "halt"}
 //     {"status": "RUNNING", "out": {"port": value}}      or      {"error": text, "out": {...}}
 //
-// "create" comes with the first tick of a node; "ports" are the attributes of the XML. "in" has the ports whose
+// "create" comes with each tick until one did not fail; "ports" are the attributes of the XML. "in" has the ports whose
 // blackboard entries changed since the last tick; null: the entry is gone. Between answers, {"wake": true} asks for a
 // tick (emitWakeUpSignal). The nodes of a run are halted and destroyed when its socket is closed.
 
@@ -428,8 +428,8 @@ void serve(const BT::BehaviorTreeFactory & factory, const BT::Blackboard & commo
         const json request = json::parse(line);
         auto & node = nodes[request.at("node").get<int>()];
         try {
-          if (request.contains("create")) {
-            node = std::make_unique<HostedNode>(factory, request["create"], signal, common);
+          if (node == nullptr) {
+            node = std::make_unique<HostedNode>(factory, request.at("create"), signal, common);
           }
           if (request.at("op") == "halt") {
             node->halt();

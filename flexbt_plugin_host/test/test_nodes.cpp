@@ -206,7 +206,10 @@ public:
     }
   }
 
-  static BT::PortsList providedPorts() { return {BT::InputPort<std::string>("how"), BT::OutputPort<int>("done")}; }
+  static BT::PortsList providedPorts()
+  {
+    return {BT::InputPort<std::string>("how"), BT::OutputPort<int>("done"), BT::OutputPort<int>("late")};
+  }
 
 private:
   BT::NodeStatus onStart() override
@@ -228,6 +231,12 @@ private:
     if (how == "hang") {
       setOutput("done", 2);
       hang();
+    }
+    if (how[0] == '/') {  // take until there is this file
+      while (access(how.c_str(), F_OK) != 0) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      }
+      setOutput("late", 1);
     }
     return how == "idle" ? BT::NodeStatus::IDLE : BT::NodeStatus::RUNNING;
   }

@@ -112,7 +112,7 @@ class _Process:
         except OSError:  # the end is reported below
             pass
         except (ValueError, TypeError, LookupError, RecursionError) as error:
-            self.kill(f'sent what is no introduction: {one_line(str(error), 200)}')
+            self.kill(f'sent an invalid introduction: {one_line(str(error), 200)}')
         raise PluginHostError(f'{self.why_ended()}, while it loaded {loading}')
 
     @property
@@ -318,7 +318,7 @@ class Session:
         except OSError:  # the host, or the run, has ended
             pass
         except (ValueError, TypeError, LookupError, RecursionError) as error:
-            process.kill(f'sent what is no answer: {one_line(str(error), 200)}')
+            process.kill(f'sent an invalid answer: {one_line(str(error), 200)}')
 
     def _take(self, answer: Any) -> None:
         if answer == {'wake': True}:
@@ -370,7 +370,7 @@ class CppLeaf(ServerNode, LeafNode):
     host ends, the leaf fails, and its next start starts the host again.
     """
 
-    __slots__ = ('_answered', '_number', '_sent', '_session', '_ticking')
+    __slots__ = ('_answered', '_is_created', '_number', '_sent', '_session', '_ticking')
 
     goes_on = 'a C++ node is not told of a pause'
     plugin: ClassVar[PluginHost]
@@ -379,6 +379,7 @@ class CppLeaf(ServerNode, LeafNode):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._answered = WakeEvent()
+        self._is_created = False
         self._number = 0
         self._sent: dict[str, tuple[Entry, int] | None] = {}
         self._session: Session | None = None
@@ -437,7 +438,9 @@ class CppLeaf(ServerNode, LeafNode):
         if session is not self._session:
             self._session = session
             self._number = next(session.numbers)
+            self._is_created = False
             self._sent = {}
+        if not self._is_created:
             ports = {name: value.text for name, value in self.port_values.items()}
             message['create'] = {'id': self.id, 'name': self.name, 'path': self.path, 'uid': self.uid, 'ports': ports}
         changes: dict[str, Any] = {}
@@ -469,16 +472,19 @@ class CppLeaf(ServerNode, LeafNode):
         return request.is_done
 
     def _halt_in_host(self) -> None:
-        session, self._ticking = self._session, None
+        session, ticking, self._ticking = self._session, self._ticking, None
         if session is None or session.lost:
             return
         request = self._request(session, {'op': 'halt'})
-        if self._await(request, self.host.runtime.steady.now() + ANSWER_SECONDS):
-            self._taken(request)
-            return
 
         def take() -> None:
+            if ticking is not None:  # which may have written outputs, or thrown, in the meantime
+                self._taken(ticking)
             self._taken(request)
+
+        if self._await(request, self.host.runtime.steady.now() + ANSWER_SECONDS):
+            take()
+            return
 
         def advance() -> None:
             if request.is_done:
@@ -494,7 +500,9 @@ class CppLeaf(ServerNode, LeafNode):
         for port, value in answer['out'].items():
             self.set_output(port, self._from_json(value))
         if 'error' in answer:
+            self._sent = {}  # it may have read only some of the changes
             raise CppNodeError(one_line(str(answer['error']), 2000))
+        self._is_created = True
         return answer
 
     def _as_json(self, port: str, value: Any) -> Any:

@@ -331,6 +331,38 @@ def test_halt_writes_outputs_and_its_error_counts(world: ServerWorld) -> None:
     assert (result.code, 'the brush sticks' in result.message) == (Result.ERROR, True)
 
 
+def test_a_tick_that_ends_after_the_halt_counts(impatient: ServerWorld, tmp_path: Path) -> None:
+    body = f'<Faulty how="{tmp_path}/go" done="{{done}}" late="{{late}}"/>'
+    with Ran(impatient, body) as ran:
+        assert ran.tree.tick_exactly_once() is RUNNING
+        ran.tree.halt()
+        assert ran.tree.unfinished == ('[Faulty::1] is coming to its end in bt_plugin_host',)
+        (tmp_path / 'go').touch()
+        while ran.tree.unfinished:
+            ran.woken.wait(ran.steady, ran.steady.now() + DEADLINE)
+            ran.tree.advance_unfinished()
+        assert (ran.board.get('late'), ran.board.get('done')) == (1, 3)
+
+
+def test_a_node_that_could_not_be_made_is_made_at_the_next_tick(world: ServerWorld) -> None:
+    with Ran(world, '<Faulty name="in_constructor"/>') as ran:
+        for _ in range(3):
+            with pytest.raises(NodeExecutionError, match='no such device'):
+                ran.tree.tick_exactly_once()
+            ran.tree.halt()
+
+
+def test_a_host_that_reads_no_more_is_ended(world: ServerWorld) -> None:
+    """Its buffer is full: a send would block the tree."""
+    with Ran(world, '<Echo_string in="{x}" out="{y}"/>', x='') as ran:
+        assert ran.tree.tick_exactly_once() is SUCCESS
+        os.kill(host_of(world)._process._process.pid, signal.SIGSTOP)
+        ran.board.set('x', 'x' * 10_000_000)
+        assert ran.tree.tick_exactly_once() is FAILURE
+        assert 'did not read a request within 0.5 s, and was ended' in ran.tree.failure.steps[0].reason  # type: ignore[union-attr]
+        assert ran.tree.tick_exactly_once() is SUCCESS
+
+
 def test_a_crash_in_one_tree_fails_the_leaves_of_another(world: ServerWorld) -> None:
     world.client.load_tree('<Act script="R"/>', 'Other')
     other = world.client.execute('Other')
