@@ -13,7 +13,10 @@ setup(
         ('share/' + package_name, ['package.xml']),
     ],
     install_requires=['setuptools'],
-    extras_require={'test': ['pytest']},  # colcon test looks for it
+    extras_require={
+        'mcp': ['mcp>=2.3,<3'],  # bt_tool mcp
+        'test': ['pytest'],  # colcon test looks for it
+    },
     zip_safe=True,
     maintainer='The FlexBT developers',
     maintainer_email='maintainers@flexbt.invalid',

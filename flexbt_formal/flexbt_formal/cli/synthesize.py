@@ -124,7 +124,8 @@ def _answered(options: argparse.Namespace) -> ExitCode:
         answer = synthesize(problem, time_limited(limit, '--time-limit allows more', _show))
     except SynthesisTimeout as error:
         if options.json:
-            print(json.dumps({'realizable': None, 'findings': [finding_record('time-limit', 'error', str(error))]}))
+            finding = finding_record('time-limit', 'error', str(error))
+            print(json.dumps({'realizable': None, 'findings': [finding]}))
         print(*escape_lines(str(error)), sep='\n', file=sys.stderr)
         return ExitCode.UNFINISHED
     return _told(options, answer, interfaces, time.monotonic() - began)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -376,6 +377,35 @@ def _when(log: LogContent) -> str:
         return f'{log.epoch:.3f} s since 1970'
 
 
+# ``bt_tool mcp``: the tools for language models.
+
+
+def add_mcp_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        'folder', metavar='FOLDER', nargs='?', type=Path, default=Path(), help='folder of the missions (default: .)'
+    )
+    parser.add_argument(
+        '--seconds',
+        metavar='S',
+        type=arguments.positive,
+        default=45.0,
+        help='time limit of a call (default: %(default)g)',
+    )
+
+
+def run_mcp(options: argparse.Namespace) -> ExitCode:
+    if not options.folder.is_dir():
+        raise UsageError(f'{options.folder} is not a folder; create it, or give another one')
+    try:
+        from .mcp_server import serve
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f"bt_tool mcp needs the SDK of the protocol ({error}); pip install 'flexbt_tools[mcp]'"
+        ) from error
+    serve(options.folder, math.ceil(options.seconds))
+    return ExitCode.OK
+
+
 # The executable ``bt_tool``: its commands.
 
 EXIT_CODES: Final = (
@@ -408,6 +438,7 @@ COMMANDS: Final = (
     ToolCommand('run', 'run a tree with mocks, and print what happens', add_run_arguments, run_with_mocks),
     ToolCommand('plan', 'plan a goal, and write a reactive tree that reaches it'),
     ToolCommand('log', 'print a log file (.btlog) of a run', add_log_arguments, run_log),
+    ToolCommand('mcp', 'serve check, run, prove, plan and others to language models (MCP)', add_mcp_arguments, run_mcp),
 )
 
 

@@ -68,7 +68,8 @@ def run_command(
         sys.stdout.flush()
     except ToolError as error:
         if '--json' in words:
-            print(json.dumps({'findings': error_records(error)}), flush=True)
+            findings = error_records(error)
+            print(json.dumps({'findings': findings}), flush=True)
         for line in escape_lines(str(error), limit=1000):
             print(line, file=sys.stderr)
         return error.exit_code

