@@ -1,27 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Skill manifests as YAML files: read, written, and exported as a capability file of flexbe_synthesis.
 
-types: {cup: thing}
-objects: {kitchen: place, office: place, mug: cup}
-predicates:
-  at: {parameters: {where: place}, exclusive: where, sensor: {condition: GoalReached, ports: {goal: '{$where}'}}}
-  holding:
-    parameters: {what: thing}
-    sensor: {topic: gripper, type: std_msgs/msg/String, test: data == '$what'}
-  charged: {sensor: {blackboard: battery_level > 0.2}}
-skills:
-  GoTo:
-    parameters: {from: place, to: place}
-    preconditions: [at(from), from != to, charged]
-    outcomes:
-      SUCCESS: [at(to)]                                          # completed, with these effects
-      FAILURE: {class: failed, effects: [not at(from)], autonomy: low}
-    resources: [base]
-    cost: 15.0
-    deadline: 120.0
-    retries: 2
-    duration: [1.0, 120.0]
-    arguments: {goal: '{$to}'}
+An example::
+
+    types: {cup: thing}
+    objects: {kitchen: place, office: place, mug: cup}
+    predicates:
+      at: {parameters: {where: place}, exclusive: where, sensor: {condition: GoalReached, ports: {goal: '{$where}'}}}
+      holding:
+        parameters: {what: thing}
+        sensor: {topic: gripper, type: std_msgs/msg/String, test: data == '$what'}
+      charged: {sensor: {blackboard: battery_level > 0.2}}
+    skills:
+      GoTo:
+        parameters: {from: place, to: place}
+        preconditions: [at(from), from != to, charged]
+        outcomes:
+          SUCCESS: [at(to)]                                          # completed, with these effects
+          FAILURE: {class: failed, effects: [not at(from)], autonomy: low}
+        resources: [base]
+        cost: 15.0
+        deadline: 120.0
+        retries: 2
+        duration: [1.0, 120.0]
+        arguments: {goal: '{$to}'}
 """
 
 from __future__ import annotations
