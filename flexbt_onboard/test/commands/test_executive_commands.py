@@ -13,6 +13,8 @@ import pytest
 from rclpy.action import ActionClient
 
 from flexbt_common import names
+from flexbt_common.middleware.fastdds import FAST_DDS
+from flexbt_common.middleware.implementation import implementation
 from flexbt_common.middleware.received_messages import reports_writers
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import to_entry
@@ -434,6 +436,7 @@ while True:
 """Each of the participants is within the limit."""
 
 
+@pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 @pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_process_has_one_limit_however_many_participants_it_has() -> None:
     with NodeRuntime.open('executive') as runtime:
@@ -444,8 +447,10 @@ def test_a_process_has_one_limit_however_many_participants_it_has() -> None:
             lambda: CommandIntake(runtime, lambda one, _: taken.append(one), lambda _, text: told.append(text))
         )
         with subprocess.Popen([sys.executable, '-c', MANY]) as child:
-            wait_until(lambda: told, 'that some were dropped')
-            child.kill()
+            try:
+                wait_until(lambda: told, 'that some were dropped')
+            finally:
+                child.kill()
         seconds = runtime.steady.now() - began
         assert len(taken) <= COMMAND_BURST + COMMAND_RATE * seconds
         assert 'many' in told[0] and 'more than 50 a second' in told[0]

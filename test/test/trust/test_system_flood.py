@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from flexbt_common.middleware.fastdds import can_ignore
 from flexbt_common.middleware.received_messages import reports_writers
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.commands.command_builder import CommandBuilder
@@ -149,6 +150,7 @@ def processor_time_of(process: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
+@pytest.mark.skipif(not can_ignore(), reason='needs a known version of Fast DDS')
 @pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_flood_holds_up_no_operator_and_does_not_grow(stack: Stack, tmp_path: Path) -> None:
     executive = stack.process_id('onboard_executive')
