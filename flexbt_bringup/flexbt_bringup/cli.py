@@ -9,10 +9,13 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.validate_namespace import validate_namespace
+
 from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.values.findings import finding_record
-from flexbt_core.values.text import escape_lines
+from flexbt_core.values.text import escape_lines, short_repr
 
 from .doctor import Finding, Level, RobotCheck, machine_findings
 from .graph import observe
@@ -37,11 +40,20 @@ def main(words: Sequence[str] | None = None) -> int:
     manifest.add_argument('--from-graph', action='store_true', required=True, help='look at the nodes that run now')
     manifest.add_argument('--file', type=Path, help='write this file, which must not exist; default: print')
     for one in (doctor, manifest):
-        one.add_argument('--namespace', default='', help='namespace of the robot, such as /robot1')
+        one.add_argument('--namespace', type=_namespace, default='', help='namespace of the robot, such as /robot1')
         one.add_argument('--seconds', type=_seconds, default=5.0, help='time for nodes to be found (default 5)')
     options = parser.parse_args(words)
     run = {'doctor': run_doctor, 'init': run_init, 'manifest': run_manifest}[options.command]
     return run(options)
+
+
+def _namespace(text: str) -> str:
+    name = f'/{text.strip("/")}'
+    try:
+        validate_namespace(name)
+    except InvalidNamespaceException as error:
+        raise argparse.ArgumentTypeError(f'{short_repr(text)} is not a namespace of ROS: {error}') from error
+    return name.rstrip('/')
 
 
 def _seconds(text: str) -> float:
@@ -71,7 +83,7 @@ def _findings(options: argparse.Namespace) -> Iterator[Finding]:
     yield from here
     # No node starts in a domain that cannot be.
     if not options.machine and not any(one.check == 'domain' and one.level is Level.ERROR for one in here):
-        with NodeRuntime.open('flexbt_doctor', args=()) as runtime:
+        with NodeRuntime.open('flexbt_doctor', namespace=options.namespace or None) as runtime:
             yield from RobotCheck(runtime, options.namespace, options.seconds).findings()
 
 

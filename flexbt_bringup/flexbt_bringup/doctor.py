@@ -227,11 +227,11 @@ def _buffers(receive: Path, shared: Path) -> Iterator[Finding]:
 
 
 class RobotCheck:
-    """The checks of one robot. ``namespace`` is that of its nodes, '' or ``/robot1``."""
+    """The checks of one robot. ``namespace`` is that of its nodes and of the node of ``runtime``: '' or ``/robot1``."""
 
     def __init__(self, runtime: NodeRuntime, namespace: str, seconds: float) -> None:
         self._runtime = runtime
-        self._namespace = namespace.rstrip('/')
+        self._namespace = namespace
         self._seconds = seconds
         self._status: list[tuple[float, ExecutiveStatus]] = []
         self._graph: Graph

@@ -18,7 +18,7 @@ from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceO
 from flexbt_common.middleware.qos_misfits import why_misfit
 from flexbt_common.runtime.node_runtime import NodeRuntime
 
-_STILL: Final = 1.0
+_STILL: Final = 2.0
 """Time without anything new after which the graph counts as known, s of wall time."""
 
 

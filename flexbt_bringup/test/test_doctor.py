@@ -38,7 +38,7 @@ def other() -> Iterator[NodeRuntime]:
 
 
 def findings(namespace: str = '', seconds: float = 3.0) -> list[Finding]:
-    with NodeRuntime.open('doctor') as runtime:
+    with NodeRuntime.open('doctor', namespace=namespace or None) as runtime:
         return list(RobotCheck(runtime, namespace, seconds).findings())
 
 
@@ -128,6 +128,28 @@ def test_topics_and_frames_are_those_of_the_executive(other: NodeRuntime) -> Non
             assert level is Level.OK or told.remedy.startswith('set enable_stamped_cmd_vel to true for /onboard_exec')
             executive.call(lambda publisher=publisher: executive.node.destroy_publisher(publisher))
     assert all(kept)
+
+
+def test_a_robot_in_a_namespace(other: NodeRuntime) -> None:
+    other.call(lambda: publish_transform(other))  # of another robot, at the root
+    with NodeRuntime.open('localization', namespace='/robot1') as robot:
+        for typed in ('robot1', '/robot1/'):
+            found = doctor_of('--namespace', typed, '--seconds', '1')
+            assert found['transforms'] == 'error', found  # not those of the other robot
+        robot.call(lambda: publish_transform(robot))
+        assert doctor_of('--namespace', 'robot1', '--seconds', '5')['transforms'] == 'ok'
+    ran = subprocess.run(['flexbt', 'doctor', '--namespace', 'robot 1'], capture_output=True, text=True, check=False)
+    assert ran.returncode == 2
+    assert "'robot 1' is not a namespace of ROS" in ran.stderr
+
+
+def doctor_of(*words: str) -> dict[str, str]:
+    """Return the level of the last finding of each check."""
+    ran = subprocess.run(
+        ['flexbt', 'doctor', '--json', *words], capture_output=True, text=True, check=False, timeout=60
+    )
+    found = [json.loads(line) for line in ran.stdout.splitlines()]
+    return {one['rule']: one['severity'] for one in found}
 
 
 def test_servers_of_another_type_or_missing(other: NodeRuntime) -> None:
