@@ -472,7 +472,7 @@ class _SeenToken:
             status = received.checked(DiagnosticStatus)
         except ValueError as error:
             logger = self._runtime.node.get_logger()
-            logger.error(f'{self._topic}: left aside: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS)
+            logger.error(f'{self._topic}: ignored: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
         identity = _identity_of(status)
         if received.participant != UNKNOWN_WRITER:
