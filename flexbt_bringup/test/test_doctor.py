@@ -25,7 +25,9 @@ from flexbt_bringup import doctor
 from flexbt_bringup.doctor import Finding, Level, RobotCheck, machine_findings, router_findings
 from flexbt_bringup.graph import observe
 from flexbt_bringup.manifest import manifest_text
+from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_server.node_manifests import read_manifest
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 
@@ -180,6 +182,35 @@ def test_two_nodes_of_one_name_and_a_wrong_namespace(other: NodeRuntime) -> None
     with NodeRuntime.open('localization'):
         assert of(findings(), 'discovery') == ['several nodes are called /localization']
     assert 'no node is in the namespace /robot7' in of(findings('/robot7', 1.0), 'discovery')[0]
+
+
+def test_the_offset_of_the_robots_clock() -> None:
+    behind = [3.0]
+    with NodeRuntime.open('onboard_executive') as executive:
+        assert of(findings(seconds=1.0), 'link') == ['no status of /onboard_executive within 1 s']
+        qos = names.transient_local_qos()
+        publisher = executive.call(
+            lambda: executive.node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, qos)
+        )
+
+        def send() -> None:
+            status, moment = ExecutiveStatus(), time.time() - behind[0]
+            status.stamp.sec, status.stamp.nanosec = int(moment), int(moment % 1 * 1e9)
+            publisher.publish(status)
+
+        executive.call(lambda: executive.node.create_timer(0.05, send))
+        (told,) = of(findings(), 'link', Level.WARNING)
+        assert told.startswith("the robot's clock differs by -3."), told
+        behind[0] = 0.0
+        assert len(of(findings(), 'link', Level.OK)) == 1
+
+
+def test_the_receive_buffer_of_the_network(tmp_path: Path) -> None:
+    limit = tmp_path / 'rmem_max'
+    for size, level in ((212_992, Level.WARNING), (doctor.BUFFER, Level.OK)):  # the first is Linux's default
+        limit.write_text(f'{size}\n')
+        (told,) = doctor._buffers(limit, tmp_path / 'no shared memory')
+        assert told.level is level
 
 
 def test_this_computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
