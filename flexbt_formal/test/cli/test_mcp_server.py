@@ -187,12 +187,15 @@ def test_wrong_calls_say_what_to_do(tmp_path: Path) -> None:
                 ('list_skills', {'names': ['Spn']}, "did you mean 'Spin'?"),
                 ('run_tree', {'files': ['deliver.xml'], 'mocks': {'Wait': ['real']}}, "'SUCCESS', 'FAILURE'"),
                 ('run_tree', {'files': ['deliver.xml'], 'timeout': -1}, 'greater than 0'),
+                ('run_tree', {'files': ['deliver.xml'], 'blackboard': {'a': huge}}, 'longer than 100000 characters'),
+                ('run_tree', {'files': ['deliver.xml'], 'mocks': {huge: ['SUCCESS']}}, 'at most 500 characters'),
                 ('draw_tree', {'file': 'deliver.xml', 'tree': 'Man'}, 'Main'),
                 ('check_behavior', {'behavior': '--help'}, 'not the name of a behavior'),
                 ('prove_tree', {'files': ['deliver.xml'], 'faults': 4}, 'less than or equal to 3'),
             ]
             for tool, arguments, words in calls:
-                assert words in await server.refusal(tool, **arguments), (tool, words)
+                refusal = await server.refusal(tool, **arguments)
+                assert words in refusal and len(refusal) < 6000, (tool, words, refusal)
             calls = [
                 ('check_tree', {'files': ['nowhere.xml']}, 'cannot be read: No such file'),
                 ('check_tree', {'files': ['deliver.xml'], 'models': ['-']}, ''),

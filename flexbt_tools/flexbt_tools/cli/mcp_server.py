@@ -26,6 +26,7 @@ from anyio.abc import ByteReceiveStream, Process
 from mcp.server import MCPServer
 from mcp.server.mcpserver.context import Context
 from mcp.server.mcpserver.exceptions import ToolError as RefusedCall
+from mcp.server.mcpserver.exceptions import UnexpectedToolError
 from mcp.types import CallToolResult, InputRequiredResult, ToolAnnotations
 from pydantic import Field
 
@@ -46,6 +47,9 @@ MAX_TEXT: Final = 1_000_000
 MAX_ANSWER: Final = 100_000
 """Length of an answer, characters; a longer one is shortened to its findings."""
 _MAX_OUTPUT: Final = 20_000_000
+_MAX_ERROR: Final = 5000
+_MAX_WORD: Final = 100_000
+"""Length of a value, characters: below the limit of Linux for an argument of a process."""
 _AT_ONCE: Final = 2
 _SUFFIXES: Final = ('.xml', '.yaml', '.yml')
 
@@ -91,19 +95,31 @@ NONE: Final[dict[str, Any]] = {}
 
 
 class StrictServer(MCPServer[Any]):
-    """A server that refuses unknown arguments. The SDK ignores them, so a misspelled option would have no effect."""
+    """A server that refuses unknown arguments, and quotes no long ones.
+
+    The SDK ignores unknown arguments, so a misspelled option would have no effect.
+    """
+
+    _known: dict[str, dict[str, Any]] | None = None
 
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        known = {tool.name: tool.input_schema['properties'] for tool in await self.list_tools()}
+        if self._known is None:
+            self._known = {tool.name: tool.input_schema['properties'] for tool in await self.list_tools()}
+        known = self._known
         if name not in known:
             raise RefusedCall(f'there is no tool {truncate_middle(name)!r}{did_you_mean(name, known)}')
         for word in arguments:
             if word not in known[name]:
                 near = did_you_mean(word, known[name], f'; its arguments are: {", ".join(known[name])}')
                 raise RefusedCall(f'{name} has no argument {truncate_middle(word)!r}{near}')
-        return await super().call_tool(name, arguments, context)
+        try:
+            return await super().call_tool(name, arguments, context)
+        except UnexpectedToolError:
+            raise
+        except RefusedCall as error:
+            raise RefusedCall(truncate_middle(str(error), _MAX_ERROR)) from error
 
 
 @dataclass(frozen=True)
@@ -380,6 +396,8 @@ class MissionTools:
         for word in words:
             if '\0' in word or not _is_unicode(word):
                 raise RefusedCall(f'{truncate_middle(word)!r} has a character that no text may have')
+        if sum(map(len, words)) > _MAX_WORD:
+            raise RefusedCall(f'the values are longer than {_MAX_WORD} characters; write them shorter')
         command = [
             sys.executable,
             '-P',
