@@ -108,7 +108,7 @@ def test_what_is_below_a_frame_moves_with_it(buffer: TransformBuffer) -> None:
         ('map', 'gripper', None, True, "'gripper' is not known; known: base_link"),
         ('mars', 'base_link', None, True, "'mars' is not known"),
         ('/map', 'base_link', None, False, 'slash'),
-        ('', 'base_link', None, False, 'no name'),
+        ('', 'base_link', None, False, 'not a frame name'),
     ],
 )
 def test_what_is_not_known_is_said(

@@ -170,7 +170,7 @@ def test_fixed_parameters_of_an_embedded_behavior_are_not_the_operators(package:
         ('places', '{a: ', 'not a value of type dict'),
         ('places', '!!python/object/apply:os.getcwd []', 'not a value of type dict'),
         ('places', 'nowhere_at_all/x.yaml:key', "no installed package 'nowhere_at_all'"),
-        ('/YAML:places', '/etc/passwd:x', 'no package/relative/path.yaml'),
+        ('/YAML:places', '/etc/passwd:x', 'not a package/relative/path.yaml'),
         ('unknown', '1', "no parameter 'unknown'"),
         ('/Hello/unknown', '1', "no parameter '/Hello/unknown'"),
         ('/Hell/word', 'x', "no parameter '/Hell/word'; there is no embedded behavior '/Hell', there are: /Goodbye,"),
@@ -242,7 +242,7 @@ def test_nothing_is_set_twice(package: Installed) -> None:
             'mixin_sm.py:1); "Coming from FlexBE" says what is there of FlexBE',
         ),
         ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Nope"/></behavior>', 'no such class'),
-        ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Logger"/></behavior>', 'no Behavior'),
+        ('<behavior name="Bad"><executable package_path="{p}.greet_sm" class="Logger"/></behavior>', 'not a Behavior'),
         (
             '<behavior name="Bad"><executable package_path="{p}.old_sm" class="OldSM"/></behavior>',
             'for ROS 1 take none',

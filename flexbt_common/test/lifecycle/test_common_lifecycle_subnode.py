@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import threading
+from functools import partial
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
@@ -110,9 +111,7 @@ def test_it_says_that_it_has_the_time_of_its_process() -> None:
 
         assert told()
         for value in (False, True):
-            (result,) = host.call(
-                lambda value=value: host.node.set_parameters([Parameter('use_sim_time', value=value)])
-            )
+            (result,) = host.call(partial(host.node.set_parameters, [Parameter('use_sim_time', value=value)]))
             assert result.successful, result.reason
             assert told() is value
         assert person.node.count_subscribers('/clock') == 1  # that of the host

@@ -205,7 +205,7 @@ def test_yaml_as_people_write_it() -> None:
         ('yes please', 'bool', ['true or false']),
         ('1e39', 'float32', ['float32']),
         ('{covariance: [1.0]}', 'geometry_msgs/msg/PoseWithCovariance', ['covariance', 'exactly 36']),
-        ('{a: [', 'geometry_msgs/msg/Pose', ['no JSON, and no YAML: ']),
+        ('{a: [', 'geometry_msgs/msg/Pose', ['not JSON, and no YAML: ']),
         ('1', 'geometry_msgs/msg/Poze', ['Poze', "did you mean 'Pose'"]),
         ('1', 'geometri_msgs/msg/Pose', ['geometri_msgs', 'geometry_msgs']),
         ('1', 'os.path', ['not a type name']),

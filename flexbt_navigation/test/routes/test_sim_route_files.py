@@ -66,10 +66,10 @@ def test_a_graph_in_several_frames_is_moved_to_one(tmp_path: Path) -> None:
 
 REFUSED: dict[str, tuple[Any, str]] = {
     'no json': ('{', 'cannot be read'),
-    'text': ('"graph"', 'no GeoJSON FeatureCollection'),
+    'text': ('"graph"', 'not a GeoJSON FeatureCollection'),
     'deep': ('[' * 200_000, 'cannot be read'),
     'not utf-8': (b'\xff\xfe{', 'cannot be read'),
-    'no features': ({}, 'no GeoJSON FeatureCollection'),
+    'no features': ({}, 'not a GeoJSON FeatureCollection'),
     'nothing': ([], 'there are no nodes'),
     'no edges': (NODES, 'there are no edges'),
     'no properties': ([{'geometry': {'type': 'Point', 'coordinates': [0, 0]}}], 'features[0].properties: expected'),

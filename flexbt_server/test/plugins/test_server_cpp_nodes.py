@@ -336,7 +336,8 @@ def test_a_tick_that_ends_after_the_halt_counts(impatient: ServerWorld, tmp_path
     with Ran(impatient, body) as ran:
         assert ran.tree.tick_exactly_once() is RUNNING
         ran.tree.halt()
-        assert ran.tree.unfinished == ('[Faulty::1] is coming to its end in bt_plugin_host',)
+        (ending,) = ran.tree.unfinished
+        assert ending == '[Faulty::1] is coming to its end in bt_plugin_host'
         (tmp_path / 'go').touch()
         while ran.tree.unfinished:
             ran.woken.wait(ran.steady, ran.steady.now() + DEADLINE)

@@ -50,7 +50,7 @@ def test_the_forms_of_posix(pattern: str, matched: str, other: str | None) -> No
 
 @pytest.mark.parametrize('pattern', ['(', ')', 'a)', '*', 'a**', '[', '[a', 'a{2', 'a{3,1}', '\\', '(' * 999])
 def test_what_is_none_is_refused(pattern: str) -> None:
-    with pytest.raises(SimulationError, match='no extended regular expression'):
+    with pytest.raises(SimulationError, match='not an extended regular expression'):
         NameFilter(pattern)
 
 

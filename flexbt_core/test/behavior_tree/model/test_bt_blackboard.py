@@ -346,7 +346,7 @@ def test_port_errors_within_a_tick_are_errors_of_the_node() -> None:
         ('', input_port(INT), 'empty'),
         ('n', input_port(INT, default='x'), 'does not fit'),
         ('n', output_port(INT, default='3'), 'pointer'),
-        ('n', 'no port', 'no Port'),
+        ('n', 'no port', 'not a Port'),
     ],
 )
 def test_bad_ports_are_refused_at_registration(name: str, port: Port, words: str) -> None:
@@ -370,7 +370,7 @@ def test_bad_registrations_are_refused() -> None:
         ('Root', Probe, 'reserved'),
         ('a.b', Probe, 'not allowed'),
         ('Abstract', Abstract, 'does not implement tick'),
-        ('Number', int, 'no node class'),
+        ('Number', int, 'not a node class'),
     ]:
         with pytest.raises(RegistrationError, match=words):
             registry.register(id, node_class)
