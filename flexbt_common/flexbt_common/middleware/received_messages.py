@@ -24,11 +24,10 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.values.limits import MESSAGE, check_limits
+from flexbt_common.values.limits import MESSAGE, check_limits, deserialize
 from flexbt_core.clock.rates import SenderRates
 
 from .cyclonedds import WriterGuids
@@ -108,7 +107,7 @@ class Received:
         if self.data is None:
             raise ValueError(f'{self.size} bytes are too many')
         try:
-            return deserialize_message(self.data, message_type)
+            return deserialize(self.data, message_type)
         except Exception as error:  # an error of rclpy, or of a text that is not UTF-8
             raise ValueError(f'these {self.size} bytes are not a {message_type.__name__}: {error}') from error
 
@@ -365,7 +364,7 @@ class LatestMessage:
         if newest is None:
             return None
         if made is None or made[0] is not newest:
-            made = self._made = (newest, deserialize_message(newest, self._type))
+            made = self._made = (newest, deserialize(newest, self._type))
         return made[1]
 
     def close(self) -> None:

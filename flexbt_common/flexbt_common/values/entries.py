@@ -15,12 +15,13 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any
 
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 
 from flexbt_common.errors import UnknownTypeError, ValueConversionError
 from flexbt_core.values.text import short_repr
 from flexbt_msgs.msg import BlackboardEntry
 
+from .limits import deserialize
 from .value_types import (
     FieldError,
     ValueType,
@@ -145,7 +146,7 @@ def _from_binary(data: bytes, resolved: ValueType) -> Any:
 
 def _from_cdr(data: bytes, resolved: ValueType) -> Any:
     try:
-        return deserialize_message(data, resolved.message)
+        return deserialize(data, resolved.message)
     except Exception as error:  # any exception of the middleware on malformed CDR
         raise FieldError('', f'{len(data)} bytes are not the CDR of a {resolved}: {error}') from error
 

@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
+from rclpy.serialization import deserialize_message
 from rosidl_parser.definition import AbstractSequence, AbstractString, AbstractWString, Array, BasicType, NamespacedType
 
 from flexbt_common.errors import LimitExceededError
@@ -30,6 +31,7 @@ LONG_TEXT: Final = 50_000
 a longer one is left out, and the note about that may make it a little longer."""
 MACHINE_TEXT: Final = 20_000
 """Characters of a synthesized machine that an executive shows to operators; it keeps 100 of them, and shows all."""
+_HEADER_BYTES: Final = 4
 MESSAGE: Final = 17_000_000
 """Characters, bytes and elements of one message together: of the largest map with its metadata."""
 
@@ -116,6 +118,18 @@ LIMITS: Final[Mapping[str, int]] = {
 
 _Check = Callable[[Any, str], int]
 """A function that checks a value and returns its length; the path is for the error."""
+
+
+def deserialize(data: bytes, message_type: Any) -> Any:
+    """Return the message of these CDR bytes. Use this for bytes of others instead of rclpy's function: that of Cyclone
+    DDS ends the process if they are fewer than those of the header (DDSI-RTPS 10.2).
+
+    Raises:
+        Exception: these bytes are not such a message. The class depends on the middleware.
+    """
+    if len(data) < _HEADER_BYTES:
+        raise ValueError(f'a message has at least {_HEADER_BYTES} bytes')
+    return deserialize_message(data, message_type)
 
 
 def check_limits(message: Any) -> None:

@@ -87,6 +87,12 @@ def test_the_writer_of_a_message_is_known_and_what_is_too_large_is_not_unpacked(
         second.runtime.close()
 
 
+@pytest.mark.parametrize('size', range(8))
+def test_a_few_bytes_are_no_message(size: int) -> None:
+    with pytest.raises(ValueError, match='are not a String'):
+        Received(bytes(size), size, UNKNOWN_WRITER, 0.0).unpack(String)
+
+
 def test_bytes_that_are_no_message_are_told_as_such(receiver: Receiver) -> None:
     sender = Sender('sender')
     try:

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from rclpy.duration import Duration
-from rclpy.serialization import deserialize_message
 
 from flexbt_common import names
 from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.limits import deserialize
 from flexbt_common.values.value_types import resolve_type
 from flexbt_console.commands.operator_values import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
@@ -133,7 +133,7 @@ class _Stage:
     def _marked(self, type: Any, message: Any) -> Any:
         if message.topic != names.EXECUTIVE_STATUS:
             return message.data
-        status = deserialize_message(message.data, type)
+        status = deserialize(message.data, type)
         status.message = f'{self._mark}: {status.message}' if status.message else self._mark
         return status
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 
+from flexbt_common.values.limits import deserialize
 from flexbt_common.values.value_types import message_type_name, resolve_type
 from flexbt_core.clock.clock import Clock
 from flexbt_core.errors import FlexbtError
@@ -265,7 +266,7 @@ def from_plain_form(value: Any, depth: int = 0) -> Any:
             return base64.b64decode(content, validate=True)
         if mark == '$message':
             name, data = content
-            return deserialize_message(base64.b64decode(data, validate=True), resolve_type(name).message)
+            return deserialize(base64.b64decode(data, validate=True), resolve_type(name).message)
     except FlexbtError:
         raise
     except Exception as error:
