@@ -41,7 +41,7 @@ def main(words: Sequence[str] | None = None) -> int:
     manifest.add_argument('--file', type=Path, help='write this file, which must not exist; default: print')
     for one in (doctor, manifest):
         one.add_argument('--namespace', type=_namespace, default='', help='namespace of the robot, such as /robot1')
-        one.add_argument('--seconds', type=_seconds, default=5.0, help='time for nodes to be found (default 5)')
+        one.add_argument('--seconds', type=_seconds, default=10.0, help='most time for nodes to be found (default 10)')
     options = parser.parse_args(words)
     run = {'doctor': run_doctor, 'init': run_init, 'manifest': run_manifest}[options.command]
     return run(options)

@@ -18,8 +18,9 @@ from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceO
 from flexbt_common.middleware.qos_misfits import why_misfit
 from flexbt_common.runtime.node_runtime import NodeRuntime
 
-_STILL: Final = 2.0
-"""Time without anything new after which the graph counts as known, s of wall time."""
+_STILL: Final = 3.5
+"""Time without anything new after which the graph counts as known, s of wall time. Fast DDS announces a process again
+every 3 s: whoever missed the first announcements, as on a busy computer, hears of it then."""
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,6 @@ def write_package(name: str, parent: Path) -> list[Path]:
         if isinstance(error, FileExistsError):
             raise TemplateError(f'{directory} exists; choose another name or --directory') from error
         left = f'; remove {directory}, which is incomplete, before you try again' if written else ''
-        place = error.filename or directory
-        raise TemplateError(f'{place}: {error.strerror}; choose another --directory{left}') from error
+        failed = error.filename or directory
+        raise TemplateError(f'{failed}: {error.strerror}; choose another --directory{left}') from error
     return written

@@ -10,6 +10,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -119,16 +120,16 @@ def test_topics_and_frames_are_those_of_the_executive(other: NodeRuntime) -> Non
     assert 'there is no transform, and nobody publishes /pose, /amcl_pose, /odom' in of(found, 'pose', Level.WARNING)[0]
     with NodeRuntime.open('onboard_executive') as executive:
         for name, value in settings.items():
-            executive.call(lambda name=name, value=value: executive.node.declare_parameter(name, value))
+            executive.call(partial(executive.node.declare_parameter, name, value))
         for sent, level in ((Twist, Level.ERROR), (TwistStamped, Level.OK)):
-            publisher = executive.call(lambda sent=sent: executive.node.create_publisher(sent, 'wheels', 1))
+            publisher: Any = executive.call(partial(executive.node.create_publisher, sent, 'wheels', 1))
             found = findings()
             assert of(found, 'transforms', Level.OK) == ['base is known in world']
             assert of(found, 'pose', Level.OK) == ['the pose of the robot comes from the transforms, /slam/pose']
             (told,) = [one for one in found if one.check == 'velocity']
             assert told.level is level, told
             assert level is Level.OK or told.remedy.startswith('set enable_stamped_cmd_vel to true for /onboard_exec')
-            executive.call(lambda publisher=publisher: executive.node.destroy_publisher(publisher))
+            executive.call(partial(executive.node.destroy_publisher, publisher))
     assert all(kept)
 
 
