@@ -12,6 +12,7 @@ from nav2_msgs.action import FollowPath, Spin
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
+from flexbt_common.middleware.fastdds import can_ignore
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_navigation.node import Navigation
@@ -85,7 +86,8 @@ def test_in_one_process_each_robot_has_navigation_of_its_own(tmp_path: Path) -> 
         assert {('navigation', '/fleet/alpha'), ('navigation', '/fleet/beta')} <= set(nodes)
         alpha, _beta = simulator.further  # which have nothing to say to each other
         plans = f'/fleet/beta/{names.PLAN}'
-        assert one.node.count_publishers(plans) and alpha.node.count_publishers(plans) == 0
+        assert one.node.count_publishers(plans)
+        assert alpha.node.count_publishers(plans) == 0 or not can_ignore()
         for robot in ('alpha', 'beta'):  # to navigation the pose is handed over
             heard_by = one.call(partial(one.node.get_subscriptions_info_by_topic, f'/fleet/{robot}/{names.POSE}'))
             assert [known.node_name for known in heard_by if known.node_name == names.NAVIGATION] == []
