@@ -151,7 +151,7 @@ def test_two_loops_share_a_deque() -> None:
     ('body', 'message'),
     [
         (loop('S', '1;x'), r'port \[queue\] of type queue of int'),
-        (loop('S', '1', if_empty='empty'), r'port \[if_empty\].*no status'),
+        (loop('S', '1', if_empty='empty'), r'port \[if_empty\].*not a status'),
         ('<LoopInt value="{v}"><AlwaysSuccess/></LoopInt>', r'port \[queue\].*is missing'),
         ('<LoopInt queue="1" value="v"><AlwaysSuccess/></LoopInt>', r'output port \[value\] has to point'),
         ('<WasEntryUpdated/>', r'port \[entry\] of type BT::Any of \[WasEntryUpdated\] is missing'),
