@@ -12,7 +12,12 @@ from pathlib import Path
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
-from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
+from flexbt_common.command_line import (
+    SuggestingArgumentParser,
+    abandon_stdout,
+    make_streams_safe,
+    report_full_output,
+)
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.values.findings import finding_record
 from flexbt_core.values.text import escape_lines, short_repr
@@ -44,7 +49,17 @@ def main(words: Sequence[str] | None = None) -> int:
         one.add_argument('--seconds', type=_seconds, default=10.0, help='most time for nodes to be found (default 10)')
     options = parser.parse_args(words)
     run = {'doctor': run_doctor, 'init': run_init, 'manifest': run_manifest}[options.command]
-    return run(options)
+    try:
+        return run(options)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        abandon_stdout()
+        return 0
+    except OSError as error:
+        if not report_full_output('flexbt', error):
+            raise
+        return 2
 
 
 def _namespace(text: str) -> str:

@@ -273,3 +273,11 @@ def test_the_servers_of_a_robot_become_a_manifest_that_can_be_read(other: NodeRu
     ports = nodes['ArmTurnAround'].ports
     assert {'target_yaw', 'time_allowance', 'error_code', 'server_name'} <= set(ports)
     assert ports['server_name'].default == 'arm/turn_around'
+
+
+def test_a_check_whose_output_nobody_reads_ends_quietly() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, 'wb') as output:
+        done = subprocess.run(['flexbt', 'doctor', '--machine'], stdout=output, stderr=subprocess.PIPE, check=False)
+    assert (done.returncode, done.stderr) == (0, b'')
