@@ -33,7 +33,8 @@ ROSDEP_KEYS = {
     'yaml': 'python3-yaml',
     'zmq': 'python3-zmq',
 }
-NOT_AMONG_THE_WHEELS = {'behaviortree_cpp', 'launch', 'launch_ros', 'nav2_simple_commander', 'tf2_ros'}  # where there is an installation
+# Found where there is an installation.
+NOT_AMONG_THE_WHEELS = {'behaviortree_cpp', 'launch', 'launch_ros', 'nav2_simple_commander', 'tf2_ros'}
 PEERS = {'behaviortreepy', 'py_trees', 'selenium'}  # tests skip without them; rosdep has no key for them
 FROM_PIP = {
     'anyio',
