@@ -44,7 +44,7 @@ STATUS_DEPTH: Final = 16
 REPORT_SECONDS: Final = 10.0
 
 _SERVERS: Final = 16
-"""Maximum number of participants that publish trees, whose names are remembered."""
+"""Maximum number of writers of trees whose nodes are remembered."""
 
 
 class SurroundingsLink:
@@ -62,7 +62,8 @@ class SurroundingsLink:
         self._scan_period = scan_period
         self._pace = Pace(runtime)
         self._subscriptions: list[Any] = []
-        self._servers: OrderedDict[bytes, str] = OrderedDict()  # the node that publishes trees, by its participant
+        self._servers: OrderedDict[bytes, str] = OrderedDict()  # the node of each writer of trees
+        self._left: set[bytes] = set()  # those writers that have left
         self._scan: ScanLink | None = None
         try:
             runtime.call(self._join)
@@ -114,6 +115,8 @@ class SurroundingsLink:
                 with self._pace.work():
                     told_by = (self._server(topic, received.writer),) if type is TreeStatus else ()
                     receive(received.unpack(type), *told_by)
+                    if received.writer in self._left:  # the message had waited: its server is not back
+                        self._tell_departure(self._publishers())
             except (ValueError, LimitExceededError) as error:
                 text = f'{topic}: ignored: {one_line(str(error), REPORT_CHARACTERS)}'
                 self._node.get_logger().error(text, throttle_duration_sec=REPORT_SECONDS)
@@ -133,10 +136,17 @@ class SurroundingsLink:
 
     def _trees_matched(self, event: Any) -> None:
         if event.current_count_change < 0:
-            topic = names.of_robot(self._namespace, names.TREE_STATUS)
-            there = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
-            known = {f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in there}
-            self._mirror.tree_servers_left(known if event.current_count > 0 else ())
+            self._tell_departure(self._publishers() if event.current_count > 0 else [])
+
+    def _publishers(self) -> list[Any]:
+        topic = names.of_robot(self._namespace, names.TREE_STATUS)
+        return self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(topic))
+
+    def _tell_departure(self, there: list[Any]) -> None:
+        """Report to the mirror which publishers of trees are still there, and note which writers have left."""
+        identifiers = [bytes(one.endpoint_gid) for one in there]
+        self._left = {writer for writer in self._servers if not any(one.startswith(writer) for one in identifiers)}
+        self._mirror.tree_servers_left({f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in there})
 
 
 class SurroundingsFeed:
