@@ -136,7 +136,7 @@ def test_a_node_whose_output_nobody_reads_goes_on_and_its_children_wait(tmp_path
             b'the exit code of the child: 0',
         )
         assert b'line 0 ' in read and read.count(b'c') >= 200_000
-        assert re.search(rb'\n(\x1b\[33m)?\[WARN\] \[[0-9.]+\] \[talker\]: [0-9]+ messages cut or missing here', read)
+        assert re.search(rb'\n(\x1b\[33m)?\[WARN\] \[[0-9.]+\] \[talker\]: [0-9]+ messages? cut or missing here', read)
         assert b'[WARN]' in read and b'[talker]: library: %d of them (TypeError(' in read
         assert b'[talker]: library: a \\e[31mred text' in read
         process.send_signal(signal.SIGTERM)

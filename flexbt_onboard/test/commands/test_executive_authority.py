@@ -108,6 +108,7 @@ def test_a_holder_who_is_gone_loses_the_authority_to_the_first_who_asked_and_is_
     console = _Operator('ann')
     second = _Operator('ann')
     try:
+        bench.wait_for(lambda _status: bench.executive.presence.present >= {'ann', 'eve'}, 'both are there')
         bench.applied(CLAIM, operator_id='ann')
         bench.applied(CLAIM, operator_id='bob')
         bench.applied(CLAIM, operator_id='eve')
