@@ -20,7 +20,6 @@ from typing import Final
 import rclpy
 from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
-from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions, uninstall_signal_handlers
 
@@ -88,7 +87,7 @@ class DefaultContext:
                 except InvalidHandle:  # already destroyed
                     continue
                 except Exception as error:  # code of users
-                    get_logger('flexbt').warning(f'a node was not destroyed: {error!r}')
+                    node.get_logger().warning(f'not destroyed: {error!r}')
 
 
 @contextmanager
