@@ -183,8 +183,8 @@ def test_a_console_says_who_has_confirmed_a_stop(system: tuple[Stack, Probe, Gua
     try:
         hung = run_console('stop', '--operator', 'ann')
         assert hung.returncode == 0 and 'confirmed by the stop guard' in hung.stdout, hung
-        # A console waits for an executive that does not answer, and prints what it has heard until then: on a busy machine
-        # 2 s can be over before it has discovered the guard.
+        # A console that waits in vain for an executive prints what it has heard until then.
+        # On a busy machine 2 s can be over before it has discovered the guard.
         wait_until(
             lambda: 'HELD BY THE STOP GUARD' in run_console('status', '--operator', 'ann', '--timeout', '2').stderr,
             'a console that prints that the stop guard holds the robot',
