@@ -10,11 +10,14 @@ does not respond. Its errors have more details, so it scans a short text again t
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import copy
+import re
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 import yaml
 
+from .findings import FindingRecord, finding_record
 from .text import did_you_mean, short_repr
 
 MAX_YAML_DEPTH: Final = 100
@@ -161,22 +164,31 @@ def _problem(error: Exception) -> str:
 
 
 class YamlParts:
-    """A reader of the parts of a text. It collects ``problems`` as ``source:line: problem`` and continues."""
+    """A reader of the parts of a text. It collects ``problems`` as ``source:line: problem`` and continues. ``records``
+    are the same problems with their places; ``owner`` is the node of the next ones."""
 
     def __init__(self, source: str) -> None:
         self.source = source
         self.problems: list[str] = []
+        self.records: list[FindingRecord] = []
+        self.owner = ''
+        self._keys: dict[int, yaml.Node] = {}  # by the id of the value
+        self._root: yaml.Node | None = None  # so that no id is used again
 
-    def root(self, text: str) -> yaml.Node | None:
-        """Return the root node of the text. If it is empty or not YAML, add a problem and return None."""
-        try:
-            root = compose_yaml(text)
-        except YamlError as error:
-            self.problems.append(f'{self.source}:{error.line}: {error.reason}')
+    def root(self, text: str, limit: int | None = None) -> yaml.Node | None:
+        """Return the root node of the text. If it is empty, not YAML, or has more than ``limit`` characters, add a
+        problem and return None."""
+        if limit is not None and len(text) > limit:
+            self._add(f'the text has {len(text)} characters; at most {limit} are read', (1, 1), (1, 1))
             return None
-        if root is None:
-            self.problems.append(f'{self.source}:1: the text is empty')
-        return root
+        try:
+            self._root = compose_yaml(text)
+        except YamlError as error:
+            self._add(error.reason, (error.line, error.column), (error.line, error.column))
+            return None
+        if self._root is None:
+            self._add('the text is empty', (1, 1), (1, 1))
+        return self._root
 
     def mapping(self, node: yaml.Node | None, what: str) -> dict[str, yaml.Node]:
         """Return the entries of a mapping by name; empty without a mapping."""
@@ -191,6 +203,7 @@ class YamlParts:
             if name in entries:
                 self.problem(key, f'{what} has {short_repr(name)} twice')
             entries[name] = value
+            self._keys[id(value)] = key
         return entries
 
     def sequence(self, node: yaml.Node, what: str) -> list[yaml.Node]:
@@ -231,11 +244,90 @@ class YamlParts:
         """Add a problem for each entry whose name is not in ``known``."""
         for name, value in entries.items():
             if name not in known:
-                self.problem(value, f'{what} cannot have {short_repr(name)}{did_you_mean(name, known)}')
+                self.problem(self.key_of(value), f'{what} cannot have {short_repr(name)}{did_you_mean(name, known)}')
 
     def problem(self, node: yaml.Node, text: str) -> None:
         """Add a problem at the place of a node."""
-        self.problems.append(f'{self.source}:{line_of(node)}: {text}')
+        mark = node.start_mark
+        start = (1, 1) if mark is None else (mark.line + 1, mark.column + 1)
+        self._add(text, start, end_of(node) or start)
+
+    def key_of(self, value: yaml.Node) -> yaml.Node:
+        """Return the key of a value in a mapping that was read; the value itself if there is none."""
+        return self._keys.get(id(value), value)
+
+    def _add(self, text: str, start: tuple[int, int], end: tuple[int, int]) -> None:
+        record = finding_record('refused', 'error', text, file=self.source, node=self.owner)
+        record['line'], record['column'] = start
+        record['end_line'], record['end_column'] = end
+        self.records.append(record)
+        self.problems.append(f'{self.source}:{start[0]}: {text}')
+
+
+class StrictYamlParts(YamlParts):
+    """A reader that refuses values which readers of YAML 1.1 and 1.2 read in different ways, and duplicate names in
+    values. Its values are texts, numbers, truth values, None, lists and mappings of them.
+
+    The text ``$name`` stands for a copy of a value in ``references``; a text that begins with ``$`` has two of them.
+    """
+
+    def __init__(self, source: str) -> None:
+        super().__init__(source)
+        self.references: Mapping[str, Any] = {}
+
+    def value(self, node: yaml.Node, what: str) -> Any:
+        if isinstance(node, yaml.SequenceNode) and node.tag == _LIST:
+            return [self.value(one, what) for one in node.value]
+        if not isinstance(node, yaml.MappingNode) or node.tag != _MAPPING:
+            value = self._scalar(node, what)
+            return self._referred(node, value[1:], what) if isinstance(value, str) and value[:1] == '$' else value
+        entries: dict[Any, Any] = {}
+        for key, value in node.value:
+            name = self._scalar(key, f'a name in {what}')
+            if name in entries:
+                self.problem(key, f'{what} has {short_repr(name)} twice')
+            entries[name] = self.value(value, what)
+        return entries
+
+    def _referred(self, node: yaml.Node, name: str, what: str) -> Any:
+        if name.startswith('$'):
+            return name
+        if name not in self.references:
+            near = did_you_mean(
+                name, self.references, f'; write a text that begins with $ as {short_repr(f"$${name}")}'
+            )
+            self.problem(node, f'{what}: there is no parameter {short_repr(name)}{near}')
+        return copy.deepcopy(self.references.get(name))
+
+    def _scalar(self, node: yaml.Node, what: str) -> Any:
+        tag = node.tag.rpartition(':')[2]
+        if not isinstance(node, yaml.ScalarNode) or tag not in (*_PLAIN, *_OLD):
+            self.problem(node, f'{what} is not a plain value: {shown_node(node)} of the type {short_repr(tag)}')
+        elif tag in _OLD or (not node.style and _AMBIGUOUS.fullmatch(node.value)):
+            advice = 'for a text write it in quotes, else write true or false, or a number such as 90, 0.01 or 1.0e+3'
+            self.problem(node, f'{what}: versions of YAML read {short_repr(node.value)} in different ways; {advice}')
+        else:
+            return super().value(node, what)
+        return None
+
+
+_LIST: Final = 'tag:yaml.org,2002:seq'
+_MAPPING: Final = 'tag:yaml.org,2002:map'
+_PLAIN: Final = ('str', 'int', 'float', 'bool', 'null')
+_OLD: Final = ('timestamp', 'merge', 'value')  # types that YAML 1.2 does not have
+_AMBIGUOUS: Final = re.compile(
+    r'(?i:yes|no|on|off)|[-+]?(0b?[0-9_]+|0o[0-7]+|[0-9]+_[0-9_.]*|[0-9]+(:[0-5]?[0-9])+(\.[0-9_]*)?'
+    r'|[0-9]+[eE][-+]?[0-9]+|([0-9]+\.[0-9]*|\.[0-9]+)[eE][0-9]+)'
+)
+
+
+def end_of(node: yaml.Node) -> tuple[int, int] | None:
+    """Return line and column behind the last character of a node, from 1. PyYAML ends a block behind the comments that
+    follow it."""
+    while isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
+        last = node.value[-1]
+        node = last[1] if isinstance(last, tuple) else last
+    return None if node.end_mark is None else (node.end_mark.line + 1, node.end_mark.column + 1)
 
 
 def line_of(node: yaml.Node) -> int:

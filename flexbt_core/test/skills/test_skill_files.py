@@ -169,7 +169,7 @@ WRONG = [
     ('{what: cup}', '{what: cupp}', 21, "'cupp' is not a type; did you mean 'cup'?"),
     ('{what: cup}', '{wh-at: cup}', 21, "'wh-at' cannot name a parameter"),
     ('  Grab:', '  GoTo:', 20, "skills has 'GoTo' twice"),
-    ('skills:', 'skill:', 9, "the text cannot have 'skill'; did you mean 'skills'?"),
+    ('skills:', 'skill:', 8, "the text cannot have 'skill'; did you mean 'skills'?"),
     ('  Grab:', '  Grab: &a', 20, ''),
 ]  # fmt: skip
 

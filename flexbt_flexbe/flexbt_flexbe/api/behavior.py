@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from flexbt_common.files import resolve_file
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
-from flexbt_core.state_machine.model.userdata import DefaultUserData
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine, embedded
+from flexbt_core.state_machine.model.definition import Machine
 from flexbt_core.values.text import short_repr
 from flexbt_core.values.text_files import read_text
 from flexbt_core.values.yaml_data import load_yaml
@@ -56,7 +56,7 @@ class Behavior:
         behavior_id: str,
         default_keys: Iterable[str] | None = None,
         parameters: Mapping[str, Any] | None = None,
-    ) -> OperatableStateMachine:
+    ) -> Machine:
         """Return the state machine of an embedded behavior; add it like a state.
 
         The machine around it must supply its input keys, except ``default_keys``, which keep the behavior's own
@@ -73,15 +73,7 @@ class Behavior:
             )
         for name, value in (parameters or {}).items():
             setattr(behavior, name, value)
-        machine = behavior.create()
-        kept = set(default_keys or ())
-        machine.input_keys = tuple(key for key in machine.input_keys if key not in kept)
-        defaults = DefaultUserData()
-        for key, value in machine.userdata.values().items():
-            if key not in machine.input_keys:
-                defaults[key] = value
-        machine.userdata = defaults
-        return machine
+        return embedded(behavior.create(), default_keys or ())
 
     def get_contained_behaviors(self) -> dict[str, Behavior]:
         """Return all embedded behaviors by path, such as ``/Outer/Inner``."""

@@ -22,7 +22,7 @@ from flexbt_core.state_machine.model.definition import (
     child_path,
 )
 from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_core.state_machine.model.userdata import MachineError, MachineProblem
 from flexbt_core.values.text import did_you_mean
 
 from .data_flow import problems_of_reads
@@ -41,9 +41,9 @@ def define(machine: Machine) -> MachineDefinition:
     if problems:
         raise MachineError(problems)
     definition = _define(machine, ROOT_PATH, '', {}, {})
-    problems = list(problems_of_reads(definition))
-    if problems:
-        raise MachineError(problems)
+    unwritten = list(problems_of_reads(definition))
+    if unwritten:
+        raise MachineError(unwritten)
     return definition
 
 
@@ -100,18 +100,18 @@ def _fixed(mapping: Mapping[_Key, _Value]) -> Mapping[_Key, _Value]:
 RESERVED: Final = (PREEMPTED, ERROR)
 
 
-def problems_of(root: Machine) -> Iterator[str]:
+def problems_of(root: Machine) -> Iterator[MachineProblem]:
     """Yield the problems of a machine and of all its descendants, in the order of the states."""
     yield from _reserved(ROOT_PATH, root.outcomes)
     yield from _keys(ROOT_PATH, root)
     yield from _machine(root, ROOT_PATH, {id(root): ROOT_PATH})
 
 
-def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[str]:
+def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[MachineProblem]:
     if not machine.children:
-        yield f'{path}: the machine has no states'
+        yield MachineProblem(path, 'the machine has no states', ('states',))
     if not machine.outcomes:
-        yield f'{path}: the machine has no outcomes'
+        yield MachineProblem(path, 'the machine has no outcomes', ('outcomes',))
     labels: set[str] = set()
     for child in machine.children:
         own = child_path(path, child.label)
@@ -119,7 +119,7 @@ def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[str]
         labels.add(child.label)
         state = child.state.unwrapped if isinstance(child.state, EventState) else child.state
         if id(state) in seen:
-            yield f'{own}: the same state object is also {seen[id(state)]}; make one for each place'
+            yield MachineProblem(own, f'the same state object is also {seen[id(state)]}; make one for each place')
             continue
         seen[id(state)] = own
         yield from _transitions(own, child, machine)
@@ -136,57 +136,68 @@ def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[str]
             yield from _machine(child.state, own, seen)
 
 
-def _label(own: str, label: str, labels: Collection[str], machine: Machine) -> Iterator[str]:
+def _label(own: str, label: str, labels: Collection[str], machine: Machine) -> Iterator[MachineProblem]:
     if not label or '/' in label or label != label.strip():
-        yield f"{own}: '{label}' cannot be a label: it is empty, contains '/', or begins or ends with a blank"
+        text = f"'{label}' cannot be a label: it is empty, contains '/', or begins or ends with a blank"
+        yield MachineProblem(own, text)
     if label in labels:
-        yield f"{own}: the label '{label}' is used twice"
+        yield MachineProblem(own, f"the label '{label}' is used twice")
     if label in machine.outcomes:
-        yield f"{own}: '{label}' is both a state and an outcome of its machine, so that a transition to it is ambiguous"
+        text = f"'{label}' is both a state and an outcome of its machine, so that a transition to it is ambiguous"
+        yield MachineProblem(own, text)
 
 
-def _keys(path: str, owner: EventState | Machine) -> Iterator[str]:
+def _keys(path: str, owner: EventState | Machine) -> Iterator[MachineProblem]:
     for key in dict.fromkeys((*owner.input_keys, *owner.output_keys)):
         if not key or key.startswith('_'):
-            yield f"{path}: '{key}' cannot be a userdata key: it is empty or begins with an underscore"
+            yield MachineProblem(path, f"'{key}' cannot be a userdata key: it is empty or begins with an underscore")
 
 
-def _reserved(path: str, outcomes: Collection[str]) -> Iterator[str]:
+def _reserved(path: str, outcomes: Collection[str]) -> Iterator[MachineProblem]:
     for outcome in outcomes:
         if outcome in RESERVED:
-            yield f"{path}: the outcome '{outcome}' is reserved for runs that were stopped or failed; rename it"
+            text = f"the outcome '{outcome}' is reserved for runs that were stopped or failed; rename it"
+            yield MachineProblem(path, text, ('outcomes', outcome))
 
 
-def _transitions(own: str, child: Child, machine: Machine) -> Iterator[str]:
+def _transitions(own: str, child: Child, machine: Machine) -> Iterator[MachineProblem]:
     outcomes = child.state.outcomes
     is_concurrent = machine.kind is StateKind.CONCURRENCY
     targets = [*(sibling.label for sibling in machine.children if not is_concurrent), *machine.outcomes]
     for outcome in outcomes:
         if outcome not in child.transitions and not is_concurrent:
-            yield f"{own}: the outcome '{outcome}' leads nowhere; add it to transitions"
+            yield MachineProblem(own, f"the outcome '{outcome}' leads nowhere; add it to transitions", ('transitions',))
     for outcome, target in child.transitions.items():
+        place = 'transitions', outcome
         if outcome not in outcomes:
-            yield f"{own}: transition of '{outcome}', which is not an outcome of it{did_you_mean(outcome, outcomes)}"
+            near = did_you_mean(outcome, outcomes)
+            yield MachineProblem(own, f"transition of '{outcome}', which is not an outcome of it{near}", place)
         if target not in targets:
             what = (
                 'not an outcome of the container' if is_concurrent else 'neither a state nor an outcome of the machine'
             )
-            yield f"{own}: the outcome '{outcome}' leads to '{target}', which is {what}{did_you_mean(target, targets)}"
+            near = did_you_mean(target, targets)
+            text = f"the outcome '{outcome}' leads to '{target}', which is {what}{near}"
+            yield MachineProblem(own, text, place, is_value=True)
     for outcome, level in child.autonomy.items():
+        place = 'autonomy', outcome
         if outcome not in outcomes:
-            yield f"{own}: autonomy of '{outcome}', which is not an outcome of it{did_you_mean(outcome, outcomes)}"
+            near = did_you_mean(outcome, outcomes)
+            yield MachineProblem(own, f"autonomy of '{outcome}', which is not an outcome of it{near}", place)
         if not (isinstance(level, int) and UNDECLARED <= level <= Autonomy.Full):
-            yield f"{own}: autonomy {level!r} of '{outcome}' is none of the levels Off 0, Low 1, High 2, Full 3"
+            text = f"autonomy {level!r} of '{outcome}' is none of the levels Off 0, Low 1, High 2, Full 3"
+            yield MachineProblem(own, text, place, is_value=True)
 
 
-def _remapping(own: str, child: Child) -> Iterator[str]:
+def _remapping(own: str, child: Child) -> Iterator[MachineProblem]:
     keys = {*child.state.input_keys, *child.state.output_keys}
     for key in child.remapping:
         if key not in keys:
-            yield f"{own}: remaps '{key}', which is none of its keys{did_you_mean(key, keys)}"
+            text = f"remaps '{key}', which is none of its keys{did_you_mean(key, keys)}"
+            yield MachineProblem(own, text, ('remapping', key))
 
 
-def _reachability(path: str, machine: Machine) -> Iterator[str]:
+def _reachability(path: str, machine: Machine) -> Iterator[MachineProblem]:
     ways = {child.label: set(child.transitions.values()) for child in machine.children}
     if not machine.children:
         return
@@ -200,7 +211,7 @@ def _reachability(path: str, machine: Machine) -> Iterator[str]:
         open_ends.extend(ways[label])
     for child in machine.children:
         if child.label not in reached:
-            yield f'{child_path(path, child.label)}: no transition leads to it from the initial state'
+            yield MachineProblem(child_path(path, child.label), 'no transition leads to it from the initial state')
 
 
 def _read_inputs(node: EventState | Machine, around: tuple[Machine, ...] = ()) -> Iterable[str]:
@@ -215,7 +226,7 @@ def _read_inputs(node: EventState | Machine, around: tuple[Machine, ...] = ()) -
     return [key for key in node.input_keys if key in read]
 
 
-def _data_flow(path: str, machine: Machine) -> Iterator[str]:
+def _data_flow(path: str, machine: Machine) -> Iterator[MachineProblem]:
     written = {*machine.input_keys, *(machine.userdata.values())}
     for child in machine.children:
         written.update(child.remapping.get(key, key) for key in child.state.output_keys)
@@ -225,14 +236,16 @@ def _data_flow(path: str, machine: Machine) -> Iterator[str]:
             name = child.remapping.get(key, key)
             if name not in written and key not in optional:
                 shown = f"'{key}'" if name == key else f"'{key}' (remapped to '{name}')"
-                yield (
-                    f'{child_path(path, child.label)}: reads userdata key {shown}; no state of {path} writes it, and '
+                text = (
+                    f'reads userdata key {shown}; no state of {path} writes it, and '
                     f'it is neither an input nor a default of the machine{did_you_mean(name, written)}'
                 )
+                yield MachineProblem(child_path(path, child.label), text, ('remapping', key), is_value=True)
     for key in machine.output_keys:
         if key not in written:
             near = did_you_mean(key, written)
-            yield f"{path}: the output key '{key}' of the machine is written by none of its states{near}"
+            text = f"the output key '{key}' of the machine is written by none of its states{near}"
+            yield MachineProblem(path, text, ('output_keys', key))
 
 
 # Problems of the conditions of a concurrency container that would keep it from ending as intended.
@@ -241,36 +254,42 @@ _SEARCHED: Final = 20_000
 """Maximum number of checked combinations of outcomes; a run detects problems in the others."""
 
 
-def problems_of_conditions(path: str, container: Machine) -> Iterator[str]:
+def problems_of_conditions(path: str, container: Machine) -> Iterator[MachineProblem]:
     """Yield the problems of the conditions."""
     problems = list(_names(path, container))
     yield from problems
     if not container.conditions:
-        yield f'{path}: the concurrency container has no conditions, so that it could never end'
+        text = 'the concurrency container has no conditions, so that it could never end'
+        yield MachineProblem(path, text, ('conditions',))
     elif not problems:
         possible = {child.label: outcomes_of(child.state) for child in container.children}
         ended = _uncovered(possible, container.conditions)
         if ended is not None:
             shown = ', '.join(f'{label} by {outcome!r}' for label, outcome in ended.items())
-            yield f'{path}: when its children have ended {shown}, no condition holds; add one for that'
+            text = f'when its children have ended {shown}, no condition holds; add one for that'
+            yield MachineProblem(path, text, ('conditions',))
 
 
-def _names(path: str, container: Machine) -> Iterator[str]:
+def _names(path: str, container: Machine) -> Iterator[MachineProblem]:
     children = {child.label: child.state.outcomes for child in container.children}
-    for number, condition in enumerate(container.conditions, start=1):
-        place = f'{path}: condition {number}, of {condition.outcome!r},'
+    for index, condition in enumerate(container.conditions):
+        what, place = f'condition {index + 1}, of {condition.outcome!r},', ('conditions', index)
         if condition.outcome not in container.outcomes:
-            yield f'{place} is of no outcome of the container{did_you_mean(condition.outcome, container.outcomes)}'
+            text = f'{what} is of no outcome of the container{did_you_mean(condition.outcome, container.outcomes)}'
+            yield MachineProblem(path, text, (*place, 'outcome'), is_value=True)
         if not condition.children:
-            yield f'{place} names no child'
+            yield MachineProblem(path, f'{what} names no child', place)
         if len(dict(condition.children)) < len(dict.fromkeys(condition.children)):
-            yield f'{place} wants two outcomes of one child, so that it never holds'
+            yield MachineProblem(path, f'{what} wants two outcomes of one child, so that it never holds', place)
         for label, outcome in condition.children:
+            ended = *place, 'when', label
             if label not in children:
-                yield f'{place} names {label!r}, which is not a child{did_you_mean(label, children)}'
+                text = f'{what} names {label!r}, which is not a child{did_you_mean(label, children)}'
+                yield MachineProblem(path, text, ended)
             elif outcome not in children[label]:
                 near = did_you_mean(outcome, children[label])
-                yield f'{place} names {outcome!r}, which is not an outcome of {label}{near}'
+                text = f'{what} names {outcome!r}, which is not an outcome of {label}{near}'
+                yield MachineProblem(path, text, ended, is_value=True)
 
 
 def outcomes_of(state: EventState | Machine) -> tuple[str, ...]:

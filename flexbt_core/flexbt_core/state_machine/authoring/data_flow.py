@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
+from flexbt_core.state_machine.model.userdata import MachineProblem
 
 StateOrMachine = StateDefinition | MachineDefinition
 Keys = frozenset[str]
@@ -45,9 +46,11 @@ class KeyRead:
     name: str
     writers: tuple[str, ...]
 
-    def __str__(self) -> str:
+    @property
+    def text(self) -> str:
+        """The read, as in a message about the state."""
         shown = f"'{self.key}'" if self.name == self.key else f"'{self.key}' (remapped to '{self.name}')"
-        return f'{self.path}: reads userdata key {shown}'
+        return f'reads userdata key {shown}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,10 +74,11 @@ class LostWrite:
     reader: str
 
 
-def problems_of_reads(machine: MachineDefinition) -> Iterator[str]:
+def problems_of_reads(machine: MachineDefinition) -> Iterator[MachineProblem]:
     """Yield the reads of keys that no path to the state writes."""
     for read in _reads(machine, is_sure=False):
-        yield f'{read}; only {" and ".join(read.writers)} writes it, and no way leads from there to here'
+        text = f'{read.text}; only {" and ".join(read.writers)} writes it, and no way leads from there to here'
+        yield MachineProblem(read.path, text, ('remapping', read.key), is_value=True)
 
 
 def unsure_reads(machine: MachineDefinition) -> list[KeyRead]:

@@ -11,9 +11,9 @@ from types import TracebackType
 from typing import Any
 
 from flexbt_core.state_machine.model.autonomy import UNDECLARED
-from flexbt_core.state_machine.model.definition import Child, EndCondition, Machine, StateKind
+from flexbt_core.state_machine.model.definition import Child, EndCondition, Machine, MachineDefinition, StateKind
 from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_core.state_machine.model.userdata import StateMachineError
+from flexbt_core.state_machine.model.userdata import DefaultUserData, StateMachineError
 
 # Machines with an open ``with`` block, innermost last; per thread and task, so several can be built at the same time.
 _open_machines: ContextVar[tuple[OperatableStateMachine, ...]] = ContextVar('open_machines', default=())
@@ -104,3 +104,37 @@ class PriorityContainer(OperatableStateMachine):
     """
 
     kind = StateKind.PRIORITY
+
+
+# The machine of a behavior inside another one.
+
+
+def embedded(machine: Machine | MachineDefinition, default_keys: Iterable[str] = ()) -> Machine:
+    """Return the machine of another behavior, to be added like a state.
+
+    The machine around it must supply its input keys, except ``default_keys``, which keep the behavior's own values.
+    """
+    made = _written(machine) if isinstance(machine, MachineDefinition) else machine
+    kept = set(default_keys)
+    made.input_keys = tuple(key for key in made.input_keys if key not in kept)
+    defaults = DefaultUserData()
+    for key, value in made.userdata.values().items():
+        if key not in made.input_keys:
+            defaults[key] = value
+    made.userdata = defaults
+    return made
+
+
+def _written(definition: MachineDefinition) -> OperatableStateMachine:
+    """Return a machine as it could have been written; it takes over the states of the definition."""
+    made = {kind.kind: kind for kind in (OperatableStateMachine, ConcurrencyContainer, PriorityContainer)}[
+        definition.kind
+    ](definition.outcomes, definition.input_keys, definition.output_keys, userdata=definition.defaults)
+    made.conditions = definition.conditions
+    for label, child in definition.children.items():
+        targets = {outcome: way.state or way.outcome for outcome, way in child.transitions.items()}
+        levels = {outcome: way.autonomy for outcome, way in child.transitions.items() if way.autonomy != UNDECLARED}
+        transitions = {outcome: target for outcome, target in targets.items() if target is not None}
+        state = _written(child) if isinstance(child, MachineDefinition) else child.state
+        made.add_child(Child(label, state, transitions, levels, child.remap))
+    return made

@@ -10,10 +10,12 @@ StateMachineError
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
+from flexbt_core.values.findings import FindingRecord, finding_record
 from flexbt_core.values.text import short_repr, truncate_middle
 
 from .state_host import Severity, StateHost
@@ -23,11 +25,33 @@ class StateMachineError(Exception):
     """Base of the errors of the engine."""
 
 
-class MachineError(StateMachineError):
-    """A machine cannot run. ``problems`` lists all its problems, in the order of its states."""
+@dataclass(frozen=True, slots=True)
+class MachineProblem:
+    """A problem of a machine. ``path`` is the state or machine, and ``part`` leads from there to what is wrong, as
+    ``('transitions', 'done')``: to the name there, or if ``is_value`` to its value."""
 
-    def __init__(self, problems: Iterable[str]) -> None:
-        self.problems: tuple[str, ...] = tuple(problems)
+    path: str
+    text: str
+    part: tuple[str | int, ...] = ()
+    is_value: bool = False
+
+    def __str__(self) -> str:
+        return f'{self.path}: {self.text}'
+
+
+class MachineError(StateMachineError):
+    """A machine cannot run. ``problems`` lists all its problems, in the order of its states; ``found`` are the same as
+    they were given, and ``records`` the same for programs, with their places if it was read from a text."""
+
+    def __init__(self, problems: Iterable[str | MachineProblem], records: Sequence[FindingRecord] = ()) -> None:
+        self.found = tuple(problems)
+        self.problems: tuple[str, ...] = tuple(map(str, self.found))
+        self.records = tuple(records) or tuple(
+            finding_record('refused', 'error', one)
+            if isinstance(one, str)
+            else finding_record('refused', 'error', one.text, node=one.path)
+            for one in self.found
+        )
         super().__init__('; '.join(self.problems))
 
 

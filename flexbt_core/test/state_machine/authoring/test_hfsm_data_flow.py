@@ -44,7 +44,7 @@ def test_a_key_that_is_written_in_a_loop_is_unsure() -> None:
         Child('C', keyed('again', 'done', writes='x'), {'again': 'B', 'done': 'ended'}),
     )
     (read,) = unsure_reads(define(made))
-    assert (str(read), read.writers) == ("/B: reads userdata key 'x'", ('/C',))
+    assert (read.path, read.text, read.writers) == ('/B', "reads userdata key 'x'", ('/C',))
 
 
 def test_what_both_ways_write_is_sure() -> None:

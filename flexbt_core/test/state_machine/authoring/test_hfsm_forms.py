@@ -24,7 +24,7 @@ TEXT = """
 machine:
   outcomes: [finished, off]
   output_keys: [result]
-  userdata: {place: dock, limits: [1, 2.5, yes], nothing: null}
+  userdata: {place: dock, limits: [1, 2.5, true], nothing: null}
   states:
     Find:
       state: Find
@@ -163,42 +163,46 @@ def test_a_definition_cannot_be_changed() -> None:
 @pytest.mark.parametrize(
     ('before', 'after', 'problem'),
     [
-        ('done: Both', 'done: Bth', "m.yaml:8: /Find: the outcome 'done' leads to 'Bth', which is neither"),
-        ('state: Go,', 'state: Goo,', "m.yaml:22: /Both/Go: there is no state 'Goo'; did you mean 'Go'?"),
-        ('tries: 3', 'trys: 3', 'm.yaml:8: /Find: Find cannot be made: TypeError: '),
-        ('done: low', 'done: lo', "m.yaml:11: autonomy of /Find: 'lo' is none of the levels off, low, high, full"),
+        ('done: Both', 'done: Bth', "m.yaml:10:27: /Find: the outcome 'done' leads to 'Bth', which is neither"),
+        ('state: Go,', 'state: Goo,', "m.yaml:22:23: /Both/Go: there is no state 'Goo'; did you mean 'Go'?"),
+        ('tries: 3', 'trys: 3', "m.yaml:9:20: /Find: Find has no parameter 'trys'; did you mean 'tries'?"),
+        ('done: low', 'done: lo', "m.yaml:11:24: autonomy of /Find: 'lo' is none of the levels off, low, high, full"),
         (
             'on: [off], delay',
             'on: [of], delay',
-            "/Rescue/Turn: Find: cannot be tried again: 'of' is none",
+            "m.yaml:33:39: /Rescue/Turn: Find: cannot be tried again: 'of' is none",
         ),
-        ('attempts: 3', 'attempts: many', 'retry of /Rescue/Turn has to have attempts (a number) and on (outcomes)'),
+        (
+            'attempts: 3',
+            'attempts: many',
+            "m.yaml:33:31: attempts of retry of /Rescue/Turn has to be a number, not 'many'",
+        ),
         ('delay: 2', 'dely: 2', "retry of /Rescue/Turn cannot have 'dely'; did you mean 'delay'?"),
-        ('priority:', 'prioriti:', 'm.yaml:27: /Rescue has to have one of state, machine, concurrency, priority'),
+        ('priority:', 'prioriti:', "m.yaml:27:7: /Rescue cannot have 'prioriti'; did you mean 'priority'?"),
         (
             'input_keys:',
             'inputkeys:',
-            "m.yaml:15: /Both (concurrency) cannot have 'inputkeys'; did you mean 'input_keys'?",
+            "m.yaml:15:9: /Both (concurrency) cannot have 'inputkeys'; did you mean 'input_keys'?",
         ),
-        ('parameters: {tries: 3}', 'param: {}', "m.yaml:9: /Find cannot have 'param'; did you mean 'parameters'?"),
+        ('parameters: {tries: 3}', 'param: {}', "m.yaml:9:7: /Find cannot have 'param'; did you mean 'parameters'?"),
         ('outcomes: [back]', 'outcomes: back', "outcomes of /Rescue (priority) has to be a list, not 'back'"),
         (
             '      transitions: {back: Both}',
             '      state: Find',
-            'm.yaml:27: /Rescue has to have one of state, machine,',
+            'm.yaml:26:5: /Rescue has to have one of state, machine,',
         ),
-        ('  output_keys: [result]', '  outcomes: []', "m.yaml:4: / (machine) has 'outcomes' twice"),
+        ('  output_keys: [result]', '  outcomes: []', "m.yaml:4:3: / (machine) has 'outcomes' twice"),
         ('place: dock', 'place: !!python/name:os.system x', "userdata of / (machine): 'place' is not a plain value"),
-        ('[1, 2.5, yes]', '[1, 2.5', 'm.yaml:5: no YAML: '),
+        ('[1, 2.5, true]', '[1, 2.5', 'm.yaml:5:57: no YAML: '),
         (
-            'limits: [1, 2.5, yes]',
+            'limits: [1, 2.5, true]',
             'limits: &a [1], more: *a',
-            'm.yaml:5: aliases (*a) are not supported; write it out',
+            'm.yaml:5:49: aliases (*a) are not supported; write it out',
         ),
-        (TEXT, '', 'm.yaml:1: the text is empty'),
-        (TEXT, '[1]', 'm.yaml:1: the text has to be a mapping, not a list'),
-        (TEXT, 'machine: {}', 'm.yaml:1: / (machine) has no states'),
-        ('when: {Go: off}', 'whn: {Go: off}', "m.yaml:19: condition of /Both (concurrency) cannot have 'whn'"),
+        (TEXT, '', 'm.yaml:1:1: the text is empty'),
+        (TEXT, '[1]', 'm.yaml:1:1: the text has to be a mapping, not a list'),
+        (TEXT, 'machine: {}', 'm.yaml:1:1: / (machine) has no states'),
+        ('when: {Go: off}', 'whn: {Go: off}', "m.yaml:19:31: condition of /Both (concurrency) cannot have 'whn'"),
         ('when: {Go: off}', 'when: {Go: done}', "/Both: when its children have ended Go by 'off', Watch by 'off'"),
         ('goal: place', 'goal: plce', "/Both/Go: reads userdata key 'goal' (remapped to 'plce'); no state of /Both"),
     ],
