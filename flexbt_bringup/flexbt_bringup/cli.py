@@ -12,12 +12,7 @@ from pathlib import Path
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
-from flexbt_common.command_line import (
-    SuggestingArgumentParser,
-    abandon_stdout,
-    make_streams_safe,
-    report_full_output,
-)
+from flexbt_common.command_line import SuggestingArgumentParser, run_program
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.values.findings import finding_record
 from flexbt_core.values.text import escape_lines, short_repr
@@ -32,7 +27,10 @@ SIGNS = {Level.OK: 'ok     ', Level.WARNING: 'WARNING', Level.ERROR: 'ERROR  '}
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run ``flexbt`` and return its exit code: 0 fine, 1 errors were found, 2 wrong usage."""
-    make_streams_safe()
+    return run_program('flexbt', lambda: _run(words))
+
+
+def _run(words: Sequence[str] | None) -> int:
     parser = SuggestingArgumentParser(prog='flexbt', description=__doc__, allow_abbrev=False)
     commands = parser.add_subparsers(dest='command', required=True)
     doctor = commands.add_parser('doctor', help='report what is wrong with this computer and this robot')
@@ -48,18 +46,7 @@ def main(words: Sequence[str] | None = None) -> int:
         one.add_argument('--namespace', type=_namespace, default='', help='namespace of the robot, such as /robot1')
         one.add_argument('--seconds', type=_seconds, default=10.0, help='most time for nodes to be found (default 10)')
     options = parser.parse_args(words)
-    run = {'doctor': run_doctor, 'init': run_init, 'manifest': run_manifest}[options.command]
-    try:
-        return run(options)
-    except KeyboardInterrupt:
-        return 130
-    except BrokenPipeError:
-        abandon_stdout()
-        return 0
-    except OSError as error:
-        if not report_full_output('flexbt', error):
-            raise
-        return 2
+    return {'doctor': run_doctor, 'init': run_init, 'manifest': run_manifest}[options.command](options)
 
 
 def _namespace(text: str) -> str:

@@ -10,7 +10,7 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NoReturn
 
 from flexbt_core.values.text import did_you_mean, one_line
@@ -42,12 +42,31 @@ class SuggestingArgumentParser(argparse.ArgumentParser):
 _FULL: Final = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
-def make_streams_safe() -> None:
-    """Write characters that the encoding of an output lacks as escapes, so that no encoding error ends the program."""
+def run_program(program: str, run: Callable[[], int], exit_code_if_full: int = 2) -> int:
+    """Return what ``run`` returns: the exit code of a program.
+
+    It is 130 after Ctrl-C, 0 if the output has no reader any more, and ``exit_code_if_full`` if the disk of the output
+    is full, which is reported. Characters that the encoding of an output lacks are written as escapes.
+    """
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, 'reconfigure', None)
         if reconfigure is not None:
             reconfigure(errors='backslashreplace')
+    try:
+        exit_code = run()
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        abandon_stdout()
+        return 0
+    except OSError as error:
+        if not is_full(error):
+            raise
+        abandon_stdout()
+        print(one_line(f'{program}: the output is not whole: {error.strerror}'), file=sys.stderr)
+        return exit_code_if_full
+    return exit_code
 
 
 def abandon_stdout() -> None:
@@ -58,16 +77,6 @@ def abandon_stdout() -> None:
 def is_full(error: OSError) -> bool:
     """Return whether the cause of an error is a full disk."""
     return error.errno in _FULL
-
-
-def report_full_output(program: str, error: OSError) -> bool:
-    """Return whether an error means that the disk of the output is full. If so, report it and drop all further
-    output."""
-    if not is_full(error):
-        return False
-    abandon_stdout()
-    print(one_line(f'{program}: the output is not whole: {error.strerror}'), file=sys.stderr)
-    return True
 
 
 def keep_stdout_for_python() -> None:

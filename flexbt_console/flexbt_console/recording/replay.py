@@ -17,7 +17,7 @@ from typing import Any, Final
 from rclpy.duration import Duration
 
 from flexbt_common import names
-from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
+from flexbt_common.command_line import SuggestingArgumentParser, run_program
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.limits import deserialize
 from flexbt_common.values.value_types import resolve_type
@@ -35,7 +35,10 @@ DISCOVERY_SECONDS: Final = 1.0
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Replay a file and return the exit code."""
-    make_streams_safe()
+    return run_program('replay', lambda: _run(arguments))
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.recover is not None:
@@ -45,8 +48,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ConsoleError as error:
         print(one_line(f'replay: {error}'), file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        return ExitCode.INTERRUPTED
     return ExitCode.OK
 
 

@@ -18,13 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Final
 
-from flexbt_common.command_line import (
-    abandon_stdout,
-    is_full,
-    keep_stdout_for_python,
-    make_streams_safe,
-    report_full_output,
-)
+from flexbt_common.command_line import abandon_stdout, is_full, keep_stdout_for_python, run_program
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import check, command_help, overview, parse
 from flexbt_console.commands.completion import ShellLine, as_typed, completion_script, read_line, shell_words
@@ -82,15 +76,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Call this on the main thread, because it handles SIGINT and SIGTERM.
     """
-    make_streams_safe()
-    line = CommandLine()
     words = list(sys.argv[1:] if arguments is None else arguments)
+
+    def run() -> int:
+        exit_code = _run_words(words)
+        _flush()
+        return exit_code
+
+    return run_program('console', run, ExitCode.FAULT)
+
+
+def _run_words(words: list[str]) -> int:
+    line = CommandLine()
     try:
         _raise_at_signals()
         line = parse(words)
         if line.has('--help'):
             print(overview() if line.spec is NO_COMMAND else command_help(line.spec))
-            _flush()
             return ExitCode.OK
         if line.spec is NO_COMMAND:
             if not sys.stdin.isatty():
@@ -100,9 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             can_show = _is_installed(_INTERACTIVE[Mode.SCREEN]) and os.environ.get('TERM', 'dumb') != 'dumb'
             line = replace(line, spec=find('screen' if can_show else 'prompt') or NO_COMMAND)
         check(line)
-        code = _run(line)
-        _flush()
-        return code
+        return _run(line)
     except ConsoleError as error:
         return _report(words, line.spec.name, error.exit_code, str(error))
     except (_Interrupted, RuntimeError) as error:
@@ -111,13 +111,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             raise
         endless = line.spec is not NO_COMMAND and isinstance(line.spec.action, Mode)
         return ExitCode.OK if endless else ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        abandon_stdout()
-        return ExitCode.OK
-    except OSError as error:
-        if not report_full_output('console', error):
-            raise
-        return ExitCode.FAULT
 
 
 def _is_installed(library: str) -> bool:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from flexbt_common.command_line import SuggestingArgumentParser, abandon_stdout, make_streams_safe, report_full_output
+from flexbt_common.command_line import SuggestingArgumentParser, is_full, run_program
 from flexbt_common.files import USER_DIRECTORY, home_path
 from flexbt_core.values.text import one_line, xml_attribute, xml_text
 from flexbt_core.values.text_files import write_text
@@ -23,7 +23,10 @@ from .run_metrics import ROOT, Intervention, RunMetrics, metrics_of, read_events
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the report. Return 0, or 1 if the run does not exist or is ambiguous, or 2 if a file cannot be read."""
-    make_streams_safe()
+    return run_program('run_report', lambda: _report(arguments))
+
+
+def _report(arguments: Sequence[str] | None) -> int:
     options = _parser().parse_args(arguments)
     try:
         runs = metrics_of(read_events(_files(options.files)), wall=options.wall)
@@ -41,12 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(json.dumps(as_json(chosen[0]), allow_nan=False))
         else:
             print('\n'.join(as_text(chosen[0])))
-        sys.stdout.flush()
-    except BrokenPipeError:
-        abandon_stdout()
     except OSError as error:
-        if not report_full_output('run_report', error):
-            print(one_line(f'run_report: {error}'), file=sys.stderr)
+        if isinstance(error, BrokenPipeError) or is_full(error):
+            raise
+        print(one_line(f'run_report: {error}'), file=sys.stderr)
         return 2
     return 0
 

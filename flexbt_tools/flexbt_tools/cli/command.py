@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import entry_points
 from typing import Final
 
-from flexbt_common.command_line import SuggestingArgumentParser, abandon_stdout, make_streams_safe, report_full_output
+from flexbt_common.command_line import SuggestingArgumentParser, run_program
 from flexbt_core.values.text import escape_lines
 from flexbt_tools.errors import ExitCode, ToolError, missing_package
 from flexbt_tools.tree_checks.diagnostics import error_records
@@ -47,7 +47,6 @@ def run_command(
 
     Reject a command of flexbt_formal if that package is not installed.
     """
-    make_streams_safe()
     words = sys.argv[1:] if words is None else words
     added = {point.name: point for point in entry_points(group=ENTRY_POINTS)}
     available: list[ToolCommand] = []
@@ -60,29 +59,23 @@ def run_command(
             available.append(replace(command, add_arguments=module.add_arguments, run=module.run))
         else:
             missing.append(command.name)
-    try:
-        if words and words[0] in missing:
-            raise missing_package(f'{program} {words[0]}')
-        options = _parser(program, description, available, exit_codes).parse_args(words)
-        code: ExitCode = options.run(options)
-        sys.stdout.flush()
-    except ToolError as error:
-        if '--json' in words:
-            findings = error_records(error)
-            print(json.dumps({'findings': findings}), flush=True)
-        for line in escape_lines(str(error), limit=1000):
-            print(line, file=sys.stderr)
-        return error.exit_code
-    except KeyboardInterrupt:
-        return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        abandon_stdout()
-        return ExitCode.OK
-    except OSError as error:
-        if not report_full_output(program, error):
-            raise
-        return ExitCode.USAGE
-    return code
+
+    def run() -> ExitCode:
+        try:
+            if words and words[0] in missing:
+                raise missing_package(f'{program} {words[0]}')
+            options = _parser(program, description, available, exit_codes).parse_args(words)
+            code: ExitCode = options.run(options)
+            return code
+        except ToolError as error:
+            if '--json' in words:
+                findings = error_records(error)
+                print(json.dumps({'findings': findings}), flush=True)
+            for line in escape_lines(str(error), limit=1000):
+                print(line, file=sys.stderr)
+            return error.exit_code
+
+    return run_program(program, run)
 
 
 def _parser(

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
-from flexbt_common.command_line import SuggestingArgumentParser, make_streams_safe
+from flexbt_common.command_line import SuggestingArgumentParser, run_program
 from flexbt_common.interfaces import INTERFACES, ROLES, InterfaceKind
 from flexbt_tools.errors import ExitCode
 
@@ -58,7 +58,10 @@ def _namespace(text: str) -> str:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run ``security_policy`` and return its exit code."""
-    make_streams_safe()
+    return run_program('security_policy', lambda: _write(words))
+
+
+def _write(words: Sequence[str] | None) -> int:
     parser = SuggestingArgumentParser(prog='security_policy', description='An SROS2 policy for robots, as XML.')
     parser.add_argument(
         'namespaces',
