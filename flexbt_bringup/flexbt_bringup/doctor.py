@@ -12,9 +12,10 @@ import shutil
 import socket
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from importlib.metadata import distributions
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -26,35 +27,24 @@ from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import TransformError
 from flexbt_common.middleware.fastdds import FAST_DDS
 from flexbt_common.middleware.implementation import ZENOH, implementation, losses
+from flexbt_common.names import node_of
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.transform_listener import TransformListener
 from flexbt_core.values.text import did_you_mean, pluralize
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_onboard.link.robot_state import POSE_TYPES
 
-from .graph import Graph, node_of, observe, parameters
+from .graph import Graph, observe, parameters
 
 OURS: Final = (names.BT_SERVER, names.ONBOARD_EXECUTIVE, names.STOP_GUARD)
 """Nodes of FlexBT that a robot runs."""
-ACTION_TYPES: Final[Mapping[str, str]] = {
-    names.COMPUTE_PATH_TO_POSE: 'ComputePathToPose',
-    names.COMPUTE_PATH_THROUGH_POSES: 'ComputePathThroughPoses',
-    names.FOLLOW_PATH: 'FollowPath',
-    names.SMOOTH_PATH: 'SmoothPath',
-    names.SPIN: 'Spin',
-    names.BACKUP: 'BackUp',
-    names.DRIVE_ON_HEADING: 'DriveOnHeading',
-    names.WAIT: 'Wait',
-    names.ASSISTED_TELEOP: 'AssistedTeleop',
-    names.NAVIGATE_TO_POSE: 'NavigateToPose',
-    names.NAVIGATE_THROUGH_POSES: 'NavigateThroughPoses',
-    names.FOLLOW_WAYPOINTS: 'FollowWaypoints',
-    names.DOCK_ROBOT: 'DockRobot',
-    names.UNDOCK_ROBOT: 'UndockRobot',
-    names.COMPUTE_ROUTE: 'ComputeRoute',
-    names.COMPUTE_AND_TRACK_ROUTE: 'ComputeAndTrackRoute',
-}
-"""Types of Nav2's actions, in nav2_msgs/action."""
+NAV2_ACTIONS: Final = (
+    *chain.from_iterable(names.ACTIONS_OF_SERVERS.values()),
+    names.NAVIGATE_TO_POSE,
+    names.NAVIGATE_THROUGH_POSES,
+    names.FOLLOW_WAYPOINTS,
+)
+"""Actions of Nav2. Their types are in nav2_msgs/action, and have the same names in camel case."""
 NEEDED: Final = (names.COMPUTE_PATH_TO_POSE, names.FOLLOW_PATH)
 """Actions without which no tree of ours drives."""
 STAMPED: Final = 'geometry_msgs/msg/TwistStamped'
@@ -82,24 +72,29 @@ class Level(Enum):
 
 
 class Finding(NamedTuple):
-    """The result of one check: what is so, and what to do about it; '' if nothing."""
+    """The result of a check: what is so, and what to do about it; '' if nothing."""
 
-    check: str
     level: Level
     what: str
     remedy: str = ''
+    check: str = ''
 
 
-def ok(check: str, what: str) -> Finding:
-    return Finding(check, Level.OK, what)
+def ok(what: str) -> Finding:
+    return Finding(Level.OK, what)
 
 
-def warning(check: str, what: str, remedy: str) -> Finding:
-    return Finding(check, Level.WARNING, what, remedy)
+def warning(what: str, remedy: str) -> Finding:
+    return Finding(Level.WARNING, what, remedy)
 
 
-def error(check: str, what: str, remedy: str) -> Finding:
-    return Finding(check, Level.ERROR, what, remedy)
+def error(what: str, remedy: str) -> Finding:
+    return Finding(Level.ERROR, what, remedy)
+
+
+def _of(check: str, findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Yield the findings with the name of their check."""
+    return (one._replace(check=check) for one in findings)
 
 
 # This computer.
@@ -107,36 +102,38 @@ def error(check: str, what: str, remedy: str) -> Finding:
 
 def machine_findings(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
     """Check what needs no other node: middleware, versions, environment, disks, buffers."""
-    yield from _middleware(environment)
-    yield from _versions()
-    yield from _environment(environment)
-    yield from _disks(environment)
-    yield from _buffers(Path('/proc/sys/net/core/rmem_max'), Path('/dev/shm'))  # noqa: S108 - where Fast DDS has its memory
+    yield from _of('middleware', _middleware(environment))
+    if implementation() == ZENOH:
+        yield from _of('router', router_findings(environment))
+    yield from _of('versions', _versions())
+    yield from _of('domain', _domain(environment))
+    yield from _of('reach', _reach(environment))
+    yield from _of('disk', _disks(environment))
+    shared = Path('/dev/shm')  # noqa: S108 - where Fast DDS has its memory
+    yield from _of('buffers', _buffers(Path('/proc/sys/net/core/rmem_max'), shared))
 
 
 def _middleware(environment: Mapping[str, str]) -> Iterator[Finding]:
     distribution = environment.get('ROS_DISTRO', 'without ROS_DISTRO')
-    yield ok('middleware', f'{implementation()}, ROS 2 {distribution}, Python {sys.version.split()[0]}')
+    yield ok(f'{implementation()}, ROS 2 {distribution}, Python {sys.version.split()[0]}')
     if lost := '; '.join(losses()):
         remedy = f'nothing, if that is acceptable; else set RMW_IMPLEMENTATION={FAST_DDS} on all computers'
-        yield warning('middleware', f'{implementation()}: {lost}', remedy)
-    if implementation() == ZENOH:
-        yield from router_findings(environment)
+        yield warning(f'{implementation()}: {lost}', remedy)
 
 
 def router_findings(environment: Mapping[str, str], address: tuple[str, int] = ROUTER) -> Iterator[Finding]:
     """Check that nodes reach the router of Zenoh, without which they do not discover each other."""
     if told := [name for name in ('ZENOH_SESSION_CONFIG_URI', 'ZENOH_CONFIG_OVERRIDE') if environment.get(name)]:
-        yield ok('router', f'where it is depends on {" and ".join(told)}; not checked')
+        yield ok(f'where it is depends on {" and ".join(told)}; not checked')
         return
     where = f'{address[0]}:{address[1]}'
     try:
         socket.create_connection(address, 1.0).close()
     except OSError as problem:
         remedy = 'ros2 run rmw_zenoh_cpp rmw_zenohd, on each computer; connect these routers to each other'
-        yield error('router', f'no router of Zenoh at {where} ({problem.strerror or problem})', remedy)
+        yield error(f'no router of Zenoh at {where} ({problem.strerror or problem})', remedy)
         return
-    yield ok('router', f'there is a router at {where}')
+    yield ok(f'there is a router at {where}')
 
 
 def _versions() -> Iterator[Finding]:
@@ -147,18 +144,21 @@ def _versions() -> Iterator[Finding]:
             versions.setdefault(one.version, []).append(name)
     if len(versions) > 1:
         told = '; '.join(f'{version}: {", ".join(sorted(packages))}' for version, packages in sorted(versions.items()))
-        yield error('versions', f'packages of FlexBT have different versions: {told}', 'build all of them anew')
+        yield error(f'packages of FlexBT have different versions: {told}', 'build all of them anew')
     elif versions:
         (version,) = versions
-        yield ok('versions', f'FlexBT {version}')
+        yield ok(f'FlexBT {version}')
 
 
-def _environment(environment: Mapping[str, str]) -> Iterator[Finding]:
+def _domain(environment: Mapping[str, str]) -> Iterator[Finding]:
     domain = environment.get('ROS_DOMAIN_ID', '') or '0'
     if not domain.isdigit() or int(domain) > 101:
-        yield error('domain', f'ROS_DOMAIN_ID={domain}', 'use a number from 0 to 101, the same on all computers')
+        yield error(f'ROS_DOMAIN_ID={domain}', 'use a number from 0 to 101, the same on all computers')
     else:
-        yield ok('domain', f'ROS_DOMAIN_ID {domain}')
+        yield ok(f'ROS_DOMAIN_ID {domain}')
+
+
+def _reach(environment: Mapping[str, str]) -> Iterator[Finding]:
     reach = environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') or 'SUBNET'
     peers = environment.get('ROS_STATIC_PEERS', '')
     only_here = ['ROS_LOCALHOST_ONLY=1'] if environment.get('ROS_LOCALHOST_ONLY') == '1' else []
@@ -166,16 +166,13 @@ def _environment(environment: Mapping[str, str]) -> Iterator[Finding]:
         only_here.append(f'ROS_AUTOMATIC_DISCOVERY_RANGE={reach}')
     if only_here:
         yield warning(
-            'reach',
             f'nodes of other computers are not found ({", ".join(only_here)})',
             'for a robot and a laptop: unset ROS_LOCALHOST_ONLY, and set ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET',
         )
     elif reach == 'OFF':
-        yield warning(
-            'reach', f'ROS_AUTOMATIC_DISCOVERY_RANGE={reach}: no node is found', 'unset it, or set it to SUBNET'
-        )
+        yield warning(f'ROS_AUTOMATIC_DISCOVERY_RANGE={reach}: no node is found', 'unset it, or set it to SUBNET')
     else:
-        yield ok('reach', f'discovery range {reach}{f", and {peers}" if peers else ""}')
+        yield ok(f'discovery range {reach}{f", and {peers}" if peers else ""}')
 
 
 def _disks(environment: Mapping[str, str]) -> Iterator[Finding]:
@@ -190,14 +187,12 @@ def _disks(environment: Mapping[str, str]) -> Iterator[Finding]:
         existing = next(one for one in (place, *place.parents) if one.exists())
         free = shutil.disk_usage(existing).free
         if not os.access(existing, os.W_OK):
-            yield error(
-                'disk', f'{existing} ({use}) cannot be written', f'chown it to {os.environ.get("USER", "the user")}'
-            )
+            yield error(f'{existing} ({use}) cannot be written', f'chown it to {os.environ.get("USER", "the user")}')
         elif free < LITTLE_DISK:
             remedy = 'remove old files; event_log_size, event_log_files and btlog_keep bound those of FlexBT'
-            yield warning('disk', f'{place} ({use}) has {free / 1e6:.0f} MB left', remedy)
+            yield warning(f'{place} ({use}) has {free / 1e6:.0f} MB left', remedy)
         else:
-            yield ok('disk', f'{place} ({use}) has {free / 1e9:.1f} GB left')
+            yield ok(f'{place} ({use}) has {free / 1e9:.1f} GB left')
 
 
 def _buffers(receive: Path, shared: Path) -> Iterator[Finding]:
@@ -207,17 +202,15 @@ def _buffers(receive: Path, shared: Path) -> Iterator[Finding]:
         size = BUFFER
     if size < BUFFER:
         yield warning(
-            'buffers',
             f'net.core.rmem_max is {size} bytes: large messages (maps, images) get lost on a network',
             f'sudo sysctl -w net.core.rmem_max={BUFFER}, and write it into /etc/sysctl.d/60-ros.conf',
         )
     else:
-        yield ok('buffers', 'the receive buffer of the network is large enough')
+        yield ok('the receive buffer of the network is large enough')
     if shared.exists():
         free = shutil.disk_usage(shared).free
         if free < 64_000_000:
             yield warning(
-                'buffers',
                 f'{shared} has {free / 1e6:.0f} MB left: Fast DDS falls back to the network',
                 f'remove files of dead processes (rm {shared}/fastrtps_*); in a container set --shm-size=512m',
             )
@@ -256,20 +249,21 @@ class RobotCheck:
         )
         listener = self._runtime.call(lambda: TransformListener.of(self._runtime))
         self._graph = observe(self._runtime, self._seconds)
-        yield from self._discovery()
+        yield from _of('discovery', self._discovery())
         if not self._graph.nodes:
             return
-        yield from self._nodes()
-        simulated = parameters(self._runtime, self._asked(), 'use_sim_time', PATIENCE)
-        yield from self._clocks(simulated)
+        asked = [name for name in dict.fromkeys(self._graph.nodes) if f'{name}/get_parameters' in self._graph.services]
+        simulated = parameters(self._runtime, asked, 'use_sim_time', PATIENCE)
+        yield from _of('nodes', self._nodes([node for node in asked if node not in simulated]))
+        yield from _of('clock', self._clocks(simulated))
         self._read_settings()
         transforms = list(self._transforms(listener, any(simulated.values())))
-        yield from transforms
-        yield from self._poses(transforms[-1].level is Level.OK)
-        yield from self._velocities()
-        yield from self._servers()
-        yield from self._topics()
-        yield from self._offset(simulated)
+        yield from _of('transforms', transforms)
+        yield from _of('pose', self._poses(transforms[-1].level is Level.OK))
+        yield from _of('velocity', self._velocities())
+        yield from _of('servers', self._servers())
+        yield from _of('topics', self._topics())
+        yield from _of('link', self._offset(simulated))
 
     def _read_settings(self) -> None:
         """Read the topics and frames of the executive, which stops the robot; without it, these are its defaults."""
@@ -284,91 +278,78 @@ class RobotCheck:
         self._pose_topic = setting('pose_topic', self._pose_topic)
         self._cmd_vel_topic = setting('cmd_vel_topic', self._cmd_vel_topic)
 
-    def _asked(self) -> list[str]:
-        """Return the nodes that have parameters."""
-        return [name for name in dict.fromkeys(self._graph.nodes) if f'{name}/get_parameters' in self._graph.services]
-
     def _discovery(self) -> Iterator[Finding]:
         graph = self._graph
         if not graph.nodes:
             yield error(
-                'discovery',
                 f'no other node was found within {self._seconds:g} s',
                 'start the robot; check that ROS_DOMAIN_ID and RMW_IMPLEMENTATION are the same on both computers, and '
                 'that the network passes multicast (else set ROS_STATIC_PEERS to the address of the robot)',
             )
             return
-        yield ok('discovery', f'{pluralize(len(graph.nodes), "node")} found')
+        yield ok(f'{pluralize(len(graph.nodes), "node")} found')
         for name in graph.duplicates:
-            yield error('discovery', f'several nodes are called {name}', 'stop the ones that were left running')
+            yield error(f'several nodes are called {name}', 'stop the ones that were left running')
         in_namespace = [name for name in graph.nodes if name.startswith(f'{self._namespace}/')]
         if self._namespace and not in_namespace:
             spaces = sorted({name.rpartition('/')[0] for name in graph.nodes if name.count('/') > 1})
             near = did_you_mean(self._namespace, spaces, f'; there is {", ".join(spaces) or "none"}')
-            yield error('discovery', f'no node is in the namespace {self._namespace}', f'check --namespace{near}')
+            yield error(f'no node is in the namespace {self._namespace}', f'check --namespace{near}')
 
-    def _nodes(self) -> Iterator[Finding]:
+    def _nodes(self, silent: Sequence[str]) -> Iterator[Finding]:
+        """``silent`` are nodes that do not answer."""
+        if silent:
+            yield error(f'{_few(silent)} did not answer a request for a parameter', 'restart it: it hangs')
         links = self._runtime.call(lambda: ServiceLinks(self._runtime))
         for name in OURS:
             full = self._name(name)
             if full not in self._graph.nodes:
                 other = [one for one in self._graph.nodes if one.endswith(f'/{name}')]
                 there = f'; there is {", ".join(other)}: use --namespace' if other else ''
-                yield warning('nodes', f'{full} does not run{there}', 'ros2 launch flexbt_bringup robot.launch.py')
+                yield warning(f'{full} does not run{there}', 'ros2 launch flexbt_bringup robot.launch.py')
                 continue
             if f'{full}/get_state' not in self._graph.services:
-                yield ok('nodes', f'{full} runs')
+                yield ok(f'{full} runs')
                 continue
             outcome = service_outcome(links.link(GetState, f'{full}/get_state'), GetState.Request(), PATIENCE)
             if outcome.response is None:
-                yield error(
-                    'nodes', f'{full} does not answer: {outcome.reason}', 'restart it; its log says why it hangs'
-                )
+                yield error(f'{full} does not answer: {outcome.reason}', 'restart it; its log says why it hangs')
             elif outcome.response.current_state.id != State.PRIMARY_STATE_ACTIVE:
                 label = outcome.response.current_state.label
                 yield error(
-                    'nodes',
                     f'{full} is {label}, not active',
                     f'ros2 lifecycle set {full} configure, then activate; its log says why it did not start',
                 )
             else:
-                yield ok('nodes', f'{full} is active')
+                yield ok(f'{full} is active')
 
     def _clocks(self, simulated: Mapping[str, Any]) -> Iterator[Finding]:
         yes = [node for node, value in simulated.items() if value]
         clocks = {node_of(one) for one in self._graph.publishers.get(names.CLOCK, ())}
         no = [node for node, value in simulated.items() if not value and node not in clocks]
-        is_published = bool(clocks)
-        silent = [node for node in self._asked() if node not in simulated]
-        if silent:
-            yield error('nodes', f'{_few(silent)} did not answer a request for a parameter', 'restart it: it hangs')
-        if yes and not is_published:
+        if yes and not clocks:
             yield error(
-                'clock',
                 f'use_sim_time is true for {_few(yes)}, and nobody publishes {names.CLOCK}: their time stands still',
                 'set use_sim_time to false on a real robot, or start the simulation',
             )
         elif yes and no:
             few, value = (no, 'true') if len(no) <= len(yes) else (yes, 'false')
             yield error(
-                'clock',
                 f'use_sim_time is true for {_few(yes)} and false for {_few(no)}: stamps do not fit each other',
                 f'set use_sim_time to {value} for {_few(few)}',
             )
-        elif is_published and no:
+        elif clocks and no:
             yield warning(
-                'clock',
                 f'{names.CLOCK} is published, and use_sim_time is false for {_few(no)}',
                 'set use_sim_time to true for them, or stop what publishes the clock',
             )
         elif simulated:
-            yield ok('clock', 'all nodes use simulated time' if yes else "all nodes use the computers' clocks")
+            yield ok('all nodes use simulated time' if yes else "all nodes use the computers' clocks")
 
     def _transforms(self, listener: TransformListener, is_simulated: bool) -> Iterator[Finding]:
         for topic in (names.TF, names.TF_STATIC):
             if not self._graph.is_published(self._name(topic)):
                 yield warning(
-                    'transforms',
                     f'nobody publishes {self._name(topic)}',
                     'start the localization and robot_state_publisher; in a namespace remap /tf to tf',
                 )
@@ -381,7 +362,6 @@ class RobotCheck:
             except TransformError as unknown:
                 if time.monotonic() >= end:
                     yield error(
-                        'transforms',
                         f'no pose of {robot} in {world}: {unknown}',
                         'start the localization and robot_state_publisher; if frames have other names, set '
                         'global_frame and robot_base_frame for all nodes of FlexBT',
@@ -391,12 +371,11 @@ class RobotCheck:
         age = time.time() - moment
         if not is_simulated and math.isfinite(moment) and age > OLD_TRANSFORM:
             yield error(
-                'transforms',
                 f'the newest transform from {world} to {robot} is {age:.1f} s old',
                 'check that the localization runs, and that the clocks of all computers are the same (chrony)',
             )
         else:
-            yield ok('transforms', f'{robot} is known in {world}')
+            yield ok(f'{robot} is known in {world}')
 
     def _newest(self, listener: TransformListener) -> float:
         listener.buffer.lookup(*self._frames)
@@ -414,15 +393,13 @@ class RobotCheck:
                 found.append(topic)
             else:
                 yield error(
-                    'pose',
                     f'{topic} has the type {", ".join(types)}, expected {", ".join(POSE_TYPES)}',
                     'set pose_topic to the topic that has the pose',
                 )
         if found:
-            yield ok('pose', f'the pose of the robot comes from {", ".join(found)}')
+            yield ok(f'the pose of the robot comes from {", ".join(found)}')
         else:
             yield warning(
-                'pose',
                 f'there is no transform, and nobody publishes {", ".join(sources)}: nobody notices that the robot '
                 'moves after a STOP',
                 'start the localization or the odometry, or set pose_topic to the topic that has the pose',
@@ -434,41 +411,32 @@ class RobotCheck:
         bases = [one for one in self._graph.subscriptions.get(topic, ()) if node_of(one) not in ours]
         if not bases:
             yield warning(
-                'velocity',
                 f'nobody listens to {topic}: a STOP cannot command zero velocity',
                 'start the base, or set cmd_vel_topic to the topic that it listens to',
             )
             return
         taken = sorted({one.topic_type for one in bases})
-        deaf = [
-            node_of(one)
-            for one in self._graph.publishers.get(topic, ())
-            if node_of(one) in ours and one.topic_type not in taken
-        ]
-        for node in sorted(set(deaf)):
+        needed = str(STAMPED in taken).lower()
+        senders = [one for one in self._graph.publishers.get(topic, ()) if node_of(one) in ours]
+        deaf = sorted({node_of(one) for one in senders if one.topic_type not in taken})
+        for node in deaf:
             yield error(
-                'velocity',
                 f'{_few(sorted({node_of(one) for one in bases}))} takes {", ".join(taken)} on {topic}, and {node} '
                 'sends another type: a STOP cannot command zero velocity',
-                f'set enable_stamped_cmd_vel to {str(STAMPED in taken).lower()} for {node}, and restart it',
+                f'set enable_stamped_cmd_vel to {needed} for {node}, and restart it',
             )
         if not deaf:
-            needed = str(STAMPED in taken).lower()
-            yield ok('velocity', f'{topic} takes {", ".join(taken)}, as with enable_stamped_cmd_vel: {needed}')
+            yield ok(f'{topic} takes {", ".join(taken)}, as with enable_stamped_cmd_vel: {needed}')
 
     def _servers(self) -> Iterator[Finding]:
         actions = self._graph.actions
-        served = 0
-        for name, short in ACTION_TYPES.items():
-            full, wanted = self._name(name), f'nav2_msgs/action/{short}'
-            types = actions.get(full)
-            if types is None:
-                continue
-            served += 1
+        served = [name for name in NAV2_ACTIONS if self._name(name) in actions]
+        for name in served:
+            short = 'BackUp' if name == names.BACKUP else name.title().replace('_', '')
+            types, wanted = actions[self._name(name)], f'nav2_msgs/action/{short}'
             if wanted not in types:
                 yield error(
-                    'servers',
-                    f'{full} has the type {", ".join(types)}, expected {wanted}',
+                    f'{self._name(name)} has the type {", ".join(types)}, expected {wanted}',
                     'give trees the name of another server (server_name), or use CallAction with its type',
                 )
         for name in NEEDED:
@@ -476,12 +444,11 @@ class RobotCheck:
                 others = [one for one in actions if one.endswith(f'/{name}')]
                 there = f'; there is {", ".join(others)}' if others else ''
                 yield warning(
-                    'servers',
                     f'there is no action {self._name(name)}: trees that drive fail{there}',
                     "start Nav2's servers, or use names of your own (flexbt manifest --from-graph)",
                 )
         if served:
-            yield ok('servers', f'{pluralize(served, "action")} of Nav2')
+            yield ok(f'{pluralize(len(served), "action")} of Nav2')
 
     def _topics(self) -> Iterator[Finding]:
         bad = 0
@@ -490,19 +457,14 @@ class RobotCheck:
                 bad += 1
                 users = {node_of(one) for one in (*self._graph.publishers[topic], *self._graph.subscriptions[topic])}
                 yield error(
-                    'topics',
                     f'{topic} has several types: {", ".join(types)} ({_few(sorted(users))})',
                     'give one of the two topics another name',
                 )
         for topic, publisher, subscriber, reason in self._graph.misfits():
             bad += 1
-            yield error(
-                'topics',
-                f'{subscriber} hears nothing of {publisher} on {topic}',
-                reason,
-            )
+            yield error(f'{subscriber} hears nothing of {publisher} on {topic}', reason)
         if not bad:
-            yield ok('topics', f'{pluralize(len(self._graph.topics), "topic")}: types and qualities of service fit')
+            yield ok(f'{pluralize(len(self._graph.topics), "topic")}: types and qualities of service fit')
 
     def _offset(self, simulated: Mapping[str, Any]) -> Iterator[Finding]:
         executive = self._name(names.ONBOARD_EXECUTIVE)
@@ -514,7 +476,6 @@ class RobotCheck:
         late = [received - status.stamp.sec - status.stamp.nanosec * 1e-9 for received, status in self._status[1:]]
         if not late:
             yield error(
-                'link',
                 f'no status of {executive} within {self._seconds:g} s',
                 'check that both computers have the same FlexBT, and that the network passes UDP',
             )
@@ -522,12 +483,11 @@ class RobotCheck:
         offset = min(late)
         if abs(offset) > MOST_OFFSET:
             yield warning(
-                'link',
                 f"the robot's clock differs by {-offset:.1f} s from that of this computer",
                 'synchronize both (chrony or systemd-timesyncd): stamps of poses and transforms do not fit else',
             )
         else:
-            yield ok('link', f'the status of the robot arrives, {max(0.0, offset) * 1000:.0f} ms after it was sent')
+            yield ok(f'the status of the robot arrives, {max(0.0, offset) * 1000:.0f} ms after it was sent')
 
 
 def _few(nodes: Sequence[str], most: int = 4) -> str:

@@ -16,6 +16,7 @@ from rclpy.parameter import parameter_value_to_python
 
 from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.middleware.qos_misfits import why_misfit
+from flexbt_common.names import node_of
 from flexbt_common.runtime.node_runtime import NodeRuntime
 
 _STILL: Final = 3.5
@@ -54,11 +55,6 @@ class Graph:
                     reason = why_misfit(publisher.qos_profile, subscription.qos_profile, sender, receiver)
                     if reason:
                         yield topic, sender, receiver, reason
-
-
-def node_of(endpoint: Any) -> str:
-    """Return the full name of the node of an endpoint."""
-    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
 def observe(runtime: NodeRuntime, seconds: float) -> Graph:

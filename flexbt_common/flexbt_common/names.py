@@ -8,7 +8,7 @@ namespace.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -176,6 +176,11 @@ Nav2's own costmaps do not have them, so BasicNavigator waits forever there."""
 def of_robot(namespace: str, name: str) -> str:
     """Return a name of this table for a robot in a namespace such as '/robot2'; '' means the namespace of the node."""
     return f'{namespace.rstrip("/")}/{name}' if namespace else name
+
+
+def node_of(endpoint: Any) -> str:
+    """Return the full name of the node of an endpoint, as rclpy describes it."""
+    return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
 
 
 def alive_topic(node_name: str) -> str:

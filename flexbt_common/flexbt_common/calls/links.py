@@ -19,7 +19,7 @@ from rclpy.subscription import Subscription
 
 from flexbt_common.lifecycle.liveliness import PEER_TIMEOUT, LivelinessWatch, has_liveliness_protocol
 from flexbt_common.middleware.received_messages import UNKNOWN_NODE
-from flexbt_common.names import alive_topic
+from flexbt_common.names import alive_topic, node_of
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
 from flexbt_common.values.value_types import message_type_name
@@ -186,7 +186,7 @@ class ServerLink:
 
 
 def _node_of(endpoint: Any) -> str:
-    return '' if endpoint.node_name == UNKNOWN_NODE else f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
+    return '' if endpoint.node_name == UNKNOWN_NODE else node_of(endpoint)
 
 
 LinkT = TypeVar('LinkT', bound=ServerLink)

@@ -25,6 +25,7 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 
+from flexbt_common.names import node_of
 from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.values.text import one_line
 
@@ -122,4 +123,4 @@ def why_misfit(offered: QoSProfile, wanted: QoSProfile, publisher: str, subscrib
 def _name_of(endpoint: Any) -> str:
     if endpoint.node_name == UNKNOWN_NODE:
         return 'a node that is not known yet'
-    return one_line(f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}', _NAME_CHARACTERS)
+    return one_line(node_of(endpoint), _NAME_CHARACTERS)

@@ -15,7 +15,7 @@ import functools
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -27,6 +27,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from flexbt_common.errors import LimitExceededError
+from flexbt_common.names import node_of
 from flexbt_common.values.limits import MESSAGE, check_limits, deserialize
 from flexbt_core.clock.rates import SenderRates
 
@@ -219,14 +220,16 @@ def guid_prefix_of(writer: bytes) -> bytes:
 def writer_name(node: Node, topic: str, writer: bytes) -> str:
     """Return the name of the node that a writer on a topic belongs to, for people; '' if it is unknown or not in the
     graph."""
-    if writer == UNKNOWN_WRITER:
+    endpoint = endpoint_of(node.get_publishers_info_by_topic(node.resolve_topic_name(topic)), writer)
+    if endpoint is None:
         return ''
-    for endpoint in node.get_publishers_info_by_topic(node.resolve_topic_name(topic)):
-        if bytes(endpoint.endpoint_gid)[: len(writer)] == writer:
-            if endpoint.node_name == UNKNOWN_NODE:
-                return 'a node that has just come'
-            return f'{endpoint.node_namespace.rstrip("/")}/{endpoint.node_name}'
-    return ''
+    return 'a node that has just come' if endpoint.node_name == UNKNOWN_NODE else node_of(endpoint)
+
+
+def endpoint_of(endpoints: Iterable[Any], writer: bytes) -> Any | None:
+    """Return the first endpoint of a writer, or of a participant; None if there is none."""
+    known = endpoints if writer != UNKNOWN_WRITER else ()
+    return next((one for one in known if bytes(one.endpoint_gid).startswith(writer)), None)
 
 
 def reports_writers() -> bool:

@@ -9,6 +9,7 @@ from itertools import takewhile
 from typing import Any, Final
 
 from flexbt_common.middleware.received_messages import UNKNOWN_NODE, UNKNOWN_WRITER
+from flexbt_common.names import node_of
 
 RETURN_SECONDS: Final = 15.0
 """Time for which an executive that was replaced is still expected, s: its computer was busy, or its process was
@@ -117,7 +118,7 @@ def senders_problem(node: Any, topic: str, senders: int) -> str:
         return ''
     resolved = node.resolve_topic_name(topic)
     publishers = node.get_publishers_info_by_topic(resolved)
-    names = [f'{e.node_namespace.rstrip("/")}/{e.node_name}' for e in publishers if e.node_name != UNKNOWN_NODE]
+    names = [node_of(one) for one in publishers if one.node_name != UNKNOWN_NODE]
     who = f' ({", ".join(sorted(names))})' if names else ''
     return f'{senders} executives publish on {resolved}{who}; end all but one, or give each a namespace of its own'
 

@@ -15,7 +15,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 
 from flexbt_common import names
 from flexbt_common.errors import LimitExceededError
-from flexbt_common.middleware.received_messages import Received, ReceivedMessages, writer_name
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages, endpoint_of, writer_name
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.runtime.pace import Pace
 from flexbt_common.values.limits import check_limits
@@ -144,9 +144,8 @@ class SurroundingsLink:
 
     def _tell_departure(self, there: list[Any]) -> None:
         """Report to the mirror which publishers of trees are still there, and note which writers have left."""
-        identifiers = [bytes(one.endpoint_gid) for one in there]
-        self._left = {writer for writer in self._servers if not any(one.startswith(writer) for one in identifiers)}
-        self._mirror.tree_servers_left({f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in there})
+        self._left = {writer for writer in self._servers if endpoint_of(there, writer) is None}
+        self._mirror.tree_servers_left(set(map(names.node_of, there)))
 
 
 class SurroundingsFeed:

@@ -123,10 +123,7 @@ class _PoseTopic:
         """Return whether a node that is not ``gone`` publishes the topic."""
         if not gone or self._node.count_publishers(self.name) == 0:
             return bool(self._node.count_publishers(self.name))
-        return any(
-            f'{one.node_namespace.rstrip("/")}/{one.node_name}' not in gone
-            for one in self._node.get_publishers_info_by_topic(self.name)
-        )
+        return any(names.node_of(one) not in gone for one in self._node.get_publishers_info_by_topic(self.name))
 
     def latest(self) -> PoseStamped | None:
         """Return the newest pose; None before the first one."""
