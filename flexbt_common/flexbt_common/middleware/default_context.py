@@ -24,6 +24,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions, uninstall_signal_handlers
 
 from flexbt_common.discovery import RANGE
+from flexbt_core.values.text import one_line
 
 from .fastdds import end_callbacks
 from .implementation import CYCLONE_DDS, implementation
@@ -86,8 +87,8 @@ class DefaultContext:
                     node.destroy_node()
                 except InvalidHandle:  # already destroyed
                     continue
-                except Exception as error:  # code of users
-                    node.get_logger().warning(f'not destroyed: {error!r}')
+                except Exception as error:  # code of users; a node that was made in part has no logger
+                    print(one_line(f'{type(node).__name__} was not destroyed: {error!r}'), file=sys.stderr)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 import rclpy
+from rclpy.exceptions import InvalidNodeNameException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions, get_current_signal_handlers_options
 
@@ -108,7 +109,7 @@ def test_handlers_of_signals_that_users_code_has_installed_are_taken_off() -> No
     assert not rclpy.ok()
 
 
-def test_nodes_of_users_that_cannot_be_destroyed_keep_nothing_from_its_end() -> None:
+def test_nodes_of_users_that_cannot_be_destroyed_keep_nothing_from_its_end(capfd: pytest.CaptureFixture[str]) -> None:
     class Stubborn(Node):
         def destroy_node(self) -> None:
             raise ValueError('never')
@@ -118,14 +119,24 @@ def test_nodes_of_users_that_cannot_be_destroyed_keep_nothing_from_its_end() -> 
             kept.append(self)
             raise ValueError('no such device')
 
+    class PartlyMade(Node):
+        def __init__(self) -> None:
+            kept.append(self)
+            super().__init__('not a name')
+
     kept: list[Node] = []
     with NodeRuntime.open('host') as runtime:
         runtime.default_context.open()
         kept.append(Stubborn('stubborn'))
         with pytest.raises(ValueError, match='no such device'):
             Unmade()
+        with pytest.raises(InvalidNodeNameException):
+            PartlyMade()
         rclpy.create_node('gone').destroy_node()
     assert runtime.is_at_rest and not rclpy.ok()
+    told = capfd.readouterr().err
+    assert "Stubborn was not destroyed: ValueError('never')" in told
+    assert "PartlyMade was not destroyed: AttributeError(" in told
     Node.destroy_node(kept[0])
 
 
