@@ -316,6 +316,18 @@ def test_a_command_that_hangs_or_dies(tmp_path: Path) -> None:
     run(test())
 
 
+def test_an_answer_that_is_too_long_is_refused(tmp_path: Path) -> None:
+    tree = 'Main: <Repeat num_cycles="-1"><Delay delay_msec="100"><AlwaysSuccess/></Delay></Repeat>'
+    (tmp_path / 'endless.xml').write_text(document(tree))
+
+    async def test() -> None:
+        async with serving(tmp_path) as server:
+            told = await server.refusal('run_tree', files=['endless.xml'], timeout=86400)
+            assert f'longer than {MAX_FILE} bytes; ask for less at once' in told
+
+    run(test())
+
+
 def test_no_process_survives_the_server(tmp_path: Path) -> None:
     (tmp_path / 'deliver.xml').write_text(DELIVER)
 

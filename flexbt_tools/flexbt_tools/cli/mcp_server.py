@@ -7,22 +7,21 @@ limit. No tool needs, finds or moves a robot. What a model reads are the names, 
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from tempfile import TemporaryFile
+from typing import Annotated, Any, BinaryIO, Final, Literal
 from xml.etree import ElementTree
 
 import anyio
-from anyio.abc import ByteReceiveStream, Process
 from mcp.server import MCPServer
 from mcp.server.mcpserver.context import Context
 from mcp.server.mcpserver.exceptions import ToolError as RefusedCall
@@ -33,6 +32,8 @@ from pydantic import Field
 from flexbt_core.values.text import did_you_mean, escape_lines, truncate_middle
 from flexbt_core.values.text_files import TextFileError, read_text, write_text
 from flexbt_tools.errors import ExitCode
+
+from .confined import MAX_FILE
 
 INSTRUCTIONS: Final = """\
 Write robot missions as behavior trees (BehaviorTree.CPP XML, format 4) or state machines (YAML), and check them \
@@ -46,12 +47,12 @@ MAX_TEXT: Final = 1_000_000
 """Length of a file and of an argument, characters."""
 MAX_ANSWER: Final = 100_000
 """Length of an answer, characters; a longer one is shortened to its findings."""
-_MAX_OUTPUT: Final = 20_000_000
 _MAX_ERROR: Final = 5000
 _MAX_WORD: Final = 100_000
 """Length of a value, characters: below the limit of Linux for an argument of a process."""
 _AT_ONCE: Final = 2
 _SUFFIXES: Final = ('.xml', '.yaml', '.yml')
+_WRITING: Final = ('write_file', 'plan_tree', 'synthesize_machine')
 
 File = Annotated[
     str, Field(max_length=500, description='File in the folder of this server, such as "missions/deliver.xml".')
@@ -124,7 +125,7 @@ class StrictServer(MCPServer[Any]):
 
 @dataclass(frozen=True)
 class MissionTools:
-    """The tools, for files in ``folder``. Each runs for at most ``seconds``."""
+    """The tools, for files in ``folder``: each public method is one. Each runs for at most ``seconds``."""
 
     folder: Path
     seconds: int
@@ -278,13 +279,7 @@ class MissionTools:
     ) -> Answer:
         """Plan a goal from skills and a start (mission file, YAML: skills, start, goal, disturbances) and return the
         cheapest plan and the reactive tree that carries it out, or why there is none (verdict "negative")."""
-        words = [
-            'plan',
-            '--json',
-            '--quiet',
-            f'--time-limit={self._inner()}',
-            *_options('--goal', [goal] if goal else []),
-        ]
+        words = ['plan', '--json', '--quiet', f'--time-limit={self._inner()}', *([f'--goal={goal}'] if goal else [])]
         words += [f'--output={self._own(output)}'] if output else []
         return await self._answer('bt_tool', [*words, *self._files([mission])])
 
@@ -394,67 +389,39 @@ class MissionTools:
     async def _run(self, tool: str, words: Sequence[str]) -> tuple[int, str, str]:
         """Run a command; return its exit code and what it printed. Raises RefusedCall at the time limit."""
         for word in words:
-            if '\0' in word or not _is_unicode(word):
+            if re.search('[\0\ud800-\udfff]', word):
                 raise RefusedCall(f'{truncate_middle(word)!r} has a character that no text may have')
         if sum(map(len, words)) > _MAX_WORD:
             raise RefusedCall(f'the values are longer than {_MAX_WORD} characters; write them shorter')
-        command = [
-            sys.executable,
-            '-P',
-            '-B',
-            '-m',
-            'flexbt_tools.cli.confined',
-            str(os.getpid()),
-            str(self.seconds),
-            tool,
-            *words,
-        ]
-        parts: tuple[bytearray, bytearray] = (bytearray(), bytearray())
-        async with self.running, _process(command, self.folder) as process:
-            with anyio.move_on_after(self.seconds) as limit:
-                async with anyio.create_task_group() as group:
-                    for stream, part in zip((process.stdout, process.stderr), parts, strict=True):
-                        assert stream is not None
-                        group.start_soon(_collect, stream, part)
-                code = await process.wait()
-        if limit.cancelled_caught:
-            raise RefusedCall(
-                f'{tool} {words[0]} was ended after {self.seconds} s without an answer; give it a smaller part'
-            )
-        if code < 0:
-            name = signal.Signals(-code).name
-            raise RefusedCall(
-                f'{tool} {words[0]} was ended by {name}: its limit of time, memory or output; give it less'
-            )
-        out, err = (bytes(part).decode('utf-8', 'replace') for part in parts)
-        return code, out, err
+        confined = ['-P', '-B', '-m', 'flexbt_tools.cli.confined', str(os.getpid()), str(self.seconds)]
+        async with self.running:
+            # Into files, so that the limit of the size of files bounds the output, too.
+            with TemporaryFile() as out, TemporaryFile() as err, anyio.move_on_after(self.seconds):
+                process = await anyio.run_process(
+                    [sys.executable, *confined, tool, *words],
+                    stdin=subprocess.DEVNULL, stdout=out, stderr=err,
+                    check=False, cwd=self.folder, start_new_session=True,
+                )  # fmt: skip
+                if os.fstat(out.fileno()).st_size >= MAX_FILE:
+                    raise RefusedCall(f'the answer is longer than {MAX_FILE} bytes; ask for less at once')
+                if process.returncode < 0:
+                    name = signal.Signals(-process.returncode).name
+                    raise RefusedCall(
+                        f'{tool} {words[0]} was ended by {name}: its limit of time, memory or output; give it less'
+                    )
+                return process.returncode, _read(out), _read(err)
+        raise RefusedCall(
+            f'{tool} {words[0]} was ended after {self.seconds} s without an answer; give it a smaller part'
+        )
 
 
-@contextlib.asynccontextmanager
-async def _process(command: Sequence[str], folder: Path) -> AsyncIterator[Process]:
-    process = await anyio.open_process(command, stdin=subprocess.DEVNULL, cwd=folder, start_new_session=True)
-    try:
-        yield process
-    finally:
-        if process.returncode is None:
-            process.kill()
-        with anyio.CancelScope(shield=True):
-            await process.aclose()
-
-
-async def _collect(stream: ByteReceiveStream, into: bytearray) -> None:
-    async for part in stream:
-        into += part
-        if len(into) > _MAX_OUTPUT:
-            raise RefusedCall(f'the answer is longer than {_MAX_OUTPUT} bytes; ask for less at once')
+def _read(file: BinaryIO) -> str:
+    file.seek(0)
+    return file.read().decode('utf-8', 'replace')
 
 
 def _options(flag: str, values: Any) -> list[str]:
     return [f'{flag}={value}' for value in values]
-
-
-def _is_unicode(word: str) -> bool:
-    return not re.search('[\ud800-\udfff]', word)
 
 
 def _verdict(code: int) -> str:
@@ -501,22 +468,10 @@ def serve(folder: Path, seconds: int) -> None:
         version=version('flexbt_tools'),
         log_level='WARNING',
     )
-    reading: list[Callable[..., Any]] = [
-        tools.list_node_types,
-        tools.list_skills,
-        tools.list_files,
-        tools.read_file,
-        tools.check_tree,
-        tools.run_tree,
-        tools.prove_tree,
-        tools.draw_tree,
-        tools.check_behavior,
-        tools.prove_behavior,
-        tools.draw_behavior,
-    ]
-    writing: list[Callable[..., Any]] = [tools.write_file, tools.plan_tree, tools.synthesize_machine]
-    for tool in (*reading, *writing):
-        is_reading = tool in reading
+    for name in vars(MissionTools):
+        if name.startswith('_'):
+            continue
+        tool, is_reading = getattr(tools, name), name not in _WRITING
         hints = ToolAnnotations(read_only_hint=is_reading, destructive_hint=not is_reading, open_world_hint=False)
         server.add_tool(tool, description=' '.join((tool.__doc__ or '').split()), annotations=hints)
     server.run()
