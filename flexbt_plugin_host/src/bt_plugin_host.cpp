@@ -19,6 +19,7 @@
 // blackboard entries changed since the last tick; null: the entry is gone. Between answers, {"wake": true} asks for a
 // tick (emitWakeUpSignal). The nodes of a run are halted and destroyed when its socket is closed.
 
+#include <ext/stdio_filebuf.h>
 #include <poll.h>
 #include <sys/socket.h>
 #include <unistd.h>
@@ -62,35 +63,10 @@ namespace
 class Lines
 {
 public:
-  explicit Lines(int fd) : fd_(fd) {}
-  ~Lines() { close(fd_); }
-  Lines(const Lines &) = delete;
-  Lines & operator=(const Lines &) = delete;
+  explicit Lines(int fd) : fd_(fd), buffer_(fd, std::ios::in, 65536), in_(&buffer_) {}
 
   // Read a line. Return false at the end.
-  bool read(std::string & line)
-  {
-    line.clear();
-    while (true) {
-      const char * end = static_cast<const char *>(std::memchr(buffer_ + begin_, '\n', end_ - begin_));
-      const size_t stop = end != nullptr ? end - buffer_ : end_;
-      line.append(buffer_ + begin_, stop - begin_);
-      if (end != nullptr) {
-        begin_ = stop + 1;
-        return true;
-      }
-      const ssize_t got = recv(fd_, buffer_, sizeof(buffer_), 0);
-      if (got < 0 && errno == EINTR) {
-        begin_ = end_ = 0;
-        continue;
-      }
-      if (got <= 0) {
-        return false;
-      }
-      begin_ = 0;
-      end_ = got;
-    }
-  }
+  bool read(std::string & line) { return static_cast<bool>(std::getline(in_, line)); }
 
   // Write a line, from any thread. The reader may be gone.
   void write(const json & value)
@@ -112,9 +88,8 @@ public:
 
 private:
   int fd_;
-  char buffer_[65536];
-  size_t begin_ = 0;
-  size_t end_ = 0;
+  __gnu_cxx::stdio_filebuf<char> buffer_;  // closes the socket
+  std::istream in_;
   std::mutex mutex_;
 };
 

@@ -66,9 +66,9 @@ class BtServer:
         registry = node_registry(broken, parameters.nav2_branch)
         self._plugins: list[RunWatcher] = []
         if parameters.plugins:
-            from .cpp_nodes import PluginHosts  # its import takes time, and few servers need it
+            from .cpp_nodes import start_hosts  # its import takes time, and few servers need it
 
-            self._plugins.append(PluginHosts.of(runtime, parameters.plugins, registry, broken))
+            self._plugins += start_hosts(runtime, parameters.plugins, registry, broken)
         allowed = (*parameters.allowed_directories, *parameters.navigators.trusted)
         topics = TopicCaches(runtime)
         store = TreeStore(

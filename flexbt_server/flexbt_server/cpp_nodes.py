@@ -164,7 +164,8 @@ class _Process:
 class PluginHost:
     """A host for some libraries, started again when it has ended. Use it from any thread.
 
-    ``name`` is what the parameter ``plugins`` says.
+    ``name`` is what the parameter ``plugins`` says. As a watcher of runs, it destroys the nodes of a tree at the end of
+    its run.
     """
 
     def __init__(self, name: str, command: Sequence[str], libraries: Sequence[str], arguments: Sequence[str]) -> None:
@@ -180,6 +181,9 @@ class PluginHost:
     def introduction(self) -> Mapping[str, Any]:
         """Description of the node types, as the host sent it."""
         return self._process.introduction
+
+    def open(self, _events: RunEvents) -> RunReader:
+        return _EndOfRun(self)
 
     def session(self, context: TreeContext) -> Session:
         """Return the session of a running tree; a new one if the previous one is lost. On the thread of the tree."""
@@ -214,6 +218,20 @@ class PluginHost:
         """End the process. Does not wait for a process that is being started."""
         self._is_open = False
         self._process.close()
+
+
+class _EndOfRun(RunReader):
+    """A reader that destroys the nodes of a run at its end."""
+
+    def __init__(self, host: PluginHost) -> None:
+        self._host = host
+        self._tree: Tree | None = None
+
+    def read(self, event: RunEvent) -> None:
+        if isinstance(event, RunStarted):
+            self._tree = event.tree
+        elif isinstance(event, RunEnded) and self._tree is not None:
+            self._host.end_session(self._tree.context)
 
 
 @dataclass(eq=False)
@@ -345,21 +363,14 @@ class Session:
 # -- the leaves --------------------------------------------------------------------------------------------------------
 
 
+@dataclass(slots=True, repr=False)
 class CppObject:
     """A value of a C++ type with a JSON definition (``BT::RegisterJsonDefinition``). Each type has a derived class."""
 
-    __slots__ = ('fields',)
-
-    def __init__(self, fields: dict[str, Any]) -> None:
-        self.fields = fields
+    fields: dict[str, Any]
 
     def __repr__(self) -> str:
         return f'{type(self).__name__}({self.fields!r})'
-
-    def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and other.fields == self.fields
-
-    __hash__ = None  # type: ignore[assignment]
 
 
 class CppLeaf(ServerNode, LeafNode):
@@ -533,58 +544,30 @@ class CppLeaf(ServerNode, LeafNode):
 # -- libraries and node types ------------------------------------------------------------------------------------------
 
 
-class PluginHosts:
-    """The hosts of a server. As a watcher of runs, it destroys the nodes of a tree at the end of its run."""
+def start_hosts(
+    runtime: Runtime, plugins: Sequence[str], registry: NodeRegistry, on_broken: Callable[[str, Exception], None]
+) -> list[PluginHost]:
+    """Start a host for each entry of the parameter ``plugins``, and register its node types.
 
-    def __init__(self, hosts: Sequence[PluginHost]) -> None:
-        self._hosts = hosts
-
-    @classmethod
-    def of(
-        cls,
-        runtime: Runtime,
-        plugins: Sequence[str],
-        registry: NodeRegistry,
-        on_broken: Callable[[str, Exception], None],
-    ) -> PluginHosts:
-        """Start a host for each entry of the parameter ``plugins``, and register its node types.
-
-        An entry is a directory of libraries or a library, as ``package/path`` below the share of the package or as an
-        absolute path, or the name of a library for the dynamic loader: ``my_nodes`` for ``libmy_nodes.so``.
-        ``on_broken(nodes, error)`` is called for what cannot be used.
-        """
-        node = runtime.node
-        remaps = ('-r', f'__ns:={node.get_namespace()}')
-        is_simulated = str(node.get_parameter('use_sim_time').value).lower()
-        arguments = ('--ros-args', *remaps, '-p', f'use_sim_time:={is_simulated}')
-        hosts = []
-        for name in plugins:
-            try:
-                host = PluginHost(name, host_command(), libraries_of(name), arguments)
-            except (PluginHostError, OSError) as error:
-                on_broken(f'the nodes of {name}', error)
-                continue
-            runtime.on_close(host.close)
-            register_nodes(registry, host, on_broken)
-            hosts.append(host)
-        return cls(hosts)
-
-    def open(self, _events: RunEvents) -> RunReader:
-        """Return the reader that destroys the nodes of a run at its end."""
-        return _EndOfRun(self._hosts)
-
-
-class _EndOfRun(RunReader):
-    def __init__(self, hosts: Sequence[PluginHost]) -> None:
-        self._hosts = hosts
-        self._tree: Tree | None = None
-
-    def read(self, event: RunEvent) -> None:
-        if isinstance(event, RunStarted):
-            self._tree = event.tree
-        elif isinstance(event, RunEnded) and self._tree is not None:
-            for host in self._hosts:
-                host.end_session(self._tree.context)
+    An entry is a directory of libraries or a library, as ``package/path`` below the share of the package or as an
+    absolute path, or the name of a library for the dynamic loader: ``my_nodes`` for ``libmy_nodes.so``.
+    ``on_broken(nodes, error)`` is called for what cannot be used.
+    """
+    node = runtime.node
+    remaps = ('-r', f'__ns:={node.get_namespace()}')
+    is_simulated = str(node.get_parameter('use_sim_time').value).lower()
+    arguments = ('--ros-args', *remaps, '-p', f'use_sim_time:={is_simulated}')
+    hosts = []
+    for name in plugins:
+        try:
+            host = PluginHost(name, host_command(), libraries_of(name), arguments)
+        except (PluginHostError, OSError) as error:
+            on_broken(f'the nodes of {name}', error)
+            continue
+        runtime.on_close(host.close)
+        register_nodes(registry, host, on_broken)
+        hosts.append(host)
+    return hosts
 
 
 def host_command() -> list[str]:

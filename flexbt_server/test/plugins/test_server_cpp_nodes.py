@@ -30,7 +30,7 @@ from flexbt_core.clock.waiting import WakeEvent
 from flexbt_msgs.action import BtExecute
 from flexbt_server import cpp_nodes
 from flexbt_server.bt_server import BtServer
-from flexbt_server.cpp_nodes import PROGRAM, PluginHost, PluginHostError, PluginHosts, host_command, register_nodes
+from flexbt_server.cpp_nodes import PROGRAM, PluginHost, PluginHostError, host_command, register_nodes, start_hosts
 from flexbt_testing.behavior_trees.random_trees import wheel_case
 from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -97,9 +97,8 @@ class Ran:
 
 
 def host_of(world: ServerWorld) -> PluginHost:
-    (plugins,) = world.server._plugins
-    assert isinstance(plugins, PluginHosts)
-    (host,) = plugins._hosts
+    (host,) = world.server._plugins
+    assert isinstance(host, PluginHost)
     return host
 
 
@@ -419,7 +418,7 @@ def test_libraries_that_cannot_be_used(library: str, tmp_path: Path) -> None:
     ]  # fmt: skip
     registry = builtin_registry()
     with NodeRuntime.open('bt_server') as runtime:
-        PluginHosts.of(runtime, plugins, registry, lambda what, why: reports.append(f'{what}: {why}'))
+        start_hosts(runtime, plugins, registry, lambda what, why: reports.append(f'{what}: {why}'))
     assert 'Act' in registry
     for part in (
         'the nodes of /nowhere/libx.so: there is no /nowhere/libx.so',
