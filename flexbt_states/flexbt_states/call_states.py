@@ -6,10 +6,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-
-from flexbt_common import names
 from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.calls.service_call import ServiceCall
 from flexbt_common.errors import UnknownTypeError
@@ -29,7 +25,7 @@ from flexbt_onboard.behaviors.run_context import state_services
 from .errors import StateParameterError
 from .goal_call import GoalState
 from .parameter_checks import checked_message_type, checked_timeout, checked_topic
-from .topic_states import WaitForMessage
+from .topic_states import MessagePublisher, WaitForMessage
 
 ALWAYS: Final = ''
 """Condition of an outcome that applies if no earlier condition is true."""
@@ -338,7 +334,7 @@ class CallServiceState(EventState):
             self._call.cancel()
 
 
-class PublishState(EventState):
+class PublishState(MessagePublisher):
     """
     Publish a message with the given fields. The publisher is created at the start of the run.
 
@@ -353,38 +349,20 @@ class PublishState(EventState):
     <= failed                   A value does not fit its field; the reason is logged.
     """
 
-    is_instant = True
-
     def __init__(
         self, topic: str, msg_type: str | type[Any], message: Mapping[str, Any] | None = None, latched: bool = False
     ) -> None:
-        self._message_type = checked_message_type(self, 'msg_type', msg_type)
-        self._exchange = _Exchange(self, sent=('message', self._message_type, message))
-        super().__init__(outcomes=['done', 'failed'], input_keys=self._exchange.keys, desired_rate=None)
-        self._topic = checked_topic(self, 'topic', topic)
-        self._qos = names.transient_local_qos() if latched else QoSProfile(depth=10)
-        self._publisher: Publisher | None = None
-
-    def on_start(self) -> None:
-        runtime = state_services(self).runtime
-        self._publisher = runtime.call(
-            lambda: runtime.node.create_publisher(self._message_type, self._topic, self._qos)
-        )
+        type = checked_message_type(self, 'msg_type', msg_type)
+        self._exchange = _Exchange(self, sent=('message', type, message))
+        super().__init__(topic, type, latched, outcomes=['done', 'failed'], input_keys=self._exchange.keys)
 
     def execute(self, userdata: UserData) -> str:
-        assert self._publisher is not None  # made by on_start
         try:
-            self._publisher.publish(self._exchange.message(userdata))
+            self._publish(self._exchange.message(userdata))
         except FlexbtError as error:
             self.log_error(f'topic {self._topic}: {error}')
             return 'failed'
         return 'done'
-
-    def on_stop(self) -> None:
-        publisher, self._publisher = self._publisher, None
-        if publisher is not None:
-            runtime = state_services(self).runtime
-            runtime.post(lambda: runtime.node.destroy_publisher(publisher))
 
 
 class ReadTopicState(WaitForMessage):

@@ -23,7 +23,38 @@ from flexbt_onboard.behaviors.run_context import state_services
 from .parameter_checks import checked_message_type, checked_timeout, checked_topic
 
 
-class PublishOnceState(EventState):
+class MessagePublisher(EventState):
+    """A state that publishes on a topic. The publisher is created at the start of the run, so that subscribers are
+    discovered in time."""
+
+    is_instant = True
+
+    def __init__(self, topic: str, msg_type: str | type[Any], latched: bool, **interface: Any) -> None:
+        """``interface`` has the outcomes and the keys."""
+        super().__init__(desired_rate=None, **interface)
+        self._topic = checked_topic(self, 'topic', topic)
+        self._message_type = checked_message_type(self, 'msg_type', msg_type)
+        self._qos = names.transient_local_qos() if latched else QoSProfile(depth=10)
+        self._publisher: Publisher | None = None
+
+    def on_start(self) -> None:
+        runtime = state_services(self).runtime
+        self._publisher = runtime.call(
+            lambda: runtime.node.create_publisher(self._message_type, self._topic, self._qos)
+        )
+
+    def _publish(self, message: Any) -> None:
+        assert self._publisher is not None  # made by on_start
+        self._publisher.publish(message)
+
+    def on_stop(self) -> None:
+        publisher, self._publisher = self._publisher, None
+        if publisher is not None:
+            runtime = state_services(self).runtime
+            runtime.post(lambda: runtime.node.destroy_publisher(publisher))
+
+
+class PublishOnceState(MessagePublisher):
     """
     Publish one message. The publisher is created at the start of the run, so that subscribers are discovered in time.
 
@@ -36,32 +67,12 @@ class PublishOnceState(EventState):
     <= done                     The message was passed to the middleware.
     """
 
-    is_instant = True
-
     def __init__(self, topic: str, msg_type: str | type[Any], latched: bool = False) -> None:
-        super().__init__(outcomes=['done'], input_keys=['message'], desired_rate=None)
-        self._topic = checked_topic(self, 'topic', topic)
-        self._message_type = checked_message_type(self, 'msg_type', msg_type)
-        self._qos = names.transient_local_qos() if latched else QoSProfile(depth=10)
-        self._publisher: Publisher | None = None
-
-    def on_start(self) -> None:
-        runtime = state_services(self).runtime
-        self._publisher = runtime.call(
-            lambda: runtime.node.create_publisher(self._message_type, self._topic, self._qos)
-        )
+        super().__init__(topic, msg_type, latched, outcomes=['done'], input_keys=['message'])
 
     def execute(self, userdata: UserData) -> str:
-        assert self._publisher is not None
-        message = check_value(userdata['message'], message_type_name(self._message_type))
-        self._publisher.publish(message)
+        self._publish(check_value(userdata['message'], message_type_name(self._message_type)))
         return 'done'
-
-    def on_stop(self) -> None:
-        publisher, self._publisher = self._publisher, None
-        if publisher is not None:
-            runtime = state_services(self).runtime
-            runtime.post(lambda: runtime.node.destroy_publisher(publisher))
 
 
 # State that waits for a message.

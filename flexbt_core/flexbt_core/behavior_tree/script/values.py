@@ -163,28 +163,17 @@ def _arithmetic(symbol: str) -> Operation:
     return operate
 
 
-def _bitwise(symbol: str, compute: Callable[[int, int], int]) -> Operation:
+def _of_numbers(symbol: str, compute: Operation, convert: Callable[[Value], Value], wanted: str) -> Operation:
+    """Return an operation on two numbers, for which ``convert`` makes integers or truth values of them."""
+
     def operate(left: Value, right: Value) -> float:
         if not (is_number(left) and is_number(right)):
             raise _mismatch(left, right, symbol)
         real(left), real(right)
         try:
-            return float(compute(integer(left), integer(right)))
+            return float(compute(convert(left), convert(right)))
         except ConversionError as error:
-            raise ConversionError(f'operator [{symbol}] needs integers: {error}') from None
-
-    return operate
-
-
-def _logic(symbol: str, compute: Callable[[bool, bool], bool]) -> Operation:
-    def operate(left: Value, right: Value) -> float:
-        if not (is_number(left) and is_number(right)):
-            raise _mismatch(left, right, symbol)
-        real(left), real(right)
-        try:
-            return float(compute(truth(left), truth(right)))
-        except ConversionError as error:
-            raise ConversionError(f'operator [{symbol}] needs truth values: {error}') from None
+            raise ConversionError(f'operator [{symbol}] needs {wanted}: {error}') from None
 
     return operate
 
@@ -217,11 +206,11 @@ def text_of(value: Value) -> str:
 BINARY: Final[Mapping[str, Operation]] = {
     **{symbol: _arithmetic(symbol) for symbol in ARITHMETIC},
     '..': join,
-    '&': _bitwise('&', operator.and_),
-    '|': _bitwise('|', operator.or_),
-    '^': _bitwise('^', operator.xor),
-    '&&': _logic('&&', operator.and_),
-    '||': _logic('||', operator.or_),
+    '&': _of_numbers('&', operator.and_, integer, 'integers'),
+    '|': _of_numbers('|', operator.or_, integer, 'integers'),
+    '^': _of_numbers('^', operator.xor, integer, 'integers'),
+    '&&': _of_numbers('&&', operator.and_, truth, 'truth values'),
+    '||': _of_numbers('||', operator.or_, truth, 'truth values'),
 }
 
 
