@@ -155,7 +155,7 @@ def machine_as_dot(graph: MachineBox, title: str) -> Iterator[str]:
         yield (
             f'  {edge.start} -> {edge.end} [id={edge.id}, class={kind if edge.outcome else "begin"}, '
             f'style={line.style}, penwidth={line.width}, color="{line.light}", fontcolor="{line.light}", '
-            f'fontsize=9{label}]'
+            f'fontsize=12{label}]'
         )
     yield '}'
 
@@ -165,7 +165,7 @@ def _dot_machine(box: MachineBox, title: str) -> Iterator[str]:
     # The title is where the container is entered: transitions begin and end there, and none crosses it.
     yield f'    id={box.id}; label=""; style=rounded'
     heading = f'label={dot_text([f"{BEGIN} {title}"])}, fontsize=13, margin="0.06,0.03", height=0.3'
-    yield f'    {box.entry} [shape=plaintext, class=entry, style="", {heading}]'
+    yield f'    {box.entry} [shape=plaintext, id={box.entry}, class=entry, style="", {heading}]'
     for inner in box.boxes:
         yield from _dot_state(inner) if isinstance(inner, StateBox) else _dot_machine(inner, inner.title)
     for outcome, point in box.ends.items():

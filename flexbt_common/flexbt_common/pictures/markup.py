@@ -93,7 +93,7 @@ DOT_HEAD: Final = (
     'digraph {',
     '  graph [ordering=out, newrank=true, remincross=false, fontname="Helvetica", color="#999999", labeljust=l,'
     ' nodesep=0.3, ranksep=0.45]',
-    '  node [style=filled, color="#555555", fontname="Helvetica", fontsize=11, margin="0.16,0.055"]',
+    '  node [style=filled, color="#555555", fontname="Helvetica", fontsize=12, margin="0.16,0.055"]',
     '  edge [color="#555555", fontname="Helvetica", arrowsize=0.6]',
 )
 

@@ -122,7 +122,9 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
     with served({'robot': robot.station()}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
-        browser.until(lambda: browser.run('return document.querySelectorAll("#machine svg, #trees svg").length') == 2)
+        browser.until(
+            lambda: browser.run('return document.querySelectorAll("#machine .graph, #trees .graph").length') == 2
+        )
         for id, text in (
             ('runs', 'Patrol'),
             ('active', f'/Drive: follows {NASTY}'),
@@ -149,7 +151,9 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
         driving = ActiveState('/Drive', progress=DriveProgress(distance=1.0))
         robot.show(PLAN, active_states=(driving,), peers=(Peer('/bt_server', alive=False, since=7.0),))
         browser.until_text('trees', 'Drive: SERVER GONE: last state')
-        assert browser.run('return getComputedStyle(document.querySelector("#trees .gone > div")).opacity') == '0.45'
+        assert (
+            browser.run('return getComputedStyle(document.querySelector("#trees .gone > .drawing")).opacity') == '0.45'
+        )
         # The map has walls, the plan and the robot: the canvas has their colours.
         colours = browser.run(
             'const c = document.getElementById("map");'
@@ -613,7 +617,7 @@ def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> Non
         browser.until_text('alarm', 'NO LINK')
         browser.until_text('age', 's old')
         assert browser.run('return [...document.querySelectorAll("[data-choice], #pause")].every(b => b.disabled)')
-        assert float(browser.run('return getComputedStyle(document.querySelector("main")).opacity')) < 0.6
+        assert float(browser.run('return getComputedStyle(document.getElementById("now")).opacity')) < 0.6
         browser.press('1', Keys.ENTER)
         browser.until_text('told', 'nothing was sent')
         browser.press('!')

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import json
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -13,7 +14,7 @@ from typing import Any
 
 import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSCloseCode, WSMsgType, WSServerHandshakeError
-from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
+from web_support import NASTY, OTHER, PLAN, STRUCTURE, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.errors import NoAnswerError, UsageError
 from flexbt_console.mirror.records import (
@@ -152,7 +153,7 @@ def test_everything_of_now_is_told() -> None:
     robot.show(PLAN)
 
     async def look(opened: Page) -> None:
-        await opened.until(lambda: opened.maps and sum('drawing' in one for one in opened.messages) == 2)
+        await opened.until(lambda: opened.maps and any('drawing' in one for one in opened.messages))
         parts = opened.parts
         assert parts['link']['state'] == 'live' and parts['status']['runs'] == 'RUNNING  Patrol'
         (decision,) = parts['decisions']
@@ -167,9 +168,10 @@ def test_everything_of_now_is_told() -> None:
         assert (head['width'], head['height']) == (80, 60)
         pictures = {one['drawing']['key']: one['drawing']['svg'] for one in opened.messages if 'drawing' in one}
         assert 'id="s1o0"' in pictures[parts['machine']['drawing']]
-        assert 'id="t0n2"' in pictures[parts['trees'][0]['drawing']]
-        assert 'id="t0n3" class="node Condition"' in pictures[parts['trees'][0]['drawing']]
-        assert NASTY not in pictures[parts['trees'][0]['drawing']]  # it is escaped there
+        assert parts['machine']['behavior'] == 'Patrol' and parts['machine']['containers'] == [0]
+        nodes = parts['trees'][0]['nodes']  # the page draws the tree
+        assert nodes[1] == {'lines': [NASTY, '(FollowPath)'], 'kind': 'Unknown', 'parent': 0}
+        assert (nodes[3]['kind'], nodes[3]['parent'], nodes[0]['parent']) == ('Condition', 0, None)
         robot.show(PLAN)  # a heartbeat
         before = len(opened.messages)
         await opened.until(lambda: len(opened.messages) > before + 1)
@@ -267,10 +269,9 @@ def test_a_drawing_that_comes_back_after_many_others_is_told_again(monkeypatch: 
         def drawings() -> list[str]:
             return [one['drawing']['key'] for one in opened.messages if 'drawing' in one]
 
-        for number, tree in enumerate(('Drive', 'Dock', 'Drive')):
-            robot.begin_tree(f'run{number}', tree)
+        for number, behavior in enumerate(('Patrol', 'Dock', 'Patrol')):
+            robot.mirror.receive_structure(dataclasses.replace(STRUCTURE, behavior=behavior))
             await opened.until(lambda: len(drawings()) > number)  # noqa: B023 - called here
-            robot.end_tree()
         assert drawings()[0] == drawings()[2] != drawings()[1]
 
     with_page(robot, look)

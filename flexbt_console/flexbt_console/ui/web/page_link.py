@@ -26,9 +26,9 @@ from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import escape_lines, one_line
 
 from .access import Access, WrongTokens
-from .drawings import NO_DRAWING, Drawings
+from .drawings import NO_DRAWING, Drawings, machine_drawing
 from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
-from .requests import BURST, RATE, PageRequest, Told, answered, read
+from .requests import BURST, RATE, PageRequest, Told, answered, folded_paths, read
 
 PULSE: Final = 1.0
 """Seconds after which a page gets a message in any case: without it, it takes the server for lost."""
@@ -61,6 +61,8 @@ class PageLink:
         self._drawn: dict[str, None] = {}
         self._map = b''
         self._run: str | None = None
+        self._folded: frozenset[str] = frozenset()
+        self._machine = NO_DRAWING
         self._tasks: set[asyncio.Task[None]] = set()
         self._waiting = 0
         self._left: Future[None] = Future()
@@ -136,17 +138,20 @@ class PageLink:
             new['log'] = f'[{", ".join(text for key, text in picture.log.items() if key not in self._log)}]'
             self._log = frozenset(picture.log)
         new['times'] = picture.times
+        drawing = machine_drawing(view.structure, self._folded) if view.structure else None
+        if drawing and (drawing.key != self._machine or 'machine' in new):
+            self._machine = drawing.key
+            new['folded'] = encode_json(drawing.key)
         await self._send_text('{"parts": {' + ', '.join(f'"{name}": {text}' for name, text in new.items()) + '}}')
         if picture.map and picture.map is not self._map:
             self._map = picture.map
             async with self._sending, asyncio.timeout(SEND_SECONDS):
                 await self._socket.send_bytes(picture.map)
-        for drawing in picture.drawings:
-            if drawing.key != NO_DRAWING and drawing.key not in self._drawn:
-                self._drawn[drawing.key] = None
-                if len(self._drawn) > DRAWINGS_KEPT:
-                    del self._drawn[next(iter(self._drawn))]
-                self._begin(self._draw(drawing.key, self._drawings.wanted(drawing)))
+        if drawing and drawing.key != NO_DRAWING and drawing.key not in self._drawn:
+            self._drawn[drawing.key] = None
+            if len(self._drawn) > DRAWINGS_KEPT:
+                del self._drawn[next(iter(self._drawn))]
+            self._begin(self._draw(drawing.key, self._drawings.wanted(drawing)))
         for lines in self._session.news(view):
             await self._tell(lines, tone_of(lines[0]).name.lower())
 
@@ -188,7 +193,12 @@ class PageLink:
 
     async def _answer(self, text: str) -> None:
         try:
-            answer = answered(read(text), self._session, self._left)  # here, so that a stop waits for nothing
+            message = read(text)
+            if 'fold' in message:
+                self._folded = folded_paths(message)
+                self._changed.set()
+                return
+            answer = answered(message, self._session, self._left)  # here, so that a stop waits for nothing
             if callable(answer):
                 answer = await self._later(answer)
             if isinstance(answer, OperatorCommand):

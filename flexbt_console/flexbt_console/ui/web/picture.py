@@ -11,11 +11,12 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any, Final, NamedTuple, TypeVar
 
+from flexbt_common.pictures.tree_picture import DrawnNode, NodeShape
 from flexbt_console.commands.registry import COMMANDS
 from flexbt_console.commands.spec import Typed
 from flexbt_console.mirror.fleet import Fleet, RobotOverview
 from flexbt_console.mirror.freshness import LinkState
-from flexbt_console.mirror.records import OCCUPIED, Decision, GridMap, LogLine
+from flexbt_console.mirror.records import OCCUPIED, Decision, GridMap, LogLine, StateKind
 from flexbt_console.mirror.trees import MirroredNode, MirroredTree
 from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import encode_json, fields_of
@@ -48,7 +49,7 @@ from flexbt_console.ui.keys import KEYS
 from flexbt_console.ui.station import Station
 from flexbt_core.values.text import one_line
 
-from .drawings import Drawing, machine_drawing, tree_drawing
+from .drawings import machine_drawing
 
 T = TypeVar('T')
 
@@ -195,8 +196,10 @@ def _machine(view: View) -> dict[str, Any] | None:
         return None
     states = view.structure.states[:MOST_LISTED]
     return {
+        'behavior': one_line(view.structure.behavior),
         'drawing': machine_drawing(view.structure).key,
         'paths': [state.path for state in states],
+        'containers': [place for place, state in enumerate(states) if state.kind is not StateKind.STATE],
         'lines': [f'{one_line(state.path)} ({one_line(state.type)})' for state in states],
         'outcomes': [state.outcomes for state in states],
     }
@@ -206,9 +209,15 @@ def _tree(run: MirroredTree) -> dict[str, Any]:
     return {
         'id': run.run_id,
         'tree': one_line(run.tree),
-        'drawing': tree_drawing(run).key,
-        'nodes': _node_names(run.nodes),
+        'nodes': [_drawn_node(node) for node in run.nodes[:MOST_LISTED]],
     }
+
+
+def _drawn_node(node: MirroredNode) -> dict[str, Any]:
+    name, shape = one_line(node.name, NODE_CHARACTERS), NodeShape[node.kind.name]
+    drawn = DrawnNode(node.registration, '' if node.name == node.registration else name, None, shape)
+    parent = node.parent - 1 if 0 < node.parent < node.uid else None
+    return {'lines': drawn.label(), 'kind': shape.value, 'parent': parent}
 
 
 def _tree_state(run: MirroredTree) -> dict[str, Any]:
@@ -344,7 +353,6 @@ class Picture(NamedTuple):
     times: str
     log: Mapping[tuple[str, int], str]
     map: bytes
-    drawings: Sequence[Drawing]
 
 
 class Pictures:
@@ -409,7 +417,6 @@ class Pictures:
         map = view.surroundings.map
         if map is not self._map[0]:
             self._map = map, b'' if map is None else _map_message(map)
-        wanted = [machine_drawing(view.structure)] if view.structure is not None else []
         return Picture(
             view,
             robots,
@@ -417,7 +424,6 @@ class Pictures:
             encode_json(times_part(view)),
             self._log,
             self._map[1],
-            [*wanted, *(tree_drawing(run) for run in view.drawn_trees)],
         )
 
 

@@ -45,6 +45,22 @@ def read(text: str) -> dict[str, Any]:
     return message
 
 
+MOST_FOLDED: Final = 500
+"""Maximum number of containers of a machine that are folded in a page."""
+
+
+def folded_paths(message: dict[str, Any]) -> frozenset[str]:
+    """Return the paths of the containers that a page has folded.
+
+    Raises:
+        UsageError: they are not a list of texts, or too many.
+    """
+    paths = message['fold']
+    if not isinstance(paths, list) or len(paths) > MOST_FOLDED or not all(isinstance(path, str) for path in paths):
+        raise UsageError(f'"fold" is a list of at most {MOST_FOLDED} paths of containers')
+    return frozenset(paths)
+
+
 Told = OperatorCommand | Reading
 """The result of a request: the command that was sent, or lines to read. Lines without a title are for the log."""
 
@@ -86,7 +102,7 @@ def answered(
     if 'do' in message:
         meaning = session.interpret(_text(message, 'do'), view, Bound(decision_id))
         return _done(meaning, view, session, left)
-    raise UsageError('unknown request; expected one of: do, answer, touched, complete, obstacle, remove_obstacle')
+    raise UsageError('unknown request; expected one of: do, answer, touched, complete, fold, obstacle, remove_obstacle')
 
 
 def _done(meaning: Meaning, view: View, session: Session, left: Future[None]) -> Told | PageRequest | None:

@@ -3,9 +3,11 @@
 
 import {ACTIONS, Commands} from './commands.js';
 import {DecisionBar, element, plain} from './decision.js';
-import {bring, keep, mark, show, statuses} from './drawing.js';
+import {drawTree, has, keep, mark, offer, part, press, show, spread, statuses} from './drawing.js';
 import {RobotMap} from './map.js';
+import {panels} from './panels.js';
 import {ServerLink} from './server_link.js';
+import {viewport} from './viewport.js';
 
 const MOST_LOG = 500;
 const byId = (id) => document.getElementById(id);
@@ -16,7 +18,8 @@ let heard = performance.now();
 const tell = (text, tone) => {
   byId('told').textContent = text;
   byId('told').className = tone;
-  if (text) addLog(text, tone);
+  byId('log').querySelector('.shown')?.classList.remove('shown');  // what is told below is in the log, and is seen there when it is replaced
+  if (text) addLog(text, `${tone} shown`);
 };
 const send = (message) => {
   const sent = link.send(message);
@@ -79,36 +82,89 @@ function drawPlan() {
   const {plan, goal} = bar.shown?.drawn ?? {plan: known.plan ?? [], goal: null};
   map.set('plan', plan);
   map.set('goal', goal ?? plan[plan.length - 1] ?? null);
+  byId('map').hidden = !(byId('map-empty').hidden = map.hasContent());
+}
+
+// What the browser remembers of this page, if it does.
+const remembered = (key, usual) => { try { return JSON.parse(localStorage.getItem(`flexbt-${key}`)) ?? usual; } catch { return usual; } };
+const remember = (key, value) => { try { localStorage.setItem(`flexbt-${key}`, JSON.stringify(value)); } catch { /* not beyond this page then */ } };
+
+// Containers and sub-trees that are folded, by behavior or tree.
+const foldedOf = (key) => new Set([remembered('folded', {})[key] ?? []].flat());
+
+function fold(key, one) {
+  const all = remembered('folded', {}), of = foldedOf(key);
+  if (!of.delete(one)) of.add(one);
+  delete all[key];  // the latest are kept
+  remember('folded', Object.fromEntries([...Object.entries(all), [key, [...of]]].slice(-50)));
+}
+
+const machineSvg = byId('machine').querySelector('svg');
+const machineView = viewport(machineSvg, () => spread(machineSvg));
+
+function foldMachine(path) {
+  if (path) fold(known.machine.behavior, path);
+  send({fold: [...foldedOf(known.machine.behavior)]});
 }
 
 function drawMachine() {
   const {machine, active, decisions, status} = known;
-  const place = byId('machine');
-  const svg = machine?.drawing && show(place, machine.drawing);
-  if (!machine) place.replaceChildren(status?.running ? 'the state machine has not arrived yet' : 'no behavior runs');
-  else if (!svg && place.dataset.key !== machine.drawing) place.replaceChildren(...machine.lines.map((line) => element('div', {}, line)));
-  if (!machine || !svg) { delete place.dataset.key; return; }
-  const places = new Map(machine.paths.map((path, index) => [path, index]));
+  const lines = byId('machine-text'), key = known.folded || machine?.drawing;
+  const told = (...text) => { lines.replaceChildren(...text); delete machineSvg.dataset.key; };
+  if (!machine) {
+    told(element('p', {class: 'empty'}, status?.running ? 'The state machine has not arrived yet.' : 'No behavior is running. Press Start… (s) to choose one.'));
+    return;
+  }
+  if (!key || !has(key)) {
+    if (!key || !machineSvg.dataset.key) told(...machine.lines.map((line) => element('div', {}, line)));
+    return;
+  }
+  lines.replaceChildren();
+  if (machineSvg.dataset.key !== key) machineView.content(show(machineSvg, byId('machine-legend'), key));
+  const svg = machineSvg, places = new Map(machine.paths.map((path, index) => [path, index]));
+  const shown = (path) => { for (let at = path; at; at = at.slice(0, at.lastIndexOf('/'))) { const state = places.has(at) && part(svg, `s${places.get(at)}`); if (state) return state; } return null; };
   const ids = (paths) => paths.filter((path) => places.has(path)).flatMap((path) => [`s${places.get(path)}`, `m${places.get(path)}`]);
+  const waiting = decisions.map((decision) => decision.path);
   mark(svg, 'lit', status?.running ? ids(active.paths) : []);
-  mark(svg, 'waits', ids(decisions.map((decision) => decision.path)));
+  mark(svg, 'waits', [...ids(waiting), ...waiting.map((path) => shown(path)?.id).filter(Boolean)]);
   mark(svg, 'wanted', decisions.filter((decision) => decision.wanted && places.has(decision.path)).map((decision) =>
     `s${places.get(decision.path)}o${machine.outcomes[places.get(decision.path)].indexOf(decision.wanted)}`));
-  const first = active.states[0]?.path;
-  if (first !== place.dataset.active) {
-    place.dataset.active = first;
-    bring(place, svg.querySelector(`[id="s${places.get(first)}"]`));
+  machine.paths.forEach((path, index) => {
+    const box = part(svg, `m${index}in`) ?? part(svg, `s${index}`);
+    if (index && machine.containers.includes(index) && box) press(box, `${box.id.startsWith('m') ? 'fold' : 'unfold'} ${path}`, () => foldMachine(path));
+  });
+  // The outcomes of what is active, at their transitions: the answer to the decision in the bar is sent, any other outcome is asked about.
+  const choices = new Map();
+  for (const {path, outcomes} of isLive() && status?.running ? active.states : []) {
+    const decision = decisions.find((one) => one.path === path);
+    if (!places.has(path)) continue;
+    machine.outcomes[places.get(path)].forEach((outcome, index) => {
+      const isAnswer = decision?.choices.some(({value}) => value === outcome);
+      if (!isAnswer && !outcomes.includes(outcome)) return;
+      choices.set(`s${places.get(path)}o${index}`, {label: `${isAnswer ? 'answer' : 'force'} ${path}: ${outcome}`, run: () => {
+        if (!isAnswer) commands.forced(path, outcome);
+        else if (bar.id === decision.id) bar.answer(outcome, decision.id);
+        else { bar.turn(decision.id); tell('this decision is in the bar now; nothing was sent. Check it and answer', 'warning'); }
+      }});
+    });
   }
+  offer(svg, choices);
+  spread(svg);
+  machineView.reveal(shown(active.states[0]?.path));
+}
+
+function treePane(id) {
+  const svg = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
+  const drawing = element('div', {class: 'drawing', tabindex: '0', role: 'group', 'aria-label': 'diagram of the tree: + and - zoom, arrows move it, 0 fits it'}, svg);
+  const pane = element('div', {'data-id': id, class: 'tree'}, element('p', {'aria-live': 'polite'}), drawing);
+  return Object.assign(pane, {svg, view: viewport(svg)});
 }
 
 function drawTrees() {
   const place = byId('trees');
   const panes = new Map([...place.children].map((pane) => [pane.dataset.id, pane]));
   const shown = known.trees.map((tree) => {
-    let pane = panes.get(tree.id);
-    if (!pane) {
-      pane = element('div', {'data-id': tree.id, class: 'tree'}, element('p', {'aria-live': 'polite'}), element('div', {}));
-    }
+    const pane = panes.get(tree.id) ?? treePane(tree.id);
     const {paused, server_gone: gone, leaves} = known.tree_states[tree.id];
     const acts = gone ? 'SERVER GONE: last state' : leaves.length ? `▶ ${leaves.join(', ')}` : 'no leaf runs';
     const text = `${tree.tree}${paused && !gone ? ' (paused)' : ''}: ${acts}`;
@@ -118,18 +174,16 @@ function drawTrees() {
   });
   const panesNow = shown.map(([, pane]) => pane);
   if (panesNow.length !== place.children.length || panesNow.some((pane, index) => place.children[index] !== pane)) place.replaceChildren(...panesNow);
-  for (const [tree, pane] of shown) {
-    const picture = pane.lastElementChild;
-    const state = known.tree_states[tree.id];
-    const svg = tree.drawing && show(picture, tree.drawing);
-    if (svg) {
-      statuses(svg, state.statuses, state.last);
-      const leaf = state.statuses.findLastIndex((status) => status === 'running');
-      if (String(leaf) !== pane.dataset.leaf) {
-        pane.dataset.leaf = String(leaf);
-        bring(place, svg.querySelector(`[id="t0n${leaf}"]`));
-      }
-    } else picture.replaceChildren(element('pre', {}, tree.nodes.map((node, index) => `${node}: ${state.statuses[index]}`).join('\n')));
+  for (const [tree, {svg, view}] of shown) {
+    const state = known.tree_states[tree.id], folds = foldedOf(`tree ${tree.tree}`), text = JSON.stringify([tree.nodes, [...folds]]);
+    if (svg.dataset.key !== text && svg.parentElement.clientWidth) {  // it is laid out for its pane
+      const again = (index) => { fold(`tree ${tree.tree}`, index); drawTrees(); part(svg, `t0n${index}`)?.focus(); };
+      const extent = drawTree(svg, tree.nodes, folds, again);
+      svg.dataset.key = text;
+      view.content(extent);
+    }
+    statuses(svg, state.statuses, state.last);
+    view.reveal(part(svg, `t0n${state.statuses.findLastIndex((status) => status === 'running')}`));
   }
 }
 
@@ -138,8 +192,9 @@ function drawHead() {
   const live = isLive();
   const age = times.age == null ? null : times.age + (performance.now() - heard) / 1000;
   byId('link').textContent = server.open ? (known.link?.word ?? 'LISTENING').replace(/ [\d.]+ \w+$/, '') : server.word;
-  byId('link').className = live ? 'good' : 'error';
+  byId('link').className = `badge ${live ? 'good' : 'error'}`;
   byId('age').textContent = age == null ? '' : live ? '' : `${age.toFixed(0)} s old`;
+  byId('name').textContent = plain((known.robot ?? '').replace(/^\/$/, '') || 'FlexBT');
   byId('runs').textContent = status?.runs ?? '';
   byId('holder').textContent = status?.authority ? `authority ${status.authority}` : '';
   const alarm = [];
@@ -153,7 +208,7 @@ function drawHead() {
   const running = Boolean(status?.running);
   byId('pause').firstChild.data = known.actions.pause?.lines[0] === 'resume' ? 'Go on ' : 'Pause ';
   byId('start').firstChild.data = running ? 'Switch… ' : 'Start… ';
-  byId('stop').disabled = !server.open;
+  for (const stop of document.querySelectorAll('.stop')) stop.disabled = !server.open;
   const blocked = [...ACTIONS.filter((action) => action !== 'stop').map((action) => [action, known.actions[action]?.blocked]),
     ['force', running ? '' : 'no state is active'], ['start', ''], ['note', '']];
   for (const [id, why] of blocked) {
@@ -245,7 +300,8 @@ function takeParts(parts) {
   }
   bar.show(known.decisions, known.times.now ?? 0);
   drawPlan();
-  if (parts.machine !== undefined || parts.active || parts.decisions || parts.status) drawMachine();
+  if (['machine', 'folded', 'active', 'decisions', 'status', 'link'].some((name) => name in parts)) drawMachine();
+  if ('machine' in parts && known.machine && foldedOf(known.machine.behavior).size) foldMachine();
   if (parts.trees || parts.tree_states) drawTrees();
   if (parts.left_out) byId('left-out').textContent = parts.left_out.join('; ');
   if (parts.robots || parts.robots_left_out) drawRobots();
@@ -264,7 +320,6 @@ function takeMessage(message) {
     if (message.drawing.svg) {
       keep(message.drawing.key, message.drawing.svg);
       drawMachine();
-      drawTrees();
     } else tell(`no picture: ${message.drawing.problem}`, 'warning');
   } else if (message.refused) {
     known.robots = message.refused.robots;
@@ -277,7 +332,7 @@ function takeMessage(message) {
 const link = new ServerLink({
   parts: takeParts,
   message: takeMessage,
-  map: (head, cells) => map.setMap(head, cells),
+  map: (head, cells) => { map.setMap(head, cells); drawPlan(); },
   state: (open, word, text) => {
     server = {open, word, text};
     known.link = null;  // what was before is not live, also when the server is back, until it says so
@@ -285,4 +340,9 @@ const link = new ServerLink({
     choose();
   },
 });
+byId('reset').addEventListener('click', panels(byId('panels'), 'flexbt', {
+  wide: [['machine-pane'], ['map-pane', 'trees-pane', 'log-pane']],
+  narrow: [['map-pane', 'machine-pane', 'trees-pane', 'log-pane']],
+}, '(max-width: 640px), (max-height: 520px)').reset);
+new ResizeObserver(drawTrees).observe(byId('trees-pane'));
 setInterval(drawHead, 500);

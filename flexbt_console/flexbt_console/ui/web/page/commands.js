@@ -38,6 +38,8 @@ export class Commands {
     this.burstAt = -Infinity;
     this.byKey = false;
     for (const action of ACTIONS) byId(action).addEventListener('click', () => this.act(action));
+    byId('dialog').querySelector('.stop').addEventListener('click', () => this.act('stop'));
+    byId('menu').addEventListener('click', (event) => { if (event.target.closest('button')) byId('menu').hidePopover(); });
     for (const button of byId('autonomy').querySelectorAll('button')) button.addEventListener('click', () => this.do(`autonomy ${button.value}`));
     byId('start').addEventListener('click', () => this.start());
     byId('force').addEventListener('click', () => this.force());
@@ -76,6 +78,18 @@ export class Commands {
       return [`leave ${path} by ${outcome}`, [outcome, ...of.flatMap((one) => [`${one} ${outcome}`, `${one}: ${outcome}`])], `force ${word(path)} ${word(outcome)}`];
     }));
     this.read('Leave an Active State', rows.length ? this.lines(rows) : 'The outcomes of the active state are not known yet');
+  }
+
+  // Ask before a state is left by an outcome; the command belongs to the decision that is on the page now.
+  forced(path, outcome) {
+    const decision = this.bar.id, opened = performance.now();
+    const told = element('p', {class: 'hint', role: 'status'}), button = element('button', {type: 'button', class: 'primary'}, `Force ${outcome}`);
+    button.addEventListener('click', () => {
+      if (performance.now() - opened < REACTION_MS) { told.textContent = 'just opened: press again'; return; }
+      byId('dialog').close();
+      this.do(`force ${word(path)} ${word(outcome)}`, decision);
+    });
+    this.read(`Leave ${path} by ${outcome}`, element('div', {}, element('p', {}, 'The robot leaves this state at once, whatever it is doing there.'), button, told));
   }
 
   // A list of lines to send, [text, names, line]; each belongs to the decision that is on the page now.

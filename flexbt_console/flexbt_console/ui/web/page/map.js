@@ -16,7 +16,7 @@ export class RobotMap {
     this.cursor = null;      // {x, y, yaw}
     this.planned = false;
     new ResizeObserver(() => this.redraw()).observe(canvas);
-    matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => { this.paint(); this.redraw(); });
+    for (const query of ['(prefers-color-scheme: dark)', '(forced-colors: active)']) matchMedia(query).addEventListener('change', () => { this.paint(); this.redraw(); });
     canvas.addEventListener('pointerdown', (event) => this.press(event));
     canvas.addEventListener('pointermove', (event) => this.drag(event));
     canvas.addEventListener('pointerup', (event) => this.release(event));
@@ -49,8 +49,7 @@ export class RobotMap {
     this.mode = mode;
     this.canvas.setAttribute('role', mode ? 'application' : 'img');  // with keys of its own, or a picture
     const to = {pose: 'answer', obstacle: 'drop it there'}[mode];
-    this.hint.textContent = mode ? `Click${mode === 'pose' ? ', and drag for the heading' : ''}; or with the map in focus: arrows move the cursor${
-      mode === 'pose' ? ', < and > turn it' : ''}, Enter: ${to}, Esc leaves.` : '';
+    this.hint.textContent = mode ? `Click${mode === 'pose' ? ' (drag for the heading)' : ''}, or g: arrows move${mode === 'pose' ? ', < > turn' : ''}, Enter: ${to}, Esc leaves` : '';
     this.point(null);
   }
 
@@ -89,6 +88,8 @@ export class RobotMap {
     context.putImageData(pixels, 0, 0);
     this.image = image;
   }
+
+  hasContent() { return Boolean(this.map || this.pose || this.plan.length || this.scan.length || this.others.length || Object.keys(this.places).length); }
 
   bounds() {
     if (this.map) {

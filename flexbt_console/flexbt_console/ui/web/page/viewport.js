@@ -1,0 +1,146 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Pan and zoom of an SVG that fills its pane: wheel, pinch, drag, buttons, and keys + - 0 and arrows while the pane has the focus.
+
+const ZOOM = 1.25;
+const PAN = 60;         // pixels for an arrow key
+const SLOP = 4;         // pixels that a pointer moves before it drags: less is a click
+const MOST = 5;
+const MOST_FIT = 1.4;
+const GROWTH = 1.7;     // up to so much larger than drawn, the labels keep their size on the screen
+const MARGIN = 8;       // pixels around a drawing that fits
+
+// Returns {content(box), fit(whole), zoomTo(scale, x, y), reveal(element), scale, moved}. content gives the extent of what
+// is drawn. Until somebody moves the view, it fits the drawing and follows what is revealed; fit() goes back to that.
+// changed() is called after each change. In the style of the SVG --grow is how much larger than drawn labels are to be;
+// where that is much, the SVG has the class "far".
+export function viewport(svg, changed = () => {}) {
+  const pane = svg.parentElement;
+  const pointers = new Map();
+  let box = {x: 0, y: 0, width: 1, height: 1}, target = null;
+  let scale = 1, x = 0, y = 0, moved = false, dragged = false, pinched = 0;
+
+  const size = () => [pane.clientWidth || 1, pane.clientHeight || 1];
+  const within = (value, low, high) => Math.min(Math.max(value, low), high);
+
+  function apply() {
+    const [width, height] = size();
+    const least = Math.min(1 / GROWTH, width / box.width, height / box.height) / 1.5;
+    scale = within(scale, least, MOST);
+    x = within(x, box.x - (width - 40) / scale, box.x + box.width - 40 / scale);  // some of it stays in the pane
+    y = within(y, box.y - (height - 40) / scale, box.y + box.height - 40 / scale);
+    const grow = within(1 / scale, 1, GROWTH);
+    svg.setAttribute('viewBox', `${x} ${y} ${width / scale} ${height / scale}`);
+    svg.style.setProperty('--grow', grow);
+    svg.classList.toggle('far', grow > 1.15);
+    changed();
+  }
+
+  // Where something is, in the units of the drawing.
+  function placeOf(element) {
+    const outer = pane.getBoundingClientRect(), inner = element.getBoundingClientRect();
+    return {left: x + (inner.left - outer.left) / scale, right: x + (inner.right - outer.left) / scale, top: y + (inner.top - outer.top) / scale, bottom: y + (inner.bottom - outer.top) / scale};
+  }
+
+  // All of it, as large as it fits, but with readable labels; what does not fit then is where the target is. whole: all of it in any case.
+  function fit(whole = false) {
+    const [width, height] = size();
+    moved = whole;
+    const place = target?.isConnected ? placeOf(target) : null;
+    scale = within(Math.min((width - 2 * MARGIN) / box.width, (height - 2 * MARGIN) / box.height), whole ? 0.01 : 1 / GROWTH, MOST_FIT);
+    const at = (start, length, room, from, to) => {
+      const middle = length * scale + 2 * MARGIN <= room || !place ? start + length / 2 : (from + to) / 2;
+      const begin = middle - room / scale / 2;
+      return length * scale + 2 * MARGIN <= room ? begin : within(begin, start - MARGIN / scale, start + length - (room - MARGIN) / scale);
+    };
+    x = at(box.x, box.width, width, place?.left, place?.right);
+    y = at(box.y, box.height, height, place?.top, place?.bottom);
+    apply();
+  }
+
+  // To a scale, with the point (pixels in the pane; by default its middle) kept where it is.
+  function zoomTo(to, px = size()[0] / 2, py = size()[1] / 2) {
+    const [ux, uy] = [x + px / scale, y + py / scale];
+    moved = true;
+    scale = to;
+    apply();
+    [x, y] = [ux - px / scale, uy - py / scale];
+    apply();
+  }
+
+  function panBy(dx, dy) {
+    moved = true;
+    [x, y] = [x - dx / scale, y - dy / scale];
+    apply();
+  }
+
+  // Keep an element in the pane, unless somebody looks elsewhere.
+  function reveal(element) {
+    target = element;
+    if (moved || !element) return;
+    const {left, right, top, bottom} = placeOf(element), [width, height] = size();
+    if (left < x || top < y || right > x + width / scale || bottom > y + height / scale) fit();
+  }
+
+  pane.addEventListener('wheel', (event) => {
+    const page = document.scrollingElement;
+    if (!event.ctrlKey && page.scrollHeight > page.clientHeight) return;  // it scrolls the page
+    event.preventDefault();
+    const outer = pane.getBoundingClientRect();
+    if (event.shiftKey) panBy(-event.deltaY - event.deltaX, 0);
+    else zoomTo(scale * Math.exp(-event.deltaY * (event.deltaMode ? 16 : 1) / 400), event.clientX - outer.left, event.clientY - outer.top);
+  }, {passive: false});
+  svg.addEventListener('pointerdown', (event) => {
+    if (event.button) return;
+    pointers.set(event.pointerId, event);
+    dragged = pointers.size > 1;
+    if (pointers.size === 2) pinched = scale / spread();
+  });
+  const spread = () => { const [a, b] = [...pointers.values()]; return Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY) || 1; };
+  svg.addEventListener('pointermove', (event) => {
+    const before = pointers.get(event.pointerId);
+    if (!before) return;
+    const [dx, dy] = [event.clientX - before.clientX, event.clientY - before.clientY];
+    if (!dragged && Math.hypot(dx, dy) < SLOP) return;
+    if (!svg.hasPointerCapture(event.pointerId)) svg.setPointerCapture(event.pointerId);
+    dragged = true;
+    pointers.set(event.pointerId, event);
+    if (pointers.size === 1) panBy(dx, dy);
+    else {
+      const [a, b] = [...pointers.values()], outer = pane.getBoundingClientRect();
+      panBy(dx / 2, dy / 2);
+      zoomTo(pinched * spread(), (a.clientX + b.clientX) / 2 - outer.left, (a.clientY + b.clientY) / 2 - outer.top);
+    }
+  });
+  for (const kind of ['pointerup', 'pointercancel']) svg.addEventListener(kind, (event) => pointers.delete(event.pointerId));
+  svg.addEventListener('click', (event) => { if (dragged) event.stopPropagation(); dragged = false; }, {capture: true});
+  pane.addEventListener('keydown', (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest('input, select')) return;
+    const act = {
+      '+': () => zoomTo(scale * ZOOM), '=': () => zoomTo(scale * ZOOM), '-': () => zoomTo(scale / ZOOM), 0: () => fit(!moved),
+      ArrowLeft: () => panBy(PAN, 0), ArrowRight: () => panBy(-PAN, 0), ArrowUp: () => panBy(0, PAN), ArrowDown: () => panBy(0, -PAN),
+    }[event.key];
+    if (!act) return;
+    event.preventDefault();
+    event.stopPropagation();
+    act();
+  });
+  const tools = document.createElement('div');
+  tools.className = 'zoom seg';
+  for (const [mark, text, act] of [['−', 'Zoom out (-)', () => zoomTo(scale / ZOOM)], ['⊡', 'Fit; again: all of it (0)', () => fit(!moved)], ['+', 'Zoom in (+)', () => zoomTo(scale * ZOOM)]]) {
+    const button = document.createElement('button');
+    button.type = 'button';
+    button.title = text;
+    button.setAttribute('aria-label', text);
+    button.append(mark);
+    button.addEventListener('click', act);
+    tools.append(button);
+  }
+  pane.append(tools);
+  new ResizeObserver(() => { if (moved) apply(); else fit(); }).observe(pane);
+  return {
+    content(extent) { box = {...extent, width: extent.width || 1, height: extent.height || 1}; if (moved) apply(); else fit(); },
+    fit, zoomTo, reveal,
+    get scale() { return scale; },
+    get moved() { return moved; },
+  };
+}
