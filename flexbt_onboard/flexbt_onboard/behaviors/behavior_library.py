@@ -7,6 +7,8 @@ still work.
 
 from __future__ import annotations
 
+import functools
+import importlib.resources
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -15,6 +17,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
 from flexbt_common.values.limits import MACHINE_TEXT
+from flexbt_core.state_machine.model.userdata import MachineError
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_msgs.msg import BehaviorInput as BehaviorInputMessage
 from flexbt_msgs.msg import BehaviorList
@@ -23,6 +26,7 @@ from flexbt_msgs.msg import BehaviorParameter as BehaviorParameterMessage
 from flexbt_onboard.errors import BehaviorError, BrokenBehaviorError, UnknownBehaviorError
 
 from .behavior import Behavior, BehaviorManifest, BehaviorParameter, parameter_text
+from .machine_behavior import MachineBehavior
 
 ENTRY_POINT_GROUP: Final = 'flexbt.behaviors'
 """Entry point group under which packages list their behaviors."""
@@ -165,6 +169,8 @@ def load_entry(point: EntryPoint) -> BehaviorEntry:
     """Load one behavior. If that fails, the entry contains the error."""
     package = point.dist.name.replace('-', '_') if point.dist is not None else point.module.partition('.')[0]
     try:
+        if point.attr.endswith('.yaml'):
+            return _file_entry(point, package)
         loaded = point.load()
         if not (isinstance(loaded, type) and issubclass(loaded, Behavior)):
             raise TypeError(f'{point.value} is {short_repr(loaded)}, not a class derived from Behavior')
@@ -176,7 +182,41 @@ def load_entry(point: EntryPoint) -> BehaviorEntry:
         )
     except (Exception, SystemExit) as error:  # importing foreign code may raise anything
         name = point.name.replace('/', '_')
-        return BehaviorEntry(name, package, BehaviorManifest(name), (), None, described(error))
+        text = str(error) if isinstance(error, MachineError) else described(error)
+        return BehaviorEntry(name, package, BehaviorManifest(name), (), None, text)
+
+
+def _file_entry(point: EntryPoint, package: str) -> BehaviorEntry:
+    file = importlib.resources.files(point.module) / point.attr
+    if not file.is_file():
+        raise FileNotFoundError(f'{point.module} has no file {point.attr}; name it in package_data of setup.py')
+    return machine_entry(point.name, file.read_text('utf-8'), package, str(file))
+
+
+def machine_entry(
+    name: str, text: str, package: str = BehaviorManifestMessage.SYNTHESIZED, source: str = ''
+) -> BehaviorEntry:
+    """Return the entry of a behavior in YAML. ``name`` is used if the text gives none, and for a synthesized one.
+
+    Raises:
+        MachineError: the head of the text has problems; the error lists all of them.
+    """
+    make = functools.partial(MachineBehavior, name, text, source or name, new_behavior)
+    behavior = make()
+    is_synthesized = package == BehaviorManifestMessage.SYNTHESIZED
+    return BehaviorEntry(
+        name if is_synthesized else behavior.name,
+        package,
+        behavior.manifest,
+        tuple(behavior.parameters.values()),
+        make,
+        machine=text if is_synthesized else '',
+    )
+
+
+def new_behavior(name: str) -> Behavior:
+    """Make the installed behavior with this name. Raises UnknownBehaviorError, or BrokenBehaviorError."""
+    return BehaviorLibrary.discover().find(name).instantiate()
 
 
 def _entries_of_source(point: EntryPoint) -> Iterator[BehaviorEntry]:

@@ -1,31 +1,39 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Behaviors as data: state machines in YAML, and the directory that stores the synthesized ones.
+"""Behaviors as data: their manifest and their state machine in YAML.
 
-A package registers states for these machines with an entry point in its ``setup.py`` that names a module::
+A package installs such a file as a behavior with an entry point that names the Python package and the file, which has
+to be among its ``package_data``. It registers states for machines in YAML with an entry point that names a module::
 
-    entry_points={'flexbt.states': ['my_states = my_package.states']}
+    entry_points={
+        'flexbt.behaviors': ['patrol = my_package:patrol.yaml'],
+        'flexbt.states': ['my_states = my_package.states'],
+    }
+
+:mod:`flexbt_core.state_machine.authoring.yaml_form` describes the file.
 """
 
 from __future__ import annotations
 
-import functools
+import dataclasses
 import importlib
-import re
-from collections.abc import Collection, Iterable
+import math
+from collections.abc import Callable, Iterable
+from contextvars import ContextVar
 from importlib.metadata import entry_points
-from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeVar
 
-from flexbt_core.state_machine.authoring.yaml_form import read_machine
+import yaml
+
+from flexbt_core.state_machine.authoring.yaml_form import MAX_CHARACTERS, machine_error, read_machine
 from flexbt_core.state_machine.model.definition import MachineDefinition
 from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_core.values.text import one_line, short_repr
-from flexbt_core.values.text_files import write_text
-from flexbt_msgs.msg import BehaviorManifest as BehaviorManifestMessage
-from flexbt_onboard.errors import BehaviorError, BrokenBehaviorError
+from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_core.values.findings import finding_record
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
+from flexbt_core.values.yaml_data import StrictYamlParts
+from flexbt_onboard.errors import BehaviorError, BrokenBehaviorError, ManifestError
 
-from .behavior import Behavior, BehaviorManifest
-from .behavior_library import BehaviorEntry
+from .behavior import Behavior, BehaviorInput, BehaviorManifest, BehaviorParameter, OperatorGone
 
 STATES_GROUP: Final = 'flexbt.states'
 """Entry point group under which packages list modules of states for machines in YAML."""
@@ -56,116 +64,143 @@ def states_of(modules: Iterable[str]) -> dict[str, type[EventState]]:
     return found
 
 
-class MachineBehavior(Behavior):
-    """A behavior made from the YAML text of a machine."""
+def installed_states() -> tuple[dict[str, Callable[..., EventState]], list[str]]:
+    """Return the states of all packages by ``Name`` and by ``package/Name``, and why modules cannot be imported.
 
-    def __init__(self, manifest: BehaviorManifest, text: str) -> None:
-        self.manifest = manifest
-        self._text = text
-        super().__init__()
+    A name that several packages use for different states is refused without a package.
+    """
+    found: dict[str, Callable[..., EventState]] = {}
+    broken: list[str] = []
+    owners: dict[str, dict[object, str]] = {}
+    for module in state_modules():
+        try:
+            of_module = states_of([module])
+        except BrokenBehaviorError as error:
+            broken.append(str(error))
+            continue
+        for name, state in of_module.items():
+            whole = f'{module.partition(".")[0]}/{name}'
+            owners.setdefault(name, {}).setdefault(state, whole)
+            found[name] = found[whole] = state
+    clashes = {name: list(wholes.values()) for name, wholes in owners.items() if len(wholes) > 1}
+    return {**found, **{name: _clash(name, wholes) for name, wholes in clashes.items()}}, broken
+
+
+def _clash(name: str, wholes: list[str]) -> Callable[..., EventState]:
+    def refuse(**_parameters: object) -> EventState:
+        raise BehaviorError(f'several packages have a state {name!r}; write {" or ".join(wholes)}')
+
+    return refuse
+
+
+_open_behaviors: ContextVar[tuple[str, ...]] = ContextVar('open_behaviors', default=())
+"""Names of the behaviors that are being built, outermost first."""
+
+
+class MachineBehavior(Behavior):
+    """A behavior made from a YAML text.
+
+    ``name`` is used if the text gives none. Problems name the file ``source``. ``find`` makes the behaviors that the
+    text embeds.
+
+    Raises:
+        MachineError: the head of the text has problems; the error lists all of them.
+    """
+
+    def __init__(self, name: str, text: str, source: str, find: Callable[[str], Behavior]) -> None:
+        parts = StrictYamlParts(source)
+        root = parts.root(text, MAX_CHARACTERS)
+        node = parts.mapping(root, 'the text').get('behavior')
+        head = parts.mapping(node, 'behavior')
+        known = ('name', 'description', 'author', 'parameters', 'inputs', 'operator_gone', 'operator_gone_after')
+        parts.refuse_others(head, known, 'behavior')
+        texts = {key: parts.name(head[key], f'{key} of the behavior', 'a text') for key in known[:3] if key in head}
+        comment = one_line(text.partition('\n')[0].removeprefix('#').strip()) if text.startswith('#') else ''
+        parameters = _declared(parts, BehaviorParameter, 'parameter', head.get('parameters'))
+        inputs = _declared(parts, BehaviorInput, 'input', head.get('inputs'))
+        if 'operator_gone' in head:
+            reaction, known_ones = (
+                parts.name(head['operator_gone'], 'operator_gone'),
+                [one.value for one in OperatorGone],
+            )
+            if reaction in known_ones:
+                self.operator_gone = OperatorGone(reaction)
+            else:
+                text_of = f'operator_gone is none of {", ".join(known_ones)}: {short_repr(reaction)}'
+                parts.problem(head['operator_gone'], f'{text_of}{did_you_mean(reaction, known_ones, "")}')
+        if 'operator_gone_after' in head:
+            self.operator_gone_after = parts.value(head['operator_gone_after'], 'operator_gone_after')
+            if type(self.operator_gone_after) not in (int, float) or not 0.0 < self.operator_gone_after < math.inf:
+                parts.problem(head['operator_gone_after'], 'operator_gone_after has to be a number of seconds above 0')
+        try:
+            self.manifest = BehaviorManifest(
+                **{'name': name, 'description': comment, **texts}, parameters=parameters, inputs=inputs
+            )
+            super().__init__()
+        except ManifestError as error:
+            place = head.get('name', node or root)
+            if place is not None:  # else the text has a problem
+                parts.problem(place, str(error))
+        if parts.records:
+            raise machine_error(parts.records)
+        self._text, self._source, self._find = text, source, find
 
     def create(self) -> MachineDefinition:
         """Return the machine.
 
         Raises:
             MachineError: the text has problems; the error lists all of them.
-            BrokenBehaviorError: a module of states cannot be imported.
+            BehaviorError: the behavior embeds itself.
         """
-        return read_machine(self._text, states_of(state_modules()), self.name)
+        around = _open_behaviors.get()
+        if self.name in around:
+            raise BehaviorError(f'{self.name!r} embeds itself: {" in ".join([self.name, *reversed(around)])}')
+        states, broken = installed_states()
+        values = {name: getattr(self, name) for name in self.parameters}
+        token = _open_behaviors.set((*around, self.name))
+        try:
+            return read_machine(self._text, states, self._source, parameters=values, behaviors=self._find)
+        except MachineError as error:  # it may need the states of a broken package
+            records = [*error.records, *(finding_record('refused', 'error', one) for one in broken)]
+            raise MachineError([*error.problems, *broken], records) from error
+        finally:
+            _open_behaviors.reset(token)
 
 
-def machine_entry(name: str, text: str) -> BehaviorEntry:
-    """Return the library entry of a machine. A comment on the first line of the text becomes the description."""
-    first = text.partition('\n')[0]
-    manifest = BehaviorManifest(name, one_line(first.removeprefix('#').strip()) if first.startswith('#') else '')
-    make = functools.partial(MachineBehavior, manifest, text)
-    return BehaviorEntry(name, BehaviorManifestMessage.SYNTHESIZED, manifest, (), make, machine=text)
+_Declared = TypeVar('_Declared', BehaviorParameter, BehaviorInput)
 
 
-# Synthesized machines are stored as files, so that they survive a restart.
-
-MOST_MACHINES: Final = 100
-"""Maximum number of stored machines. Beyond it, the oldest is removed."""
-
-MACHINE_LENGTH: Final = 1_000_000
-"""Maximum characters of a machine."""
-
-_MACHINE: Final = re.compile(r'^(machine|concurrency|priority):', re.MULTILINE)
-"""Pattern of a key that only machines have, and other YAML, such as a capability file, has not."""
-
-_NAME: Final = re.compile(r'[A-Za-z_][A-Za-z0-9_ -]{0,79}')
-
-
-def check_name(name: str) -> None:
-    """Check that a machine may have this name. Raise BehaviorError if not."""
-    if not _NAME.fullmatch(name) or name != name.strip():
-        raise BehaviorError(
-            f'{short_repr(name)} is not a behavior name: a letter, then letters, digits, blanks, _ and -, 80 in all'
-        )
-
-
-class MachineStore:
-    """A store of machines in the files ``NAME.yaml`` of a directory. With None it stores nothing.
-
-    Use it from one thread at a time.
-    """
-
-    def __init__(self, directory: Path | None) -> None:
-        self._directory = directory
-
-    def entries(self) -> tuple[list[BehaviorEntry], list[str]]:
-        """Return the stored machines, and the reasons why other files in the directory are not machines.
-
-        Raises:
-            OSError: the directory cannot be read.
-        """
-        machines, problems = self._machines()
-        return [machine_entry(file.stem, text) for file, text in sorted(machines[:MOST_MACHINES])], problems[
-            :MOST_MACHINES
-        ]
-
-    def keep(self, name: str, text: str, in_use: Collection[str]) -> list[str]:
-        """Store a machine, replacing one of the same name. Return the names of the machines removed to make room.
-
-        It removes neither machines ``in_use`` nor other files in the directory.
-
-        Raises:
-            OSError: the machine cannot be written.
-        """
-        if self._directory is None:
-            return []
-        self._directory.mkdir(parents=True, exist_ok=True)
-        write_text(self._directory / f'{name}.yaml', text)
-        gone = []
-        if len(list(self._directory.glob('*.yaml'))) > MOST_MACHINES:
-            old = self._machines()[0][MOST_MACHINES:]
-            gone = [file for file, _text in old if file.stem not in {name, *in_use}]
-        for file in gone:
-            file.unlink(missing_ok=True)
-        return [file.stem for file in gone]
-
-    def _machines(self) -> tuple[list[tuple[Path, str]], list[str]]:
-        """Return files and texts, newest first, and the reasons why other files are not machines."""
-        if self._directory is None or not self._directory.is_dir():
-            return [], []
-        found: list[tuple[Path, str]] = []
-        problems: list[str] = []
-        for file in sorted(self._directory.glob('*.yaml'), key=lambda file: -file.lstat().st_mtime_ns):
+def _declared(parts: StrictYamlParts, make: type[_Declared], kind: str, node: yaml.Node | None) -> list[_Declared]:
+    """Return the parameters or inputs of a behavior. Texts are read literally, other fields as values."""
+    made = []
+    _name, *fields = dataclasses.fields(make)
+    types = {field.name: str(field.type) for field in fields}
+    for name, one in parts.mapping(node, f'{kind}s of the behavior').items():
+        before, parts.owner, what = len(parts.records), name, f'{kind} {name}'
+        entries = parts.mapping(one, what)
+        parts.refuse_others(entries, types, what)
+        values: dict[str, Any] = {}
+        for key, value in entries.items():
+            if types.get(key) == 'str':
+                values[key] = parts.name(value, f'{key} of {what}', 'a text')
+            elif key in types:
+                values[key] = parts.value(value, f'{key} of {what}')
+                wanted = _TYPES.get(types[key])
+                if wanted and type(values[key]) not in wanted and len(parts.records) == before:
+                    parts.problem(value, f'{key} of {what} has to be a {wanted[0].__name__}')
+        if kind == 'parameter' and 'default' not in entries:
+            parts.problem(parts.key_of(one), f'{what} has no default; it determines the type')
+        if len(parts.records) == before:
             try:
-                found.append((file, _text_of(file)))
-            except (BehaviorError, OSError, ValueError) as error:
-                problems.append(f'{file} is not a synthesized behavior: {error}')
-        return found, problems
+                made.append(make(name, **values))
+            except ManifestError as error:
+                parts.problem(parts.key_of(one), str(error))
+    parts.owner = ''
+    return made
 
 
-def _text_of(file: Path) -> str:
-    """Return the text of a machine. Raise BehaviorError, OSError or ValueError if the file is not one."""
-    check_name(file.stem)
-    if not file.is_file():
-        raise ValueError('it is not a file')
-    if file.stat().st_size > 4 * MACHINE_LENGTH:
-        raise ValueError('it is too large')
-    text = file.read_text(encoding='utf-8')
-    if not _MACHINE.search(text):
-        raise ValueError('there is no machine in it')
-    return text
+_TYPES: Final[dict[str, tuple[type, ...]]] = {
+    'bool': (bool,),
+    'float | None': (float, int),
+    'Sequence[ParameterValue]': (list,),
+}

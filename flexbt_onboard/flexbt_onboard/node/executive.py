@@ -27,7 +27,7 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.state_machine.engine.events import RunEvent, RunReader
 from flexbt_msgs.msg import BehaviorStructure, ExecutiveLog, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
-from flexbt_onboard.behaviors.machine_behavior import MachineStore
+from flexbt_onboard.behaviors.machine_store import MachineStore
 from flexbt_onboard.behaviors.run_context import StateServices
 from flexbt_onboard.commands.authority import Authority, OperatorNames
 from flexbt_onboard.commands.command_ledger import CommandLedger

@@ -19,8 +19,8 @@ from typing import Any, Final
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import ExecutiveLog
-from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
-from flexbt_onboard.behaviors.machine_behavior import MACHINE_LENGTH, MachineStore, check_name, machine_entry
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary, machine_entry
+from flexbt_onboard.behaviors.machine_store import MACHINE_LENGTH, MachineStore, check_name
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError, OnboardError
 from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.link.reporter import Reporter

@@ -24,7 +24,7 @@ from flexbt_common.values.limits import MACHINE_TEXT
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.behaviors.machine_behavior import MOST_MACHINES, MachineStore
+from flexbt_onboard.behaviors.machine_store import MOST_MACHINES, MachineStore
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.node.synthesizer import SearchProcess
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of

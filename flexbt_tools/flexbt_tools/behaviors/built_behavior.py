@@ -6,17 +6,21 @@ from __future__ import annotations
 import traceback
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from flexbt_common.files import resolve_file
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.state_machine.authoring.yaml_form import machine_error, read_machine
 from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition
 from flexbt_core.state_machine.model.userdata import MachineError
+from flexbt_core.values.findings import FindingRecord
 from flexbt_core.values.text import did_you_mean
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.behaviors.machine_behavior import machine_entry
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary, machine_entry, new_behavior
+from flexbt_onboard.behaviors.machine_behavior import installed_states
 from flexbt_onboard.behaviors.run_building import definition_of
 from flexbt_onboard.behaviors.run_context import building
 from flexbt_onboard.errors import OnboardError
@@ -34,11 +38,13 @@ _MAX_BYTES: Final = 4_000_000
 
 @dataclass(frozen=True)
 class BuiltBehavior:
-    """A behavior and its state machine, which is None if there are ``problems``."""
+    """A behavior and its state machine, which is None if there are ``problems``. ``records`` are the same, with their
+    places, if they are of the machine."""
 
     name: str
     machine: MachineDefinition | None
     problems: Sequence[str] = ()
+    records: Sequence[FindingRecord] = ()
 
 
 def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBehavior:
@@ -49,7 +55,7 @@ def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBe
             behavior.set_arguments(arguments)
             return BuiltBehavior(entry.name, definition_of(behavior))
     except MachineError as error:
-        return BuiltBehavior(entry.name, None, error.problems)
+        return BuiltBehavior(entry.name, None, error.problems, error.records)
     except OnboardError as error:
         return BuiltBehavior(entry.name, None, [str(error)])
     except Exception as error:  # code of the behavior
@@ -70,7 +76,23 @@ def behavior_entry(name: str) -> BehaviorEntry:
     if file is None:
         (entry,) = installed([name])
         return entry
-    return machine_entry(file.stem, read_text_file(name, _MAX_BYTES))
+    text = read_text_file(name, _MAX_BYTES)
+    try:
+        return machine_entry(file.stem, text, '', name)
+    except MachineError as error:
+        return BehaviorEntry(
+            file.stem, '', BehaviorManifest(file.stem), (), partial(_refuse, text, name, error.records)
+        )
+
+
+def _refuse(text: str, name: str, records: Sequence[FindingRecord]) -> Behavior:
+    """Raise the problems of a head, and those of the machine below it."""
+    found = list(records)
+    try:
+        read_machine(text, installed_states()[0], name, behaviors=new_behavior)
+    except MachineError as error:
+        found += error.records
+    raise machine_error(found)
 
 
 def installed(names: Sequence[str]) -> list[BehaviorEntry]:

@@ -48,6 +48,8 @@ def check_behavior(
     declare. Something outside the behavior writes the blackboard keys ``inputs``.
     """
     if behavior.machine is None:
+        if behavior.records:
+            return [Finding(REFUSED, one['node'], one['message'], record=one) for one in behavior.records]
         return [Finding(REFUSED, '', problem) for problem in behavior.problems]
     used = used_trees(behavior.machine, files, registry)
     found = [*used.findings, *machine_findings(behavior.machine), *blackboard_findings(used, inputs)]

@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
-from flexbt_core.values.findings import finding_record
+from flexbt_core.values.findings import FindingRecord, finding_record
 from flexbt_core.values.text import one_line
 from flexbt_tools.tree_checks.diagnostics import (
     ERROR,
@@ -110,17 +110,22 @@ RULES: Final = rules_of([*globals().values(), TOO_SHORT, SHARED_RESOURCE])
 class Finding:
     """An error or something suspicious.
 
-    ``path`` is the state or machine concerned, '' for none. ``place`` is the position in a tree file.
+    ``path`` is the state or machine concerned, '' for none. ``place`` is the position in a tree file, and ``record``
+    the finding as it was made elsewhere.
     """
 
     rule: CheckRule
     path: str
     message: str
     place: Diagnostic | None = None
+    record: FindingRecord | None = field(default=None, compare=False)
 
     def text(self, behavior: str) -> str:
         """Return ``behavior: /path: severity: message [rule]``, for a tree file with its place in front."""
         where = ': '.join(part for part in (behavior, self.path) if part)
+        if self.record is not None and self.record['file']:
+            place = f'{self.record["file"]}:{self.record["line"]}:{self.record["column"]}'
+            return one_line(f'{place}: {self.rule.severity.value}: {self.message} [{self.rule.name}]')
         if self.place is not None:
             return one_line(f'{self.place}  (used by {where})')
         return one_line(f'{where}: {self.rule.severity.value}: {self.message} [{self.rule.name}]')
@@ -128,6 +133,8 @@ class Finding:
     def to_json(self, behavior: str) -> dict[str, Any]:
         if self.place is not None:
             record = self.place.to_json()
+        elif self.record is not None:
+            record = self.record
         else:
             fix = '' if '; ' in self.message else self.rule.fix
             record = finding_record(self.rule.name, self.rule.severity.value, self.message, node=self.path, fix=fix)

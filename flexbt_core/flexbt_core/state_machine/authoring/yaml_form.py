@@ -64,7 +64,7 @@ import inspect
 import math
 import sys
 import typing
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from enum import Enum
 from typing import Any, Final, Protocol
@@ -115,6 +115,7 @@ _CONTAINERS: Final[dict[str, type[OperatableStateMachine]]] = {
 }
 _KINDS: Final = ('state', *_CONTAINERS, 'behavior')
 _ANY: Final = ('transitions', 'autonomy', 'remapping')
+_OF_INTERFACES: Final = ('remapping', 'output_keys', 'conditions', 'autonomy')  # wrong only if all states are known
 _OF_STATES: Final = ('parameters', 'timeout', 'retry')
 _KEYS: Final = ('outcomes', 'input_keys', 'output_keys', 'io_keys')
 _LEVELS: Final = {'off': Autonomy.Off, 'low': Autonomy.Low, 'high': Autonomy.High, 'full': Autonomy.Full}
@@ -146,20 +147,22 @@ class _Reader(StrictYamlParts):
         self._given = given
         self._behaviors = behaviors
         self._nodes: dict[str, list[yaml.Node]] = {}  # of states and machines, by path: the label, and the mappings
+        self._unknown: set[str] = set()  # paths of states that cannot be made
 
     def read(self, text: str) -> MachineDefinition:
         machine = self._machine_of(text)
-        raise_problems(self.records)
-        assert machine is not None  # else a problem was raised
         try:
-            return define(machine)
+            if machine is not None:
+                definition = define(machine)
+                if not self.records:
+                    return definition
         except MachineError as error:
             for problem in error.found:
                 assert isinstance(problem, MachineProblem)
-                self.owner = problem.path
-                self.problem(self._place(problem), str(problem))
-        raise_problems(self.records)
-        raise AssertionError('a wrong machine has problems')
+                if not (self._unknown and problem.part and problem.part[0] in _OF_INTERFACES):
+                    self.owner = problem.path
+                    self.problem(self._place(problem), str(problem))
+        raise machine_error(self.records)
 
     def _machine_of(self, text: str) -> OperatableStateMachine | None:
         root = self.root(text, MAX_CHARACTERS)
@@ -181,7 +184,9 @@ class _Reader(StrictYamlParts):
         declared = self.mapping(self.mapping(head, 'behavior').get('parameters'), 'parameters of the behavior')
         defaults = {name: self.mapping(one, f'parameter {name}').get('default') for name, one in declared.items()}
         self.references = {
-            name: self._given[name] if name in self._given else node and self.value(node, f'default of {name}')
+            name: self._given[name]
+            if name in self._given
+            else node and self.value(node, f'default of parameter {name}')
             for name, node in defaults.items()
         }
 
@@ -204,9 +209,6 @@ class _Reader(StrictYamlParts):
         entries = self.mapping(node, what)
         known = [*_KEYS, 'userdata', 'autonomy', 'states', *(['conditions'] if kind == 'concurrency' else [])]
         self.refuse_others(entries, known, what)
-        for needed in ('outcomes', 'states'):
-            if needed not in entries:
-                self.problem(self.key_of(node), f'{what} has no {needed}')
         options: dict[str, Any] = {key: self.names(entries[key], f'{key} of {what}') for key in _KEYS if key in entries}
         if 'conditions' in entries:
             options['conditions'] = self._conditions(entries['conditions'], what)
@@ -214,35 +216,35 @@ class _Reader(StrictYamlParts):
             options['userdata'] = self.values(entries['userdata'], f'userdata of {what}')
         if 'autonomy' in entries:
             options['autonomy'] = self._level(entries['autonomy'], f'autonomy of {what}')
-        children = []
-        for label, child in self.mapping(entries.get('states'), f'states of {what}').items():
-            made = self._child(label, child, f'{path.rstrip("/")}/{label}')
-            children += [made] if made is not None else []
+        states = self.mapping(entries.get('states'), f'states of {what}').items()
+        children = [self._child(label, one, f'{path.rstrip("/")}/{label}') for label, one in states]
         return _CONTAINERS[kind](children=children, **options)
 
-    def _child(self, label: str, node: yaml.Node, path: str) -> Child | None:
+    def _child(self, label: str, node: yaml.Node, path: str) -> Child:
         self.owner = path
         self._nodes[path] = [self.key_of(node), node]
         entries = self.mapping(node, path)
         kinds = [kind for kind in _KINDS if kind in entries]
         if len(kinds) != 1:
             self.problem(self.key_of(node), f'{path} has to have one of {", ".join(_KINDS)}')
-            self.refuse_others(entries, (*_KINDS, *_ANY, *_OF_STATES), path)
-            return None
-        (kind,) = kinds
-        self.refuse_others(entries, (kind, *_ANY, *(_OF_STATES if kind == 'state' else ())), path)
+        kind = kinds[0] if len(kinds) == 1 else ''
+        known = (*_ANY, *_OF_STATES, *_KINDS) if not kind else (kind, *_ANY, *(_OF_STATES if kind == 'state' else ()))
+        self.refuse_others(entries, known, path)
         ways = {key: self.pairs(entries.get(key), f'{key} of {path}') for key in ('transitions', 'remapping')}
         levels = self.mapping(entries.get('autonomy'), f'autonomy of {path}')
         autonomy = {outcome: self._level(one, f'autonomy of {path}') for outcome, one in levels.items()}
-        state: EventState | Machine | None
+        state: EventState | Machine | None = None
         if kind == 'state':
             state = self._state(entries, path)
         elif kind == 'behavior':
             state = self._embedded(entries[kind], path)
-        else:
+        elif kind:
             self._nodes[path].append(entries[kind])
             state = self._container(kind, entries[kind], path)
-        return None if state is None else Child(label, state, autonomy=autonomy, **ways)
+        if state is None:
+            self._unknown.add(path)
+            state = EventState(outcomes=ways['transitions'])
+        return Child(label, state, autonomy=autonomy, **ways)
 
     def _state(self, entries: Mapping[str, yaml.Node], path: str) -> EventState | None:
         name = self.name(entries['state'], f'state of {path}')
@@ -441,13 +443,12 @@ def _texts(member: Enum) -> Iterator[str]:
         yield member.value
 
 
-def raise_problems(records: Sequence[FindingRecord]) -> None:
-    """Raise MachineError with the problems of a text, in its order, if there are any."""
+def machine_error(records: Iterable[FindingRecord]) -> MachineError:
+    """Return the error of a text with these problems, in the order of the text."""
     places = sorted(records, key=lambda one: (one['line'], one['column']))
     found = list({(one['line'], one['column'], one['message']): one for one in places}.values())
     if len(found) > _MOST_PROBLEMS:
         last = found[_MOST_PROBLEMS]
         last['message'] = last['fix'] = 'there are too many problems to show; mend these first'
         del found[_MOST_PROBLEMS + 1 :]
-    if found:
-        raise MachineError((f'{one["file"]}:{one["line"]}:{one["column"]}: {one["message"]}' for one in found), found)
+    return MachineError((f'{one["file"]}:{one["line"]}:{one["column"]}: {one["message"]}' for one in found), found)

@@ -201,7 +201,7 @@ def test_a_definition_cannot_be_changed() -> None:
         ),
         (TEXT, '', 'm.yaml:1:1: the text is empty'),
         (TEXT, '[1]', 'm.yaml:1:1: the text has to be a mapping, not a list'),
-        (TEXT, 'machine: {}', 'm.yaml:1:1: / (machine) has no states'),
+        (TEXT, 'machine: {}', 'm.yaml:1:1: /: the machine has no states'),
         ('when: {Go: off}', 'whn: {Go: off}', "m.yaml:19:31: condition of /Both (concurrency) cannot have 'whn'"),
         ('when: {Go: off}', 'when: {Go: done}', "/Both: when its children have ended Go by 'off', Watch by 'off'"),
         ('goal: place', 'goal: plce', "/Both/Go: reads userdata key 'goal' (remapped to 'plce'); no state of /Both"),
