@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""YAML documents: each gesture gives the model that was meant, and touches nothing else.
+
+The expected model is edited as plain data, which PyYAML reads, independent of the document.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import random
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import yaml
+from machine_texts import TEXTS
+
+from flexbt_studio.documents.text import applied, inverse
+from flexbt_studio.documents.yaml_document import YamlDocument
+
+Data = Any
+CONTAINERS = ('machine', 'concurrency', 'priority')
+NAMES = ['Next', 'yes', 'off', '1', '1:30', 'a b', "it's", 'x: y', '# x', 'null', '[x', 'é😀', '-', '2026-01-01']
+
+
+def data_of(text: str) -> Data:
+    """Return the data of a text, with all scalars as they are written."""
+    return yaml.load(text.removeprefix('\ufeff'), yaml.CBaseLoader)  # noqa: S506
+
+
+def ordered(data: Data) -> Data:
+    """Return data in a form whose comparison respects the order of entries."""
+    if isinstance(data, dict):
+        return [(key, ordered(value)) for key, value in data.items()]
+    return [ordered(one) for one in data] if isinstance(data, list) else data
+
+
+def content_of(data: Data, path: str) -> dict[str, Any]:
+    """Return the content of the container with a path."""
+    content = next(data[kind] for kind in CONTAINERS if kind in data)
+    for label in path.strip('/').split('/') if path != '/' else []:
+        state = content['states'][label]
+        content = next(state[kind] for kind in CONTAINERS if kind in state)
+    return content
+
+
+def state_of(data: Data, path: str) -> dict[str, Any]:
+    above, _, label = path.rpartition('/')
+    return content_of(data, above or '/')['states'][label]
+
+
+def renamed(entries: dict[str, Any], old: str, new: str) -> None:
+    """Rename a key in place, where it is."""
+    for key, value in list(entries.items()):
+        del entries[key]
+        entries[new if key == old else key] = value
+
+
+def insert(entries: dict[str, Any], key: str, value: Any, order: tuple[str, ...]) -> None:
+    """Insert an entry behind those that come before it by ``order``."""
+    before = [n for n, name in enumerate(entries) if name in order and order.index(name) < order.index(key)]
+    items = list(entries.items())
+    items.insert(before[-1] + 1 if before else 0, (key, value))
+    entries.clear()
+    entries.update(items)
+
+
+ORDER = ('state', *CONTAINERS, 'behavior', 'parameters', 'timeout', 'retry', 'transitions', 'autonomy', 'remapping')
+
+
+def put(state: dict[str, Any], table: str, key: str, value: Any) -> None:
+    if value is None:
+        del state[table][key]
+        if not state[table]:
+            del state[table]
+    elif table in state:
+        state[table][key] = value
+    else:
+        insert(state, table, {key: value}, ORDER)
+
+
+class Gestures:
+    """Random gestures that apply to a document, with the data that each has to give."""
+
+    def __init__(self, text: str, seed: int) -> None:
+        self.text = text
+        self.random = random.Random(seed)
+        self.document = YamlDocument(text)
+        self.states = self.document.view()['states']
+        self.data = data_of(text)
+
+    def all(self) -> Iterator[tuple[str, dict[str, Any], Data]]:
+        for state in self.states:
+            if state['parent'] is not None:
+                yield from self._of_state(state)
+            if state['kind'] in CONTAINERS:
+                yield from self._of_container(state)
+
+    def _children(self, path: str) -> list[dict[str, Any]]:
+        return [state for state in self.states if state['parent'] == path]
+
+    def _of_state(self, state: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], Data]]:
+        path, parent = state['path'], next(one for one in self.states if one['path'] == state['parent'])
+        siblings = [one['label'] for one in self._children(parent['path'])]
+        targets = [*parent['outcomes'], *([] if parent['kind'] == 'concurrency' else siblings)]
+        choose = self.random.choice
+        own = state['outcomes'] if state['kind'] in CONTAINERS else ['done', *NAMES]
+        for table, gesture, names, values in (
+            ('transitions', 'set_target', ('outcome', 'target'), targets),
+            ('autonomy', 'set_autonomy', ('outcome', 'level'), ['off', 'low', 'high', 'full']),
+            ('remapping', 'set_remapping', ('key', 'name'), NAMES),
+        ):
+            known = list(state_of(self.data, path).get(table, {}))
+            for key in {choose(own), *known}:
+                for value in (choose(values), *([None] if key in known else [])):
+                    data = copy.deepcopy(self.data)
+                    put(state_of(data, path), table, key, value)
+                    yield gesture, {'state': path, names[0]: key, names[1]: value}, data
+        if state['kind'] == 'state':
+            yield from self._parameters(path)
+        new = choose([name for name in NAMES if name not in (*siblings, *parent['outcomes'])])
+        yield 'rename_state', {'state': path, 'label': new}, self._renaming(path, parent, new)
+        if len(siblings) > 1:
+            instead = choose([one for one in targets if one != state['label']] or [None])
+            yield 'remove_state', {'state': path, 'instead': instead}, self._removal(path, parent, instead)
+        index = self.random.randrange(len(siblings))
+        data = copy.deepcopy(self.data)
+        states = content_of(data, parent['path'])['states']
+        items = [(key, value) for key, value in states.items() if key != state['label']]
+        items.insert(index, (state['label'], states[state['label']]))
+        content_of(data, parent['path'])['states'] = dict(items)
+        yield 'move_state', {'state': path, 'index': index}, data
+
+    def _parameters(self, path: str) -> Iterator[tuple[str, dict[str, Any], Data]]:
+        known = state_of(self.data, path).get('parameters') or {}
+        for name in (*known, 'new'):
+            for text, value in (('2.5', '2.5'), ('yes', 'yes'), ('[a, yes, {b: 1}]', ['a', 'yes', {'b': '1'}]),
+                                ('Is it ok: yes?', 'Is it ok: yes?'), ('a, b', 'a, b'), ('$tree', '$tree'), ('', ''),
+                                ('two\nlines # x', 'two\nlines # x'), ("'quoted'", 'quoted')):  # fmt: skip
+                data = copy.deepcopy(self.data)
+                put(state_of(data, path), 'parameters', name, value)
+                yield 'set_parameter', {'state': path, 'name': name, 'text': text}, data
+        for kind, fields in (
+            ('retry', {'attempts': 3, 'on': ['off', 'failed'], 'delay': 0.5}),
+            ('timeout', {'after': '$limit', 'outcome': 'off'}),
+        ):
+            data = copy.deepcopy(self.data)
+            written = {key: [*value] if isinstance(value, list) else str(value) for key, value in fields.items()}
+            state = state_of(data, path)
+            if kind in state:
+                old = state[kind]
+                state[kind] = {key: written[key] for key in (old if set(old) == set(written) else written)}
+            else:
+                insert(state, kind, written, ORDER)
+            yield 'set_wrapper', {'state': path, 'kind': kind, 'fields': fields}, data
+            if kind in state_of(self.data, path):
+                data = copy.deepcopy(self.data)
+                del state_of(data, path)[kind]
+                yield 'set_wrapper', {'state': path, 'kind': kind, 'fields': None}, data
+
+    def _renaming(self, path: str, parent: dict[str, Any], new: str) -> Data:
+        data, label = copy.deepcopy(self.data), path.rpartition('/')[2]
+        content = content_of(data, parent['path'])
+        renamed(content['states'], label, new)
+        for one in content['states'].values():
+            ways = one.get('transitions', {})
+            ways.update({key: new for key, target in ways.items() if target == label})
+        for condition in content.get('conditions', []):
+            renamed(condition['when'], label, new)
+        return data
+
+    def _removal(self, path: str, parent: dict[str, Any], instead: str | None) -> Data:
+        data, label = copy.deepcopy(self.data), path.rpartition('/')[2]
+        content = content_of(data, parent['path'])
+        del content['states'][label]
+        for one in content['states'].values():
+            ways = one.get('transitions', {})
+            ways.update({key: instead for key, target in ways.items() if target == label})
+        for condition in content.get('conditions', []):
+            condition['when'].pop(label, None)
+        if 'conditions' in content:
+            content['conditions'] = [one for one in content['conditions'] if one['when']]
+        return data
+
+    def _of_container(self, state: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], Data]]:
+        path = state['path']
+        children = self._children(path)
+        targets = [*state['outcomes'], *([] if state['kind'] == 'concurrency' else [one['label'] for one in children])]
+        new = self.random.choice(
+            [name for name in NAMES if name not in (*targets, *(one['label'] for one in children))]
+        )
+        data = copy.deepcopy(self.data)
+        target = self.random.choice(targets)
+        made = {
+            'state': 'Wait',
+            'parameters': {'time': '2.0', 'list': ['1', 'off']},
+            'transitions': {'done': target, 'no': target},
+        }
+        content_of(data, path)['states'] = {**(content_of(data, path)['states'] or {}), new: made}
+        arguments = {'parameters': {'time': 2.0, 'list': '[1, off]'}, 'transitions': {'done': target, 'no': target}}
+        yield 'add_state', {'parent': path, 'label': new, 'type': 'Wait', **arguments}, data
+        data = copy.deepcopy(self.data)
+        content_of(data, path)['outcomes'].append(new)
+        yield 'add_outcome', {'container': path, 'outcome': new}, data
+        for outcome in state['outcomes']:
+            data = copy.deepcopy(self.data)
+            content = content_of(data, path)
+            content['outcomes'] = [new if one == outcome else one for one in content['outcomes']]
+            for one in content['states'].values():
+                ways = one.get('transitions', {})
+                ways.update({key: new for key, target in ways.items() if target == outcome})
+            for condition in content.get('conditions', []):
+                condition['outcome'] = new if condition['outcome'] == outcome else condition['outcome']
+            if path != '/':
+                for table in ('transitions', 'autonomy'):
+                    renamed(state_of(data, path).get(table, {}), outcome, new)
+            yield 'rename_outcome', {'container': path, 'outcome': outcome, 'name': new}, data
+        for text, value in (('[1, no]', ['1', 'no']), ('a', 'a')):
+            data = copy.deepcopy(self.data)
+            content = content_of(data, path)
+            order = ('outcomes', 'input_keys', 'output_keys', 'io_keys', 'autonomy', 'userdata')
+            if 'userdata' in content:
+                content['userdata'][new] = value
+            else:
+                insert(content, 'userdata', {new: value}, order)
+            yield 'set_userdata', {'container': path, 'key': new, 'text': text}, data
+
+
+def comments_of(text: str) -> list[str]:
+    return sorted(text[start:end] for start, end in YamlDocument(text).comments.items())
+
+
+def check(text: str, name: str, arguments: dict[str, Any], expected: Data) -> str:
+    """Carry out a gesture, check all that has to hold, and return the new text."""
+    edits = YamlDocument(text).gesture(name, arguments)
+    after = applied(text, edits)
+    assert ordered(data_of(after)) == ordered(expected), (name, arguments, after)
+    assert applied(after, inverse(text, edits)) == text
+    for kind in ('\r\n', '\n'):
+        assert (kind in after.replace('\r\n', '' if kind == '\n' else '\r\n')) <= (
+            kind in text.replace('\r\n', '' if kind == '\n' else '\r\n')
+        )
+    if name != 'remove_state' and None not in arguments.values():
+        kept = comments_of(after)
+        assert not Counter(comments_of(text)) - Counter(kept), (name, arguments, after)
+    if name.startswith('set_') and name != 'set_initial':
+        before, now = text.splitlines(), after.splitlines()
+        same = sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(before, now, strict=False)))
+        rest = sum(
+            1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], zip(before[::-1], now[::-1], strict=False))
+        )
+        old = data_of(text)
+        assert len(before) - same - rest <= 6 or old == expected, (name, arguments, after)
+    return after
+
+
+@pytest.mark.parametrize('style', TEXTS)
+def test_a_text_is_read_and_its_spans_are_true(style: str) -> None:
+    document = YamlDocument(TEXTS[style])
+    assert document.problems == []
+    view = document.view()
+    assert document.text == TEXTS[style]
+    for state in view['states']:
+        if state['parent'] is not None:
+            start, end = state['label_span']
+            assert data_of(document.text[start:end]) == state['label']
+            content = content_of(data_of(document.text), state['parent'])
+            assert state['initial'] == (state['label'] == next(iter(content['states'])) and 'conditions' not in content)
+        for one in state['transitions']:
+            assert data_of('{' + document.text[slice(*one['span'])] + '}') == {one['outcome']: one['target']}
+            assert data_of(document.text[slice(*one['target_span'])]) == one['target']
+
+
+@pytest.mark.parametrize('style', TEXTS)
+def test_gestures_give_the_meant_model_and_nothing_else(style: str) -> None:
+    count = 0
+    for name, arguments, expected in Gestures(TEXTS[style], 1).all():
+        check(TEXTS[style], name, arguments, expected)
+        count += 1
+    assert count >= 5
+
+
+@pytest.mark.parametrize('style', [style for style in TEXTS if style != 'empty'])
+def test_many_gestures_one_after_the_other(style: str) -> None:
+    text = TEXTS[style]
+    for seed in range(12):
+        gestures = [one for one in Gestures(text, seed).all() if one[0] not in ('remove_state',)]
+        name, arguments, expected = random.Random(seed).choice(gestures)
+        text = check(text, name, arguments, expected)
