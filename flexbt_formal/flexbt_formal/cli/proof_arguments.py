@@ -22,6 +22,7 @@ from flexbt_core.monitors.requirement_text import (
 from flexbt_core.values.text import one_line
 from flexbt_formal.exploration.explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, RestoreError
 from flexbt_formal.exploration.model import Report
+from flexbt_formal.proofs.counterexamples import played
 from flexbt_formal.proofs.proof_cache import ProofCache
 from flexbt_formal.proofs.proof_report import (
     Compared,
@@ -116,6 +117,14 @@ def warn_unused(options: argparse.Namespace, named: Iterable[str], proved: Colle
         print(f'{options.requirements}: not proved here: {one_line(", ".join(unused), 500)}', file=sys.stderr)
 
 
+def _with_steps(report: Report) -> dict[str, Any]:
+    """Return a report as plain data, with the steps of each counterexample for a player."""
+    plain = report_as_json(report)
+    for told, found in zip(plain['wrong'], report.counterexamples, strict=True):
+        told['steps'] = played(report, found)
+    return plain
+
+
 @contextmanager
 def proving(options: argparse.Namespace) -> Iterator[ProgressLine]:
     """Show the progress of proofs. Raises RefusedError for trees that cannot be built, UsageError for an engine that
@@ -147,7 +156,7 @@ def tell(
         findings = (
             one for key, report in proofs for one in proof_findings(report, node_places(library, key) if key else {})
         )
-        plain: dict[str, Any] = {'proofs': [report_as_json(report) for report in reports], 'findings': list(findings)}
+        plain: dict[str, Any] = {'proofs': [_with_steps(report) for report in reports], 'findings': list(findings)}
         if compared:
             plain['comparisons'] = [comparison_as_json(one) for one in compared]
         print(json.dumps(plain))

@@ -5,10 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+from flexbt_core.behavior_tree.engine.node import TreeNode
+from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_formal.exploration.explorer import Moment, walk
-from flexbt_formal.exploration.model import OPERATOR, Counterexample, Report
+from flexbt_formal.exploration.machine_system import MachineSystem
+from flexbt_formal.exploration.model import OPERATOR, Counterexample, Report, System
 from flexbt_formal.exploration.tree_system import TreeSystem
 from flexbt_tools.errors import UsageError
 from flexbt_tools.files import write_text_file
@@ -52,6 +55,44 @@ def record_counterexamples(file: str, reports: Sequence[Report]) -> None:
 
 def _found(reports: Sequence[Report]) -> list[tuple[Report, Counterexample]]:
     return [(report, one) for report in reports for one in report.counterexamples]
+
+
+# The shortest path to a violation, step by step, for a player on the graph.
+
+
+def played(report: Report, found: Counterexample) -> list[dict[str, Any]]:
+    """Replay a counterexample, and return its steps, from the beginning on, as plain data.
+
+    ``step`` says what happens, ``lines`` what follows. ``statuses`` are those of the nodes by path: the latest result
+    of a node that was ticked in this step, or RUNNING. In a machine, the active states are RUNNING.
+    """
+    make = report.make
+    assert make is not None
+    made: list[System] = []
+    statuses: dict[str, str] = {}
+
+    def observed() -> System:
+        system = make()
+        made.append(system)
+        if isinstance(system, TreeSystem):
+            system.tree.observe(*system.tree.observers, note)
+        return system
+
+    def note(node: TreeNode, before: NodeStatus, after: NodeStatus) -> None:
+        if after is not NodeStatus.IDLE:
+            statuses[node.path] = after.name
+        elif statuses.get(node.path) == NodeStatus.RUNNING.name:
+            statuses[node.path] = after.name  # it was halted
+
+    steps: list[dict[str, Any]] = [{'step': 'it begins', 'lines': [make().position()], 'statuses': {}}]
+    for moment in walk(observed, found.moves):
+        system = made[-1]
+        if isinstance(system, MachineSystem):
+            statuses = {state.path: NodeStatus.RUNNING.name for state in system.run.active_states()}
+        steps.append({'step': str(moment), 'lines': moment.happened, 'statuses': dict(statuses)})
+        for path in [path for path, status in statuses.items() if status != NodeStatus.RUNNING.name]:
+            del statuses[path]
+    return steps
 
 
 # The shortest path to a violation as a sequence diagram: the actor of each step, and the events that followed.

@@ -364,6 +364,39 @@ def test_errors_of_proofs_are_findings_at_the_nodes(tmp_path: Path) -> None:
     assert where['data'].startswith('<FollowPath') and where['one-owner'].startswith('<FollowPath')
 
 
+def test_a_counterexample_is_told_step_by_step_with_the_statuses_of_the_nodes(tmp_path: Path) -> None:
+    tree = tmp_path / 'look.xml'
+    tree.write_text(
+        document(
+            'Main: <Sequence><Fallback><Wait/><Spin/></Fallback><Inverter><Spin name="back"/></Inverter></Sequence>'
+        )
+    )
+    asked = ('prove', str(tree), '--json', '--require', 'never =FAILURE')
+    for proof in [
+        *json.loads(tool(*asked).out)['proofs'],
+        *json.loads(tool(*asked).out)['proofs'],
+    ]:  # also from the cache
+        (found,) = [one for one in proof['wrong'] if one['property'] == 'REQUIREMENT']
+        told = [line.strip() for line in found['way']]
+        assert [line for step in found['steps'][1:] for line in step['lines']] == [
+            line for line in told[1:] if line[0] not in '!123456789'
+        ]
+        first, *_, last = [step['statuses'] for step in found['steps'][1:]]
+        assert {path.partition('::')[0] for path, status in first.items() if status == 'RUNNING'} == {
+            'Sequence',
+            'Fallback',
+            'Wait',
+        }
+        assert last[next(path for path in last if path.startswith('Sequence'))] == 'FAILURE'
+    machine = tmp_path / 'wait.yaml'
+    machine.write_text(
+        'machine: {outcomes: [done], states: {Wait: {state: WaitState, parameters: {wait_time: 1.0}, '
+        'transitions: {done: done}}}}'
+    )
+    proofs = json.loads(behavior('prove', str(machine), '--json', '--require', 'never =done')[1])['proofs']
+    assert [step['statuses'] for step in proofs[-1]['wrong'][0]['steps']] == [{}, {'/Wait': 'RUNNING'}, {}]
+
+
 def test_what_is_required_is_proved_told_and_saved(tmp_path: Path) -> None:
     tree, required, saved = tmp_path / 'inspect.xml', tmp_path / 'site.yaml', tmp_path / 'test_inspect.py'
     tree.write_text(document('Main: <Sequence><Wait name="drive"/><Spin name="look"/></Sequence>'))

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import entry_points
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
@@ -225,13 +226,14 @@ def check_trees(
     *,
     shared: bool = False,
     skills: SkillLibrary = _NO_SKILLS,
+    texts: Mapping[str, bytes] = MappingProxyType({}),
 ) -> list[Diagnostic]:
-    """Return the findings for the files, in the order of files and places.
+    """Return the findings for the files, in the order of files and places. ``texts`` replace the contents of files.
 
     Look for warnings only if there are no errors. ``skills`` that files declare replace those of the classes.
     """
     try:
-        library = read_library(files, registry)
+        library = read_library(files, registry, texts)
     except RefusedError as error:
         found = [Diagnostic(REFUSED, reason) for reason in error.errors]
     else:

@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -42,7 +43,8 @@ def read_library(
 ) -> TreeLibrary:
     """Return one library of the files, given by path or as ``package://PACKAGE/PATH``.
 
-    ``texts`` contains the contents of documents that are not files. With an OpenRegistry, node types may be unknown.
+    ``texts`` contains the contents of documents that are not files, or that replace those of files, also of included
+    ones. With an OpenRegistry, node types may be unknown.
 
     Raises RefusedError with all errors of all files, including references to missing trees.
     """
@@ -53,7 +55,7 @@ def read_library(
         try:
             file = str(find_resource(given.removeprefix(BY_PACKAGE))) if given.startswith(BY_PACKAGE) else given
             content = texts[file] if file in texts else _content(file)
-            document = load_xml(content, shown_name(file), registry, include=_include)
+            document = load_xml(content, shown_name(file), registry, include=partial(_include, texts))
         except OSError as error:
             errors.append(LoadError(shown_name(file), 1, 1, '', f'cannot be read: {error.strerror or error}'))
         except TreeLoadError as error:
@@ -106,13 +108,13 @@ def _content(file: str) -> bytes:
         return content.read(MAX_BYTES + 1)
 
 
-def _include(path: str, package: str | None, including: str) -> tuple[str, bytes]:
+def _include(texts: Mapping[str, bytes], path: str, package: str | None, including: str) -> tuple[str, bytes]:
     """Resolve an include as BehaviorTree.CPP does: relative to the including file or a package's share directory."""
     if package is not None and not path.startswith('/'):
         file = str(find_resource(f'{package}/{path}'))
     else:
         file = os.path.normpath(Path(including).parent / path)
-    return file, _content(file)
+    return file, texts[file] if file in texts else _content(file)
 
 
 def find_resource(name: str) -> Path:
