@@ -20,7 +20,7 @@ from flexbt_core.values.text import escape_lines, short_repr
 from .doctor import Finding, Level, RobotCheck, machine_findings
 from .graph import observe
 from .manifest import manifest_text
-from .package_template import TemplateError, write_package
+from .package_template import UnwritableError, write_package
 
 SIGNS = {Level.OK: 'ok     ', Level.WARNING: 'WARNING', Level.ERROR: 'ERROR  '}
 
@@ -46,7 +46,11 @@ def _run(words: Sequence[str] | None) -> int:
         one.add_argument('--namespace', type=_namespace, default='', help='namespace of the robot, such as /robot1')
         one.add_argument('--seconds', type=_seconds, default=10.0, help='most time for nodes to be found (default 10)')
     options = parser.parse_args(words)
-    return {'doctor': run_doctor, 'init': run_init, 'manifest': run_manifest}[options.command](options)
+    try:
+        return {'doctor': run_doctor, 'init': run_init, 'manifest': run_manifest}[options.command](options)
+    except UnwritableError as error:
+        print(*escape_lines(f'flexbt: {error}'), sep='\n', file=sys.stderr)
+        return 2
 
 
 def _namespace(text: str) -> str:
@@ -91,11 +95,7 @@ def _findings(options: argparse.Namespace) -> Iterator[Finding]:
 
 def run_init(options: argparse.Namespace) -> int:
     """Write the package."""
-    try:
-        files = write_package(options.name, options.directory)
-    except TemplateError as error:
-        print(*escape_lines(f'flexbt: {error}'), sep='\n', file=sys.stderr)
-        return 2
+    files = write_package(options.name, options.directory)
     print('\n'.join(map(str, files)))
     print(f'\nnext: colcon build --packages-select {options.name}; see {options.directory / options.name}/README.md')
     return 0
@@ -112,8 +112,5 @@ def run_manifest(options: argparse.Namespace) -> int:
         with options.file.open('x', encoding='utf-8') as file:
             file.write(text)
     except OSError as error:
-        print(
-            *escape_lines(f'flexbt: {options.file}: {error.strerror}; choose another file'), sep='\n', file=sys.stderr
-        )
-        return 2
+        raise UnwritableError(f'{options.file}: {error.strerror}; choose another file') from error
     return 0

@@ -81,8 +81,8 @@ def _paths(message: type[Any], before: str = '', depth: int = 1) -> Iterator[str
         is_message = isinstance(slot, NamespacedType) and not isinstance(slot, Array | AbstractSequence)
         inner = class_of_slot(slot) if is_message else None
         # Times and poses are one value for a person.
-        is_whole = inner is None or inner.__module__.startswith(('builtin_interfaces', 'geometry_msgs', 'nav_msgs'))
-        if inner is None or is_whole or depth == DEEPEST:
+        whole = ('builtin_interfaces', 'geometry_msgs', 'nav_msgs')
+        if inner is None or depth == DEEPEST or inner.__module__.startswith(whole):
             yield path
         else:
             yield from _paths(inner, f'{path}.', depth + 1)

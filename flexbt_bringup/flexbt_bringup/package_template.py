@@ -19,29 +19,29 @@ _NAME: Final = re.compile(r'[a-z][a-z0-9]*(_[a-z0-9]+)*')
 _SUFFIX: Final = '.in'
 
 
-class TemplateError(FlexbtError):
-    """A package cannot be written; the message says why, and what to do."""
+class UnwritableError(FlexbtError):
+    """A package or file cannot be written; the message says why, and what to do."""
 
 
 def write_package(name: str, parent: Path) -> list[Path]:
     """Write a package of this name into a new directory of ``parent``; return its files.
 
     Raises:
-        TemplateError: the name cannot be that of a package, or is taken, or the directory cannot be written.
+        UnwritableError: the name cannot be that of a package, or is taken, or the directory cannot be written.
     """
     if not _NAME.fullmatch(name):
         near = re.sub(r'[^a-z0-9]+', '_', re.sub(r'(?<=[a-z0-9])(?=[A-Z])', '_', name).lower()).strip('_0123456789')
         such = f', such as {short_repr(near)}' if _NAME.fullmatch(near) else ''
-        raise TemplateError(
+        raise UnwritableError(
             f'{short_repr(name)} is not the name of a package; use lower case letters, digits and _, with a letter '
             f'first{such}'
         )
     if keyword.iskeyword(name) or name in sys.stdlib_module_names:
-        raise TemplateError(f'{name} is a name of Python itself; choose another name, such as {name}_missions')
+        raise UnwritableError(f'{name} is a name of Python itself; choose another name, such as {name}_missions')
     if name in get_packages_with_prefixes():
-        raise TemplateError(f'a package {name} is installed already; choose another name')
+        raise UnwritableError(f'a package {name} is installed already; choose another name')
     if importlib.util.find_spec(name) is not None:
-        raise TemplateError(f'a Python module {name} is installed already; choose another name')
+        raise UnwritableError(f'a Python module {name} is installed already; choose another name')
     template = Path(get_package_share_directory('flexbt_bringup')) / 'template'
     title = ''.join(word.capitalize() for word in name.split('_'))
     directory = parent / name
@@ -57,8 +57,8 @@ def write_package(name: str, parent: Path) -> list[Path]:
             written.append(file)
     except OSError as error:
         if isinstance(error, FileExistsError):
-            raise TemplateError(f'{directory} exists; choose another name or --directory') from error
+            raise UnwritableError(f'{directory} exists; choose another name or --directory') from error
         left = f'; remove {directory}, which is incomplete, before you try again' if written else ''
         failed = error.filename or directory
-        raise TemplateError(f'{failed}: {error.strerror}; choose another --directory{left}') from error
+        raise UnwritableError(f'{failed}: {error.strerror}; choose another --directory{left}') from error
     return written

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from flexbt_bringup.package_template import TemplateError, write_package
+from flexbt_bringup.package_template import UnwritableError, write_package
 
 NAME = 'quarry_missions'
 
@@ -77,5 +77,5 @@ def test_its_files_are_what_their_readers_expect(workspace: Path) -> None:
 ])  # fmt: skip
 def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str, reason: str) -> None:
     (tmp_path / 'taken').mkdir()
-    with pytest.raises(TemplateError, match=reason):
+    with pytest.raises(UnwritableError, match=reason):
         write_package(name, tmp_path)

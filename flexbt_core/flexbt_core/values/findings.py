@@ -41,32 +41,30 @@ def finding_record(
     message: str,
     *,
     file: str = '',
-    line: int = 0,
-    column: int = 0,
-    end_line: int = 0,
-    end_column: int = 0,
+    start: tuple[int, int] = (0, 0),
+    end: tuple[int, int] = (0, 0),
     node: str = '',
     fix: str = '',
 ) -> FindingRecord:
-    """Return the record of a finding. Without ``file`` take the place from a message that begins with
-    ``file:line: `` or ``file:line:column: ``, or ends with ``(file:line)``.
+    """Return the record of a finding, from ``start`` to ``end`` (line and column) in ``file``. Without ``file`` take
+    the place from a message that begins with ``file:line: `` or ``file:line:column: ``, or ends with ``(file:line)``.
 
     Without ``fix`` take what the message says after its last semicolon: messages say what is wrong, then what to do.
     """
     if not file:
         if found := _PLACE.match(message):
-            file, line, column = found['file'], int(found['line']), int(found['column'] or 1)
+            file, start = found['file'], (int(found['line']), int(found['column'] or 1))
             message = message[found.end() :]
         elif found := _END.search(message):
-            file, line, column = found['file'], int(found['line']), 1
+            file, start = found['file'], (int(found['line']), 1)
     return FindingRecord(
         rule=rule,
         severity=severity,
         file=file,
-        line=line,
-        column=column,
-        end_line=end_line or line,
-        end_column=end_column or column,
+        line=start[0],
+        column=start[1],
+        end_line=end[0] or start[0],
+        end_column=end[1] or start[1],
         node=node,
         message=message,
         fix=fix or message.rpartition('; ')[2] * ('; ' in message),

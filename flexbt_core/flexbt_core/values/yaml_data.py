@@ -257,9 +257,7 @@ class YamlParts:
         return self._keys.get(id(value), value)
 
     def _add(self, text: str, start: tuple[int, int], end: tuple[int, int]) -> None:
-        record = finding_record('refused', 'error', text, file=self.source, node=self.owner)
-        record['line'], record['column'] = start
-        record['end_line'], record['end_column'] = end
+        record = finding_record('refused', 'error', text, file=self.source, start=start, end=end, node=self.owner)
         self.records.append(record)
         self.problems.append(f'{self.source}:{start[0]}: {text}')
 

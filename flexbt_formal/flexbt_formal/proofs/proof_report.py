@@ -193,16 +193,13 @@ def proof_findings(report: Report, places: Mapping[str, LoadError]) -> Iterator[
         kind, where, text, _ = found.violation
         named = (places[word] for word in (where, *map(_bare, text.split())) if word in places)
         place = next(named, LoadError('', 0, 0, where, ''))
-        end_line, end_column = place.end
         yield finding_record(
             kind.name.lower().replace('_', '-'),
             'error',
             text,
             file=place.file,
-            line=place.line,
-            column=place.column,
-            end_line=end_line,
-            end_column=end_column,
+            start=(place.line, place.column),
+            end=place.end,
             node=where,
             fix=_REMEDIES.get(kind, ''),
         )

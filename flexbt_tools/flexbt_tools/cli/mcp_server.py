@@ -101,14 +101,10 @@ class StrictServer(MCPServer[Any]):
     The SDK ignores unknown arguments, so a misspelled option would have no effect.
     """
 
-    _known: dict[str, dict[str, Any]] | None = None
-
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        if self._known is None:
-            self._known = {tool.name: tool.input_schema['properties'] for tool in await self.list_tools()}
-        known = self._known
+        known = {tool.name: tool.input_schema['properties'] for tool in await self.list_tools()}
         if name not in known:
             raise RefusedCall(f'there is no tool {truncate_middle(name)!r}{did_you_mean(name, known)}')
         for word in arguments:

@@ -139,16 +139,13 @@ class Diagnostic:
 
     def to_json(self) -> FindingRecord:
         place = self.place
-        end_line, end_column = place.end
         return finding_record(
             self.rule.name,
             self.rule.severity.value,
             place.message,
             file=place.file,
-            line=place.line,
-            column=place.column,
-            end_line=end_line,
-            end_column=end_column,
+            start=(place.line, place.column),
+            end=place.end,
             node=place.node,
             fix='' if '; ' in place.message else self.rule.fix,
         )

@@ -29,12 +29,7 @@ MOST_BYTES: Final = 1_000_000
 """Maximum size of a file that is sent, bytes."""
 _CANCEL_SECONDS: Final = 5.0
 """Time for the end of a tree that was canceled, s."""
-_CODES: Final = {
-    BtExecute.Result.SUCCESS: 'SUCCESS',
-    BtExecute.Result.FAILURE: 'FAILURE',
-    BtExecute.Result.CANCELED: 'CANCELED',
-    BtExecute.Result.ERROR: 'ERROR',
-}
+_CODES: Final = {getattr(BtExecute.Result, name): name for name in ('SUCCESS', 'FAILURE', 'CANCELED', 'ERROR')}
 
 
 def run_tree(line: CommandLine, runtime: NodeRuntime, timeout: float, places: Mapping[str, FramedPose]) -> ExitCode:
