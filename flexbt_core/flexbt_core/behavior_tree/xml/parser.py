@@ -9,7 +9,7 @@ that expand), documents that are too large or too deep, control characters, and 
 from __future__ import annotations
 
 import re
-from typing import Final
+from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree.model.errors import LoadError, Source, TreeLoadError
 
@@ -17,15 +17,16 @@ MAX_BYTES: Final = 1 << 20
 MAX_DEPTH: Final = 256
 """Maximum nesting of elements below <BehaviorTree>, as in BehaviorTree.CPP."""
 
-_NAME = r'[A-Za-z_:\u0080-\U0010ffff][\w:.\-\u00b7\u0080-\U0010ffff]*'
-_START = re.compile(rf'<({_NAME})')
-_ATTRIBUTE = re.compile(rf'\s*({_NAME})\s*=\s*(?:"([^"]*)"|\'([^\']*)\')')
-_TAG = re.compile(rf'<({_NAME})((?:\s+{_NAME}\s*=\s*(?:"[^"]*"|\'[^\']*\'))*)\s*(/?)>')
-_END = re.compile(rf'</({_NAME})\s*>')
+NAME = r'[A-Za-z_:\u0080-\U0010ffff][\w:.\-\u00b7\u0080-\U0010ffff]*'
+START = re.compile(rf'<({NAME})')
+ATTRIBUTE = re.compile(rf'\s*({NAME})\s*=\s*(?:"([^"]*)"|\'([^\']*)\')')
+TAG = re.compile(rf'<({NAME})((?:\s+{NAME}\s*=\s*(?:"[^"]*"|\'[^\']*\'))*)\s*(/?)>')
+END_TAG = re.compile(rf'</({NAME})\s*>')
 _SPACE = re.compile(r'\s*')
-_BAD_CHARACTER = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\ufffe\uffff]')
+_UNFINISHED = re.compile(rf'({NAME})\s*(=?)\s*(["\']?)')
+BAD_CHARACTER = re.compile('[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\ufffe\uffff]')
 _ENTITY = re.compile(r'&(?:(lt|gt|amp|quot|apos)|#([0-9]{1,7})|#[xX]([0-9a-fA-F]{1,6}));')
-_FOLDED = re.compile(rf'\r\n|{_ENTITY.pattern}')
+FOLDED = re.compile(rf'\r\n|{_ENTITY.pattern}')
 _NAMED_ENTITIES = {'lt': '<', 'gt': '>', 'amp': '&', 'quot': '"', 'apos': "'"}
 
 
@@ -64,17 +65,17 @@ def value_offset(source: Source, attribute: int, value: str, index: int) -> int:
 
     Return the offset of the attribute if its value differs from the text in the source.
     """
-    match = _ATTRIBUTE.match(source.text, attribute)
+    match = ATTRIBUTE.match(source.text, attribute)
     if match is None:
         return attribute
     group = 2 if match.group(2) is not None else 3
     written = match.group(group)
-    if _unescape(written) != value:
+    if unescape(written) != value:
         return attribute
-    for folded in _FOLDED.finditer(written):
+    for folded in FOLDED.finditer(written):
         if folded.start() >= index:
             break
-        index += len(folded.group()) - len(_unescape(folded.group()))
+        index += len(folded.group()) - len(unescape(folded.group()))
     return match.start(group) + index
 
 
@@ -96,7 +97,7 @@ def parse(source: Source, *, max_bytes: int = MAX_BYTES, max_depth: int = MAX_DE
     """Return the root element. Raises TreeLoadError at the first position that is not valid XML or is rejected."""
     text = source.text
     _check_size(len(text), source.file, max_bytes)
-    bad = _BAD_CHARACTER.search(text)
+    bad = BAD_CHARACTER.search(text)
     if bad is not None:
         message = f'the character U+{ord(bad.group()):04X} is not allowed in XML; remove it'
         raise TreeLoadError([source.error(bad.start(), message)])
@@ -147,7 +148,7 @@ class _Parser:
             position = text.find('>', start) + 1
             tag = tags.get(text[start:position])
             if tag is None:
-                match = _TAG.match(text, start) or _END.match(text, start)
+                match = TAG.match(text, start) or END_TAG.match(text, start)
                 if match is None:
                     position = self._skip_other(start)
                     continue
@@ -185,13 +186,13 @@ class _Parser:
         """Return the parsed tag, and cache it for identical tags."""
         attributes: dict[str, str] | None = None
         places: dict[str, int] = {}
-        if tag.re is _TAG:
+        if tag.re is TAG:
             attributes = {}
-            for match in _ATTRIBUTE.finditer(self._text, tag.start(2), tag.end(2)):
+            for match in ATTRIBUTE.finditer(self._text, tag.start(2), tag.end(2)):
                 name, value, quoted = match.groups()
                 if name in attributes:
                     raise self._bad_element(tag.start())
-                attributes[name] = _unescape(quoted if value is None else value)
+                attributes[name] = unescape(quoted if value is None else value)
                 places[name] = match.start(1) - tag.start()
         read = tag.group(1), attributes, places, tag.group().endswith('/>')
         self._tags[tag.group()] = read
@@ -219,49 +220,62 @@ class _Parser:
         raise self._bad_element(start)
 
     def _bad_element(self, start: int) -> TreeLoadError:
-        """Return the error for the element that begins at ``start``."""
-        text = self._text
-        match = _START.match(text, start)
-        if match is None:
-            return self._fail(start, "'<' is not followed by the name of an element; write &lt; in text")
-        element = Element(match.group(1), start, {}, {})
-        position = match.end()
-        while True:
-            match = _ATTRIBUTE.match(text, position)
-            if match is None:
-                return self._bad_tag(element, position)
-            name, value, quoted = match.groups()
-            if match.start(1) == position:
-                return self._fail(position, f'space is missing before attribute [{name}]', str(element))
-            if name in element.attributes:
-                return self._fail(match.start(1), f'attribute [{name}] is given twice', str(element))
-            element.attributes[name] = _unescape(quoted if value is None else value)
-            position = match.end()
-
-    def _bad_tag(self, element: Element, position: int) -> TreeLoadError:
-        """Return the error at ``position``, where neither an attribute nor the end of the tag follows."""
-        text = self._text
-        match = _SPACE.match(text, position)
-        assert match is not None
-        at = match.end()
-        if at >= len(text):
-            return self._fail(element.offset, 'the document ends within this tag', str(element))
-        match = re.compile(rf'({_NAME})\s*(=?)\s*(["\']?)').match(text, at)
-        if match is None:
-            return self._fail(at, f'unexpected {text[at]!r} within a tag', str(element))
-        name, equals, quote = match.groups()
-        if not equals:
-            return self._fail(at, f'attribute [{name}] has no value; write {name}="..."', str(element))
-        if not quote:
-            return self._fail(at, f'the value of attribute [{name}] is not quoted; write {name}="..."', str(element))
-        return self._fail(at, f'the value of attribute [{name}] has no closing quote', str(element))
+        offset, message, element = tag_fault(self._text, start)
+        return self._fail(offset, message, '' if element is None else str(element))
 
     def _bad_end(self, start: int, tag: str, element: Element) -> TreeLoadError:
         line, column = self._source.position(element.offset)
         return self._fail(start, f'</{tag}> does not close <{element.tag}>, opened at line {line}, column {column}')
 
 
-def _unescape(value: str) -> str:
+class TagFault(NamedTuple):
+    """The offset and the reason of a fault in a tag, and the element as far as it was read; None without a name."""
+
+    offset: int
+    message: str
+    element: Element | None
+
+
+def tag_fault(text: str, start: int) -> TagFault:
+    """Return what is wrong with the start tag at ``start``, which is not valid."""
+    match = START.match(text, start)
+    if match is None:
+        return TagFault(start, "'<' is not followed by the name of an element; write &lt; in text", None)
+    element = Element(match.group(1), start, {}, {})
+    position = match.end()
+    while True:
+        match = ATTRIBUTE.match(text, position)
+        if match is None:
+            return TagFault(*_bad_tag(text, element, position), element)
+        name, value, quoted = match.groups()
+        if match.start(1) == position:
+            return TagFault(position, f'space is missing before attribute [{name}]', element)
+        if name in element.attributes:
+            return TagFault(match.start(1), f'attribute [{name}] is given twice', element)
+        element.attributes[name] = unescape(quoted if value is None else value)
+        position = match.end()
+
+
+def _bad_tag(text: str, element: Element, position: int) -> tuple[int, str]:
+    """Return the fault at ``position``, where neither an attribute nor the end of the tag follows."""
+    match = _SPACE.match(text, position)
+    assert match is not None
+    at = match.end()
+    if at >= len(text):
+        return element.offset, 'the document ends within this tag'
+    match = _UNFINISHED.match(text, at)
+    if match is None:
+        return at, f'unexpected {text[at]!r} within a tag'
+    name, equals, quote = match.groups()
+    if not equals:
+        return at, f'attribute [{name}] has no value; write {name}="..."'
+    if not quote:
+        return at, f'the value of attribute [{name}] is not quoted; write {name}="..."'
+    return at, f'the value of attribute [{name}] has no closing quote'
+
+
+def unescape(value: str) -> str:
+    """Return the characters of a value or text as written: references are replaced, and line breaks are ``\\n``."""
     if '\r' in value:
         value = value.replace('\r\n', '\n').replace('\r', '\n')
     return _ENTITY.sub(_entity, value) if '&' in value else value
@@ -273,6 +287,6 @@ def _entity(match: re.Match[str]) -> str:
         return _NAMED_ENTITIES[name]
     code = int(decimal) if decimal is not None else int(hexadecimal, 16)
     # References to characters not allowed in XML stay unchanged, as unknown entities do.
-    if code > 0x10FFFF or _BAD_CHARACTER.match(chr(code)):
+    if code > 0x10FFFF or BAD_CHARACTER.match(chr(code)):
         return match.group()
     return chr(code)

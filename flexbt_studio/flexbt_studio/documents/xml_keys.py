@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Where the nodes of a tree name blackboard keys: in pointers, in scripts, and in ports whose text is a key."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
+
+from flexbt_core.behavior_tree.model.definition import PRE_POST_ATTRIBUTES, NodeManifest, port_name_problem
+from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, ConversionError
+from flexbt_core.behavior_tree.model.ports import KEY, KEYS, Port, bool_from_text, pointer_key
+from flexbt_core.behavior_tree.script.interpreter import CONDITION, SCRIPT
+from flexbt_core.behavior_tree.script.parser import TokenKind, tokenize
+from flexbt_core.behavior_tree.xml.node_elements import EXPLICIT_TAGS, NodeTypes
+
+from .text import Span, TextEdit
+from .xml_spans import XmlElement, raw_places
+
+SUBTREES: Final = ('SubTree', 'SubTreePlus')
+_EXPLICIT: Final = (*EXPLICIT_TAGS, 'SubTreePlus')
+_AUTOREMAP: Final = ('_autoremap', '__autoremap', '__shared_blackboard')
+_ASSIGNMENTS: Final = (':=', '=', '+=', '-=', '*=', '/=')
+_READ_BY_DEFAULT: Final = 'by default the entry [{}]'
+"""What the description of a port has if the node reads the entry of that name when the port is not given."""
+_FIELDS: Final = re.compile(r'(?<=[A-Za-z0-9_])(?:\.[A-Za-z0-9_]+)+')
+_WORDS: Final = re.compile(r'[^;\s](?:[^;]*[^;\s])?')
+_SCRIPT_NAME: Final = re.compile('[A-Za-z_@][A-Za-z0-9_]*')
+
+
+class KeyUse(NamedTuple):
+    """A place that names a key.
+
+    ``form`` is ``pointer`` for ``{key}``, ``same`` for ``{=}``, ``key`` for a bare key, ``script`` for a name in a
+    script, ``argument`` for the value of an attribute of a sub-tree, ``absent`` for a port that is not given, where the
+    node then reads the entry of the same name. ``span`` is what is replaced in the text; empty for ``absent``.
+    ``port`` is the port of a known node type.
+    """
+
+    key: str
+    element: XmlElement
+    attribute: str
+    form: str
+    span: Span
+    port: Port | None = None
+    writes: bool = False
+
+    def edit(self, key: str) -> TextEdit | None:
+        """Return the edit that names another key here; None for ``absent``."""
+        if self.form == 'absent':
+            return None
+        return TextEdit(*self.span, f'{{{key}}}' if self.form == 'same' else key)
+
+
+def node_type(element: XmlElement) -> str:
+    """Return the node type of an element; for a sub-tree the ID of the tree."""
+    return element.attributes.get('ID', '') if element.tag in _EXPLICIT else element.tag
+
+
+def is_autoremapped(subtree: XmlElement) -> bool:
+    """Return whether all keys of a sub-tree are those of the tree around it."""
+    for name in _AUTOREMAP:
+        try:
+            if bool_from_text(subtree.attributes.get(name, 'false')):
+                return True
+        except ConversionError:
+            continue
+    return False
+
+
+def arguments(subtree: XmlElement, *, bare: bool) -> dict[str, tuple[str, str | None]]:
+    """Return the text of each port of a sub-tree, and the key that it leads to; None for a constant.
+
+    With ``bare``, as in format 3, a text without braces is a key.
+    """
+    found = {
+        remap.attributes['internal']: remap.attributes['external']
+        for remap in subtree.children
+        if remap.tag == 'remap' and {'internal', 'external'} <= remap.attributes.keys()
+    }
+    found |= {name: text for name, text in subtree.attributes.items() if not port_name_problem(name)}
+    is_bare = bare and subtree.tag == 'SubTree'
+    return {name: (text, pointer_key(text, name) or (text if is_bare else None)) for name, text in found.items()}
+
+
+def script_name_problem(key: str, types: NodeTypes) -> str:
+    """Return why a key cannot be written in a script; '' if it can."""
+    if _SCRIPT_NAME.fullmatch(key) is None or key in ('true', 'false'):
+        return f'scripts cannot name the key [{key}]; use ASCII letters, digits and _'
+    return f'[{key}] is a constant in scripts; choose another name' if key in types.scripts.enums else ''
+
+
+class KeyReader:
+    """A reader of the keys that nodes name. ``bare`` is true in format 3."""
+
+    def __init__(self, text: str, types: NodeTypes, *, bare: bool) -> None:
+        self._text = text
+        self._types = types
+        self._bare = bare
+
+    def uses(self, root: XmlElement) -> Iterator[KeyUse]:
+        """Yield the uses of keys by an element and all below it, in document order.
+
+        Raises:
+            BehaviorTreeError: a script cannot be read.
+        """
+        for element in root.all():
+            if element.tag in SUBTREES:
+                yield from self._of_subtree(element)
+            elif element.tag == 'remap' and element.parent is not None and element.parent.tag in SUBTREES:
+                if 'external' in element.attributes:
+                    yield self._whole(element, 'external', 'argument')
+            else:
+                yield from self._of_node(element)
+
+    def _of_subtree(self, element: XmlElement) -> Iterator[KeyUse]:
+        known = arguments(element, bare=self._bare)
+        for name in element.attributes:
+            if name in PRE_POST_ATTRIBUTES:
+                yield from self._in_script(element, name, None)
+            elif name in known and known[name][1] is not None:
+                use = self._pointer(element, name, None) or self._whole(element, name, 'argument')
+                yield use._replace(form=use.form if use.form == 'same' else 'argument')
+
+    def _of_node(self, element: XmlElement) -> Iterator[KeyUse]:
+        manifest = self._types.get(node_type(element))
+        ports = self._ports(element, manifest)
+        for name, text in element.attributes.items():
+            port = ports.get(name)
+            kind = None if port is None else port.literal or port.type
+            if name in PRE_POST_ATTRIBUTES:
+                yield from self._in_script(element, name, port)
+            elif port is None and port_name_problem(name):
+                continue
+            elif (use := self._pointer(element, name, port)) is not None:
+                yield use
+            elif kind in (SCRIPT, CONDITION):
+                yield from self._in_script(element, name, port)
+            elif kind in (KEY, KEYS) and text.strip():
+                for word in _WORDS.finditer(text) if kind is KEYS else [re.compile('(?s).*').fullmatch(text)]:
+                    assert word is not None
+                    yield self._part(element, name, 'key', *word.span(), port)
+            elif manifest is not None:
+                yield from self._in_expression(element, name, port, manifest)
+        for name, port in ports.items():
+            if name not in element.attributes and _READ_BY_DEFAULT.format(name) in port.description:
+                yield KeyUse(name, element, name, 'absent', Span(element.offset, element.offset), port)
+
+    def _ports(self, element: XmlElement, manifest: NodeManifest | None) -> dict[str, Port]:
+        if manifest is None:
+            return {}
+        for_element: Callable[..., Any] | None = getattr(manifest.node_class, 'for_element', None)
+        try:
+            node_class = manifest.node_class if for_element is None else for_element(element.attributes)
+        except BehaviorTreeError:
+            return dict(manifest.ports)
+        return dict(manifest.ports if node_class is manifest.node_class else node_class.ports)
+
+    def _part(
+        self, element: XmlElement, name: str, form: str, start: int, end: int, port: Port | None, writes: bool = False
+    ) -> KeyUse:
+        """Return the use of the key that is the part ``start:end`` of a value."""
+        part = element.parts[name]
+        places = raw_places(self._text[part.value_start : part.value_end])
+        span = Span(part.value_start + places[start], part.value_start + places[end])
+        return KeyUse(part.value[start:end], element, name, form, span, port, writes)
+
+    def _whole(self, element: XmlElement, name: str, form: str) -> KeyUse:
+        return self._part(element, name, form, 0, len(element.attributes[name]), None)
+
+    def _pointer(self, element: XmlElement, name: str, port: Port | None) -> KeyUse | None:
+        text = element.attributes[name]
+        key = pointer_key(text, name)
+        if key is None:
+            return None
+        writes = port is None or port.writable
+        if text.strip(' {}') == '=':
+            return self._part(element, name, 'same', 0, len(text), port, writes)._replace(key=name)
+        start = text.index('{') + 1
+        return self._part(element, name, 'pointer', start, start + len(key), port, writes)
+
+    def _in_script(self, element: XmlElement, name: str, port: Port | None) -> Iterator[KeyUse]:
+        part = element.parts[name]
+        yield from self._names(element, name, part.value, 0, frozenset(), port)
+
+    def _in_expression(
+        self, element: XmlElement, name: str, port: Port | None, manifest: NodeManifest
+    ) -> Iterator[KeyUse]:
+        """Yield the names in ``${…}``, and in the condition on the messages that a leaf has received."""
+        text = element.attributes[name]
+        stripped = text.strip()
+        if getattr(manifest.node_class, 'for_element', None) is None:
+            return
+        if stripped.startswith('${') and stripped.endswith('}'):
+            start = text.index('${') + 2
+            yield from self._names(element, name, text[start : text.rindex('}')], start, frozenset(), port)
+        elif name == getattr(manifest.node_class, 'condition', None):
+            messages = getattr(manifest.node_class, 'parts', {}).items()
+            own = frozenset(part for part, message in messages if not message.is_input)
+            yield from self._names(element, name, text, 0, own, port)
+
+    def _names(
+        self, element: XmlElement, name: str, script: str, at: int, others: frozenset[str], port: Port | None
+    ) -> Iterator[KeyUse]:
+        tokens = tokenize(_FIELDS.sub(lambda field: ' ' * len(field.group()), script))
+        part = element.parts[name]
+        places = raw_places(self._text[part.value_start : part.value_end])
+        for token, following in pairwise(tokens):
+            key = str(token.value)
+            writes = following.kind is TokenKind.OPERATOR and following.value in _ASSIGNMENTS
+            if token.kind is TokenKind.NAME and key not in others and (writes or key not in self._types.scripts.enums):
+                start = at + token.offset
+                span = Span(part.value_start + places[start], part.value_start + places[start + len(key)])
+                yield KeyUse(key, element, name, 'script', span, port, writes)
