@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Errors of the studio.
 
+::
+
     FlexbtError
     └── StudioError            what was asked for cannot be done; the message says why, and what to do
         ├── GestureError       an edit of a document that does not apply to it

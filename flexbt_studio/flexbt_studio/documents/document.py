@@ -86,7 +86,15 @@ class Document:
         return method(**arguments)
 
 
-_TYPES: Final[dict[str, type]] = {'str': str, 'int': int, 'float': float, 'bool': bool, 'list': list, 'dict': dict, 'None': type(None)}
+_TYPES: Final[dict[str, type]] = {
+    'str': str,
+    'int': int,
+    'float': float,
+    'bool': bool,
+    'list': list,
+    'dict': dict,
+    'None': type(None),
+}
 
 
 def _fits(value: Any, annotation: str) -> bool:

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Findings for open files: the checker's, at their places in the text and in the graph, with edits that mend them."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.values.findings import FindingRecord
+from flexbt_studio.errors import GestureError
+from flexbt_tools.errors import RefusedError
+from flexbt_tools.tree_checks.check import check_trees
+from flexbt_tools.tree_checks.diagnostics import REFUSED, Diagnostic
+from flexbt_tools.trees.files import read_library, shown_name
+from flexbt_tools.trees.outline import node_places
+from flexbt_tools.trees.stand_ins import OpenRegistry
+
+from .document import Document, Problem
+from .project import Project, document_for
+from .text import Span, TextEdit
+
+TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
+_MEANT: Final = re.compile(r"did you mean (?:\[([^\]]+)\]|'([^']+)')\?")
+_WORD: Final = re.compile(r'[\w.:/-]+')
+_LIKENESS: Final = 0.5
+"""Least likeness (difflib's ratio) of a word to the suggested one for which a fix replaces it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """Edits that mend a finding. ``title`` says what they do."""
+
+    title: str
+    edits: list[TextEdit]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A finding of the checker in an open file.
+
+    ``path`` is the node or state concerned in the view of the document, '' for none. ``record`` is what the tools print
+    with ``--json``.
+    """
+
+    record: FindingRecord
+    span: Span
+    path: str = ''
+    fixes: list[Fix] = field(default_factory=list)
+
+
+class TreeChecker:
+    """The checker for tree files of a project. It checks a file with the files that define its sub-trees."""
+
+    def __init__(self, project: Project, registry: NodeRegistry, skills: SkillLibrary) -> None:
+        self._project = project
+        self._registry = registry
+        self._skills = skills
+        self._defined: dict[str, tuple[object, frozenset[str]]] = {}
+        """IDs of the trees of each file, with what tells whether the file has changed since."""
+
+    def findings(self, file: str) -> list[Finding]:
+        """Return the findings for an open file, in the order of their places. Raises StudioError if it is not open."""
+        document = self._project.open(file).document
+        found = [_of_problem(document, problem) for problem in document.problems]
+        nodes = document.view()['nodes']
+        for one in self._checked(file, document):
+            span = span_of(document.text, one.place)
+            if not found or one.rule is not REFUSED or span not in [other.span for other in found]:
+                path = _innermost(nodes, span.start)
+                record = FindingRecord(**{**one.to_json(), 'file': file})
+                found.append(Finding(record, span, path, list(_fixes(document, path, span, one.place.message))))
+        return sorted(found, key=lambda one: one.span)
+
+    def nodes(self, file: str, tree: str = '') -> dict[str, tuple[str, str]]:
+        """Return the file and the path in its view of each node of a tree, by the path of the node in a run.
+
+        Without ``tree`` it is the main one. A file that cannot be read has none.
+        """
+        texts = {path: text.encode() for path, text in self._project.texts().items()}
+        files = {str(self._project.root / one): one for one in self.files(file)}
+        try:
+            library = read_library(list(files), OpenRegistry(self._registry), texts)
+        except RefusedError:
+            return {}
+        document = library.documents[shown_name(next(iter(files)))]
+        id = tree or document.main or next(iter(document.trees), '')
+        key = library.find(id, document.file)
+        if key is None:
+            return {}
+        found: dict[str, tuple[str, str]] = {}
+        views: dict[str, tuple[str, list[dict[str, Any]]]] = {}
+        for path, place in node_places(library, key).items():
+            name = files.get(place.file)
+            if name is None:
+                continue
+            if name not in views:
+                text = self._project.text(name)
+                views[name] = text, document_for(name, text).view()['nodes']
+            text, nodes = views[name]
+            found[path] = name, _innermost(nodes, span_of(text, place).start)
+        return found
+
+    def _checked(self, file: str, document: Document) -> Iterator[Diagnostic]:
+        texts = {path: text.encode() for path, text in self._project.texts().items()}
+        files = [str(self._project.root / one) for one in self.files(file)]
+        for one in check_trees(files, self._registry, skills=self._skills, texts=texts):
+            if one.place.file == files[0] and not (document.problems and one.rule is REFUSED):
+                yield one
+
+    def files(self, file: str) -> list[str]:
+        """Return the file, then the files that define sub-trees of it and of one another; those nearest to it first."""
+        wanted = [file]
+        owners: dict[str, str] | None = None
+        for one in wanted:
+            missing = sub_trees(self._project.text(one)) - self._ids(one)
+            if missing and owners is None:
+                owners = self._owners(file)
+            for id in sorted(missing):
+                owner = (owners or {}).get(id)
+                if owner is not None and owner not in wanted:
+                    wanted.append(owner)
+        return wanted
+
+    def _owners(self, file: str) -> dict[str, str]:
+        """Return the file of each tree ID. If several have it, the one in the nearest folder counts."""
+        near = Path(file).parent
+        others = [one['file'] for one in self._project.files() if one['kind'] == 'trees']
+        owners: dict[str, str] = {}
+        for other in sorted(others, key=lambda one: (-len(_common(near, Path(one).parent)), one)):
+            for id in self._ids(other):
+                owners.setdefault(id, other)
+        return owners
+
+    def _ids(self, file: str) -> frozenset[str]:
+        opened = self._project.open_files.get(file)
+        if opened is not None:
+            stamp: object = opened.document
+        else:
+            status = self._project.path(file).stat()
+            stamp = status.st_mtime_ns, status.st_size
+        known = self._defined.get(file)
+        if known is None or known[0] != stamp:
+            known = self._defined[file] = stamp, frozenset(TREE_ID.findall(self._project.text(file)))
+        return known[1]
+
+
+_SUB_TREE: Final = re.compile(r'<SubTree(?:Plus)?\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
+
+
+def sub_trees(text: str) -> frozenset[str]:
+    """Return the IDs of the trees that a text uses as sub-trees."""
+    return frozenset(_SUB_TREE.findall(text))
+
+
+def _common(one: Path, other: Path) -> list[str]:
+    shared = []
+    for left, right in zip(one.parts, other.parts, strict=False):
+        if left != right:
+            break
+        shared.append(left)
+    return shared
+
+
+def span_of(text: str, place: LoadError) -> Span:
+    """Return the characters that an error of the checker is about; nothing at the beginning for the whole file."""
+    if place.line == 0:
+        return Span(0, 0)
+    starts = [0, *(match.end() for match in re.finditer('\n', text))]
+
+    def offset(line: int, column: int) -> int:
+        return min(starts[min(line, len(starts)) - 1] + column - 1, len(text))
+
+    start = offset(place.line, place.column)
+    end = offset(*place.end) if place.end[0] else start
+    return Span(start, max(start, end))
+
+
+def _of_problem(document: Document, problem: Problem) -> Finding:
+    line = document.text.count('\n', 0, problem.span.start) + 1
+    column = problem.span.start - document.text.rfind('\n', 0, problem.span.start)
+    place = LoadError(document.file, line, column, '', problem.message)
+    return Finding(Diagnostic(REFUSED, place).to_json(), problem.span, fixes=[])
+
+
+def _innermost(nodes: Sequence[Mapping[str, Any]], offset: int) -> str:
+    """Return the path of the innermost node that contains the character at ``offset``; '' if none does."""
+    found = ''
+    for node in nodes:  # parents come first
+        start, end = node['span']
+        if start <= offset < end:
+            found = node['path']
+    return found
+
+
+def _fixes(document: Document, path: str, span: Span, message: str) -> Iterator[Fix]:
+    """Yield the fix that a message suggests by "did you mean"."""
+    meant = _MEANT.search(message)
+    if meant is None:
+        return
+    name = meant[1] or meant[2]
+    words = list(_WORD.finditer(document.text, span.start, max(span.end, span.start + 1)))
+    likeness = [difflib.SequenceMatcher(None, word[0], name).ratio() for word in words]
+    if not words or max(likeness) < _LIKENESS or name in [word[0] for word in words]:
+        return
+    word = words[likeness.index(max(likeness))]
+    title = f'Replace {word[0]} by {name}'
+    if document.text[word.start() - 1] == '<' and path:
+        try:
+            yield Fix(title, document.gesture('set_type', {'node': path, 'type': name}))
+        except GestureError:
+            return
+    else:
+        yield Fix(title, [TextEdit(word.start(), word.end(), name)])

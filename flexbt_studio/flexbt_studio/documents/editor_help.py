@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What an editor asks about a place in a text: completions, help, definitions, uses of a name, and new names.
+
+It works on the text around the place, so that it also helps in a text that cannot be read yet.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import NodeManifest
+from flexbt_studio.errors import StudioError
+
+from .diagnostics import TREE_ID
+from .palette import node_type
+from .project import Project
+from .text import Span, TextEdit
+
+_NAME: Final = re.compile(r'[\w:.-]*$')
+_KEY: Final = re.compile(r'\{([@\w][\w/.-]*)\}')
+_OPEN_ATTRIBUTE: Final = re.compile(r'([\w:.-]+)\s*=\s*(["\'])([^"\']*)$')
+_GIVEN: Final = re.compile(r'([\w:.-]+)\s*=\s*["\']')
+_CONDITIONS: Final = {
+    '_skipIf': 'skip the node if this is true',
+    '_successIf': 'succeed without a tick if this is true',
+    '_failureIf': 'fail without a tick if this is true',
+    '_while': 'tick the node as long as this is true',
+    '_onSuccess': 'run this after success',
+    '_onFailure': 'run this after failure',
+    '_onHalted': 'run this after a halt',
+    '_post': 'run this after the node ends',
+}
+
+
+class Completion(NamedTuple):
+    """A text that may stand at a place. ``span`` is what it replaces; ``kind`` is node, port, key, tree or state."""
+
+    label: str
+    kind: str
+    detail: str
+    documentation: str
+    span: Span
+    text: str
+
+
+class Help(NamedTuple):
+    """Help about the word at ``span``, in Markdown."""
+
+    span: Span
+    text: str
+
+
+class Place(NamedTuple):
+    """A place in a file of the project."""
+
+    file: str
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class _Tag:
+    """The start tag around an offset: where it begins, its name, and the attributes before the offset."""
+
+    start: int
+    name: str
+    given: tuple[str, ...]
+    attribute: str
+    """The attribute in whose value the offset is, or ''."""
+    value: Span
+
+
+def _tag_at(text: str, offset: int) -> _Tag | None:
+    """Return the start tag that is open at an offset; None outside of tags."""
+    start = text.rfind('<', 0, offset)
+    while (before := text.rfind('<', 0, max(start, 0))) >= 0 and _opened_quote(text[before:start]):
+        start = before  # the character is in a value of an earlier tag
+    if start < 0 or text.startswith(('<!', '<?', '</'), start):
+        return None
+    inside = text[start:offset]
+    quote = _opened_quote(inside)
+    if '>' in _QUOTED.sub('', inside if not quote else inside[: inside.rindex(quote)]):
+        return None
+    name = re.match(r'<([\w:.-]*)', inside)
+    assert name is not None
+    opened = _OPEN_ATTRIBUTE.search(inside) if quote else None
+    attribute, value = '', Span(offset, offset)
+    if opened is not None:
+        end = text.find(quote, offset)
+        line_end = text.find('\n', offset)
+        end = end if end >= 0 and (line_end < 0 or end < line_end) else offset
+        attribute, value = opened[1], Span(start + opened.start(3), end)
+    return _Tag(start, name[1], tuple(_GIVEN.findall(inside)), attribute, value)
+
+
+_QUOTED: Final = re.compile(r'"[^"]*"|\'[^\']*\'')
+
+
+def _opened_quote(tag: str) -> str:
+    """Return the quote that is open at the end of a text that begins with a tag; '' if none is open, or the tag has
+    ended."""
+    bare = _QUOTED.sub('', tag)
+    quote = re.search('["\'>]', bare)
+    return '' if quote is None or quote[0] == '>' else quote[0]
+
+
+class TreeHelp:
+    """Help for trees in XML."""
+
+    def __init__(self, project: Project, registry: NodeRegistry) -> None:
+        self._project = project
+        self._registry = registry
+
+    def completions(self, file: str, offset: int) -> list[Completion]:
+        """Return what may stand at an offset of an open file, the likeliest first."""
+        text = self._project.open(file).document.text
+        tag = _tag_at(text, offset)
+        if tag is None or tag.start + 1 + len(tag.name) >= offset:
+            return [] if tag is None else list(self._types(text, tag))
+        if tag.attribute:
+            return list(self._values(file, text, tag, offset))
+        return list(self._attributes(text, tag, offset))
+
+    def _types(self, text: str, tag: _Tag) -> Iterator[Completion]:
+        name = re.compile(r'[\w:.-]*').match(text, tag.start + 1)
+        assert name is not None
+        span = Span(*name.span())
+        yield Completion('SubTree', 'tree', 'runs another tree', '', span, 'SubTree')
+        for manifest in self._registry:
+            told = manifest.documentation
+            yield Completion(manifest.id, 'node', manifest.kind.value, told, span, manifest.id)
+
+    def _attributes(self, text: str, tag: _Tag, offset: int) -> Iterator[Completion]:
+        begun = _NAME.search(text, tag.start, offset)
+        assert begun is not None
+        span = Span(begun.start(), offset)
+        manifest = self._manifest(text, tag)
+        known: dict[str, tuple[str, str]] = {}
+        if tag.name.startswith('SubTree'):
+            known = {'ID': ('tree', 'the tree that it runs'), '_autoremap': ('bool', 'hand over all keys')}
+        elif manifest is not None:
+            for port in node_type(manifest)['ports']:
+                detail = f'{port["direction"]} {port["type"]}'.strip() + (', required' if port['required'] else '')
+                known[port['name']] = detail, port['description']
+        known |= {'name': ('', 'name of the node')} | {key: ('script', told) for key, told in _CONDITIONS.items()}
+        for name, (detail, told) in known.items():
+            if name not in tag.given:
+                yield Completion(name, 'port', detail, told, span, f'{name}=""')
+
+    def _values(self, file: str, text: str, tag: _Tag, offset: int) -> Iterator[Completion]:
+        if tag.name.startswith('SubTree') and tag.attribute == 'ID':
+            for id, place in sorted(self.trees().items()):
+                yield Completion(id, 'tree', place.file, '', tag.value, id)
+            return
+        written = text[tag.value.start : offset]
+        opened = written.rfind('{')
+        if opened >= 0 and '}' not in written[opened:]:
+            closed = text.find('}', offset, tag.value.end)
+            span = Span(tag.value.start + opened + 1, closed if closed >= 0 else offset)
+            form = '{}' if closed >= 0 else '{}}}'
+        else:
+            span, form = tag.value, '{{{}}}'
+        for key in sorted(keys_of(text)):
+            yield Completion(f'{{{key}}}', 'key', 'key of the blackboard', '', span, form.format(key))
+        manifest = self._manifest(text, tag)
+        port = None if manifest is None else manifest.ports.get(tag.attribute)
+        if port is not None and port.type is not None and port.type.category == 'bool':
+            for value in ('true', 'false'):
+                yield Completion(value, 'value', 'bool', '', tag.value, value)
+
+    def help(self, file: str, offset: int) -> Help | None:
+        """Return help about the node type or port at an offset; None if there is none."""
+        text = self._project.open(file).document.text
+        word = _word_at(text, offset)
+        tag = _tag_at(text, word.end)
+        if tag is None:
+            closing = re.match(r'</([\w:.-]+)$', text[text.rfind('<', 0, word.end) : word.end])
+            manifest = self._registry.get(closing[1]) if closing else None
+            return None if manifest is None else Help(word, type_help(manifest))
+        manifest = self._manifest(text, tag)
+        if manifest is None:
+            return None
+        name = text[word.start : word.end]
+        if word.start == tag.start + 1 or name == manifest.id:
+            return Help(word, type_help(manifest))
+        port = next((one for one in node_type(manifest)['ports'] if one['name'] == name), None)
+        if port is None:
+            told = _CONDITIONS.get(name)
+            return Help(word, f'**{name}**: {told}') if told else None
+        default = '' if port['default'] is None else f', default `{port["default"]}`'
+        head = f'**{name}** ({port["direction"]} {port["type"]}{default})'
+        return Help(word, '\n\n'.join(part for part in (head, port['description']) if part))
+
+    def definition(self, file: str, offset: int) -> Place | None:
+        """Return where the tree is defined that a sub-tree at an offset runs; None for anything else."""
+        text = self._project.open(file).document.text
+        tag = _tag_at(text, offset)
+        if tag is None or not tag.name.startswith('SubTree'):
+            return None
+        id = re.compile(r'<[^<>]*?\bID\s*=\s*["\']([^"\'<>]+)').match(text, tag.start)
+        return None if id is None else self.trees(file).get(id[1])
+
+    def trees(self, near: str = '') -> dict[str, Place]:
+        """Return where each tree of the project is defined. If several have an ID, that in the file ``near`` counts."""
+        found: dict[str, Place] = {}
+        files = [one['file'] for one in self._project.files() if one['kind'] == 'trees']
+        nearest = Path(near).parent
+        for file in sorted(files, key=lambda one: (one != near, Path(one).parent != nearest, one)):
+            for match in TREE_ID.finditer(self._project.text(file)):
+                found.setdefault(match[1], Place(file, Span(*match.span(1))))
+        return found
+
+    def uses(self, file: str, offset: int) -> list[Place]:
+        """Return where the key or the tree at an offset is used: a key in its file, a tree in the whole project."""
+        text = self._project.open(file).document.text
+        word = _word_at(text, offset)
+        name = text[word.start : word.end]
+        if not name:
+            return []
+        if self._is_tree(text, word):
+            files = [one['file'] for one in self._project.files() if one['kind'] == 'trees']
+            return [Place(one, span) for one in files for span in tree_uses(self._project.text(one), name)]
+        return [Place(file, span) for span in key_uses(text, name)]
+
+    def rename(self, file: str, offset: int, new: str) -> dict[str, list[TextEdit]]:
+        """Return the edits of each file that give the key or tree at an offset another name.
+
+        Raises:
+            StudioError: there is nothing to rename there, or the name is not allowed or taken.
+        """
+        text = self._project.open(file).document.text
+        word = _word_at(text, offset)
+        is_tree = self._is_tree(text, word)
+        if not re.fullmatch(r'[\w.-]+' if is_tree else r'@?[A-Za-z_][\w/.-]*', new):
+            raise StudioError(f'{new!r} cannot be a name here; use letters, digits, _ , - and .')
+        if is_tree and new in self.trees():
+            raise StudioError(f'there is a tree {new} already, in {self.trees()[new].file}; choose another name')
+        if not is_tree and new in keys_of(text):
+            raise StudioError(f'the key {new} is used in {file} already; choose another name')
+        edits: dict[str, list[TextEdit]] = {}
+        for place in self.uses(file, offset):
+            edits.setdefault(place.file, []).append(TextEdit(*place.span, new))
+        if not edits:
+            raise StudioError('there is no key and no tree at this place')
+        return edits
+
+    def _is_tree(self, text: str, word: Span) -> bool:
+        tag = _tag_at(text, word.end)
+        if tag is None:
+            return False
+        is_id = tag.attribute == 'ID' and (tag.name == 'BehaviorTree' or tag.name.startswith('SubTree'))
+        return is_id or tag.attribute == 'main_tree_to_execute'
+
+    def _manifest(self, text: str, tag: _Tag) -> NodeManifest | None:
+        name = re.compile(r'[\w:.-]*').match(text, tag.start + 1)
+        found = self._registry.get(name[0] if name else tag.name)
+        if found is None:
+            id = re.compile(r'<\w+\b[^<>]*?\bID\s*=\s*["\']([^"\'<>]+)').match(text, tag.start)
+            found = None if id is None else self._registry.get(id[1])
+        return found
+
+
+def type_help(manifest: NodeManifest) -> str:
+    """Return help about a node type in Markdown, with its ports and example."""
+    described = node_type(manifest)
+    lines = [f'**{manifest.id}** ({manifest.kind.value})', manifest.documentation]
+    ports = [f'- `{one["name"]}` {one["direction"]} {one["type"]}: {one["description"]}' for one in described['ports']]
+    lines += ['\n'.join(ports)] if ports else []
+    lines += [f'```xml\n{described["example"].strip()}\n```'] if described['example'] else []
+    return '\n\n'.join(line for line in lines if line)
+
+
+def keys_of(text: str) -> frozenset[str]:
+    """Return the blackboard keys that a text of trees names as ``{key}``."""
+    return frozenset(_KEY.findall(text))
+
+
+def key_uses(text: str, key: str) -> list[Span]:
+    """Return where a text of trees names a key: as ``{key}``, and as a word in scripts."""
+    found = [Span(match.start(1), match.end(1)) for match in _KEY.finditer(text) if match[1] == key]
+    word = re.compile(rf'(?<![\w.@{{]){re.escape(key)}(?![\w}}])')
+    for script in _SCRIPT.finditer(text):
+        bare = re.sub(r"'[^']*'", lambda quoted: ' ' * len(quoted[0]), script[2])
+        found += [Span(script.start(2) + match.start(), script.start(2) + match.end()) for match in word.finditer(bare)]
+    return sorted(set(found))
+
+
+_SCRIPT: Final = re.compile(rf'\b(code|if|{"|".join(_CONDITIONS)})\s*=\s*"([^"]*)"')
+
+
+def tree_uses(text: str, id: str) -> list[Span]:
+    """Return where a text defines a tree, runs it as a sub-tree, and names it as its main tree."""
+    name = re.escape(id)
+    pattern = re.compile(
+        rf'<(?:BehaviorTree|SubTree\w*)\b[^<>]*?\bID\s*=\s*["\']({name})["\']|'
+        rf'\bmain_tree_to_execute\s*=\s*["\']({name})["\']'
+    )
+    return [Span(*match.span(match.lastindex or 0)) for match in pattern.finditer(text)]
+
+
+def _word_at(text: str, offset: int) -> Span:
+    start = end = max(0, min(offset, len(text)))
+    while start > 0 and (text[start - 1].isalnum() or text[start - 1] in '_@.-'):
+        start -= 1
+    while end < len(text) and (text[end].isalnum() or text[end] in '_.-'):
+        end += 1
+    return Span(start, end)

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The palette: the node types and states that a mission can be made of, as JSON values."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import NodeManifest
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_tools.trees.stand_ins import is_stand_in
+
+
+def node_types(registry: NodeRegistry) -> list[dict[str, Any]]:
+    """Return all node types, each with its ports, documentation and example, ordered by kind and name."""
+    return sorted(map(node_type, registry), key=lambda one: (one['kind'], one['id']))
+
+
+def node_type(manifest: NodeManifest) -> dict[str, Any]:
+    """Return one node type. ``children`` is the least and greatest number of children, null for no limit."""
+    example = manifest.example
+    return {
+        'id': manifest.id,
+        'kind': manifest.kind.value,
+        'ports': [_port(name, port) for name, port in manifest.ports.items()],
+        'children': list(manifest.children),
+        'summary': manifest.documentation.partition('\n\n')[0],
+        'documentation': manifest.documentation,
+        'example': '' if example is None else example.xml,
+        'package': manifest.node_class.__module__.partition('.')[0],
+        'installed': not is_stand_in(manifest),
+    }
+
+
+def _port(name: str, port: Port) -> dict[str, Any]:
+    return {
+        'name': name,
+        'direction': port.direction.value,
+        'type': '' if port.type is None else port.type.name,
+        'category': '' if port.type is None else port.type.category,
+        'default': None if port.default is NO_DEFAULT else str(port.default),
+        'required': port.required,
+        'description': port.documentation,
+    }
+
+
+_MARKS: Final = {'--': 'parameters', '>#': 'inputs', '#>': 'outputs', '<=': 'outcomes'}
+_ENTRY: Final = re.compile(r'^(--|>#|#>|<=)\s+(\S+)\s*(.*)$')
+
+
+def states(classes: Mapping[str, type[EventState]]) -> list[dict[str, Any]]:
+    """Return the states by name. Docstrings in FlexBE's form describe parameters, keys and outcomes."""
+    return [_state(name, classes[name]) for name in sorted(classes)]
+
+
+def _state(name: str, state: type[EventState]) -> dict[str, Any]:
+    text: list[str] = []
+    entries: dict[str, list[tuple[str, str]]] = {kind: [] for kind in _MARKS.values()}
+    for line in inspect.cleandoc(state.__doc__ or '').splitlines():
+        if found := _ENTRY.match(line.strip()):
+            entries[_MARKS[found[1]]].append((found[2], found[3]))
+        else:
+            text.append(line)
+    described = dict(entries['parameters'])
+    return {
+        'id': name,
+        'kind': 'state',
+        'parameters': [_parameter(one, described.get(one.name, '')) for one in _parameters(state)],
+        **{
+            kind: [{'name': key, 'description': told} for key, told in entries[kind]]
+            for kind in list(_MARKS.values())[1:]
+        },
+        'summary': ' '.join(text).strip().partition('. ')[0],
+        'documentation': '\n'.join(text).strip(),
+        'package': state.__module__.partition('.')[0],
+    }
+
+
+def _parameters(state: type[EventState]) -> list[inspect.Parameter]:
+    taken = inspect.signature(state).parameters.values()
+    return [one for one in taken if one.kind in (one.POSITIONAL_OR_KEYWORD, one.KEYWORD_ONLY)]
+
+
+def _parameter(parameter: inspect.Parameter, described: str) -> dict[str, Any]:
+    kind, _, text = described.partition(' ')
+    required = parameter.default is parameter.empty
+    return {
+        'name': parameter.name,
+        'type': kind,
+        'default': None if required else repr(parameter.default),
+        'required': required,
+        'description': text.strip(),
+    }

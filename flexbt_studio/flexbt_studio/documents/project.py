@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A project: the trees, machines and behaviors below a folder, and those of them that are open.
+
+An open file has a version, which each edit raises by one. An edit for another version than the current one is refused,
+as in the language server protocol. A file that somebody else has changed on disk is never overwritten.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text_files import TextFileError, read_text, write_text
+from flexbt_studio.errors import ConflictError, StudioError
+
+from .document import Document
+from .python_document import PythonDocument
+from .text import TextEdit, applied
+from .xml_document import XmlDocument
+from .yaml_document import YamlDocument
+
+MOST_FILES: Final = 5000
+"""Maximum number of files that a project looks into."""
+MOST_BYTES: Final = 4_000_000
+"""Maximum size of a file that is opened, bytes."""
+_BEGINNING: Final = 65_536
+"""Characters of a file in which its kind is looked for."""
+
+_SKIPPED_FOLDERS: Final = frozenset({'build', 'install', 'log', 'out', 'node_modules', '__pycache__', 'site-packages'})
+
+
+class Kind(NamedTuple):
+    """A kind of file that the studio opens."""
+
+    name: str
+    suffixes: tuple[str, ...]
+    mark: re.Pattern[str]
+    """What its text has and that of other files with these suffixes has not."""
+    document: type[Document]
+
+
+KINDS: Final = (
+    Kind('trees', ('.xml',), re.compile(r'<(?:BehaviorTree|TreeNodesModel)\b|BTCPP_format'), XmlDocument),
+    Kind(
+        'machine', ('.yaml', '.yml'), re.compile(r'^(?:machine|concurrency|priority)\s*:', re.MULTILINE), YamlDocument
+    ),
+    Kind('behavior', ('.py',), re.compile(r'^class\s+\w+\((?:[^)]*\b)?Behavior\b', re.MULTILINE), PythonDocument),
+)
+
+
+def kind_of(file: str, text: str) -> Kind | None:
+    """Return the kind of a file by its name and the beginning of its text; None if the studio does not open it."""
+    suffix = Path(file).suffix
+    return next((kind for kind in KINDS if suffix in kind.suffixes and kind.mark.search(text[:_BEGINNING])), None)
+
+
+def document_for(file: str, text: str) -> Document:
+    """Return the document of a text. The suffix of the file decides its language.
+
+    Raises:
+        StudioError: no language has this suffix.
+    """
+    suffix = Path(file).suffix
+    for kind in KINDS:
+        if suffix in kind.suffixes:
+            return kind.document(text, file)
+    known = ', '.join(suffix for kind in KINDS for suffix in kind.suffixes)
+    raise StudioError(f'{file}: files of this kind are not edited here; rename it to one of {known}')
+
+
+@dataclass(slots=True)
+class OpenFile:
+    """An open file. ``disk`` identifies the text on disk when it was read or saved; '' if there was none."""
+
+    document: Document
+    version: int
+    disk: str
+    saved_text: str
+    has_mark: bool = False
+    """Whether the file begins with a byte order mark, which is no part of the text."""
+
+    @property
+    def is_changed(self) -> bool:
+        """Whether the text differs from that on disk when it was read or saved."""
+        return self.document.text != self.saved_text
+
+
+class Project:
+    """The files below ``root``. Names of files are relative to it, with ``/``."""
+
+    def __init__(self, root: str | Path) -> None:
+        self.root = Path(root).resolve()
+        self._open: dict[str, OpenFile] = {}
+
+    def files(self) -> list[dict[str, str]]:
+        """Return name and kind of each file that the studio opens, in order of names."""
+        found: list[dict[str, str]] = []
+        suffixes = {suffix for kind in KINDS for suffix in kind.suffixes}
+        for count, path in enumerate(self._walk(suffixes)):
+            if count == MOST_FILES:
+                break
+            name = path.relative_to(self.root).as_posix()
+            text = self._open[name].document.text if name in self._open else _beginning(path)
+            kind = kind_of(name, text)
+            if kind is not None:
+                found.append({'file': name, 'kind': kind.name})
+        return sorted(found, key=lambda one: one['file'])
+
+    def _walk(self, suffixes: set[str]) -> Iterator[Path]:
+        for folder, folders, names in os.walk(self.root):
+            folders[:] = sorted(one for one in folders if one not in _SKIPPED_FOLDERS and not one.startswith('.'))
+            yield from (Path(folder, name) for name in sorted(names) if Path(name).suffix in suffixes)
+
+    def path(self, file: str) -> Path:
+        """Return where a file is on disk. Raises StudioError if that is outside of the project."""
+        path = Path(os.path.realpath(self.root / file)) if '\0' not in file else self.root.parent
+        if not path.is_relative_to(self.root) or path == self.root:
+            raise StudioError(f'{short_repr(file)} is not in the project; open the folder that contains it instead')
+        return path
+
+    # Open files.
+
+    @property
+    def open_files(self) -> Mapping[str, OpenFile]:
+        """The open files by name."""
+        return self._open
+
+    def open(self, file: str) -> OpenFile:
+        """Open a file, or return it if it is open. Raises StudioError if it cannot be read."""
+        opened = self._open.get(file)
+        if opened is None:
+            text, disk, has_mark = self._read(file)
+            opened = self._open[file] = OpenFile(document_for(file, text), 1, disk, text, has_mark)
+        return opened
+
+    def create(self, file: str, text: str) -> OpenFile:
+        """Open a new file with this text. It is written when it is saved. Raises StudioError if it exists."""
+        if file in self._open or self.path(file).exists():
+            raise StudioError(f'{file} exists already; open it, or choose another name')
+        self._open[file] = OpenFile(document_for(file, text), 1, '', '')
+        return self._open[file]
+
+    def adopt(self, file: str, text: str) -> OpenFile:
+        """Open a file with the text that an editor shows, or replace the text of an open file by it."""
+        opened = self._open.get(file)
+        if opened is None:
+            saved = self._read(file)[0] if self.path(file).exists() else ''
+            opened = self._open[file] = OpenFile(document_for(file, text), 0, self._disk(file), saved)
+        elif opened.document.text != text:
+            opened.document = document_for(file, text)
+        opened.version += 1
+        return opened
+
+    def close(self, file: str) -> None:
+        """Forget an open file with its unsaved edits."""
+        self._open.pop(file, None)
+
+    def edit(self, file: str, version: int, edits: Sequence[TextEdit]) -> OpenFile:
+        """Apply edits to a version of an open file.
+
+        Raises:
+            ConflictError: the file has another version.
+            StudioError: the file is not open, or the edits are not within its text.
+        """
+        opened = self._current(file, version)
+        try:
+            text = applied(opened.document.text, edits)
+        except ValueError as error:
+            raise StudioError(f'{file}: {error}') from error
+        if len(text) > MOST_BYTES:
+            raise StudioError(f'{file}: it would have more than {MOST_BYTES} characters; split it')
+        opened.document = document_for(file, text)
+        opened.version += 1
+        return opened
+
+    def gesture(self, file: str, version: int, name: str, arguments: dict[str, Any]) -> list[TextEdit]:
+        """Return the edits that carry out a gesture in a version of an open file, without applying them.
+
+        Raises ConflictError and StudioError as :meth:`edit`; GestureError if the gesture does not apply.
+        """
+        return self._current(file, version).document.gesture(name, arguments)
+
+    def save(self, file: str, version: int, *, over: str | None = None) -> OpenFile:
+        """Write a version of an open file to disk.
+
+        ``over`` is the identity (:attr:`OpenFile.disk`) of a text on disk that somebody else has written and that the
+        user has seen: it is overwritten.
+
+        Raises:
+            ConflictError: the file has another version, or was changed on disk.
+            StudioError: it cannot be written.
+        """
+        opened = self._current(file, version)
+        path = self.path(file)
+        on_disk = self._disk(file)
+        if on_disk not in (opened.disk, over):
+            raise ConflictError(f'{file} was changed on disk by another program; compare the two, then save again')
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_text(path, '\ufeff' * opened.has_mark + opened.document.text)
+        except OSError as error:
+            raise StudioError(f'{file} could not be written: {error.strerror}; nothing of it is lost here') from error
+        opened.disk = self._disk(file)
+        opened.saved_text = opened.document.text
+        return opened
+
+    def text(self, file: str) -> str:
+        """Return the text of a file: as edited if it is open, else as on disk. Raises StudioError."""
+        opened = self._open.get(file)
+        return self.text_on_disk(file)[0] if opened is None else opened.document.text
+
+    def text_on_disk(self, file: str) -> tuple[str, str]:
+        """Return the text that is on disk now, and its identity. Raises StudioError if it cannot be read."""
+        text, disk, _ = self._read(file)
+        return text, disk
+
+    def changed_on_disk(self) -> list[str]:
+        """Return the open files whose text on disk is no longer what was read or saved."""
+        return [file for file, opened in self._open.items() if self._disk(file) != opened.disk]
+
+    def texts(self) -> dict[str, str]:
+        """Return the texts of all open files by their path on disk."""
+        return {str(self.root / file): opened.document.text for file, opened in self._open.items()}
+
+    def _current(self, file: str, version: int) -> OpenFile:
+        opened = self._open.get(file)
+        if opened is None:
+            raise StudioError(f'{short_repr(file)} is not open{did_you_mean(file, list(self._open))}; open it first')
+        if version != opened.version:
+            raise ConflictError(f'{file}: this is for version {version}, and version {opened.version} is current')
+        return opened
+
+    def _read(self, file: str) -> tuple[str, str, bool]:
+        path = self.path(file)
+        try:
+            text = read_text(path, MOST_BYTES)
+            with path.open('rb') as content:
+                has_mark = content.read(3) == b'\xef\xbb\xbf'
+        except (TextFileError, OSError) as error:
+            raise StudioError(f'{file} cannot be read: {getattr(error, "strerror", None) or error}') from error
+        return text, _identity(text), has_mark
+
+    def _disk(self, file: str) -> str:
+        """Return the identity of the text on disk; '' if there is no file, or none that can be read as text."""
+        try:
+            return _identity(read_text(self.path(file), MOST_BYTES))
+        except TextFileError:
+            return ''
+
+
+def _identity(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _beginning(path: Path) -> str:
+    try:
+        with path.open('rb') as content:
+            return content.read(_BEGINNING).decode('utf-8', 'replace')
+    except OSError:
+        return ''

@@ -1,0 +1,235 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``flexbt-ls``: a language server for trees, machines and behaviors, over standard input and output.
+
+Diagnostics, completion, hover, definition, references, rename and quick fixes in any editor that speaks the language
+server protocol. It stands on the same documents as the page of the studio.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import unquote, urlsplit
+
+from lsprotocol import types as lsp
+from pygls.exceptions import JsonRpcException
+from pygls.lsp.server import LanguageServer
+from pygls.uris import from_fs_path
+
+from flexbt_core.behavior_tree.engine.registry import node_skills
+from flexbt_server.node_types import node_registry
+from flexbt_studio.documents.diagnostics import Finding, TreeChecker
+from flexbt_studio.documents.editor_help import Completion, Place, TreeHelp
+from flexbt_studio.documents.project import Project
+from flexbt_studio.documents.text import Lines, Span, TextEdit
+from flexbt_studio.errors import StudioError
+
+NAME: Final = 'flexbt-ls'
+VERSION: Final = '0.1.0'
+
+Handler = Callable[[Any, Any], Any]
+
+_KINDS: Final = {
+    'node': lsp.CompletionItemKind.Class,
+    'tree': lsp.CompletionItemKind.Module,
+    'port': lsp.CompletionItemKind.Property,
+    'key': lsp.CompletionItemKind.Variable,
+    'state': lsp.CompletionItemKind.Class,
+    'value': lsp.CompletionItemKind.Value,
+}
+_SEVERITIES: Final = {
+    'error': lsp.DiagnosticSeverity.Error,
+    'warning': lsp.DiagnosticSeverity.Warning,
+    'info': lsp.DiagnosticSeverity.Information,
+}
+
+
+class FlexbtLanguageServer(LanguageServer):
+    """The server of one editor, with the project of its first folder."""
+
+    def __init__(self) -> None:
+        super().__init__(NAME, VERSION)
+        notes: list[str] = []
+        self._notes = notes
+        self._registry = node_registry(lambda nodes, error: notes.append(f'without {nodes}: {error}'))
+        self._skills = node_skills(self._registry, notes.append)
+        self._use(Path.cwd())
+
+    def _use(self, root: Path) -> None:
+        self.project = Project(root)
+        self.checker = TreeChecker(self.project, self._registry, self._skills)
+        self.help = TreeHelp(self.project, self._registry)
+
+    def begin(self, parameters: lsp.InitializeParams) -> None:
+        """Take the first folder of the editor as the project, and tell what could not be loaded."""
+        folders = parameters.workspace_folders or []
+        root = folders[0].uri if folders else parameters.root_uri
+        if root:
+            self._use(_path(root))
+        for note in self._notes:
+            self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Warning, note))
+
+    def file(self, uri: str) -> str:
+        """Return the name of a file in the project. A file outside of it makes its folder the project."""
+        path = _path(uri)
+        if not path.resolve().is_relative_to(self.project.root):
+            self._use(path.resolve().parent)
+        return path.resolve().relative_to(self.project.root).as_posix()
+
+    def uri(self, file: str) -> str:
+        """Return the URI of a file of the project."""
+        uri = from_fs_path(str(self.project.root / file))
+        assert uri is not None
+        return uri
+
+    def range(self, file: str, span: Span) -> lsp.Range:
+        """Return a span as lines and columns."""
+        lines = Lines(self.project.text(file))
+        start, end = lines.position(span.start), lines.position(span.end)
+        return lsp.Range(lsp.Position(*start), lsp.Position(*end))
+
+    def offset(self, file: str, position: lsp.Position) -> int:
+        """Return the offset of a position."""
+        return Lines(self.project.text(file)).offset(position.line, position.character)
+
+    def edits(self, file: str, edits: Sequence[TextEdit]) -> list[lsp.TextEdit]:
+        """Return edits as the protocol has them."""
+        return [lsp.TextEdit(self.range(file, Span(one.start, one.end)), one.text) for one in edits]
+
+    def location(self, place: Place) -> lsp.Location:
+        """Return a place as the protocol has it."""
+        return lsp.Location(self.uri(place.file), self.range(place.file, place.span))
+
+    def show(self, uri: str, text: str, version: int | None) -> None:
+        """Take the text that the editor shows, and publish its diagnostics."""
+        file = self.file(uri)
+        self.project.adopt(file, text)
+        found = [self._diagnostic(file, one) for one in self.findings(file)]
+        self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(uri, found, version))
+
+    def findings(self, file: str) -> list[Finding]:
+        """Return the findings for an open file."""
+        return self.checker.findings(file) if self.project.open(file).document.language == 'xml' else []
+
+    def _diagnostic(self, file: str, finding: Finding) -> lsp.Diagnostic:
+        record = finding.record
+        message = record['message']
+        if record['fix'] and record['fix'] not in message:
+            message = f'{message}; {record["fix"]}'
+        return lsp.Diagnostic(
+            self.range(file, finding.span),
+            message,
+            _SEVERITIES.get(record['severity'], lsp.DiagnosticSeverity.Information),
+            code=record['rule'],
+            source='flexbt',
+        )
+
+
+def make_server() -> FlexbtLanguageServer:
+    """Return a server with all its features."""
+    server = FlexbtLanguageServer()
+
+    def feature(name: str, options: Any = None) -> Callable[[Handler], Handler]:
+        """Return a decorator that adds a feature. A refusal reaches the editor as its message, not as a fault."""
+
+        def add(handler: Handler) -> Handler:
+            @functools.wraps(handler)
+            def answer(ls: FlexbtLanguageServer, asked: Any) -> Any:
+                try:
+                    return handler(ls, asked)
+                except StudioError as error:
+                    raise JsonRpcException(str(error), lsp.LSPErrorCodes.RequestFailed) from error
+
+            server.feature(name, options)(answer)
+            return handler
+
+        return add
+
+    @feature(lsp.INITIALIZE)
+    def begin(ls: FlexbtLanguageServer, asked: lsp.InitializeParams) -> None:
+        ls.begin(asked)
+
+    @feature(lsp.TEXT_DOCUMENT_DID_OPEN)
+    def opened(ls: FlexbtLanguageServer, told: lsp.DidOpenTextDocumentParams) -> None:
+        ls.show(told.text_document.uri, told.text_document.text, told.text_document.version)
+
+    @feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
+    def changed(ls: FlexbtLanguageServer, told: lsp.DidChangeTextDocumentParams) -> None:
+        document = ls.workspace.get_text_document(told.text_document.uri)
+        ls.show(told.text_document.uri, document.source, told.text_document.version)
+
+    @feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
+    def closed(ls: FlexbtLanguageServer, told: lsp.DidCloseTextDocumentParams) -> None:
+        ls.project.close(ls.file(told.text_document.uri))
+        ls.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(told.text_document.uri, []))
+
+    @feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=['<', '{', '"', ' ']))
+    def complete(ls: FlexbtLanguageServer, asked: lsp.CompletionParams) -> lsp.CompletionList:
+        file = ls.file(asked.text_document.uri)
+        offset = ls.offset(file, asked.position)
+        found = [_item(ls, file, one) for one in ls.help.completions(file, offset)]
+        return lsp.CompletionList(is_incomplete=False, items=found)
+
+    @feature(lsp.TEXT_DOCUMENT_HOVER)
+    def hover(ls: FlexbtLanguageServer, asked: lsp.HoverParams) -> lsp.Hover | None:
+        file = ls.file(asked.text_document.uri)
+        found = ls.help.help(file, ls.offset(file, asked.position))
+        if found is None:
+            return None
+        return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, found.text), ls.range(file, found.span))
+
+    @feature(lsp.TEXT_DOCUMENT_DEFINITION)
+    def definition(ls: FlexbtLanguageServer, asked: lsp.DefinitionParams) -> lsp.Location | None:
+        file = ls.file(asked.text_document.uri)
+        found = ls.help.definition(file, ls.offset(file, asked.position))
+        return None if found is None else ls.location(found)
+
+    @feature(lsp.TEXT_DOCUMENT_REFERENCES)
+    def references(ls: FlexbtLanguageServer, asked: lsp.ReferenceParams) -> list[lsp.Location]:
+        file = ls.file(asked.text_document.uri)
+        return [ls.location(one) for one in ls.help.uses(file, ls.offset(file, asked.position))]
+
+    @feature(lsp.TEXT_DOCUMENT_RENAME)
+    def rename(ls: FlexbtLanguageServer, asked: lsp.RenameParams) -> lsp.WorkspaceEdit:
+        file = ls.file(asked.text_document.uri)
+        edits = ls.help.rename(file, ls.offset(file, asked.position), asked.new_name)
+        return lsp.WorkspaceEdit({ls.uri(one): ls.edits(one, changes) for one, changes in edits.items()})
+
+    @feature(lsp.TEXT_DOCUMENT_CODE_ACTION, lsp.CodeActionOptions([lsp.CodeActionKind.QuickFix]))
+    def fixes(ls: FlexbtLanguageServer, asked: lsp.CodeActionParams) -> list[lsp.CodeAction]:
+        file = ls.file(asked.text_document.uri)
+        start, end = ls.offset(file, asked.range.start), ls.offset(file, asked.range.end)
+        return [
+            lsp.CodeAction(
+                fix.title,
+                kind=lsp.CodeActionKind.QuickFix,
+                edit=lsp.WorkspaceEdit({asked.text_document.uri: ls.edits(file, fix.edits)}),
+            )
+            for one in ls.findings(file)
+            if one.span.start <= end and start <= one.span.end
+            for fix in one.fixes
+        ]
+
+    return server
+
+
+def _item(server: FlexbtLanguageServer, file: str, completion: Completion) -> lsp.CompletionItem:
+    return lsp.CompletionItem(
+        completion.label,
+        kind=_KINDS.get(completion.kind),
+        detail=completion.detail or None,
+        documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, completion.documentation),
+        text_edit=lsp.TextEdit(server.range(file, completion.span), completion.text),
+    )
+
+
+def _path(uri: str) -> Path:
+    return Path(unquote(urlsplit(uri).path))
+
+
+def main() -> int:
+    """Serve the editor that started this process until it ends it."""
+    make_server().start_io()
+    return 0

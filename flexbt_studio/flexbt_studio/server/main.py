@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The command ``studio``: serve the studio for a folder until it is ended."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+import shutil
+import subprocess
+import sys
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from flexbt_console.errors import UsageError
+from flexbt_console.ui.web.access import Access
+from flexbt_console.ui.web.server import run_web
+
+from .web_server import StudioServer, editor_folder
+from .workbench import Workbench
+
+
+def main() -> int:
+    """Run the command, and return its exit code: 0, or 2 if it cannot be done as written."""
+    parser = argparse.ArgumentParser('studio', description='Write, check, run and watch missions in a browser.')
+    parser.add_argument('folder', nargs='?', default='.', help='folder of the project (default: this one)')
+    parser.add_argument('--port', type=int, default=0, help='port of the page; 0 chooses a free one (default)')
+    parser.add_argument('--address', default='127.0.0.1', help='address to listen at (default: %(default)s)')
+    parser.add_argument(
+        '--get-editor',
+        action='store_true',
+        help='install the text editor CodeMirror by npm, in the versions and with the hashes of a lock file, and end',
+    )
+    options = parser.parse_args()
+    try:
+        if options.get_editor:
+            return get_editor()
+        folder = Path(options.folder)
+        if not folder.is_dir():
+            raise UsageError(f'{options.folder} is not a folder; name the folder of your mission')
+        access = Access.of(options.address, secrets.token_urlsafe(24))
+        editor = editor_folder()
+        if editor is None:
+            print('the text editor CodeMirror is not installed, a plain one is used: studio --get-editor', flush=True)
+        workbench = Workbench(folder)
+        for note in workbench.notes:
+            print(f'note: {note}', file=sys.stderr)
+        run_web(StudioServer(workbench, access, editor).application(), access, options.port, print_address)
+    except UsageError as error:
+        print(f'studio: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def print_address(address: str) -> None:
+    """Print the address of the page."""
+    print(f'the studio is at {address}  (Ctrl-C ends it)', flush=True)
+
+
+def get_editor() -> int:
+    """Install CodeMirror where :func:`.web_server.editor_folder` finds it. Return npm's exit code."""
+    npm = shutil.which('npm')
+    if npm is None:
+        raise UsageError('npm is not installed; install it, or do without: the studio has a plain text editor')
+    target = Path(sys.prefix if sys.prefix != sys.base_prefix else Path.home() / '.local', 'share', 'flexbt_studio')
+    target.mkdir(parents=True, exist_ok=True)
+    with as_file(files('flexbt_studio') / 'page') as page:
+        for name in ('package.json', 'package-lock.json'):
+            shutil.copy(page / name, target / name)
+    words = ['ci', '--ignore-scripts', '--no-audit', '--no-fund', '--omit=dev']
+    return subprocess.run([npm, *words], cwd=target, check=False).returncode  # noqa: S603

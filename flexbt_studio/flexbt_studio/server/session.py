@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The open pages: their requests, one after the other, and what they are told about edits of one another.
+
+Messages are JSON. A page sends ``{"id": 1, "method": "open", "arguments": {…}}`` and gets ``{"id": 1, "result": …}`` or
+``{"id": 1, "error": {"kind": "conflict", "message": "…"}}``. Events have no id: ``{"event": "edited", …}``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+import secrets
+import traceback
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from itertools import count
+from typing import Any, Final
+
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from flexbt_console.ui.web.access import Access, WrongTokens
+from flexbt_core.values.text import one_line
+from flexbt_studio.errors import ConflictError, GestureError, StudioError
+
+from .jobs import Jobs
+from .workbench import Workbench
+
+MESSAGE_BYTES: Final = 8 << 20
+"""Maximum size of a message of a page, bytes: a whole file of the greatest size fits."""
+MOST_WAITING: Final = 64
+"""Maximum number of requests of one page that wait; more are refused."""
+SEND_SECONDS: Final = 20.0
+HELLO_SECONDS: Final = 10.0
+CHECK_SECONDS: Final = 0.08
+"""Time without an edit after which a file is checked, s."""
+
+_LOGGER: Final = logging.getLogger(__name__)
+
+
+class Sessions:
+    """All open pages. They share a workbench, which is used on one thread."""
+
+    def __init__(self, workbench: Workbench) -> None:
+        self._workbench = workbench
+        self._pages: set[Page] = set()
+        self._thread = ThreadPoolExecutor(1, 'workbench')
+        self._checks: dict[str, asyncio.Task[None]] = {}
+        self._numbers = count(1)
+        self._instance = secrets.token_hex(8)
+        """What tells pages that the server, and with it what is not saved, is another one."""
+        self._jobs = Jobs(self.tell)
+
+    async def close(self) -> None:
+        """Cancel what is waiting, and end all jobs."""
+        await self._jobs.close()
+        self._thread.shutdown(wait=False, cancel_futures=True)
+        self._workbench.end()
+
+    async def serve(self, socket: web.WebSocketResponse) -> None:
+        """Answer the requests of a page until it ends. It has sent the token."""
+        page = Page(socket, next(self._numbers))
+        self._pages.add(page)
+        try:
+            await self._hear(page)
+        finally:
+            self._pages.discard(page)
+            self.tell({'event': 'pages', 'count': len(self._pages)})
+
+    async def _hear(self, page: Page) -> None:
+        await page.send({'event': 'welcome', 'page': page.number, 'instance': self._instance})
+        self.tell({'event': 'pages', 'count': len(self._pages)})
+        waiting: set[asyncio.Task[None]] = set()
+        async for message in page.socket:
+            if message.type is not WSMsgType.TEXT:
+                break
+            if len(waiting) >= MOST_WAITING:
+                await page.send({'error': {'kind': 'busy', 'message': 'too many requests are waiting'}})
+                continue
+            task = asyncio.create_task(self._answer(page, message.data))
+            waiting.add(task)
+            task.add_done_callback(waiting.discard)
+        for task in waiting:
+            task.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+
+    async def _answer(self, page: Page, text: str) -> None:
+        number: Any = None
+        try:
+            try:
+                asked = json.loads(text)
+                number, method, arguments = asked['id'], asked['method'], asked.get('arguments', {})
+                if not isinstance(method, str) or not isinstance(arguments, dict):
+                    raise TypeError
+            except (ValueError, TypeError, KeyError, RecursionError) as error:
+                raise StudioError('a request is {"id": …, "method": "…", "arguments": {…}}') from error
+            if method == 'start_job':
+                result: Any = await self._start_job(arguments)
+            elif method == 'cancel_job':
+                self._jobs.cancel(arguments.get('number', 0))
+                result = None
+            else:
+                result = await self._work(self._workbench.answer, method, arguments)
+            answer: dict[str, Any] = {'id': number, 'result': result}
+        except StudioError as error:
+            answer = {'id': number, 'error': {'kind': _kind(error), 'message': str(error)}}
+        except Exception as error:  # an internal fault: the user sees it, and goes on
+            _LOGGER.exception('fault in a request of the page')
+            told = one_line(traceback.format_exception_only(error)[-1])
+            answer = {'id': number, 'error': {'kind': 'fault', 'message': f'internal fault of the studio: {told}'}}
+        with contextlib.suppress(ConnectionError, TimeoutError):
+            await page.send(answer)
+        if 'result' in answer:
+            self._follow(page, method, arguments, answer['result'])
+
+    async def _start_job(self, arguments: dict[str, Any]) -> int:
+        try:
+            job, file, version = arguments['job'], arguments['file'], arguments['version']
+            copy = await self._work(
+                partial(self._workbench.job_copy, **{k: v for k, v in arguments.items() if k != 'version'})
+            )
+        except (KeyError, TypeError) as error:
+            raise StudioError(f'start_job: wrong arguments: {error}') from error
+        return self._jobs.start(job, file, version, copy)
+
+    def _follow(self, page: Page, method: str, arguments: dict[str, Any], result: Any) -> None:
+        """Tell the pages what a request has changed, and check what was opened or edited."""
+        file = str(arguments.get('file', ''))
+        if method == 'edit':
+            event = {'event': 'edited', 'file': file, 'version': result, 'edits': arguments['edits'], 'by': page.number}
+            self.tell(event, but=page)
+        if method in ('edit', 'open', 'create', 'save'):
+            self._check_soon(file)
+        if method in ('create', 'save', 'close'):
+            self.tell({'event': 'files_changed', 'file': file, 'what': method, 'by': page.number})
+
+    def _check_soon(self, file: str) -> None:
+        running = self._checks.pop(file, None)
+        if running is not None:
+            running.cancel()
+        self._checks[file] = asyncio.create_task(self._check(file))
+
+    async def _check(self, file: str) -> None:
+        """Check a file after a pause, and send its graph and its findings to all pages."""
+        await asyncio.sleep(CHECK_SECONDS)
+        try:
+            model = await self._work(self._workbench.model, file)
+            model.pop('text')
+            self.tell({'event': 'model', **model})
+            found = await self._work(self._workbench.findings, file)
+            self.tell({'event': 'findings', 'file': file, 'version': model['version'], 'findings': found})
+        except StudioError as error:
+            self.tell({'event': 'note', 'file': file, 'message': str(error)})
+        except Exception as error:  # a fault of a checker: the user sees it
+            _LOGGER.exception('fault in the check of %s', file)
+            self.tell(
+                {'event': 'note', 'file': file, 'message': f'internal fault of the checker: {one_line(str(error))}'}
+            )
+
+    async def _work(self, function: Any, *arguments: Any) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, partial(function, *arguments))
+
+    def tell(self, event: dict[str, Any], but: Page | None = None) -> None:
+        """Send an event to all pages, or to all others than ``but``. On the thread of the loop."""
+        for page in self._pages:
+            if page is not but:
+                page.post(event)
+
+
+class Page:
+    """The connection of an open page."""
+
+    def __init__(self, socket: web.WebSocketResponse, number: int) -> None:
+        self.socket = socket
+        self.number = number
+        self._sending = asyncio.Lock()
+        self._posted: set[asyncio.Task[None]] = set()
+
+    async def send(self, message: dict[str, Any]) -> None:
+        """Send a message; messages arrive in the order of the calls. Raises ConnectionError and TimeoutError."""
+        async with self._sending:
+            await asyncio.wait_for(self.socket.send_str(json.dumps(message, separators=(',', ':'))), SEND_SECONDS)
+
+    def post(self, event: dict[str, Any]) -> None:
+        """Send an event without waiting. A page that takes nothing is closed."""
+        task = asyncio.create_task(self._deliver(event))
+        self._posted.add(task)
+        task.add_done_callback(self._posted.discard)
+
+    async def _deliver(self, event: dict[str, Any]) -> None:
+        try:
+            await self.send(event)
+        except (ConnectionError, TimeoutError):
+            await self.socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'the page takes nothing')
+
+
+def _kind(error: StudioError) -> str:
+    return {ConflictError: 'conflict', GestureError: 'gesture'}.get(type(error), 'refused')
+
+
+async def is_welcome(socket: web.WebSocketResponse, access: Access, wrong: WrongTokens, source: str) -> bool:
+    """Return whether the first message of a page has the token. Nothing is sent before that."""
+    with contextlib.suppress(asyncio.TimeoutError, TypeError, ValueError, AttributeError):
+        hello = json.loads(await socket.receive_str(timeout=HELLO_SECONDS))
+        while wait := wrong.wait(source):
+            await asyncio.sleep(wait)
+        if 'hello' in hello and access.knows_token(hello['hello']):
+            return True
+        wrong.note(source)
+    await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
+    return False

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The web server of the studio: its page, the text editor's modules, and a WebSocket for each open page."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import os
+import sys
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+from aiohttp import web
+
+from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
+
+from .session import MESSAGE_BYTES, Sessions, is_welcome
+from .workbench import Workbench
+
+PING_SECONDS: Final = 10.0
+EDITOR_FOLDER: Final = 'FLEXBT_STUDIO_EDITOR'
+"""Environment variable: the folder ``node_modules`` that has CodeMirror."""
+
+_TYPES: Final = {'.html': 'text/html', '.css': 'text/css', '.js': 'text/javascript', '.svg': 'image/svg+xml'}
+_IMPORT_MAP: Final = '<!-- import map -->'
+
+
+class StudioServer:
+    """The server of the studio's pages for one project."""
+
+    def __init__(self, workbench: Workbench, access: Access, editor: Path | None) -> None:
+        self._access = access
+        self._wrong = WrongTokens()
+        self._sessions = Sessions(workbench)
+        self._modules = {} if editor is None else editor_modules(editor)
+        own = files('flexbt_studio') / 'page'
+        shared = files('flexbt_console.ui.web') / 'page'
+        self._files = {
+            one.name: (one.read_bytes(), _TYPES[Path(one.name).suffix])
+            for folder in (shared, own)
+            for one in folder.iterdir()
+            if Path(one.name).suffix in _TYPES
+        }
+        import_map = json.dumps({'imports': {name: f'/modules/{name}' for name in self._modules}})
+        script = f'<script type="importmap">{import_map}</script>'
+        page = self._files['studio.html'][0].decode().replace(_IMPORT_MAP, script if self._modules else '')
+        self._files[''] = page.encode(), 'text/html'
+        digest = base64.b64encode(hashlib.sha256(import_map.encode()).digest()).decode()
+        self._scripts = f"'self' 'sha256-{digest}'" if self._modules else "'self'"
+
+    def application(self) -> web.Application:
+        """Return a new aiohttp application that serves the page."""
+        application = web.Application(middlewares=[guard(self._access)], client_max_size=0)
+        application.on_cleanup.append(self._end)
+        application.router.add_get('/session', self._open)
+        application.router.add_get('/modules/{name:[a-z0-9@/-]+}', self._module)
+        application.router.add_get('/{name:[a-z_.]*}', self._file)
+        return application
+
+    async def _end(self, application: web.Application) -> None:
+        await self._sessions.close()
+
+    async def _file(self, request: web.Request) -> web.StreamResponse:
+        return self._answer(self._files.get(request.match_info['name']), request.host)
+
+    async def _module(self, request: web.Request) -> web.StreamResponse:
+        module = self._modules.get(request.match_info['name'])
+        return self._answer(None if module is None else (module.read_bytes(), 'text/javascript'), request.host)
+
+    def _answer(self, found: tuple[bytes, str] | None, host: str) -> web.Response:
+        if found is None:
+            raise web.HTTPNotFound(text='there is no such file')
+        headers = {
+            'Content-Security-Policy': (
+                f"default-src 'none'; script-src {self._scripts}; style-src 'self'; img-src 'self' data:; "
+                f"connect-src 'self' ws://{host} wss://{host}; "
+                "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+            ),
+            **CLOSED_HEADERS,
+            'Cache-Control': 'no-cache',
+        }
+        return web.Response(body=found[0], content_type=found[1], charset='utf-8', headers=headers)
+
+    async def _open(self, request: web.Request) -> web.StreamResponse:
+        socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
+        await socket.prepare(request)
+        if await is_welcome(socket, self._access, self._wrong, source_of(request.remote)):
+            await self._sessions.serve(socket)
+        return socket
+
+
+# CodeMirror's modules.
+
+
+def editor_folder() -> Path | None:
+    """Return the folder ``node_modules`` that has CodeMirror; None if it was not installed."""
+    given = os.environ.get(EDITOR_FOLDER)
+    places = [Path(given)] if given else [Path(sys.prefix, *_INSTALLED), Path.home().joinpath('.local', *_INSTALLED)]
+    return next((place for place in places if (place / '@codemirror' / 'view' / 'package.json').is_file()), None)
+
+
+_INSTALLED: Final = ('share', 'flexbt_studio', 'node_modules')
+
+
+def editor_modules(folder: Path) -> dict[str, Path]:
+    """Return the file of each module in a folder ``node_modules``, by its name in imports."""
+    found: dict[str, Path] = {}
+    for description in sorted([*folder.glob('*/package.json'), *folder.glob('@*/*/package.json')]):
+        package: dict[str, Any] = json.loads(description.read_text(encoding='utf-8'))
+        exports = package.get('exports')
+        entry = package.get('module') or (exports.get('import') if isinstance(exports, dict) else None)
+        if isinstance(entry, str):
+            found[description.parent.relative_to(folder).as_posix()] = description.parent / entry
+    return found

@@ -1,0 +1,263 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What the pages of the studio work on together: one project, its checker, its palette, and their requests.
+
+A request is a method of :class:`Workbench` that is marked :func:`request`; its arguments and its result are JSON
+values. Offsets in them count as :mod:`.page_text` says.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from flexbt_core.behavior_tree.engine.registry import node_skills
+from flexbt_core.behavior_tree.model.definition import NodeManifest
+from flexbt_core.errors import FlexbtError
+from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_server.node_types import node_registry
+from flexbt_studio.documents.diagnostics import Finding, TreeChecker
+from flexbt_studio.documents.document import Document, Problem
+from flexbt_studio.documents.editor_help import TreeHelp
+from flexbt_studio.documents.palette import node_types
+from flexbt_studio.documents.project import Project
+from flexbt_studio.documents.text import Lines
+from flexbt_studio.errors import StudioError
+
+from .jobs import JobCopy, new_folder
+from .layouts import Layouts
+from .page_text import PageText, shown
+
+_Request = TypeVar('_Request', bound=Callable[..., Any])
+_MARK: Final = '_is_request'
+
+
+def request(method: _Request) -> _Request:
+    """Mark a method of :class:`Workbench` that pages may call."""
+    setattr(method, _MARK, True)
+    return method
+
+
+class Workbench:
+    """One project and what is known about it. Used from one thread at a time."""
+
+    def __init__(self, root: str | Path) -> None:
+        self.project = Project(root)
+        self.notes: list[str] = []
+        """What could not be loaded when the studio started."""
+        self._registry = node_registry(lambda nodes, error: self.notes.append(f'without {nodes}: {error}'))
+        self._skills: SkillLibrary = node_skills(self._registry, self.notes.append)
+        self._layouts = Layouts()
+        self._checker = TreeChecker(self.project, self._registry, self._skills)
+        self._help = TreeHelp(self.project, self._registry)
+
+    def job_copy(
+        self,
+        job: str,
+        file: str,
+        tree: str = '',
+        require: Sequence[str] = (),
+        mock: Sequence[str] = (),
+        set: Sequence[str] = (),
+    ) -> JobCopy:
+        """Return the copy of the project for a job: ``prove``, ``compare`` (with what is on disk), or ``run``.
+
+        ``require`` are requirements of a proof, ``mock`` and ``set`` what leaves do and what the blackboard has in a
+        run, as the tools take them.
+        """
+        document = self.project.open(file).document
+        is_tree = document.language == 'xml'
+        if job not in ('prove', 'compare', 'run') or (job == 'run' and not is_tree):
+            raise StudioError(
+                f'{file}: there is no job {short_repr(job)} for it; there are prove, compare, and run for trees'
+            )
+        files = self._checker.files(file) if is_tree else [file]
+        texts = {one: self.project.text(one) for one in [*files, *self._others(files)]}
+        words = ['run' if job == 'run' else 'prove', *files, '--json']
+        if job == 'compare':
+            for one in files:
+                opened = self.project.open_files.get(one)
+                texts[f'before/{one}'] = self.project.text(one) if opened is None else opened.saved_text
+                words += ['--against', f'before/{one}']
+        words += ['--tree', tree] if tree and is_tree else []
+        for flag, values in (('--require', require), ('--mock', mock), ('--set', set)):
+            words += [word for value in values for word in (flag, str(value))]
+        nodes = self._checker.nodes(file, tree) if is_tree else {}
+        return JobCopy(new_folder(texts), 'bt_tool' if is_tree else 'behavior_tool', words, nodes)
+
+    def _others(self, files: Sequence[str]) -> list[str]:
+        """Return the other tree files of the project, which files may include."""
+        return [one['file'] for one in self.project.files() if one['kind'] == 'trees' and one['file'] not in files]
+
+    def end(self) -> None:
+        """End the processes that were started."""
+        self._layouts.close()
+
+    def answer(self, method: str, arguments: dict[str, Any]) -> Any:
+        """Return the result of a request.
+
+        Raises:
+            StudioError: there is no such request, its arguments are wrong, or it cannot be done.
+        """
+        called = getattr(self, method, None) if method.isidentifier() else None
+        if called is None or not hasattr(called, _MARK):
+            known = [name for name, member in inspect.getmembers(type(self)) if hasattr(member, _MARK)]
+            raise StudioError(f'there is no request {short_repr(method)}{did_you_mean(method, known)}')
+        try:
+            inspect.signature(called).bind(**arguments)
+        except TypeError as error:
+            raise StudioError(f'{method}: {error}') from error
+        try:
+            return called(**arguments)
+        except (TypeError, ValueError, KeyError, AttributeError) as error:
+            raise StudioError(f'{method}: wrong arguments: {error}') from error
+        except StudioError:
+            raise
+        except FlexbtError as error:
+            raise StudioError(str(error)) from error
+
+    @request
+    def hello(self) -> dict[str, Any]:
+        """Return what a page needs first: the name of the project, its files, and the palette."""
+        return {
+            'project': self.project.root.name,
+            'files': self.files(),
+            'node_types': node_types(self._registry),
+            'notes': self.notes,
+        }
+
+    @request
+    def files(self) -> list[dict[str, Any]]:
+        """Return the files of the project and of those that are open whether they are changed."""
+        opened = self.project.open_files
+        found = {one['file']: one for one in self.project.files()}
+        for file in opened:
+            found.setdefault(file, {'file': file, 'kind': opened[file].document.language})
+        return [
+            {**one, 'open': name in opened, 'changed': name in opened and opened[name].is_changed}
+            for name, one in sorted(found.items())
+        ]
+
+    @request
+    def open(self, file: str) -> dict[str, Any]:
+        """Open a file and return its text and graph."""
+        self.project.open(file)
+        return self.model(file)
+
+    @request
+    def create(self, file: str, text: str) -> dict[str, Any]:
+        """Open a new file with this text. It is on disk when it is saved."""
+        self.project.create(file, text)
+        return self.model(file)
+
+    @request
+    def close(self, file: str) -> None:
+        """Close a file and forget its unsaved edits."""
+        self.project.close(file)
+
+    @request
+    def model(self, file: str) -> dict[str, Any]:
+        """Return text, version, graph and gestures of an open file."""
+        opened = self.project.open(file)
+        document = opened.document
+        page = PageText(document.text)
+        return {
+            'file': file,
+            'language': document.language,
+            'version': opened.version,
+            'changed': opened.is_changed,
+            'text': shown(document.text),
+            'view': page.spans_to_page(self._view(document)),
+            'gestures': list(document.gestures()),
+            'problems': [self._problem(document, page, one) for one in document.problems],
+        }
+
+    @staticmethod
+    def _problem(document: Document, page: PageText, problem: Problem) -> dict[str, Any]:
+        line, column = Lines(document.text).position(problem.span.start)
+        span = [page.to_page(problem.span.start), page.to_page(problem.span.end)]
+        return {'message': problem.message, 'line': line + 1, 'column': column + 1, 'span': span}
+
+    def _view(self, document: Document) -> dict[str, Any]:
+        view = document.view()
+        for node in view.get('nodes', ()):
+            manifest: NodeManifest | None = self._registry.get(node['type'])
+            is_tree = node['tag'].startswith('SubTree')
+            node['kind'] = 'subtree' if is_tree else '' if manifest is None else manifest.kind.value
+        return view
+
+    @request
+    def layout(self, file: str, folded: list[str]) -> dict[str, Any]:
+        """Return the places of the states of a machine, with the containers at the ``folded`` paths closed."""
+        return self._layouts.machine(self.project.open(file).document.view().get('states', ()), folded)
+
+    @request
+    def findings(self, file: str) -> list[dict[str, Any]]:
+        """Return the checker's findings for an open file."""
+        document = self.project.open(file).document
+        page = PageText(document.text)
+        found = self._checker.findings(file) if document.language == 'xml' else []
+        return [self._finding(one, page) for one in found]
+
+    def _finding(self, finding: Finding, page: PageText) -> dict[str, Any]:
+        return {
+            **finding.record,
+            'path': finding.path,
+            'span': [page.to_page(finding.span.start), page.to_page(finding.span.end)],
+            'fixes': [{'title': fix.title, 'edits': page.edits_to_page(fix.edits)} for fix in finding.fixes],
+        }
+
+    @request
+    def edit(self, file: str, version: int, edits: list[Any]) -> int:
+        """Apply edits to a version of an open file, and return the new version. Raises ConflictError."""
+        page = PageText(self.project.open(file).document.text)
+        return self.project.edit(file, version, page.edits_from_page(edits)).version
+
+    @request
+    def gesture(self, file: str, version: int, name: str, arguments: dict[str, Any]) -> list[Any]:
+        """Return the edits that carry out a gesture, without applying them."""
+        edits = self.project.gesture(file, version, name, arguments)
+        return PageText(self.project.open(file).document.text).edits_to_page(edits)
+
+    @request
+    def completions(self, file: str, offset: int) -> list[dict[str, Any]]:
+        """Return what may stand at an offset of an open file of trees, the likeliest first."""
+        document = self.project.open(file).document
+        page = PageText(document.text)
+        found = self._help.completions(file, page.from_page(offset)) if document.language == 'xml' else []
+        return [{**one._asdict(), 'span': [page.to_page(one.span.start), page.to_page(one.span.end)]} for one in found]
+
+    @request
+    def trees(self, file: str) -> dict[str, str]:
+        """Return the file of each tree of the project by its ID. If several have an ID, that near ``file`` counts."""
+        return {id: place.file for id, place in self._help.trees(file).items()}
+
+    @request
+    def clip(self, file: str, part: str) -> str:
+        """Return the text of a node or state for the clipboard, without its indentation."""
+        clip: Callable[[str], str] | None = getattr(self.project.open(file).document, 'clip', None)
+        if clip is None:
+            raise StudioError(f'{file}: parts of this kind of file cannot be copied')
+        return shown(clip(part))
+
+    @request
+    def difference(self, file: str) -> list[str]:
+        """Return what a save would change on disk, as the lines of a unified diff."""
+        opened = self.project.open(file)
+        before = shown(opened.saved_text).splitlines()
+        return list(difflib.unified_diff(before, shown(opened.document.text).splitlines(), file, file, lineterm=''))
+
+    @request
+    def save(self, file: str, version: int, over: str = '') -> dict[str, Any]:
+        """Write a version of an open file to disk. Raises ConflictError if somebody else has changed it there."""
+        opened = self.project.save(file, version, over=over or None)
+        return {'version': opened.version, 'changed': opened.is_changed}
+
+    @request
+    def on_disk(self, file: str) -> dict[str, str]:
+        """Return the text that is on disk now, and its identity for ``save``."""
+        text, disk = self.project.text_on_disk(file)
+        return {'text': shown(text), 'disk': disk}

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``flexbt-ls`` over standard input and output, as an editor starts it."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+from lsprotocol import types as lsp
+from pygls.exceptions import JsonRpcException
+from pygls.lsp.client import LanguageClient
+
+from flexbt_studio.documents.text import Lines, TextEdit, applied
+from flexbt_testing.waiting import DEADLINE
+
+COMMAND = [sys.executable, '-c', 'from flexbt_studio.executables import language_server; language_server()']
+
+TREE = """\
+<root BTCPP_format="4">
+  <BehaviorTree ID="Main">
+    <Sequence>
+      <Wait wait_durations="1"/>
+      <SubTree ID="Drive" goal="{goal}"/>
+      <Script code="goal := 'goal'; x := goal"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+DRIVE = """\
+<root BTCPP_format="4">
+  <BehaviorTree ID="Drive">
+    <AlwaysSuccess name="drive ä😀"/>
+  </BehaviorTree>
+</root>
+"""
+
+
+class Editor:
+    """An editor with the files of a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.client = LanguageClient('test', '1')
+        self.diagnostics: dict[str, list[lsp.Diagnostic]] = {}
+        self._heard = asyncio.Event()
+
+        @self.client.feature(lsp.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
+        def heard(told: lsp.PublishDiagnosticsParams) -> None:
+            self.diagnostics[told.uri] = list(told.diagnostics)
+            self._heard.set()
+
+        @self.client.feature(lsp.WINDOW_LOG_MESSAGE)
+        def log(told: lsp.LogMessageParams) -> None:
+            pass
+
+    def uri(self, name: str) -> str:
+        return (self.folder / name).as_uri()
+
+    async def start(self) -> None:
+        await self.client.start_io(*COMMAND)
+        root = self.folder.as_uri()
+        await self.client.initialize_async(
+            lsp.InitializeParams(
+                lsp.ClientCapabilities(), workspace_folders=[lsp.WorkspaceFolder(root, self.folder.name)]
+            )
+        )
+        self.client.initialized(lsp.InitializedParams())
+
+    async def end(self) -> None:
+        await self.client.shutdown_async(None)
+        self.client.exit(None)
+        await self.client.stop()  # type: ignore[no-untyped-call]  # of pygls
+
+    async def show(self, name: str, text: str, version: int = 1) -> list[lsp.Diagnostic]:
+        """Open a text, or change it to this one, and return its diagnostics."""
+        self._heard.clear()
+        uri = self.uri(name)
+        if version == 1:
+            self.client.text_document_did_open(lsp.DidOpenTextDocumentParams(lsp.TextDocumentItem(uri, 'xml', 1, text)))
+        else:
+            change = lsp.TextDocumentContentChangeWholeDocument(text)
+            self.client.text_document_did_change(
+                lsp.DidChangeTextDocumentParams(lsp.VersionedTextDocumentIdentifier(version, uri), [change])
+            )
+        await self._heard.wait()
+        return self.diagnostics[uri]
+
+    def at(self, name: str, text: str, word: str, shift: int = 1) -> tuple[lsp.TextDocumentIdentifier, lsp.Position]:
+        """Return the place ``shift`` characters behind the beginning of a word."""
+        position = lsp.Position(*Lines(text).position(text.index(word) + shift))
+        return lsp.TextDocumentIdentifier(self.uri(name)), position
+
+
+def with_editor(folder: Path, story: Callable[[Editor], Awaitable[None]]) -> None:
+    async def run() -> None:
+        editor = Editor(folder)
+        async with asyncio.timeout(DEADLINE):
+            await editor.start()
+            await story(editor)
+            await editor.end()
+
+    asyncio.run(run())
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / 'main.xml').write_text(TREE, encoding='utf-8')
+    (tmp_path / 'drive.xml').write_text(DRIVE, encoding='utf-8')
+    return tmp_path
+
+
+def edited(text: str, edits: list[lsp.TextEdit]) -> str:
+    lines = Lines(text)
+
+    def offset(position: lsp.Position) -> int:
+        return lines.offset(position.line, position.character)
+
+    return applied(text, [TextEdit(offset(one.range.start), offset(one.range.end), one.new_text) for one in edits])
+
+
+def test_a_wrong_port_is_told_and_mended(folder: Path) -> None:
+    async def story(editor: Editor) -> None:
+        (found,) = await editor.show('main.xml', TREE)
+        assert 'wait_duration' in found.message
+        assert found.severity is lsp.DiagnosticSeverity.Error
+        assert found.range.start.line == 3
+        asked = lsp.CodeActionParams(
+            lsp.TextDocumentIdentifier(editor.uri('main.xml')), found.range, lsp.CodeActionContext([found])
+        )
+        (action,) = await editor.client.text_document_code_action_async(asked) or []
+        assert isinstance(action, lsp.CodeAction) and action.edit is not None and action.edit.changes is not None
+        mended = edited(TREE, list(action.edit.changes[editor.uri('main.xml')]))
+        assert mended == TREE.replace('wait_durations', 'wait_duration')
+        assert [one for one in await editor.show('main.xml', mended, 2) if one.severity == 1] == []
+
+    with_editor(folder, story)
+
+
+def test_what_is_known_about_a_place(folder: Path) -> None:
+    async def story(editor: Editor) -> None:
+        text = TREE.replace('wait_durations', 'wait_duration')
+        await editor.show('main.xml', text)
+        hover = await editor.client.text_document_hover_async(lsp.HoverParams(*editor.at('main.xml', text, '<Wait', 2)))
+        assert hover is not None and isinstance(hover.contents, lsp.MarkupContent)
+        assert 'wait_duration' in hover.contents.value
+        where = await editor.client.text_document_definition_async(
+            lsp.DefinitionParams(*editor.at('main.xml', text, 'Drive"'))
+        )
+        assert isinstance(where, lsp.Location) and where.uri == editor.uri('drive.xml')
+        assert where.range.start == lsp.Position(1, DRIVE.splitlines()[1].index('Drive'))
+        keys = await editor.client.text_document_completion_async(
+            lsp.CompletionParams(*editor.at('main.xml', text, '{goal}'))
+        )
+        assert isinstance(keys, lsp.CompletionList) and '{goal}' in [one.label for one in keys.items]
+        types = await editor.client.text_document_completion_async(
+            lsp.CompletionParams(*editor.at('main.xml', text, '<Wait'))
+        )
+        assert isinstance(types, lsp.CompletionList)
+        assert {'Wait', 'Sequence', 'SubTree'} <= {one.label for one in types.items}
+        ports = await editor.client.text_document_completion_async(
+            lsp.CompletionParams(*editor.at('main.xml', text, 'wait_duration', 0))
+        )
+        assert isinstance(ports, lsp.CompletionList) and 'server_timeout' in [one.label for one in ports.items]
+
+    with_editor(folder, story)
+
+
+def test_a_tree_is_renamed_in_all_files_and_a_key_in_values_and_scripts(folder: Path) -> None:
+    async def story(editor: Editor) -> None:
+        await editor.show('main.xml', TREE)
+        renamed = await editor.client.text_document_rename_async(
+            lsp.RenameParams(*editor.at('main.xml', TREE, 'Drive"'), 'DriveFar')
+        )
+        assert renamed is not None and renamed.changes is not None
+        changes = {uri: list(edits) for uri, edits in renamed.changes.items()}
+        assert edited(TREE, changes[editor.uri('main.xml')]) == TREE.replace('"Drive"', '"DriveFar"')
+        assert edited(DRIVE, changes[editor.uri('drive.xml')]) == DRIVE.replace('"Drive"', '"DriveFar"')
+        renamed = await editor.client.text_document_rename_async(
+            lsp.RenameParams(*editor.at('main.xml', TREE, '{goal}', 2), 'pose')
+        )
+        assert renamed is not None and renamed.changes is not None
+        text = edited(TREE, list(renamed.changes[editor.uri('main.xml')]))
+        assert text == TREE.replace('{goal}', '{pose}').replace(
+            "goal := 'goal'; x := goal", "pose := 'goal'; x := pose"
+        )
+        with pytest.raises(JsonRpcException, match='already'):
+            await editor.client.text_document_rename_async(
+                lsp.RenameParams(*editor.at('main.xml', TREE, 'Drive"'), 'Main')
+            )
+
+    with_editor(folder, story)
+
+
+def test_a_text_with_an_error_is_told_and_still_helped(folder: Path) -> None:
+    async def story(editor: Editor) -> None:
+        broken = TREE.replace('</Sequence>', '<')
+        found = await editor.show('main.xml', broken)
+        assert any(one.severity is lsp.DiagnosticSeverity.Error for one in found)
+        keys = await editor.client.text_document_completion_async(
+            lsp.CompletionParams(*editor.at('main.xml', broken, '{goal}'))
+        )
+        assert isinstance(keys, lsp.CompletionList) and keys.items
+        assert [one for one in await editor.show('main.xml', TREE, 2) if 'wait_duration' in one.message]
+
+    with_editor(folder, story)

@@ -1,0 +1,320 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The studio's server over its real HTTP and WebSocket: pages, edits, conflicts, jobs, and what it refuses."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+
+from flexbt_console.ui.web.access import Access
+from flexbt_console.ui.web.server import serving
+from flexbt_studio.server.web_server import StudioServer, editor_folder
+from flexbt_studio.server.workbench import Workbench
+from flexbt_testing.waiting import DEADLINE
+
+TREE = """\
+<root BTCPP_format="4">
+  <BehaviorTree ID="Main">
+    <Sequence>
+      <Fallback>
+        <Wait wait_duration="1"/>
+        <Spin/>
+      </Fallback>
+      <Inverter>
+        <AlwaysSuccess/>
+      </Inverter>
+      <SubTree ID="Other"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+OTHER = '<root BTCPP_format="4"><BehaviorTree ID="Other"><AlwaysSuccess name="ä"/></BehaviorTree></root>'
+TOKEN = 'a-token'  # noqa: S105
+
+
+class Refused(Exception):
+    """What the server answered instead of a result."""
+
+
+class Page:
+    """An open page."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self.socket = socket
+        self.events: list[dict[str, Any]] = []
+        self._asked = 0
+
+    async def ask(self, method: str, **arguments: Any) -> Any:
+        """Return the result of a request. Keep the events that arrive before it."""
+        self._asked += 1
+        await self.socket.send_json({'id': self._asked, 'method': method, 'arguments': arguments})
+        while True:
+            message = await self.socket.receive_json()
+            if message.get('id') != self._asked:
+                self.events.append(message)
+            elif 'error' in message:
+                raise Refused(message['error']['kind'], message['error']['message'])
+            else:
+                return message['result']
+
+    async def event(self, name: str, **fields: Any) -> dict[str, Any]:
+        """Return the next event of this name with these fields, also one that has arrived before."""
+        while True:
+            for one in self.events:
+                if one.get('event') == name and all(one.get(key) == value for key, value in fields.items()):
+                    self.events.remove(one)
+                    return one
+            self.events.append(await self.socket.receive_json())
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / 'main.xml').write_text(TREE)
+    (tmp_path / 'more').mkdir()
+    (tmp_path / 'more' / 'other.xml').write_text(OTHER)
+    return tmp_path
+
+
+def with_pages(folder: Path, story: Callable[..., Awaitable[None]], count: int = 1) -> None:
+    """Run a story with pages of a server for the folder."""
+
+    async def run() -> None:
+        access = Access('127.0.0.1', TOKEN)
+        server = StudioServer(Workbench(folder), access, editor_folder())
+        async with (
+            asyncio.timeout(DEADLINE),
+            serving(server.application(), '127.0.0.1', 0) as port,
+            aiohttp.ClientSession(f'http://127.0.0.1:{port}') as session,
+        ):
+            pages = [Page(await session.ws_connect('/session', max_msg_size=0)) for _ in range(count)]
+            for page in pages:
+                await page.socket.send_json({'hello': TOKEN})
+            await story(*pages, session) if 'session' in story.__annotations__ else await story(*pages)
+
+    asyncio.run(run())
+
+
+def test_an_edit_reaches_the_other_page_and_the_disk_only_by_a_save(folder: Path) -> None:
+    async def story(one: Page, other: Page) -> None:
+        opened = await one.ask('open', file='main.xml')
+        assert opened['text'] == TREE and opened['version'] == 1
+        await other.ask('open', file='main.xml')
+        place = TREE.index('"1"') + 1
+        assert await one.ask('edit', file='main.xml', version=1, edits=[[place, place + 1, '25']]) == 2
+        told = await other.event('edited', file='main.xml')
+        assert told['version'] == 2 and told['edits'] == [[place, place + 1, '25']]
+        with pytest.raises(Refused, match='version 2 is current') as refused:
+            await other.ask('edit', file='main.xml', version=1, edits=[[0, 0, 'x']])
+        assert refused.value.args[0] == 'conflict'
+        model = await other.event('model', version=2)
+        assert model['view']['nodes'][2]['attributes'][0]['value'] == '25'
+        assert (folder / 'main.xml').read_text() == TREE
+        difference = await one.ask('difference', file='main.xml')
+        assert [line for line in difference if line[0] in '+-'][2:] == [
+            '-        <Wait wait_duration="1"/>',
+            '+        <Wait wait_duration="25"/>',
+        ]
+        await other.ask('save', file='main.xml', version=2)
+        assert (folder / 'main.xml').read_text() == TREE.replace('"1"', '"25"')
+
+    with_pages(folder, story, 2)
+
+
+def test_what_somebody_else_wrote_is_not_overwritten(folder: Path) -> None:
+    async def story(page: Page) -> None:
+        await page.ask('open', file='main.xml')
+        await page.ask('edit', file='main.xml', version=1, edits=[[0, 0, '<!-- mine -->']])
+        theirs = TREE.replace('Spin', 'BackUp')
+        (folder / 'main.xml').write_text(theirs)
+        with pytest.raises(Refused, match='changed on disk'):
+            await page.ask('save', file='main.xml', version=2)
+        seen = await page.ask('on_disk', file='main.xml')
+        assert seen['text'] == theirs
+        (folder / 'main.xml').write_text(theirs + '\n')  # and again
+        with pytest.raises(Refused, match='changed on disk'):
+            await page.ask('save', file='main.xml', version=2, over=seen['disk'])
+        seen = await page.ask('on_disk', file='main.xml')
+        await page.ask('save', file='main.xml', version=2, over=seen['disk'])
+        assert (folder / 'main.xml').read_text() == '<!-- mine -->' + TREE
+
+    with_pages(folder, story)
+
+
+def test_line_breaks_and_a_byte_order_mark_stay(folder: Path) -> None:
+    written = ('\ufeff' + TREE.replace('\n', '\r\n')).encode()
+    (folder / 'main.xml').write_bytes(written)
+
+    async def story(page: Page) -> None:
+        opened = await page.ask('open', file='main.xml')
+        assert opened['text'] == TREE
+        node = next(one for one in opened['view']['nodes'] if one['type'] == 'Spin')
+        start, end = node['span']
+        assert TREE[start:end] == '<Spin/>'
+        edits = await page.ask(
+            'gesture',
+            file='main.xml',
+            version=1,
+            name='add_node',
+            arguments={'parent': node['parent'], 'index': 0, 'xml': '<AlwaysFailure/>'},
+        )
+        await page.ask('edit', file='main.xml', version=1, edits=edits)
+        await page.ask('save', file='main.xml', version=2)
+        expected = written.replace(b'        <Wait', b'        <AlwaysFailure/>\r\n        <Wait')
+        assert (folder / 'main.xml').read_bytes() == expected
+
+    with_pages(folder, story)
+
+
+def test_findings_come_after_an_edit_with_a_fix_and_look_into_other_files(folder: Path) -> None:
+    async def story(page: Page) -> None:
+        await page.ask('open', file='main.xml')
+        found = await page.event('findings', version=1)
+        assert [one for one in found['findings'] if one['severity'] == 'error'] == []
+        place = TREE.index('wait_duration') + len('wait_duration')
+        await page.ask('edit', file='main.xml', version=1, edits=[[place, place, 's']])
+        found = await page.event('findings', version=2)
+        (error,) = [one for one in found['findings'] if one['severity'] == 'error']
+        assert error['path'] == 'Main/0/0/0' and error['file'] == 'main.xml'
+        (fix,) = error['fixes']
+        await page.ask('edit', file='main.xml', version=2, edits=fix['edits'])
+        assert (await page.ask('model', file='main.xml'))['text'] == TREE
+        await page.ask('edit', file='main.xml', version=3, edits=[[TREE.index('Other'), TREE.index('Other') + 1, 'Z']])
+        found = await page.event('findings', version=4)
+        assert any('Zther' in one['message'] for one in found['findings'])
+
+    with_pages(folder, story)
+
+
+def test_a_proof_has_steps_at_nodes_and_a_cancelled_one_leaves_no_process(folder: Path) -> None:
+    async def story(page: Page) -> None:
+        await page.ask('open', file='main.xml')
+        asked = {'file': 'main.xml', 'version': 1, 'require': ['never =FAILURE']}
+        number = await page.ask('start_job', job='prove', **asked)
+        done = await page.event('job', number=number)
+        assert done['state'] == 'done', done
+        (found,) = [one for one in done['result'][0]['proofs'][0]['wrong'] if one['property'] == 'REQUIREMENT']
+        last = found['steps'][-1]['statuses']
+        assert {tuple(done['nodes'][path]): status for path, status in last.items()}[
+            ('main.xml', 'Main/0')
+        ] == 'FAILURE'
+        assert ['more/other.xml', 'Other/0'] in done['nodes'].values()
+        number = await page.ask('start_job', job='run', file='main.xml', version=1, mock=['*=FAILURE'])
+        ran = await page.event('job', number=number)
+        assert ran['result'][-1]['result'] == 'FAILURE' and ran['result'][0]['path'] in ran['nodes']
+        number = await page.ask('start_job', job='prove', **asked)
+        await page.ask('cancel_job', number=number)
+        assert (await page.event('job', number=number))['state'] == 'canceled'
+        assert children() == []
+
+    with_pages(folder, story)
+
+
+def children() -> list[str]:
+    """Return the command lines of the processes that this one has started and that are still there."""
+    found = []
+    for entry in Path('/proc').iterdir():
+        if entry.name.isdigit():
+            try:
+                parent = entry.joinpath('stat').read_text().rpartition(')')[2].split()[1]
+                line = entry.joinpath('cmdline').read_bytes().replace(b'\0', b' ').decode()
+            except OSError:
+                continue
+            if int(parent) == os.getpid() and 'flexbt_tools' in line:
+                found.append(line)
+    return found
+
+
+def test_a_comparison_tells_whether_an_edit_changes_what_the_tree_does(folder: Path) -> None:
+    async def story(page: Page) -> None:
+        await page.ask('open', file='main.xml')
+        spin = TREE.index('        <Spin/>\n')
+        await page.ask('edit', file='main.xml', version=1, edits=[[spin, spin, '        <!-- turn -->\n']])
+        number = await page.ask('start_job', job='compare', file='main.xml', version=2)
+        same = await page.event('job', number=number)
+        assert not any(one['differences'] for one in same['result'][0]['comparisons']), same
+        await page.ask('gesture', file='main.xml', version=2, name='remove', arguments={'node': 'Main/0/0/1'})
+        edits = await page.ask('gesture', file='main.xml', version=2, name='remove', arguments={'node': 'Main/0/0/1'})
+        await page.ask('edit', file='main.xml', version=2, edits=edits)
+        number = await page.ask('start_job', job='compare', file='main.xml', version=3)
+        other = await page.event('job', number=number)
+        assert any(one['differences'] for one in other['result'][0]['comparisons']), other
+
+    with_pages(folder, story)
+
+
+NONSENSE: list[tuple[str, dict[str, Any], str]] = [
+    ('opne', {}, "did you mean 'open'"),
+    ('_view', {}, 'no request'),
+    ('end', {}, 'no request'),
+    ('open', {}, 'missing'),
+    ('open', {'file': '../secret.xml'}, 'not in the project'),
+    ('open', {'file': '/etc/passwd'}, 'not in the project'),
+    ('open', {'file': 'link.xml'}, 'not in the project'),
+    ('open', {'file': 'a\0b'}, 'not in the project'),
+    ('open', {'file': 'missing.xml'}, 'cannot be read'),
+    ('open', {'file': 'more'}, 'more'),
+    ('open', {'file': 'latin.xml'}, 'not UTF-8'),
+    ('open', {'file': 3}, 'wrong arguments'),
+    ('create', {'file': 'main.xml', 'text': ''}, 'exists already'),
+    ('create', {'file': '../new.xml', 'text': ''}, 'not in the project'),
+    ('create', {'file': 'new.txt', 'text': ''}, 'not edited here'),
+    ('edit', {'file': 'main.xml', 'version': 1, 'edits': [[5, 2, 'x']]}, 'an edit is'),
+    ('edit', {'file': 'main.xml', 'version': 1, 'edits': [[0, 9, ''], [3, 4, '']]}, 'overlaps'),
+    ('edit', {'file': 'main.xml', 'version': 1, 'edits': 'x'}, 'an edit is'),
+    ('gesture', {'file': 'main.xml', 'version': 1, 'name': 'mvoe', 'arguments': {}}, "did you mean 'move'"),
+    ('gesture', {'file': 'main.xml', 'version': 1, 'name': 'move', 'arguments': {'node': 1}}, 'move'),
+    ('gesture', {'file': 'main.xml', 'version': 1, 'name': 'remove', 'arguments': {'node': 'Main/9'}}, 'Main/9'),
+    ('clip', {'file': 'main.xml', 'part': 'Main/9'}, 'Main/9'),
+    ('start_job', {'job': 'dance', 'file': 'main.xml', 'version': 1}, 'dance'),
+    ('start_job', {}, 'wrong arguments'),
+]
+
+
+def test_nonsense_is_refused_with_what_is_wrong_and_the_page_goes_on(folder: Path) -> None:
+    (folder / 'link.xml').symlink_to('/etc/hostname')
+    (folder / 'latin.xml').write_bytes(b'<root>\xe9</root>')
+
+    async def story(page: Page) -> None:
+        for method, arguments, message in NONSENSE:
+            with pytest.raises(Refused) as refused:
+                await page.ask(method, **arguments)
+            assert message in refused.value.args[1], (method, refused.value)
+            assert refused.value.args[0] != 'fault', (method, refused.value)
+        for text in ('', '[', '[]', '{"id": 1}', '{"id": 1, "method": 5}', '[' * 100_000, 'null'):
+            await page.socket.send_str(text)
+        assert (await page.ask('open', file='main.xml'))['text'] == TREE
+        assert (folder / 'main.xml').read_text() == TREE
+
+    with_pages(folder, story)
+
+
+def test_only_the_page_with_the_token_is_answered_and_nothing_else_is_served(folder: Path) -> None:
+    async def story(page: Page, session: aiohttp.ClientSession) -> None:
+        stranger = await session.ws_connect('/session')
+        await stranger.send_json({'hello': 'wrong'})
+        assert (await stranger.receive()).type is aiohttp.WSMsgType.CLOSE
+        for headers, status in (({'Origin': 'http://elsewhere.example'}, 403), ({'Host': 'elsewhere.example'}, 421)):
+            async with session.get('/', headers=headers) as answer:
+                assert answer.status == status
+        for path in ('/main.xml', '/../setup.py', '/modules/../package.json', '/modules/@codemirror', '/studio.py'):
+            async with session.get(path) as answer:
+                assert answer.status == 404, path
+        async with session.get('/') as answer:
+            policy = answer.headers['Content-Security-Policy']
+            assert answer.status == 200 and 'unsafe' not in policy and "default-src 'none'" in policy
+            page_text = await answer.text()
+        if editor_folder() is not None:
+            found = json.loads(page_text.partition('<script type="importmap">')[2].partition('</script>')[0])
+            for name, address in found['imports'].items():
+                async with session.get(address) as answer:
+                    assert answer.status == 200 and 'export' in await answer.text(), name
+        await page.ask('hello')
+
+    with_pages(folder, story)
