@@ -10,7 +10,8 @@ MINUTES ?= 20
 DEMO_3 = night_watch
 DEMO_4 = nav2_robot
 DEMO_5 = goals
-.PHONY: help setup demo test fuzz mutants lint bench conformance docs clean distclean
+PROJECT ?= flexbt_demo_behaviors
+.PHONY: help setup demo studio test fuzz mutants lint bench conformance docs clean distclean
 .NOTPARALLEL:
 
 help:  ## this text
@@ -29,6 +30,9 @@ setup:  ## install what is missing, build what has changed
 
 demo:  ## the demonstration: DEMO=1 (one tree), DEMO=2 (three trees under one HFSM), DEMO=3 (two robots on night watch), DEMO=4 (a robot of Nav2), DEMO=5 (a robot that plans); scripted when not in a terminal
 	@tools/workspace.sh run $(or $(DEMO_$(DEMO)),demo)
+
+studio:  ## the studio, for the trees and machines below PROJECT=flexbt_demo_behaviors
+	@tools/workspace.sh run studio $(PROJECT)
 
 test:  ## lint and all tests
 	@tools/workspace.sh test

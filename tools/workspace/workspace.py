@@ -6,15 +6,16 @@ from __future__ import annotations
 import compileall
 import os
 import re
+import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
 from workspace.build import Build
-from workspace.errors import WorkspaceError
+from workspace.errors import CommandError, WorkspaceError
 from workspace.layout import Layout
-from workspace.terminal import finish_logged, start_logged, step, stop_group
+from workspace.terminal import finish_logged, run_logged, start_logged, step, stop_group
 from workspace.underlay import clean_environment, detect
 from workspace.virtual_environment import VirtualEnvironment
 
@@ -55,6 +56,7 @@ class Workspace:
             self.venv.ensure(lock)
         self._build.ensure(lock, beside=self._compiled_loops)
         self._compile_modules()
+        self._get_text_editor(lock)
 
     @contextmanager
     def _compiled_loops(self, lock: int) -> Iterator[None]:
@@ -85,6 +87,33 @@ class Workspace:
             for package in self.layout.packages():
                 if package.is_python:
                     compileall.compile_dir(package.modules, quiet=2)
+
+    def _get_text_editor(self, lock: int) -> None:
+        """Get the text editor of the studio where npm is. Without it, or without a network, the studio has a plain one.
+
+        `studio --get-editor` does it, and leaves the lock file there when it has succeeded.
+        """
+        own = self.layout.root / 'flexbt_studio' / 'flexbt_studio' / 'page' / 'package-lock.json'
+        there = self.layout.venv / 'share' / 'flexbt_studio' / 'package-lock.json'
+        has_npm = shutil.which('npm', path=self.clean_environment.get('PATH')) is not None
+        if not (self.underlay.is_wheels and has_npm) or (there.exists() and there.read_bytes() == own.read_bytes()):
+            return
+        log = self.layout.log / 'setup-editor.log'
+        with step('text editor of the studio') as shown:
+            try:
+                run_logged(
+                    self.inside(['studio', '--get-editor']),
+                    log,
+                    shown=shown,
+                    what='getting the text editor',
+                    environment=self.environment,
+                    directory=self.layout.root,
+                    keep_open=[lock],
+                )
+            except CommandError as error:
+                if error.was_killed:
+                    raise
+                shown.outcome = f'not to be had, the studio has a plain one (see {log})'
 
     def inside(self, command: Sequence[str | Path]) -> list[str | Path]:
         """`command` as one that runs with everything of the workspace set up."""

@@ -67,4 +67,7 @@ def get_editor() -> int:
         for name in ('package.json', 'package-lock.json'):
             shutil.copy(page / name, target / name)
     words = ['ci', '--ignore-scripts', '--no-audit', '--no-fund', '--omit=dev']
-    return subprocess.run([npm, *words], cwd=target, check=False).returncode  # noqa: S603
+    code = subprocess.run([npm, *words], cwd=target, check=False).returncode  # noqa: S603
+    if code:
+        (target / 'package-lock.json').unlink()  # it stands for what is installed
+    return code
