@@ -32,8 +32,9 @@ export function panels(root, name, usual, narrow) {
     state.folded = [...all.keys()].filter((id) => saved.folded?.includes?.(id));
   }
 
-  // The share of a panel, or of the column that begins with it, which is called as the panel and a colon.
-  const shareOf = (id) => state.shares[id] ?? (Number(all.get(id)?.dataset.share) || 1);
+  // The share of a panel, or of the column that begins with it, which is called as the panel and a colon. Usually they
+  // are data-share and data-column of the panel.
+  const shareOf = (id) => state.shares[id] ?? (Number(id.endsWith(':') ? all.get(id.slice(0, -1)).dataset.column : all.get(id).dataset.share) || 1);
 
   function draw() {
     const focused = root.contains(document.activeElement) ? document.activeElement : null;

@@ -1,0 +1,298 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// What can be done in the graph, by keys, the list of commands, buttons, and drag: each is one gesture of the server.
+
+import {ask, choose} from './choice.js';
+import {outcomePath, partsOf} from './machine_drawing.js';
+
+const TEMPLATES = {
+  Tree: ['new_tree.xml', (name) => `<root BTCPP_format="4" main_tree_to_execute="${name}">\n  <BehaviorTree ID="${name}">\n    <Sequence>\n      <AlwaysSuccess/>\n    </Sequence>\n  </BehaviorTree>\n</root>\n`],
+  'State machine': ['new_machine.yaml', (name) => `# What this behavior is for.\nbehavior:\n  name: ${name}\nmachine:\n  outcomes: [finished, failed]\n  states:\n    Wait:\n      state: WaitState\n      parameters: {wait_time: 1.0}\n      transitions: {done: finished}\n`],
+};
+const escaped = (text) => text.replace(/[&<>"]/g, (letter) => ({'&': '&amp;', '<': '&lt;', '>': '&gt;', '"': '&quot;'})[letter]);
+
+// The XML of a new node: required outputs get the key of their name, required inputs are empty and marked by the checker.
+function snippet(entry) {
+  if (entry.kind === 'subtree') return `<SubTree ID="${escaped(entry.label)}"/>`;
+  const given = (entry.ports ?? []).filter((port) => port.required).map((port) => ` ${port.name}="${port.direction === 'output' ? `{${port.name}}` : ''}"`);
+  return `<${entry.label}${given.join('')}/>`;
+}
+
+const lastIndex = (path) => Number(path.slice(path.lastIndexOf('/') + 1));
+// The path of a node when another one is gone that was there before.
+function without(path, gone) {
+  const steps = path.split('/'), missing = gone.split('/'), depth = missing.length - 1;
+  if (steps.length > depth && missing.slice(0, depth).every((step, index) => steps[index] === step) && Number(steps[depth]) > Number(missing[depth])) steps[depth] = String(Number(steps[depth]) - 1);
+  return steps.join('/');
+}
+
+export class Actions {
+  // studio has file, part(path), select, told, clipboard, entries(), link.
+  constructor(studio) {
+    this.studio = studio;
+  }
+
+  get file() { return this.studio.file; }
+  get isTree() { return this.file?.language === 'xml'; }
+
+  // Carry out a gesture, and select what it is about.
+  async run(make, then = () => null, told = '') {
+    const {file} = this;
+    const change = await file.gesture(make);
+    if (!change) return false;
+    const path = then();
+    if (path !== null && file === this.file) this.studio.select(path, {isMoved: true});
+    if (told) this.studio.told(typeof told === 'function' ? told() : told);
+    return true;
+  }
+
+  now() { return this.studio.part(this.file.selected); }
+
+  // Trees.
+
+  // Insert XML at a place that is looked up when it is carried out. where: after, before or into.
+  insert(xml, what, where, target = null) {
+    let place = null;
+    return this.run(() => {
+      const part = this.studio.part(target ?? this.file.selected) ?? this.studio.part(this.file.view.trees[0]?.path);
+      if (!part) throw new Error('the file has no tree; add one to its text');
+      const isInto = where === 'into' || part.kind === 'tree' || part.parent.kind === 'tree';
+      place = isInto ? [part.path, part.children.length] : [part.parent.path, lastIndex(part.path) + Number(where === 'after')];
+      return ['add_node', {parent: place[0], index: place[1], xml}];
+    }, () => `${place[0]}/${place[1]}`, `${what} added`);
+  }
+
+  async add(where, entry = null, target = null) {
+    if (!this.file) return;
+    const chosen = entry ?? await choose(where === 'into' ? 'Add Child' : 'Add After', this.studio.entries());
+    if (!chosen) return;
+    if (!this.isTree) { await this.addState(where, chosen, target); return; }
+    if (await this.insert(snippet(chosen), chosen.label, where, target) && chosen.ports?.some((port) => port.required)) this.studio.told(`${chosen.label} added. Enter opens its properties`);
+  }
+
+  // Move the selected node: by -1 or 1 among its siblings, out of its parent, or into the sibling before it.
+  move(how) {
+    let to = null;
+    if (!this.isTree) return this.moveState(how);
+    return this.run(() => {
+      const part = this.now(), {parent} = part ?? {};
+      let target = null;
+      if (!part || part.kind !== 'node') throw new Error('a tree cannot be moved; select a node');
+      const index = lastIndex(part.path), rows = parent.children;
+      if (how === 'out') {
+        if (parent.kind === 'tree' || parent.parent.kind === 'tree') throw new Error('the root of a tree has no siblings; wrap it first');
+        to = [parent.parent.path, lastIndex(parent.path) + 1];
+      } else if (how === 'into') {
+        const before = [...rows.slice(0, index).reverse(), ...rows.slice(index + 1)].find((one) => this.hasRoom(one));
+        if (!before) throw new Error(`${part.title} has no sibling that can have one more child`);
+        target = before.path;
+        to = [without(before.path, part.path), lastIndex(before.path) < index ? before.children.length : 0];
+      } else {
+        if (!rows[index + how]) throw new Error(`${part.title} is the ${how < 0 ? 'first' : 'last'} child already`);
+        to = [parent.path, index + how];
+      }
+      return ['move', {node: part.path, parent: target ?? to[0], index: to[1]}];
+    }, () => `${to[0]}/${to[1]}`, () => { const part = this.now(); return `${part.title}: ${lastIndex(part.path) + 1} of ${part.parent.children.length} in ${part.parent.title}`; });
+  }
+
+  // Move a node to a place beside or in another one, or copy what is dragged from the palette there.
+  drop(from, to, zone, entry) {
+    if (from === null) { this.add(zone, entry, to); return; }
+    if (!this.isTree) { const [state, outcome] = partsOf(from); this.run(() => ['set_target', {state, outcome, target: this.studio.part(to).data.label}]); return; }
+    let place = null;
+    this.run(() => {
+      const part = this.studio.part(from), target = this.studio.part(to);
+      const isInto = zone === 'into' || target.kind === 'tree';
+      const parent = isInto ? target : target.parent, others = parent.children.filter((one) => one !== part);
+      const index = isInto ? others.length : others.indexOf(target) + Number(zone === 'after');
+      place = [without(parent.path, from), index];
+      return ['move', {node: from, parent: parent.path, index}];
+    }, () => `${place[0]}/${place[1]}`, 'moved');
+  }
+
+  // Where an item may be dropped.
+  zones(from, to) {
+    const target = this.studio.part(to), part = from === null ? null : this.studio.part(from);
+    if (!target || from === to) return [];
+    if (!this.isTree) {
+      if (from === null) return ['into'];
+      return part?.kind === 'outcome' && target.kind === 'state' && target.data.parent === part.data.parent ? ['into'] : [];
+    }
+    if (part && (part.kind !== 'node' || to.startsWith(`${from}/`))) return [];
+    return [...(target.kind === 'node' && target.parent.kind !== 'tree' && this.hasRoom(target.parent, part) ? ['before', 'after'] : []), ...(this.hasRoom(target, part) ? ['into'] : [])];
+  }
+
+  // Whether a node can have one more child, or the one that it has among others.
+  hasRoom(target, part = null) {
+    const most = target.kind === 'tree' ? 1 : target.data.kind === 'subtree' ? 0 : this.studio.typeOf(target.data)?.children?.[1] ?? Infinity;
+    return target.children.filter((one) => one !== part).length < most;
+  }
+
+  async wrap() {
+    const part = this.now();
+    if (!this.isTree || part?.kind !== 'node') { this.studio.told('Select a node to wrap it', 'warning'); return; }
+    const chosen = await choose(`Wrap ${part.title} in`, this.studio.entries().filter((one) => ['control', 'decorator'].includes(one.kind)));
+    if (!chosen) return;
+    const values = Object.fromEntries((chosen.ports ?? []).filter((port) => port.required).map((port) => [port.name, '']));
+    await this.run(() => ['wrap', {node: part.path, xml_type: chosen.label, values}], () => part.path, `${part.title} wrapped in ${chosen.label}`);
+  }
+
+  unwrap() { const part = this.now(); return this.run(() => ['unwrap', {node: this.file.selected}], () => this.file.selected, `${part?.title}: its children took its place`); }
+
+  async setType() {
+    const part = this.now();
+    if (!this.isTree || part?.kind !== 'node') return;
+    const chosen = await choose(`Change ${part.data.type} to`, this.studio.entries());
+    if (!chosen) return;
+    const keep = chosen.ports && chosen.kind !== 'subtree' ? chosen.ports.map((port) => port.name) : null;
+    const form = chosen.kind === 'subtree' ? 'SubTree' : part.data.tag === 'SubTree' ? '' : null;
+    await this.run(() => ['set_type', {node: part.path, type: chosen.label, keep, form}], () => part.path, `changed to ${chosen.label}`);
+  }
+
+  async remove() {
+    const part = this.now();
+    if (!part) return;
+    if (!this.isTree) { await this.removeState(part); return; }
+    if (part.kind === 'tree') {
+      if (this.file.view.trees.length < 2) { this.studio.told('The only tree of a file cannot be removed', 'warning'); return; }
+      await this.run(() => ['remove_tree', {id: part.data.id}], () => this.file.view.trees[0].path, `tree ${part.data.id} removed`);
+      return;
+    }
+    await this.run(() => ['remove', {node: part.path}], () => {
+      const parent = this.studio.part(part.parent.path);
+      return (parent.children[lastIndex(part.path)] ?? parent.children.at(-1) ?? parent).path;
+    }, `${part.title} removed`);
+  }
+
+  async rename() {
+    const part = this.now();
+    if (!part) return;
+    const isState = part.kind === 'state', old = isState ? part.data.label : part.kind === 'tree' ? part.data.id : part.kind === 'node' ? part.data.name : null;
+    if (old === null) return;
+    const name = await ask(`Rename ${part.title}`, old, part.kind === 'tree' ? 'Sub-trees of this file follow the new name.' : isState ? 'Transitions to it follow the new label.' : 'The name of this node in logs and in the graph; leave the dialog with Esc to keep it.');
+    if (name === null || name === old) return;
+    if (isState) await this.renameState(part, name);
+    else if (part.kind === 'tree') await this.run(() => ['rename_tree', {id: part.data.id, new: name}], () => this.file.view.trees.find((one) => one.id === name)?.path ?? null, `renamed to ${name}`);
+    else await this.run(() => ['set_value', {node: part.path, name: 'name', value: name}], () => part.path, `renamed to ${name}`);
+  }
+
+  async extract() {
+    const part = this.now();
+    if (!this.isTree || part?.kind !== 'node') return;
+    const id = await ask(`Make a tree of ${part.title}`, '', 'ID of the new tree. A sub-tree takes the place of the node.');
+    if (id) await this.run(() => ['extract', {node: part.path, id}], () => part.path, `extracted into the tree ${id}`);
+  }
+
+  inline() { const {selected} = this.file; return this.run(() => ['inline', {node: selected}], () => selected, 'the sub-tree is in its place now'); }
+
+  // Go to the tree that a sub-tree runs, also in another file.
+  async define() {
+    const part = this.now(), {file} = this;
+    if (part?.kind !== 'node' || part.data.kind !== 'subtree') {
+      if (part) this.studio.revealText(part.span);
+      return;
+    }
+    const own = file.view.trees.find((one) => one.id === part.data.type);
+    const owner = own ? file.name : (await this.studio.link.request('trees', {file: file.name}))[part.data.type];
+    if (!owner) { this.studio.told(`No tree [${part.data.type}] is in this project`, 'warning'); return; }
+    await this.studio.go(owner, (view) => view.trees.find((one) => one.id === part.data.type)?.path, {isJump: true});
+    this.studio.told(`Tree ${part.data.type}; Alt+Left goes back`);
+  }
+
+  // The clipboard has text.
+
+  async copy() {
+    const part = this.now();
+    if (!part || part.kind === 'tree' || part.kind === 'outcome') { this.studio.told('Select a node or a state to copy it', 'warning'); return ''; }
+    try {
+      await this.file.settled();
+      const text = await this.studio.link.request('clip', {file: this.file.name, part: part.path});
+      this.studio.clipboard = text;
+      navigator.clipboard?.writeText(text).catch(() => {});  // not allowed: it is pasted within the studio only
+      this.studio.told(`${part.title} copied as text`);
+      return text;
+    } catch (refusal) {
+      this.studio.told(refusal.message, 'error');
+      return '';
+    }
+  }
+
+  async cut() { if (await this.copy()) await this.remove(); }
+
+  async paste(where, text = null) {
+    const xml = text ?? (await navigator.clipboard?.readText().catch(() => '') || this.studio.clipboard);
+    if (!xml?.trim()) { this.studio.told('The clipboard is empty: c copies a node', 'warning'); return; }
+    if (this.isTree) await this.insert(xml, 'clipboard', where);
+    else this.studio.told('States are pasted in the text', 'warning');
+  }
+
+  // Machines.
+
+  async addState(where, entry, target) {
+    const part = this.studio.part(target) ?? this.now() ?? this.studio.part(this.file.view.states[0]?.path);
+    const state = part.kind === 'outcome' ? this.studio.part(part.data.path) : part;
+    const isContainer = !['state', 'behavior'].includes(state.data.kind), parent = isContainer && (where === 'into' || state.data.parent === null) ? state : state.parent;
+    const taken = new Set(parent.children.filter((one) => one.kind === 'state').map((one) => one.data.label));
+    let usual = entry.label.replace(/State$/, ''), count = 2;
+    while (taken.has(usual)) { usual = entry.label.replace(/State$/, '') + count; count += 1; }
+    const label = await ask(`Label of the new ${entry.label}`, usual);
+    if (!label) return;
+    const end = parent.data.outcomes.at(-1) ?? '';
+    const transitions = Object.fromEntries((entry.outcomes ?? []).map((outcome) => [outcome, parent.data.outcomes.includes(outcome) ? outcome : end]));
+    const parameters = Object.fromEntries((entry.parameters ?? []).filter((one) => one.required).map((one) => [one.name, '']));
+    await this.run(() => ['add_state', {parent: parent.path, label, type: entry.stateType ?? entry.label, parameters, transitions, kind: entry.stateKind ?? 'state'}], () => `${parent.path.replace(/\/$/, '')}/${label}`, `${label} added`);
+  }
+
+  moveState(how) {
+    const part = this.now();
+    if (part?.kind !== 'state' || typeof how !== 'number') return Promise.resolve(false);
+    const rows = part.parent?.children.filter((one) => one.kind === 'state') ?? [];
+    return this.run(() => { const index = rows.indexOf(part) + how; return rows[index] ? ['move_state', {state: part.path, index}] : null; }, () => part.path, 'moved');
+  }
+
+  async removeState(part) {
+    if (part.kind === 'outcome') { await this.run(() => ['set_target', {state: part.data.path, outcome: part.way.outcome, target: null}], () => part.data.path, `transition ${part.way.outcome} removed`); return; }
+    const pointing = part.parent?.children.some((one) => one.kind === 'state' && one !== part && one.data.transitions.some((way) => way.target === part.data.label));
+    const instead = pointing ? await choose(`Transitions lead to ${part.title}. Where do they lead instead?`, this.targets(part)) : null;
+    if (!pointing || instead) await this.run(() => ['remove_state', {state: part.path, instead: instead?.label ?? null}], () => part.parent.path, `${part.title} removed`);
+  }
+
+  renameState(part, label) { return this.run(() => ['rename_state', {state: part.path, label}], () => `${part.parent.path.replace(/\/$/, '')}/${label}`, `renamed to ${label}`); }
+  setInitial() { const part = this.now(); return this.run(() => ['set_initial', {state: part.path}], () => part.path, `${part.title} is the initial state`); }
+
+  targets(part) {
+    return [
+      ...part.parent.children.filter((one) => one.kind === 'state' && one !== part).map((one) => ({label: one.data.label, detail: one.data.type || one.data.kind})),
+      ...part.parent.data.outcomes.map((label) => ({label, detail: `outcome of ${part.parent.title}`})),
+    ];
+  }
+
+  // Choose where an outcome of a state leads.
+  async target(path, outcome) {
+    const part = this.studio.part(path);
+    const entry = this.studio.typeOf(part.data), open = (entry?.outcomes ?? part.data.outcomes).filter((one) => !part.data.transitions.some((way) => way.outcome === one));
+    const from = outcome ?? (await choose(`Outcome of ${part.title}`, open.map((label) => ({label})), {free: (label) => ({label, detail: 'as typed'})}))?.label;
+    if (!from) return;
+    const chosen = await choose(`${part.title}: target of ${from}`, [...this.targets(part), {label: part.data.label, detail: 'itself'}]);
+    if (chosen) await this.run(() => ['set_target', {state: path, outcome: from, target: chosen.label}], () => outcomePath(path, from), `${from} leads to ${chosen.label}`);
+  }
+
+  async addOutcome() {
+    const part = this.now(), outcome = part && await ask(`New outcome of ${part.title}`, '');
+    if (outcome) await this.run(() => ['add_outcome', {container: part.path, outcome}], () => part.path, `outcome ${outcome} added`);
+  }
+
+  // Files.
+
+  async create() {
+    const examples = this.studio.entries('xml').filter((one) => one.example).map((one) => ({...one, detail: `example of ${one.label}`, label: `Tree with ${one.label}`, example: one.example}));
+    const kind = await choose('New file from', [...Object.keys(TEMPLATES).map((label) => ({label, detail: 'small template'})), ...examples]);
+    if (!kind) return;
+    const [usual, template] = TEMPLATES[kind.label] ?? TEMPLATES.Tree;
+    const name = await ask('Name of the new file', usual, 'It is on disk when it is saved.');
+    if (!name) return;
+    const id = name.replace(/^.*\//, '').replace(/\.\w+$/, '').replace(/(?:^|[^A-Za-z0-9]+)(\w?)/g, (_, letter) => letter.toUpperCase()) || 'Main';
+    let text = template(id);
+    if (kind.example) text = kind.example.includes('<root') ? kind.example : text.replace(/ {4}<Sequence>[^]*<\/Sequence>\n/, `${kind.example.trim().replace(/^/gm, '    ')}\n`);
+    await this.studio.create(name, text);
+  }
+}

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Elements, and a dialog that asks for one of many: type to search, arrows to choose, Enter to take it.
+
+const NAMESPACE = 'http://www.w3.org/2000/svg';
+const MOST_SHOWN = 200;
+
+function filled(made, attributes, parts) {
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith('on')) made.addEventListener(key.slice(2), value);
+    else if (value !== null && value !== undefined && value !== false) made.setAttribute(key, value === true ? '' : value);
+  }
+  made.append(...parts);
+  return made;
+}
+export const html = (name, attributes = {}, ...parts) => filled(document.createElement(name), attributes, parts);
+export const svg = (name, attributes = {}, ...parts) => filled(document.createElementNS(NAMESPACE, name), attributes, parts);
+export const byId = (id) => document.getElementById(id);
+
+// How well a text answers a search: 0 not at all. All words have to be in it; a beginning counts most, then letters in order.
+export function likeness(text, wanted) {
+  const low = text.toLowerCase();
+  let sum = 1;
+  for (const word of wanted.toLowerCase().split(/\s+/).filter(Boolean)) {
+    const at = low.indexOf(word);
+    if (at === 0) sum += 30;
+    else if (at > 0) sum += /\W/.test(low[at - 1]) ? 20 : 10;
+    else {
+      let from = 0;
+      for (const letter of word) { from = low.indexOf(letter, from) + 1; if (!from) return 0; }
+      sum += 1;
+    }
+  }
+  return sum - text.length / 1000;
+}
+
+export function search(options, wanted) {
+  if (!wanted.trim()) return options;
+  return options.map((one) => [Math.max(likeness(one.label, wanted), 0.4 * likeness(`${one.label} ${one.detail ?? ''} ${one.words ?? ''}`, wanted)), one])
+    .filter(([value]) => value > 0.4).sort(([a], [b]) => b - a).map(([, one]) => one);
+}
+
+// Ask for one of the options [{label, detail, keys, help}]. free(text) makes an option of what was typed, or null. Resolves to
+// the option, or null if the dialog is left.
+export function choose(title, options, {free = () => null, text = '', note = ''} = {}) {
+  const dialog = byId('choice'), field = byId('choice-field'), list = byId('choice-list'), help = byId('choice-help');
+  if (dialog.open) dialog.close();
+  const before = document.activeElement;
+  let found = [], at = 0;
+  byId('choice-title').textContent = title;
+  byId('choice-note').textContent = note;
+  field.value = text;
+
+  function mark() {
+    [...list.children].forEach((line, index) => line.setAttribute('aria-selected', String(index === at)));
+    const line = list.children[at];
+    field.setAttribute('aria-activedescendant', line?.id ?? '');
+    line?.scrollIntoView({block: 'nearest'});
+    help.textContent = found[at]?.help ?? '';
+    help.hidden = !help.textContent;
+  }
+  function draw() {
+    const own = field.value.trim() ? free(field.value.trim()) : null;
+    found = search(options, field.value).slice(0, MOST_SHOWN);
+    if (own && !found.some((one) => one.label === own.label)) found.push(own);
+    at = 0;
+    list.replaceChildren(...found.map((one, index) => html('li', {role: 'option', id: `choice-${index}`, onclick: () => finish(one)},
+      html('span', {}, one.label), html('span', {class: 'hint'}, one.detail ?? ''), ...(one.keys ? [html('kbd', {}, one.keys)] : []))));
+    if (!found.length) list.append(html('li', {class: 'hint', role: 'option', 'aria-disabled': 'true'}, 'Nothing matches.'));
+    mark();
+  }
+  let finish;
+  return new Promise((resolve) => {
+    finish = (one) => { if (dialog.open) { field.oninput = field.onkeydown = null; dialog.onclose = null; dialog.close(); } if (before?.isConnected) before.focus(); resolve(one); };
+    field.oninput = draw;
+    field.onkeydown = (event) => {
+      const last = found.length - 1;
+      const to = {ArrowDown: Math.min(at + 1, last), ArrowUp: Math.max(at - 1, 0), PageDown: Math.min(at + 10, last), PageUp: Math.max(at - 10, 0)}[event.key];
+      if (to !== undefined) { at = to; mark(); event.preventDefault(); }
+      if (event.key === 'Enter') { event.preventDefault(); if (found[at]) finish(found[at]); }
+      event.stopPropagation();
+    };
+    dialog.onclose = () => finish(null);
+    draw();
+    dialog.showModal();
+    field.select();
+  });
+}
+
+// Ask for a text. Resolves to it, or to null.
+export async function ask(title, text, note = '') {
+  const chosen = await choose(title, [], {free: (typed) => ({label: typed, detail: ''}), text, note});
+  return chosen ? chosen.label : null;
+}

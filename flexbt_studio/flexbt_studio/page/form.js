@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The form of the selected node, tree or state. Each field is an edit of the text, made when it is left or at Enter.
+
+import {byId, choose, html} from './choice.js';
+import {portHelp} from './palette.js';
+
+const CONDITIONS = {_skipIf: 'skip the node if true', _successIf: 'succeed without a tick if true', _failureIf: 'fail without a tick if true', _while: 'tick only while true', _onSuccess: 'run after success', _onFailure: 'run after failure', _onHalted: 'run after a halt', _post: 'run after every end'};
+const LEVELS = ['off', 'low', 'high', 'full'];
+
+export class Form {
+  // on.gesture(name, args), on.act(id) runs a command, on.typeOf(node), on.keys() lists keys, on.problems(path), on.leave().
+  constructor(on) {
+    this.on = on;
+    this.root = byId('form');
+    this.root.addEventListener('submit', (event) => event.preventDefault());
+    this.root.addEventListener('keydown', (event) => {
+      const field = event.target.closest('[data-field]');
+      if (event.key === 'Escape') { event.preventDefault(); event.stopPropagation(); if (field) { field.value = field.dataset.was; } on.leave(); }
+      if (event.key === 'Enter' && field?.tagName === 'INPUT') { event.preventDefault(); this.commit(field); }
+      if (event.key === ' ' && event.ctrlKey && field) { event.preventDefault(); this.complete(field); }
+    });
+    this.root.addEventListener('change', (event) => { const field = event.target.closest('[data-field]'); if (field) this.commit(field); });
+  }
+
+  commit(field) {
+    if (field.value === field.dataset.was) return;
+    field.dataset.was = field.value;
+    this.setters.get(field.dataset.field)?.(field.value);
+  }
+
+  async complete(field) {
+    const at = field.selectionStart ?? 0;
+    const found = await choose(`Value for ${field.dataset.label}`, this.words.get(field.dataset.field)?.() ?? this.on.keys().map((key) => ({label: `{${key}}`, detail: 'key of the blackboard'})), {free: (text) => ({label: text, detail: 'as typed'})});
+    const now = this.root.querySelector(`[data-field="${CSS.escape(field.dataset.field)}"]`);
+    if (!now) return;
+    now.focus();
+    if (!found) { now.setSelectionRange?.(at, at); return; }
+    now.value = found.label;
+    this.commit(now);
+  }
+
+  focus() {
+    const first = this.root.querySelector('[data-field].invalid, [data-field][data-first]') ?? this.root.querySelector('[data-field]');
+    first?.focus();
+    first?.select?.();
+  }
+
+  // Show a part of the graph. If it is as it was, the fields stay as they are; what is being typed is kept in any case.
+  show(part, extra = '') {
+    const key = JSON.stringify([part && [part.kind, part.path, part.data, part.problems, part.locked], extra]);
+    if (key === this.key) return;
+    const isSame = part?.path === this.path, active = document.activeElement;
+    const typed = isSame && active?.dataset?.field && this.root.contains(active) ? {field: active.dataset.field, value: active.value, was: active.dataset.was, at: [active.selectionStart, active.selectionEnd]} : null;
+    Object.assign(this, {key, path: part?.path, setters: new Map(), words: new Map()});
+    byId('form-hint').textContent = part?.title ?? '';
+    this.root.replaceChildren(...(!part ? [html('p', {class: 'empty'}, 'Select a node or a state.')] : {tree: () => this.tree(part), node: () => this.node(part), state: () => this.state(part), outcome: () => this.outcome(part)}[part.kind]()));
+    if (!typed) return;
+    const field = this.root.querySelector(`[data-field="${CSS.escape(typed.field)}"]`);
+    field?.focus();
+    if (field && typed.value !== typed.was) field.value = typed.value;
+    try { field?.setSelectionRange?.(...typed.at); } catch { /* a list to choose from has no cursor */ }
+  }
+
+  field(name, value, set, {label = name, hint = '', lines = 1, choices = null, words = null, placeholder = '', isFirst = false, isReadOnly = false, problem = ''} = {}) {
+    const id = `field-${name}`;
+    this.setters.set(name, set);
+    if (words) this.words.set(name, words);
+    const common = {id, 'data-field': name, 'data-label': label, 'data-was': value ?? '', 'data-first': isFirst, 'aria-describedby': hint || problem ? `${id}-hint` : null, 'aria-invalid': problem ? 'true' : null, class: problem ? 'invalid' : null};
+    const made = choices ? html('select', {...common, disabled: isReadOnly}, ...choices.map((one) => html('option', {value: one}, one || '–')))
+      : lines > 1 ? html('textarea', {...common, rows: lines, placeholder, readonly: isReadOnly}) : html('input', {...common, placeholder, readonly: isReadOnly, spellcheck: 'false', list: words ? null : 'known-keys'});
+    made.value = value ?? '';
+    return html('div', {class: 'field'}, html('label', {for: id}, label), html('div', {}, made, ...(problem ? [html('span', {class: 'error hint', id: `${id}-hint`}, problem)] : hint ? [html('span', {class: 'hint', id: `${id}-hint`}, hint)] : [])));
+  }
+
+  buttons(...ids) { return html('div', {class: 'buttons'}, ...ids.map(([id, text]) => html('button', {type: 'button', 'data-act': id, onclick: () => this.on.act(id)}, text))); }
+  keys() { return html('datalist', {id: 'known-keys'}, ...this.on.keys().map((key) => html('option', {value: `{${key}}`}))); }
+  comment(part, name) { return this.field('comment', part.note, (text) => this.on.gesture('set_comment', {[name]: part.path, text}), {label: 'note', lines: 2, hint: 'a comment in the text'}); }
+  problems(part) { return part.problems.filter((text) => !part.told?.has(text)).map((text) => html('p', {class: 'error'}, text)); }
+
+  tree(part) {
+    const {data} = part;
+    return [this.buttons(['add_child', 'Add Child'], ['rename', 'Rename…'], ['paste', 'Paste']), ...this.problems(part), this.field('ID', data.id, (value) => this.on.gesture('set_value', {node: part.path, name: 'ID', value}), {isFirst: true, hint: 'sub-trees of this file follow the new name'}), this.comment(part, 'node')];
+  }
+
+  node(part) {
+    const {data} = part, type = this.on.typeOf(data), values = new Map(data.attributes.map((one) => [one.name, one.value])), rest = new Set(values.keys());
+    const set = (name) => (value) => this.on.gesture('set_value', {node: part.path, name, value: value === '' && name !== 'name' && !required.has(name) ? null : value === '' && name === 'name' ? null : value});
+    const ports = type?.ports ?? [], required = new Set(ports.filter((port) => port.required).map((port) => port.name));
+    const problemOf = (name) => part.problems.find((text) => text.includes(`[${name}]`)) ?? '';
+    part.told = new Set();
+    const isSubTree = data.kind === 'subtree';
+    rest.delete('name');
+    const fields = ports.map((port, index) => {
+      rest.delete(port.name);
+      const problem = problemOf(port.name);
+      if (problem) part.told.add(problem);
+      const bools = port.category === 'bool' ? () => ['true', 'false', ...this.on.keys().map((key) => `{${key}}`)].map((label) => ({label})) : null;
+      return this.field(port.name, values.get(port.name) ?? '', set(port.name), {label: `${port.name}${port.required ? ' *' : ''}`, hint: portHelp(port), placeholder: port.default ?? '', isFirst: index === 0, words: bools, problem});
+    });
+    if (isSubTree && rest.delete('ID')) fields.unshift(this.field('ID', values.get('ID'), set('ID'), {label: 'tree', words: () => this.on.trees().map((label) => ({label})), isFirst: true}));
+    for (const name of Object.keys(CONDITIONS)) rest.delete(name);
+    if (!isSubTree && data.tag !== data.type) rest.delete('ID');
+    const others = [...rest].map((name) => { const problem = problemOf(name); if (problem) part.told.add(problem); return this.field(name, values.get(name), (value) => this.on.gesture('set_value', {node: part.path, name, value: value || null}), {problem, isFirst: isSubTree || !ports.length}); });
+    const given = Object.keys(CONDITIONS).filter((name) => values.has(name));
+    return [
+      this.keys(), this.buttons(['set_type', `${data.type} – Change…`], ['add_after', 'Add After'], ['add_child', 'Add Child'], ['wrap', 'Wrap…'], ['remove', 'Remove']), ...this.problems(part),
+      this.field('name', values.get('name') ?? '', set('name'), {placeholder: data.type, words: () => []}), ...fields, ...others,
+      html('button', {type: 'button', onclick: () => this.add(part, 'set_value')}, isSubTree ? 'Hand Over a Key…' : 'Add an Attribute…'), this.comment(part, 'node'),
+      html('details', {open: given.length > 0}, html('summary', {}, `Conditions${given.length ? ` (${given.length})` : ''}`), ...Object.entries(CONDITIONS).map(([name, hint]) => this.field(name, values.get(name) ?? '', set(name), {hint}))),
+      ...(type?.documentation ? [html('details', {}, html('summary', {}, `Help: ${data.type}`), html('p', {class: 'hint'}, type.documentation))] : []),
+    ];
+  }
+
+  async add(part) {
+    const known = part.data.kind === 'subtree' ? this.on.keys().map((key) => ({label: key, detail: 'key of this file'})) : [];
+    const name = await choose('Name of the attribute', known, {free: (label) => ({label, detail: 'new'})});
+    if (name) this.on.gesture('set_value', {node: part.path, name: name.label, value: part.data.kind === 'subtree' ? `{${name.label}}` : ''});
+  }
+
+  state(part) {
+    const {data, path} = part, isRoot = data.parent === null, isLocked = Boolean(data.locked), isContainer = !['state', 'behavior'].includes(data.kind);
+    const edit = (name, args) => this.on.gesture(name, {state: path, ...args});
+    const parts = [...(isLocked ? [html('p', {class: 'warning'}, `Locked: ${data.locked}`)] : []), ...this.problems(part)];
+    parts.unshift(this.buttons(...(isContainer ? [['add_child', 'Add State']] : []), ...(isRoot ? [] : [['add_after', 'Add Beside'], ['set_initial', 'Make Initial'], ['remove', 'Remove']])));
+    if (!isRoot) parts.push(this.field('label', data.label, (label) => this.on.rename(label), {isFirst: true, isReadOnly: isLocked, words: () => []}));
+    if (data.type) parts.push(html('p', {class: 'hint'}, `${data.kind} ${data.type}`));
+    const known = this.on.typeOf(data)?.parameters ?? [], given = new Map(data.parameters.map((one) => [one.name, one]));
+    for (const name of new Set([...known.map((one) => one.name), ...given.keys()])) {
+      const value = given.get(name), described = known.find((one) => one.name === name);
+      parts.push(this.field(name, value?.text ?? '', (text) => edit('set_parameter', {name, text: text || null}), {hint: described ? portHelp(described) : '', placeholder: described?.default ?? '', isReadOnly: isLocked || (value && !value.literal), words: () => []}));
+    }
+    if (!isRoot) {
+      parts.push(html('h3', {}, 'Transitions'), ...data.transitions.map((way) => {
+        const level = data.autonomy.find((one) => one.outcome === way.outcome)?.level ?? 'off';
+        const name = `level:${way.outcome}`;
+        this.setters.set(name, (value) => edit('set_autonomy', {outcome: way.outcome, level: value === 'off' ? null : value}));
+        const levels = html('select', {'data-field': name, 'data-was': level, 'data-label': `autonomy for ${way.outcome}`, 'aria-label': `autonomy for ${way.outcome}`, disabled: isLocked}, ...LEVELS.map((one) => html('option', {value: one}, one)));
+        levels.value = level;
+        return html('div', {class: 'way-row'}, html('span', {}, way.outcome), html('button', {type: 'button', disabled: isLocked, 'aria-label': `target of ${way.outcome}: ${way.target}`, onclick: () => this.on.target(path, way.outcome)}, way.target || '–'), levels);
+      }), html('button', {type: 'button', disabled: isLocked, onclick: () => this.on.target(path, null)}, 'Add a Transition…'));
+      parts.push(html('h3', {}, 'Keys'), ...data.remapping.map((one) => this.field(`key:${one.key}`, one.name, (name) => edit('set_remapping', {key: one.key, name: name || null}), {label: one.key, isReadOnly: isLocked, words: () => []})));
+      parts.push(html('button', {type: 'button', disabled: isLocked, onclick: async () => { const key = await choose('Key of the state', (this.on.typeOf(data)?.keys ?? []).map((label) => ({label})), {free: (label) => ({label, detail: 'as typed'})}); if (key) edit('set_remapping', {key: key.label, name: key.label}); }}, 'Remap a Key…'));
+    }
+    if (isContainer && data.outcomes.length) parts.push(html('h3', {}, 'Outcomes'), html('p', {}, data.outcomes.join(', ')), this.buttons(['add_outcome', 'Add an Outcome…']));
+    if (!isRoot) parts.push(this.comment(part, 'state'));
+    return parts;
+  }
+
+  outcome(part) {
+    const {data, way} = part, level = data.autonomy.find((one) => one.outcome === way.outcome)?.level ?? 'off';
+    return [html('p', {}, `Outcome ${way.outcome} of ${data.label} leads to ${way.target || 'nothing'}.`), html('button', {type: 'button', onclick: () => this.on.target(data.path, way.outcome)}, 'Change the Target…'),
+      this.field('level', level, (value) => this.on.gesture('set_autonomy', {state: data.path, outcome: way.outcome, level: value === 'off' ? null : value}), {label: 'autonomy', choices: LEVELS, isFirst: true, hint: 'below this level the operator is asked'})];
+  }
+}

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The graph pane: a tree of items for the eye, the keyboard and a screen reader, whichever way they are drawn.
+
+import {byId, html, likeness, svg} from './choice.js';
+import {viewport} from './viewport.js';
+
+const FIND_MS = 900;   // letters that follow within this time search for one name
+const SLOP = 5;        // pixels that the pointer moves before it drags an item
+
+// An item is {path, parent, name, label, level, span, element, box: [x, y, width, height], isFolded, count}. They come parents
+// first, in the order of the keys. on.select(path), on.fold(path), on.open(path), on.drop(from, to, zone), on.zones(from, to)
+// with the zones at which it may be dropped, on.problem(path) → text.
+export class Graph {
+  constructor(on) {
+    this.on = on;
+    this.pane = byId('graph-body');
+    this.picture = byId('picture');
+    this.view = viewport(this.picture);
+    this.items = [];
+    this.byPath = new Map();
+    this.selected = null;
+    this.found = '';
+    this.foundAt = 0;
+    this.picture.addEventListener('keydown', (event) => this.key(event));
+    this.picture.addEventListener('click', (event) => {
+      const path = this.at(event.target);
+      if (path === null) return;
+      if (event.target.closest('.fold-mark')) this.on.fold(path);
+      else this.on.select(path);
+    });
+    this.picture.addEventListener('dblclick', (event) => { const path = this.at(event.target); if (path !== null) this.on.open(path); });
+    this.picture.addEventListener('pointerdown', (event) => {
+      const path = this.at(event.target);
+      if (path === null || event.button || event.pointerType === 'touch') return;
+      event.stopPropagation();
+      this.drag(event, path, this.byPath.get(path).name);
+    }, {capture: true});
+  }
+
+  at(target) { return target.closest?.('[data-path]')?.dataset.path ?? null; }
+
+  // Show items with their drawing: {items, parts, box}.
+  draw({items, parts, box}) {
+    const hadFocus = this.picture.contains(document.activeElement);
+    this.items = items;
+    this.byPath = new Map(items.map((one) => [one.path, one]));
+    const places = new Map();
+    for (const one of items) {
+      const row = places.get(one.parent) ?? [];
+      row.push(one);
+      places.set(one.parent, row);
+    }
+    for (const row of places.values()) row.forEach((one, index) => {
+      one.row = row;
+      one.index = index;
+    });
+    for (const one of items) {
+      one.children = places.get(one.path) ?? [];
+      const set = (key, value) => one.element.setAttribute(key, value);
+      set('role', 'treeitem');
+      set('data-path', one.path);
+      set('tabindex', '-1');
+      set('aria-level', one.level);
+      set('aria-posinset', one.index + 1);
+      set('aria-setsize', one.row.length);
+      if (one.count) set('aria-expanded', String(!one.isFolded));
+    }
+    this.picture.replaceChildren(...parts);
+    this.view.content(box);
+    this.marks();
+    this.mark(this.selected);
+    if (hadFocus) this.focus();
+  }
+
+  // Problems on the items, and in what is folded.
+  marks() {
+    for (const one of this.items) {
+      const problem = this.on.problem(one.path, one.isFolded);
+      one.element.classList.toggle('bad', problem !== '');
+      if (problem) one.element.setAttribute('aria-invalid', 'true'); else one.element.removeAttribute('aria-invalid');
+      one.element.setAttribute('aria-label', `${one.label}${one.isFolded ? `, folded, ${one.count} inside` : ''}${problem ? `, problem: ${problem}` : ''}`);
+      one.element.querySelector('.flag')?.remove();
+      if (problem && one.box) {
+        const [x, y, width] = one.box;
+        one.element.append(svg('g', {class: 'flag'}, svg('title', {}, problem), svg('circle', {cx: x + width, cy: y, r: 9}), svg('text', {x: x + width, y: y + 4.5, 'text-anchor': 'middle'}, '!')));
+      }
+    }
+  }
+
+  mark(path) {
+    this.byPath.get(this.selected)?.element.setAttribute('tabindex', '-1');
+    this.byPath.get(this.selected)?.element.setAttribute('aria-selected', 'false');
+    this.selected = path;
+    const item = this.byPath.get(path) ?? this.items[0];
+    if (!item) return;
+    item.element.setAttribute('tabindex', '0');
+    if (item.path === path) {
+      item.element.setAttribute('aria-selected', 'true');
+      this.view.reveal(item.element);
+      this.show(item);
+    }
+  }
+
+  // Bring an item into the pane, even if somebody has moved the picture.
+  show(item) {
+    const outer = this.pane.getBoundingClientRect(), inner = item.element.getBoundingClientRect();
+    if (this.view.moved && outer.width && (inner.right < outer.left + 8 || inner.left > outer.right - 8 || inner.bottom < outer.top + 8 || inner.top > outer.bottom - 8)) {
+      this.view.zoomTo(this.view.scale);
+      this.view.fit();
+    }
+  }
+
+  focus() { (this.byPath.get(this.selected) ?? this.items[0])?.element.focus({preventScroll: true}); }
+  get hasFocus() { return this.picture.contains(document.activeElement); }
+
+  key(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    const item = this.byPath.get(this.at(event.target));
+    if (!item) return;
+    const at = this.items.indexOf(item);
+    const go = {
+      ArrowDown: () => this.items[at + 1], ArrowUp: () => this.items[at - 1], ArrowLeft: () => this.byPath.get(item.parent),
+      ArrowRight: () => { if (item.isFolded) this.on.fold(item.path); return item.children[0]; },
+      Home: () => item.row[0], End: () => item.row.at(-1),
+      PageDown: () => this.items[Math.min(at + 10, this.items.length - 1)], PageUp: () => this.items[Math.max(at - 10, 0)],
+    }[event.key];
+    if (go) {
+      event.preventDefault();
+      event.stopPropagation();
+      const to = go();
+      if (to) this.on.select(to.path);
+    } else if (event.key === ' ' && item.count) {
+      event.preventDefault();
+      event.stopPropagation();
+      this.on.fold(item.path);
+    }
+  }
+
+  // Find the next item whose name begins with the letters that were typed. Whether there is one.
+  find(letter) {
+    const now = performance.now();
+    this.found = now - this.foundAt < FIND_MS ? this.found + letter : letter;
+    this.foundAt = now;
+    const at = this.items.findIndex((one) => one.path === this.selected), isNew = this.found.length === 1;
+    const order = [...this.items.slice(at + Number(isNew)), ...this.items.slice(0, at + Number(isNew))];
+    const hit = order.find((one) => one.name.toLowerCase().startsWith(this.found.toLowerCase())) ?? order.find((one) => likeness(one.name, this.found) > 10);
+    if (hit) this.on.select(hit.path);
+    return Boolean(hit);
+  }
+  get isFinding() { return this.found !== '' && performance.now() - this.foundAt < FIND_MS; }
+
+  // Drag an item, or something of the palette with path null, until the pointer is up. what is shown beside the pointer.
+  drag(event, path, what) {
+    const begin = [event.clientX, event.clientY];
+    let label = null, over = null;
+    const leave = () => { over?.item.element.classList.remove('drop-before', 'drop-after', 'drop-into'); over = null; };
+    const move = (now) => {
+      if (!label && Math.hypot(now.clientX - begin[0], now.clientY - begin[1]) < SLOP) return;
+      if (!label) {
+        label = html('div', {class: 'dragged'}, what);
+        document.body.append(label);
+      }
+      label.style.left = `${now.clientX + 12}px`;
+      label.style.top = `${now.clientY + 12}px`;
+      leave();
+      const to = this.at(document.elementFromPoint(now.clientX, now.clientY) ?? document.body);
+      const zones = to === null ? [] : this.on.zones(path, to, what);
+      if (!zones.length) return;
+      const box = this.byPath.get(to).element.querySelector('.box').getBoundingClientRect(), part = (now.clientX - box.left) / box.width;
+      const wanted = part < 0.3 ? 'before' : part > 0.7 ? 'after' : 'into';
+      over = {item: this.byPath.get(to), zone: zones.includes(wanted) ? wanted : zones.includes('into') ? 'into' : part < 0.5 ? zones[0] : zones.at(-1)};
+      over.item.element.classList.add(`drop-${over.zone}`);
+    };
+    const end = (now) => {
+      for (const [kind, one] of listeners) removeEventListener(kind, one, true);
+      label?.remove();
+      const target = over;
+      leave();
+      if (target && now.type === 'pointerup') this.on.drop(path, target.item.path, target.zone, what);
+    };
+    const escape = (now) => { if (now.key === 'Escape' && label) { now.stopPropagation(); end(now); } };
+    const listeners = [['pointermove', move], ['pointerup', end], ['pointercancel', end], ['keydown', escape]];
+    for (const [kind, one] of listeners) addEventListener(kind, one, true);
+  }
+}
+
+// Width of a text on the picture.
+const pen = document.createElement('canvas').getContext('2d');
+const widths = new Map();
+export function widthOf(text, font) {
+  const key = `${font} ${text}`;
+  let width = widths.get(key);
+  if (width === undefined) {
+    pen.font = font;
+    width = pen.measureText(text).width;
+    if (widths.size > 20000) widths.clear();
+    widths.set(key, width);
+  }
+  return width;
+}
+export const BOLD = '600 13px system-ui, sans-serif', SMALL = '11px system-ui, sans-serif';
+export const shortened = (text, most) => text.length > most ? `${text.slice(0, most - 1)}…` : text;

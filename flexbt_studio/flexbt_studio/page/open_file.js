@@ -1,0 +1,223 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// An open file. Its text is edited here at once; edits are sent to the server one after the other, each for the version that
+// it was made in. An edit that came second is mapped over that of another page and sent again, so that both remain.
+
+import {apply, compose, difference, fromEdits, inverse, mapOffset, toEdits, transform} from './changes.js';
+
+const LONGEST_WAIT_MS = 1500;  // for the edit of another page that caused a conflict; then the whole text is asked for
+
+export class OpenFile {
+  // model is the server's answer to open; buffer holds the text and its history. on.changed(file, change) is called after each
+  // change of the text, on.viewed(file) after a new graph, on.found(file) after new findings, on.told(text, tone).
+  constructor(link, model, buffer, on) {
+    Object.assign(this, {link, buffer, on, name: model.file, language: model.language, gestures: model.gestures});
+    this.folded = null;       // paths of folded nodes; null until the first graph
+    this.anchor = 0;          // where the selected node or state begins in the text
+    this.selected = null;     // its path
+    this.findings = [];
+    this.queue = Promise.resolve();
+    this.watches = new Set();
+    this.waiting = [];
+    this.syncing = [];
+    buffer.onchange = (change, isRemote) => this.edited(change, isRemote);
+    this.begin(model);
+    this.saved = model.changed ? null : model.text;  // the text on disk, if it is known
+    this.takeModel(model);
+  }
+
+  begin(model) {
+    this.version = model.version;
+    this.base = model.text;     // the server's text
+    this.sent = null;           // the change that has been sent for it
+    this.pending = null;        // the change after that one
+    this.others = new Map();    // edits of other pages by version
+    this.viewVersion = 0;
+    this.sinceView = [];
+  }
+
+  get text() { return this.buffer.text; }
+  get isSettled() { return !this.sent && !this.pending && this.viewVersion === this.version; }
+  // Whether the text differs from that on disk; while that is not known, as the server says.
+  get isChanged() { return this.saved === null ? this.changed : this.text !== this.saved; }
+
+  edited(change, isRemote) {
+    if (!isRemote) {
+      this.pending = this.pending ? compose(this.pending, change) : change;
+      queueMicrotask(() => this.send());
+    }
+    this.anchor = mapOffset(change, this.anchor);
+    this.sinceView = compose(this.sinceView, change);
+    for (const watch of this.watches) watch.change = compose(watch.change, change);
+    this.on.changed(this, change);
+  }
+
+  async send() {
+    if (this.sent || !this.pending || !this.link.isOpen || this.isRecovering) return;
+    this.sent = this.pending;
+    this.pending = null;
+    const version = this.version;
+    try {
+      await this.link.request('edit', {file: this.name, version, edits: toEdits(this.sent)});
+      this.base = apply(this.base, this.sent);
+      this.version = version + 1;
+      this.sent = null;
+      this.isFresh = false;
+      this.takeOthers();
+      this.send();
+      this.settle();
+    } catch (refusal) {
+      if (refusal.kind === 'lost') return;  // recover() goes on from here
+      if (refusal.kind === 'conflict' && this.isFresh) { this.recover(true); return; }  // another page has brought its text back
+      if (refusal.kind === 'conflict') {
+        if (this.version === version) setTimeout(() => { if (this.version === version && this.sent) this.recover(); }, LONGEST_WAIT_MS);
+        this.isRefused = true;
+        this.sendAgain();
+        return;
+      }
+      this.on.told(refusal.message, 'error');  // the text here is not that of the server any more: take it back
+      const lost = this.pending ? compose(this.sent, this.pending) : this.sent;
+      this.sent = this.pending = null;
+      this.buffer.apply(inverse(this.base, lost), {isRemote: true});
+    }
+  }
+
+  // An edit that was refused is sent again when that of the other page is known.
+  sendAgain() {
+    if (!this.isRefused || this.sentIsMapped !== true) return;
+    this.isRefused = this.sentIsMapped = false;
+    this.pending = this.pending ? compose(this.sent, this.pending) : this.sent;
+    this.sent = null;
+    this.send();
+  }
+
+  takeEdited(version, edits) {
+    this.others.set(version, fromEdits(edits));
+    this.takeOthers();
+  }
+
+  takeOthers() {
+    for (let change; (change = this.others.get(this.version + 1)); ) {
+      this.others.delete(this.version + 1);
+      this.version += 1;
+      this.base = apply(this.base, change);
+      if (this.sent) this.sentIsMapped = true;  // it was for an older version, so it is refused
+      for (const part of ['sent', 'pending']) if (this[part]) [change, this[part]] = transform(change, this[part]);
+      this.buffer.apply(change, {isRemote: true});
+    }
+    for (const version of this.others.keys()) if (version <= this.version) this.others.delete(version);
+    this.sendAgain();
+    this.settle();
+  }
+
+  // After a lost connection or an edit that is missing: compare with the server's text. What only this page has is sent again.
+  async recover(isNewServer = false) {
+    this.isRecovering = true;
+    try {
+      const model = await this.link.request('open', {file: this.name});
+      const sent = this.sent ?? [], unsent = this.pending ?? [], text = this.text;
+      if (isNewServer) {  // it has read the file again: what is not on disk is only in the pages
+        const hasNewText = model.version === 1 && this.saved !== null && model.text !== this.saved;
+        const [remote, local] = hasNewText ? transform(difference(this.saved, model.text), difference(this.saved, text)) : [[], difference(model.text, text)];
+        this.begin(model);
+        this.pending = local.length ? local : null;
+        if (remote.length) this.buffer.apply(remote, {isRemote: true});
+        this.isFresh = true;
+      } else {
+        // An edit whose answer was lost has arrived if the server's text is nearer to that with it.
+        const without = difference(this.base, model.text), withSent = difference(apply(this.base, sent), model.text);
+        const arrived = this.sent && size(withSent) < size(without);
+        const [remote, local] = transform(arrived ? withSent : without, arrived ? unsent : compose(sent, unsent));
+        this.begin(model);
+        this.pending = local.length ? local : null;
+        if (remote.length) this.buffer.apply(remote, {isRemote: true});
+      }
+      this.isRefused = this.sentIsMapped = false;
+      this.takeModel(model);
+    } catch (refusal) {
+      if (refusal.kind !== 'lost') this.on.told(`${this.name}: ${refusal.message}`, 'error');
+      return;
+    } finally {
+      this.isRecovering = false;
+    }
+    this.send();
+  }
+
+  takeModel(model) {
+    this.changed = model.changed;
+    if (model.version !== this.version || (model.version === this.viewVersion && this.view)) return;
+    this.viewVersion = model.version;
+    const since = [this.sent, this.pending].filter(Boolean).reduce(compose, []);
+    const problem = model.problems[0];
+    this.problem = problem ?? null;
+    // While the text is not readable, the last graph that was remains, with the places that it had.
+    if (!problem || !this.view || this.wasUnreadable) {
+      this.view = model.view;
+      this.sinceView = since;
+      this.wasUnreadable = Boolean(problem);
+    }
+    this.on.viewed(this);
+    this.settle();
+  }
+
+  takeFindings(version, findings) {
+    if (version !== this.version || this.sent || this.pending) return;  // those of the newest text follow
+    this.findings = findings;
+    this.on.found(this);
+  }
+
+  settle() {
+    if (!this.sent && !this.pending) for (const one of this.syncing.splice(0)) one();
+    if (!this.isSettled) return;
+    for (const one of this.waiting.splice(0)) one();
+  }
+
+  // Edit the text. edits count in it as it is now.
+  apply(edits, name, isChange = false) { this.buffer.apply(isChange ? edits : fromEdits(edits), {name}); }
+
+  // Wait until the server has the text of this page.
+  async synced() { while ((this.sent || this.pending) && this.link.isOpen) await new Promise((done) => { this.syncing.push(done); setTimeout(done, LONGEST_WAIT_MS); }); }
+
+  // Wait until the server has the text of this page, and this page its graph.
+  async settled() {
+    while (!this.isSettled) {
+      if (!this.sent && !this.pending) {
+        this.takeModel(await this.link.request('model', {file: this.name}));
+        if (this.isSettled) return;
+      }
+      if (!this.link.isOpen) await this.link.request('model', {file: this.name});  // refused, with the reason
+      await new Promise((done) => { this.waiting.push(done); setTimeout(done, LONGEST_WAIT_MS); });
+    }
+  }
+
+  // Carry out a gesture. make() is called when the graph is up to date, and returns [name, arguments] or null. Gestures are
+  // carried out one after the other. The result is the change of the text, or null.
+  gesture(make) {
+    const done = this.queue.then(async () => {
+      const watch = {change: []};
+      try {
+        await this.settled();
+        const wanted = make();
+        if (!wanted) return null;
+        this.watches.add(watch);
+        const [name, args] = wanted;
+        const edits = await this.link.request('gesture', {file: this.name, version: this.version, name, arguments: args});
+        const [, change] = transform(watch.change, fromEdits(edits));
+        if (change.length) this.buffer.apply(change, {name});
+        await this.settled();
+        return change;
+      } catch (refusal) {
+        this.on.told(refusal.message, 'error');
+        return null;
+      } finally {
+        this.watches.delete(watch);
+      }
+    });
+    this.queue = done;
+    return done;
+  }
+
+  // Offsets of the graph in the text as it is now.
+  now([start, end]) { return [mapOffset(this.sinceView, start), mapOffset(this.sinceView, end, true)]; }
+}
+
+const size = (change) => toEdits(change).reduce((sum, [start, end, text]) => sum + end - start + text.length, 0);

@@ -1,0 +1,534 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The studio: files, panes, selection, problems, saving, and the commands that keys, buttons and the command list share.
+
+import {Actions} from './actions.js';
+import {difference, mapOffset} from './changes.js';
+import {byId, choose, html} from './choice.js';
+import {Form} from './form.js';
+import {Graph} from './graph.js';
+import {drawMachine, outcomePath, partsOf} from './machine_drawing.js';
+import {OpenFile} from './open_file.js';
+import {Palette} from './palette.js';
+import {panels} from './panels.js';
+import {plainPane} from './plain_text.js';
+import {SessionLink} from './session_link.js';
+import {conflictSheet, keySheet, sheet, shownKeys, unifiedDifference} from './sheets.js';
+import {drawTrees} from './tree_drawing.js';
+
+const PANES = ['files-pane', 'palette-pane', 'graph-pane', 'text-pane', 'form-pane', 'problems-pane'];
+const KEY = /\{(@?[A-Za-z_][\w./-]*)\}/g;
+
+const remembered = (key, usual) => { try { return JSON.parse(localStorage.getItem(`studio-${key}`)) ?? usual; } catch { return usual; } };
+const remember = (key, value) => { try { localStorage.setItem(`studio-${key}`, JSON.stringify(value)); } catch { /* not remembered */ } };
+const lowered = (one) => Object.assign(one, {kind: one.kind?.toLowerCase() ?? ''});
+
+class Studio {
+  constructor(pane) {
+    this.pane = pane;
+    this.open = new Map();
+    this.file = null;
+    this.files = [];
+    this.types = new Map();
+    this.states = [];
+    this.treeFiles = {};
+    this.back = [];
+    this.clipboard = '';
+    this.letters = remembered('letters', true);
+    this.actions = new Actions(this);
+    this.graph = new Graph({
+      select: (path) => this.select(path), fold: (path) => this.fold(path), open: (path) => this.enter(path), problem: (path, isFolded) => this.problemAt(path, isFolded),
+      drop: (from, to, zone, what) => this.actions.drop(from, to, zone, what), zones: (from, to) => (this.file ? this.actions.zones(from, to) : []),
+    });
+    this.form = new Form({
+      gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
+      trees: () => Object.keys(this.treeFiles), rename: (label) => this.actions.renameState(this.part(this.file.selected), label), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
+    });
+    this.palette = new Palette({add: (entry) => this.actions.add('after', entry).then(() => this.graph.focus()), drag: (event, entry) => this.graph.drag(event, null, entry)});
+    this.commands = this.makeCommands();
+    this.link = new SessionLink({event: (event) => this.take(event), state: (isOpen, text) => this.connected(isOpen, text)});
+    this.listen();
+  }
+
+  told(text, tone = '') {
+    const line = byId('told');
+    line.textContent = '';
+    line.className = tone;
+    line.textContent = text;
+  }
+
+  // The server.
+
+  connected(isOpen, text) {
+    byId('link').textContent = isOpen ? 'CONNECTED' : 'NO SERVER';
+    byId('link').className = `badge ${isOpen ? 'good' : 'error'}`;
+    byId('alarm').textContent = isOpen ? '' : `Not connected: ${text}. You can go on editing; it is sent when the studio is back.`;
+  }
+
+  async take(event) {
+    const file = this.open.get(event.file);
+    if (event.event === 'welcome') await this.welcome(event);
+    else if (event.event === 'model' && file) file.takeModel(event);
+    else if (event.event === 'findings' && file) file.takeFindings(event.version, event.findings);
+    else if (event.event === 'edited' && file) { file.takeEdited(event.version, event.edits); this.told(`${event.file} was edited in another page`); }
+    else if (event.event === 'files_changed') this.filesChanged(event, file);
+    else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';
+    else if (event.event === 'note') this.told(event.message, 'warning');
+  }
+
+  async welcome({page, instance}) {
+    const isNew = this.instance !== undefined && this.instance !== instance;
+    Object.assign(this, {page, instance});
+    try {
+      const hello = await this.link.request('hello');
+      byId('project').textContent = hello.project;
+      document.title = `${hello.project} – FlexBT Studio`;
+      this.types = new Map(hello.node_types.map((one) => [one.id, lowered(one)]));
+      this.states = hello.state_types ?? [];
+      this.showFiles(hello.files);
+      if (this.open.size) await Promise.all([...this.open.values()].map((file) => file.recover(isNew)));
+      else await this.openLink();
+      this.palette.show(this.entries());
+      if (hello.notes.length) this.told(hello.notes[0], 'warning');
+    } catch (refusal) {
+      if (refusal.kind !== 'lost') throw refusal;
+    }
+  }
+
+  async filesChanged({what, by}, file) {
+    if (file && by !== this.page) {
+      if (what === 'close') file.recover(true);
+      if (what === 'save') { file.settled().then(() => { file.saved = file.text; this.showHead(); }).catch(() => {}); this.told(`${file.name} was saved in another page`); }
+    }
+    try { this.showFiles(await this.link.request('files')); } catch { /* it comes with the next welcome */ }
+  }
+
+  // Files.
+
+  showFiles(files) {
+    this.files = files;
+    const wanted = byId('files-filter').value.toLowerCase(), shown = files.filter((one) => one.file.toLowerCase().includes(wanted));
+    byId('files').replaceChildren(...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', onclick: () => this.go(one.file)}, `${one.changed ? '● ' : ''}${one.file}`), html('span', {class: 'hint'}, one.kind))));
+    byId('files-count').textContent = shown.length === files.length ? `${files.length}` : `${shown.length} of ${files.length}`;
+    if (!files.length) byId('files').append(html('li', {class: 'empty'}, 'No trees or machines are in this folder yet. Make one with New.'));
+  }
+
+  // Open a file if need be, show it, and select what find(view) returns, a path.
+  async go(name, find = null, {isJump = false} = {}) {
+    try {
+      let file = this.open.get(name);
+      if (!file) file = this.added(await this.link.request('open', {file: name}));
+      if (isJump) this.back.push([this.file.name, this.file.selected]);
+      this.show(file);
+      const path = find?.(file.view) ?? null;
+      if (path) this.select(path);
+      return file;
+    } catch (refusal) {
+      this.told(refusal.message, 'error');
+      return null;
+    }
+  }
+
+  added(model) {
+    const buffer = this.pane.buffer(model.text, model.file, model.language);
+    const file = new OpenFile(this.link, model, buffer, {
+      changed: (one) => { if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
+    });
+    this.open.set(model.file, file);
+    return file;
+  }
+
+  async create(name, text) {
+    try {
+      this.show(this.added(await this.link.request('create', {file: name, text})));
+      this.file.saved = '';
+      this.showHead();
+    } catch (refusal) {
+      this.told(refusal.message, 'error');
+    }
+  }
+
+  show(file) {
+    if (this.file !== file) {
+      this.file = file;
+      this.pane.show(file.buffer);
+      this.pane.mark(file.buffer, file.findings);
+      byId('text-hint').textContent = this.pane.isPlain ? 'plain: studio --get-editor installs CodeMirror' : file.language;
+      this.palette.show(this.entries());
+      this.viewed(file);
+      this.found(file);
+      this.link.request('trees', {file: file.name}).then((trees) => { this.treeFiles = trees; this.palette.show(this.entries()); }).catch(() => {});
+    }
+    this.graph.focus();
+  }
+
+  async close(name) {
+    const file = this.open.get(name);
+    if (file.isChanged && await sheet(`${name} has unsaved changes`, [html('p', {}, 'If you close it, this page forgets it; the studio keeps the changes until they are saved or discarded.')], [['Close', true, 'primary'], ['Cancel', null, '']]) === null) return;
+    this.open.delete(name);
+    if (file !== this.file) { this.showHead(); return; }
+    this.file = null;
+    const [next] = [...this.open.values()].slice(-1);
+    if (next) this.show(next); else location.replace(this.address(null));
+    if (!next) location.reload();
+  }
+
+  // The graph.
+
+  viewed(file) {
+    for (const node of file.view.nodes ?? []) lowered(node);
+    this.outline(file);
+    if (file.folded === null) {
+      const saved = remembered(`folded-${file.name}`, null);
+      file.folded = new Set(saved ?? (file.view.nodes ?? []).filter((node) => node.collapsed).map((node) => node.path));
+    }
+    // The selection stays at what begins where the selected part began, wherever that is in the graph now.
+    const at = file.anchor, begins = (part) => part && mapOffset(file.sinceView, part.span[0]) === at;
+    const kept = file.parts.get(file.selected);
+    if (!begins(kept) || !kept) {
+      const found = [...file.parts.values()].find(begins);
+      if (found && kept?.kind !== 'outcome') file.selected = found.path;
+      else if (!kept) file.selected = (this.innermost(file, at) ?? file.parts.values().next().value)?.path ?? null;
+    }
+    if (file === this.file) this.draw();
+  }
+
+  // What the graph has, by path: {path, kind, title, span, open, data, parent, children}.
+  outline(file) {
+    const {view} = file, parts = new Map();
+    const put = (part, parent) => {
+      Object.assign(part, {parent, children: []});
+      parent?.children.push(part);
+      parts.set(part.path, part);
+    };
+    for (const tree of view.trees ?? []) put({path: tree.path, kind: 'tree', title: tree.id || 'tree', span: tree.span, open: tree.id_span, data: tree, note: tree.note}, null);
+    for (const node of view.nodes ?? []) put({path: node.path, kind: 'node', title: node.name || node.type, span: node.span, open: node.open, data: node, note: node.note}, parts.get(node.parent ?? node.tree));
+    for (const state of view.states ?? []) {
+      const part = {path: state.path, kind: 'state', title: state.label || view.behavior?.name || 'machine', span: state.span, open: state.label_span, data: state, note: state.comments.join('\n'), locked: state.locked};
+      put(part, parts.get(state.parent) ?? null);
+      for (const way of state.transitions) put({path: outcomePath(state.path, way.outcome), kind: 'outcome', title: way.outcome, span: way.span, open: way.span, data: state, way, note: ''}, part);
+    }
+    file.parts = parts;
+  }
+
+  part(path) { return this.file?.parts.get(path) ?? null; }
+
+  async draw() {
+    const {file} = this;
+    byId('unreadable').hidden = !file.problem;
+    byId('unreadable').textContent = file.problem ? `Text not readable at ${file.problem.line}:${file.problem.column}: ${file.problem.message}` : '';
+    this.graph.picture.classList.toggle('stale', Boolean(file.problem));
+    this.graph.selected = file.selected;
+    if (file.language === 'xml') this.graph.draw(drawTrees(file.view, file.folded));
+    else {
+      const number = this.drawing = (this.drawing ?? 0) + 1;
+      try {
+        const layout = await this.link.request('layout', {file: file.name, folded: [...file.folded]});
+        if (number !== this.drawing || file !== this.file) return;
+        this.graph.draw(drawMachine(file.view, layout, file.folded));
+      } catch (refusal) {
+        if (refusal.kind !== 'lost') this.told(refusal.message, 'warning');
+      }
+    }
+    byId('graph-empty').hidden = this.graph.items.length > 0;
+    byId('graph-empty').textContent = 'This file has no tree or machine that can be shown. Write one in the text.';
+    this.showSelection();
+    this.showHead();
+  }
+
+  // Select a part. Its text is shown, and the focus goes to it in the graph.
+  select(path, {isMoved = false, isFromText = false} = {}) {
+    const {file} = this, part = this.part(path);
+    if (!part) return;
+    const isNew = file.selected !== path;
+    file.selected = path;
+    file.anchor = mapOffset(file.sinceView, part.span[0]);
+    let isHidden = false;
+    for (let one = part.parent; one; one = one.parent) isHidden = file.folded.delete(one.path) || isHidden;
+    if (isHidden) { this.rememberFolded(); this.draw(); } else this.graph.mark(path);
+    if (!isFromText) {
+      this.graph.focus();
+      if (isNew || isMoved) this.revealText(part.open);
+    }
+    this.showSelection();
+  }
+
+  revealText(span) { this.pane.select(...this.file.now(span)); }
+
+  showSelection() {
+    const {file} = this, part = this.part(file.selected);
+    const shown = part && {...part, data: part.data, way: part.way, problems: file.findings.filter((one) => one.path === part.path && one.severity !== 'info').map((one) => one.message)};
+    this.form.show(shown, this.keys().join() + Object.keys(this.treeFiles).join());
+    const crumbs = [];
+    for (let one = part; one; one = one.parent) crumbs.unshift(one);
+    byId('crumbs').replaceChildren(...[[file.name.split('/').at(-1), file.parts.keys().next().value], ...crumbs.map((one) => [one.title, one.path])].map(([text, path]) => html('button', {type: 'button', onclick: () => this.select(path)}, text)));
+    for (const way of this.graph.picture.querySelectorAll('.way')) way.classList.toggle('lit', way.dataset.way === file.selected || partsOf(way.dataset.way ?? '')[0] === file.selected);
+    history.replaceState(null, '', this.address(file));
+  }
+
+  address(file) {
+    const words = new URLSearchParams(location.hash.slice(1));
+    for (const [key, value] of [['file', file?.name], ['node', file?.selected]]) if (value) words.set(key, value); else words.delete(key);
+    return `#${words}`;
+  }
+
+  async openLink() {
+    const words = new URLSearchParams(location.hash.slice(1)), file = words.get('file'), node = words.get('node');
+    if (!file) return;
+    const opened = await this.go(file, () => node);
+    if (opened && node && !opened.parts.has(node)) this.told(`${file} has no ${node} now; it was renamed, moved or removed`, 'warning');
+  }
+
+  fold(path) {
+    const {file} = this, part = this.part(path);
+    if (!part?.children.length || part.kind === 'outcome' || (part.kind === 'state' && ['state', 'behavior'].includes(part.data.kind))) return;
+    if (!file.folded.delete(path)) file.folded.add(path);
+    this.rememberFolded();
+    for (let one = this.part(file.selected)?.parent; one; one = one.parent) if (one.path === path) { file.selected = path; file.anchor = mapOffset(file.sinceView, one.span[0]); }
+    this.draw();
+    this.told(`${part.title} ${file.folded.has(path) ? 'folded' : 'unfolded'}`);
+  }
+
+  rememberFolded() { remember(`folded-${this.file.name}`, [...this.file.folded]); }
+
+  // Enter or a double click: the target of an outcome, or the properties.
+  enter(path) {
+    const part = this.part(path);
+    if (part?.kind === 'outcome') this.actions.target(part.data.path, part.way.outcome);
+    else this.form.focus();
+  }
+
+  keys() { return [...new Set([...(this.file?.text.matchAll(KEY) ?? [])].map((match) => match[1]))].sort(); }
+  typeOf(data) { return this.file.language === 'xml' ? this.types.get(data.type) ?? this.modelOf(data.type) : this.states.find((one) => one.id === data.type); }
+  modelOf(id) { const found = this.file.view.models.find((one) => one.id === id); return found && {...found, kind: found.kind.toLowerCase(), ports: found.ports}; }
+
+  // What can be added to this file.
+  entries(language = this.file?.language ?? 'xml') {
+    if (language === 'xml') {
+      const own = (this.file?.view.models ?? []).filter((one) => !this.types.has(one.id)).map((one) => ({...one, kind: one.kind.toLowerCase(), package: 'this file'}));
+      const types = [...this.types.values(), ...own].filter((one) => one.kind !== 'subtree').map((one) => ({...one, label: one.id, detail: one.summary || one.kind, help: one.documentation}));
+      return [...types, ...Object.entries(this.treeFiles).map(([id, file]) => ({label: id, kind: 'subtree', package: 'this project', detail: `sub-tree, ${file}`}))];
+    }
+    const used = new Map();
+    for (const file of this.open.values()) for (const state of file.view.states ?? []) if (state.kind === 'state' && state.type) used.set(state.type, {label: state.type, kind: 'state', package: 'used in open files', detail: 'state', outcomes: state.transitions.map((way) => way.outcome), parameters: state.parameters.map((one) => ({name: one.name}))});
+    for (const one of this.states) used.set(one.id, {...one, label: one.id, kind: 'state', detail: one.summary});
+    const containers = ['machine', 'concurrency', 'priority'].map((kind) => ({label: kind, kind: 'container', package: 'flexbt_core', detail: 'a state with states inside', stateKind: kind, outcomes: ['done']}));
+    return [...used.values(), ...containers];
+  }
+
+  // Problems.
+
+  found(file) {
+    if (file !== this.file) return;
+    this.pane.mark(file.buffer, file.findings);
+    this.graph.marks();
+    this.showSelection();
+    const list = file.findings, errors = list.filter((one) => one.severity === 'error').length;
+    byId('problems-count').textContent = list.length ? `${list.length}, ${errors} errors` : 'none';
+    byId('problems').replaceChildren(...list.map((one) => html('li', {}, html('button', {type: 'button', class: {error: 'error', warning: 'warning'}[one.severity] ?? 'dim', onclick: () => this.goProblem(one)}, `${one.message} (${one.line}:${one.column})`), ...one.fixes.map((fix) => html('button', {type: 'button', class: 'fix', onclick: () => this.fix(one, fix)}, fix.title)))));
+    if (!list.length) byId('problems').append(html('li', {class: 'empty'}, 'No problems found.'));
+  }
+
+  problemAt(path, isFolded) {
+    const hit = (one) => one.path === path || (isFolded && one.path.startsWith(`${path}/`));
+    return (this.file?.findings ?? []).filter((one) => one.severity !== 'info' && one.path && hit(one)).map((one) => one.message).join('; ');
+  }
+
+  goProblem(one) {
+    const {file} = this;
+    file.problemAt = file.findings.indexOf(one);
+    if (one.path && this.part(one.path)) this.select(one.path);
+    this.pane.select(...one.span);
+    this.told(`Problem ${file.problemAt + 1} of ${file.findings.length}: ${one.message}${one.fixes.length ? '. Alt+Enter fixes it' : ''}`, one.severity === 'error' ? 'error' : 'warning');
+  }
+
+  nextProblem(step) {
+    const {file} = this;
+    if (!file?.findings.length) { this.told('No problems found'); return; }
+    const count = file.findings.length;
+    this.goProblem(file.findings[(((file.problemAt ?? (step > 0 ? -1 : count)) + step) % count + count) % count]);
+  }
+
+  async fixNow() {
+    const {file} = this;
+    const near = file.findings.filter((one) => one.fixes.length && (this.pane.hasFocus() ? one.span[0] <= this.pane.offset() && this.pane.offset() <= one.span[1] : one.path === file.selected));
+    const last = file.findings[file.problemAt];
+    const all = (near.length ? near : last?.fixes.length ? [last] : []).flatMap((one) => one.fixes.map((fix) => ({label: fix.title, one, fix})));
+    const chosen = all.length > 1 ? await choose('Fix', all) : all[0];
+    if (chosen) this.fix(chosen.one, chosen.fix); else this.told('There is no fix for a problem here', 'warning');
+  }
+
+  fix(one, fix) {
+    const {file} = this;
+    if (!file.findings.includes(one) || file.sent || file.pending) { this.told('The text has changed since; the problem is checked again', 'warning'); return; }
+    file.apply(fix.edits, 'fix');
+    this.told(fix.title);
+  }
+
+  // Saving.
+
+  showHead() {
+    const {file} = this, isChanged = Boolean(file?.isChanged);
+    byId('save').disabled = !isChanged;
+    byId('difference').disabled = !isChanged;
+    byId('difference').textContent = isChanged ? 'Unsaved changes' : 'No changes';
+    byId('difference').classList.toggle('changed', isChanged);
+    byId('tabs').replaceChildren(...[...this.open.values()].map((one) => html('span', {class: 'tab', role: 'presentation'},
+      html('button', {type: 'button', role: 'tab', id: `tab-${one.name}`, 'aria-selected': String(one === file), title: one.name, onclick: () => this.show(one)}, `${one.isChanged ? '● ' : ''}${one.name.split('/').at(-1)}`),
+      html('button', {type: 'button', 'aria-label': `Close ${one.name}`, onclick: () => this.close(one.name)}, '×'))));
+  }
+
+  async showDifference() {
+    if (!this.file) return;
+    try {
+      await this.file.settled();
+      const lines = await this.link.request('difference', {file: this.file.name});
+      const isSaving = await sheet(`${this.file.name}: what Save writes`, lines.length ? [unifiedDifference(lines)] : [html('p', {}, 'The text is as it is on disk.')], lines.length ? [['Save', true, 'primary'], ['Close', null, '']] : [['Close', null, 'primary']]);
+      if (isSaving) await this.save();
+    } catch (refusal) {
+      this.told(refusal.message, 'error');
+    }
+  }
+
+  async save(over = '') {
+    const {file} = this;
+    if (!file) return;
+    try {
+      await file.settled();
+      const {text} = file;
+      await this.link.request('save', {file: file.name, version: file.version, over});
+      file.saved = text;
+      file.changed = false;
+      this.showHead();
+      this.told(`${file.name} saved`, 'good');
+    } catch (refusal) {
+      if (refusal.kind === 'conflict') await this.resolve(file);
+      else this.told(refusal.message, 'error');
+    }
+  }
+
+  async resolve(file) {
+    try {
+      const {text, disk} = await this.link.request('on_disk', {file: file.name});
+      if (text === file.text) { await this.save(disk); return; }
+      const chosen = await conflictSheet(file.name, file.text, text, this.pane.merge);
+      if (!chosen) { this.told(`${file.name} is not saved: it was changed on disk`, 'warning'); return; }
+      if (chosen.text !== file.text) file.apply(difference(file.text, chosen.text), 'merge', true);
+      await this.save(disk);
+    } catch (refusal) {
+      this.told(refusal.message, 'error');
+    }
+  }
+
+  // Commands.
+
+  makeCommands() {
+    const at = this.actions, inGraph = (id, title, keys, run) => ({id, title, keys, run, where: 'graph'}), page = (id, title, keys, run) => ({id, title, keys, run, where: 'page'});
+    return [
+      inGraph('add_after', 'Add after', ['a'], () => at.add('after')), inGraph('add_child', 'Add child', ['A'], () => at.add('into')),
+      inGraph('properties', 'Properties, or target of an outcome', ['Enter'], () => this.enter(this.file.selected)), inGraph('rename', 'Rename', ['F2'], () => at.rename()),
+      inGraph('move_up', 'Move before its sibling', ['Alt+ArrowUp'], () => at.move(-1)), inGraph('move_down', 'Move after its sibling', ['Alt+ArrowDown'], () => at.move(1)),
+      inGraph('move_out', 'Move out of its parent; at a tree: back', ['Alt+ArrowLeft'], () => (this.isAtTree() ? this.goBack() : at.move('out'))), inGraph('move_into', 'Move into the sibling before it', ['Alt+ArrowRight'], () => at.move('into')),
+      inGraph('wrap', 'Wrap in a control or decorator', ['w'], () => at.wrap()), inGraph('unwrap', 'Unwrap: its children take its place', ['u'], () => at.unwrap()),
+      inGraph('set_type', 'Change the type', ['t'], () => at.setType()), inGraph('cut', 'Cut', ['x'], () => at.cut()), inGraph('copy', 'Copy', ['c'], () => at.copy()), inGraph('paste', 'Paste after', ['v'], () => at.paste('after')),
+      inGraph('paste_child', 'Paste as child', ['V'], () => at.paste('into')), inGraph('remove', 'Remove', ['Delete', 'Backspace'], () => at.remove()), inGraph('extract', 'Extract into a tree', ['e'], () => at.extract()), inGraph('inline', 'Inline a sub-tree', ['i'], () => at.inline()),
+      inGraph('define', 'Go to the definition of a sub-tree', ['F12'], () => at.define()), inGraph('find', 'Find a node or state', ['/'], () => this.find()), inGraph('set_initial', 'Make a state the initial one', null, () => at.setInitial()), inGraph('add_outcome', 'Add an outcome to a container', null, () => at.addOutcome()),
+      inGraph('fold_all', 'Fold or unfold all', null, () => this.foldAll()),
+      page('save', 'Save', ['Ctrl+s'], () => this.save()), page('difference', 'Show what Save writes', ['Ctrl+Shift+S'], () => this.showDifference()), page('undo', 'Undo', ['Ctrl+z'], () => this.undo()), page('redo', 'Redo', ['Ctrl+y', 'Ctrl+Shift+Z'], () => this.redo()),
+      page('commands', 'All commands', ['Ctrl+k'], () => this.chooseCommand()), page('open', 'Open a file', ['Ctrl+p'], () => this.chooseFile()), page('new', 'New file', ['Alt+n'], () => at.create()), page('back', 'Back to where F12 was pressed', ['Ctrl+Alt+ArrowLeft'], () => this.goBack()),
+      page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], () => this.fixNow()),
+      page('next_pane', 'Next pane', ['F6'], () => this.nextPane(1)), page('previous_pane', 'Previous pane', ['Shift+F6'], () => this.nextPane(-1)), page('keys', 'Keys of this place', ['?'], () => this.showKeys()),
+      page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),
+      page('link', 'Copy a link to the selected item', null, () => { navigator.clipboard?.writeText(location.href.replace(/token=[^&]*&?/, '')); this.told('Link copied, without the token'); }), page('reset', 'Reset the panels', null, () => this.panels.reset()),
+    ];
+  }
+
+  run(id) { return this.commands.find((one) => one.id === id).run(); }
+  isAtTree() { const part = this.part(this.file?.selected); return this.back.length > 0 && (part?.kind === 'tree' || part?.parent?.kind === 'tree'); }
+  goBack() { const last = this.back.pop(); if (last) this.go(last[0], () => last[1]); else this.told('There is nothing to go back to'); }
+  undo() { if (this.file && !this.file.buffer.undo()) this.told('Nothing to undo'); }
+  redo() { if (this.file && !this.file.buffer.redo()) this.told('Nothing to redo'); }
+  foldAll() { const {file} = this; file.folded = file.folded.size ? new Set() : new Set([...file.parts.values()].filter((one) => one.kind === 'node' && one.children.length && one.parent.kind !== 'tree').map((one) => one.path)); this.rememberFolded(); this.select(file.parts.keys().next().value); this.draw(); }
+
+  async find() {
+    const all = [...this.file.parts.values()].filter((one) => one.kind !== 'outcome');
+    const chosen = await choose('Find', all.map((one) => ({label: one.title, detail: one.kind === 'node' ? `${one.data.type} ${one.path}` : one.path, words: one.data.attributes?.map((port) => port.value).join(' '), path: one.path})));
+    if (chosen) this.select(chosen.path);
+  }
+
+  async chooseCommand() {
+    const isInGraph = Boolean(this.file);
+    const chosen = await choose('Commands', this.commands.filter((one) => isInGraph || one.where === 'page').map((one) => ({label: one.title, keys: one.keys ? shownKeys(one.keys) : '', run: one.run, detail: ''})));
+    chosen?.run();
+  }
+
+  async chooseFile() {
+    const chosen = await choose('Open a file', this.files.map((one) => ({label: one.file, detail: `${one.kind}${one.changed ? ', unsaved' : ''}`})));
+    if (chosen) this.go(chosen.label);
+  }
+
+  showKeys() { sheet('Keys', [keySheet(this.commands, this.graph.hasFocus ? 'graph' : 'page'), html('p', {class: 'hint'}, 'Other letters find an item by its name. In a field: Ctrl+Space completes, Esc goes back to the item.')]); }
+
+  nextPane(step) {
+    const now = PANES.findIndex((id) => byId(id).contains(document.activeElement));
+    for (let count = 1; count <= PANES.length; count += 1) {
+      const id = PANES[(now + step * count + PANES.length * 2) % PANES.length];
+      const goal = {'graph-pane': () => this.graph.items.length && this.graph.focus(), 'text-pane': () => this.file && this.pane.focus()}[id];
+      if (goal) goal(); else byId(id).querySelector('.panel-body :is(input, button, select, textarea, [tabindex="0"])')?.focus();
+      if (byId(id).contains(document.activeElement)) { this.told(byId(id).querySelector('h2').textContent); return; }
+    }
+  }
+
+  listen() {
+    addEventListener('keydown', (event) => {
+      if (document.querySelector('dialog[open]') || event.defaultPrevented) return;
+      const inGraph = this.graph.hasFocus, isField = event.target.closest?.('input, textarea, select') || this.pane.hasFocus();
+      const name = `${event.ctrlKey || event.metaKey ? 'Ctrl+' : ''}${event.altKey ? 'Alt+' : ''}${event.shiftKey && (event.key.length > 1 || event.ctrlKey || event.metaKey) ? 'Shift+' : ''}${event.key}`;
+      const isLetter = event.key.length === 1 && !event.ctrlKey && !event.altKey && !event.metaKey;
+      if (isLetter && isField) return;
+      if (inGraph && isLetter && (this.graph.isFinding || !this.letters) && /[\p{L}\p{N}_]/u.test(event.key)) { event.preventDefault(); this.graph.find(event.key); return; }
+      if (isField && !this.pane.hasFocus() && /^Ctrl\+(Shift\+)?[zyZ]$/.test(name) && event.target.value !== (event.target.dataset.was ?? '')) return;  // in a field: what is typed there
+      if (this.pane.hasFocus() && !this.pane.isPlain && /^Ctrl\+(Shift\+)?[zyZ]$/.test(name)) return;  // the editor's own keys, with the same history
+      const found = this.commands.find((one) => one.keys?.includes(name) && (one.where === 'page' || inGraph));
+      if (found) { event.preventDefault(); if (this.file || ['commands', 'open', 'new', 'keys', 'next_pane', 'previous_pane'].includes(found.id)) found.run(); } 
+      else if (inGraph && isLetter && /[\p{L}\p{N}_]/u.test(event.key)) { event.preventDefault(); this.graph.find(event.key); }
+    });
+    for (const [kind, act] of [['copy', () => this.actions.copy()], ['cut', () => this.actions.cut()], ['paste', (event) => this.actions.paste('after', event.clipboardData.getData('text/plain') || this.clipboard)]]) {
+      document.addEventListener(kind, (event) => { if (this.graph.hasFocus && this.file) { event.preventDefault(); act(event); } });
+    }
+    byId('files-filter').addEventListener('input', () => this.showFiles(this.files));
+    byId('files-filter').addEventListener('keydown', (event) => { if (event.key === 'Enter') byId('files').querySelector('button')?.click(); });
+    for (const id of ['save', 'undo', 'redo', 'new', 'commands', 'keys', 'difference']) byId(id).addEventListener('click', () => this.run(id));
+    addEventListener('hashchange', () => this.openLink());
+    addEventListener('beforeunload', (event) => { if ([...this.open.values()].some((file) => file.sent || file.pending)) event.preventDefault(); });
+  }
+
+  // The cursor in the text selects the innermost part around it.
+  cursor(offset) {
+    const {file} = this;
+    const part = file && !file.problem ? this.innermost(file, offset) : null;
+    if (part && part.path !== file.selected) this.select(part.path, {isFromText: true});
+  }
+
+  innermost(file, offset) {
+    let best = null;
+    for (const part of file.parts.values()) {
+      const [start, end] = file.now(part.span);
+      if (start <= offset && offset <= end && part.kind !== 'outcome') best = part;
+    }
+    return best;
+  }
+
+  async complete(name, offset, isExplicit) {
+    const file = this.open.get(name);
+    if (file?.language !== 'xml' || (!isExplicit && !/[<\w{"@]/.test(file.text[offset - 1] ?? ''))) return [];
+    await file.synced();
+    return this.link.request('completions', {file: name, offset}).catch(() => []);
+  }
+}
+
+let studio = null;
+const events = {cursor: (offset) => studio.cursor(offset), complete: (...words) => studio.complete(...words), fix: (one, fix) => studio.fix(one, fix)};
+const made = document.querySelector('script[type="importmap"]') ? (await import('./code_text.js')).codePane : plainPane;
+const panelsMade = panels(byId('panels'), 'studio', {wide: [['files-pane', 'palette-pane'], ['graph-pane', 'text-pane'], ['form-pane', 'problems-pane']], narrow: [['files-pane', 'graph-pane', 'form-pane', 'problems-pane', 'text-pane', 'palette-pane']]}, '(max-width: 900px)');
+studio = new Studio(made(byId('text'), events));
+studio.panels = panelsMade;

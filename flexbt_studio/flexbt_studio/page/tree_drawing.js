@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// Trees as a picture: each node above its children, which are in order from left to right and as near as they can be.
+
+import {svg} from './choice.js';
+import {BOLD, shortened, SMALL, widthOf} from './graph.js';
+
+const HEIGHT = 44, ROW = 84, GAP = 18, TREE_GAP = 56;
+const SIGNS = {Sequence: '→', ReactiveSequence: '⇒', SequenceWithMemory: '→', AsyncSequence: '→', Fallback: '?', ReactiveFallback: '⁇', AsyncFallback: '?', Parallel: '⇉', ParallelAll: '⇉', Inverter: '¬', SubTree: '▤', SubTreePlus: '▤'};
+
+const ports = (node) => node.attributes.filter((one) => one.name !== 'name' && one.name !== 'ID').map((one) => `${one.name}=${one.value}`).join('  ');
+
+function shape(kind, x, y, width) {
+  const right = x + width, bottom = y + HEIGHT, middle = y + HEIGHT / 2, cut = 9;
+  if (kind === 'decorator') return svg('path', {class: 'box', d: `M${x + cut} ${y}H${right - cut}L${right} ${middle}L${right - cut} ${bottom}H${x + cut}L${x} ${middle}Z`});
+  return svg('rect', {class: 'box', x, y, width, height: HEIGHT, rx: {condition: HEIGHT / 2, control: 12, tree: 3, subtree: 2}[kind] ?? 4});
+}
+
+// The items, the elements and the extent of a view. folded has the paths whose children are not shown.
+export function drawTrees(view, folded) {
+  const children = new Map(), hidden = new Map(), items = [], lines = [], shapes = [];
+  const roots = new Map(view.trees.map((tree) => [tree.path, []]));
+  for (const node of view.nodes) {
+    const list = node.parent === null ? roots.get(node.tree) : children.get(node.parent);
+    if (list) list.push(node);
+    children.set(node.path, []);
+  }
+  for (const node of [...view.nodes].reverse()) hidden.set(node.path, children.get(node.path).reduce((sum, one) => sum + 1 + hidden.get(one.path), 0));
+  let top = 0, right = 0;
+
+  for (const tree of view.trees) {
+    const below = roots.get(tree.path);
+    const root = {path: tree.path, parent: null, kind: 'tree', type: tree.id || 'tree without ID', detail: tree.id && tree.id === view.main ? 'main tree' : 'tree', span: tree.span, level: 1, below, name: tree.id, comments: tree.comments};
+    const boxes = [];
+    const waiting = [[root, null]];
+    while (waiting.length) {  // parents first, children in order
+      const [one, parent] = waiting.pop();
+      const isFolded = folded.has(one.path), below = one.below ?? children.get(one.path);
+      const kind = one.kind || 'unknown', isTree = kind === 'tree';
+      const sign = SIGNS[one.tag] ?? '', title = shortened(`${sign} ${one.type}`.trim(), 34);
+      const detail = shortened(isTree ? one.detail : [one.kind || 'unknown', one.name, ports(one)].filter(Boolean).join(' · '), 40);
+      const count = isTree ? below.reduce((sum, node) => sum + 1 + hidden.get(node.path), 0) : hidden.get(one.path);
+      const width = Math.max(72, Math.max(widthOf(title, BOLD), widthOf(detail, SMALL)) + (kind === 'decorator' || kind === 'condition' ? 34 : 22));
+      const box = {one, kind, title, detail, width, isFolded, count, depth: parent ? parent.depth + 1 : 0, parent, below: [], x: 0};
+      boxes.push(box);
+      parent?.below.push(box);
+      if (!isFolded) for (const node of [...below].reverse()) waiting.push([node, box]);
+    }
+    const left = place(boxes);
+    let depth = 0;
+    for (const box of boxes) {
+      if (box.parent) box.x += box.parent.x;
+      box.left = box.x - box.width / 2 - left;
+      const y = top + box.depth * ROW, {one, kind} = box, isTree = kind === 'tree';
+      depth = Math.max(depth, box.depth);
+      right = Math.max(right, box.left + box.width);
+      const element = svg('g', {class: `node ${kind}${box.isFolded ? ' folded-node' : ''}`}, shape(kind, box.left, y, box.width),
+        svg('text', {class: 'type', x: box.left + box.width / 2, y: y + 19, 'text-anchor': 'middle'}, box.title),
+        svg('text', {class: 'detail', x: box.left + box.width / 2, y: y + 35, 'text-anchor': 'middle'}, box.detail));
+      if (kind === 'subtree') element.append(svg('path', {class: 'double', d: `M${box.left + 4} ${y}V${y + HEIGHT}M${box.left + box.width - 4} ${y}V${y + HEIGHT}`}));
+      if (one.comments?.length) element.append(svg('g', {class: 'note'}, svg('title', {}, one.comments.join('\n')), svg('path', {d: `M${box.left - 4} ${y - 6}h12v9h-7l-3 4v-4h-2z`})));
+      if (box.isFolded) {
+        const text = `+${box.count}`;
+        element.append(svg('g', {class: 'fold-mark'}, svg('rect', {x: box.left + box.width / 2 - 18, y: y + HEIGHT - 2, width: 36, height: 18, rx: 9}), svg('text', {x: box.left + box.width / 2, y: y + HEIGHT + 11, 'text-anchor': 'middle'}, text)));
+      }
+      if (box.parent) lines.push(`M${box.parent.left + box.parent.width / 2} ${y - ROW + HEIGHT}C${box.parent.left + box.parent.width / 2} ${y - 18} ${box.left + box.width / 2} ${y - 22} ${box.left + box.width / 2} ${y}`);
+      shapes.push(element);
+      const name = isTree ? one.type : one.name && one.name !== one.type ? one.name : one.type;
+      items.push({
+        path: one.path, parent: isTree ? null : box.parent.one.path, level: box.depth + 1, name, span: one.span, open: one.open ?? one.span, element, box: [box.left, y, box.width, HEIGHT], isFolded: box.isFolded, count: box.count, node: isTree ? null : one, tree: isTree ? one : null,
+        label: isTree ? `${box.detail} ${one.type}` : `${one.type}${one.name && one.name !== one.type ? ` "${one.name}"` : ''}, ${one.kind || 'unknown node'}${ports(one) ? `, ${ports(one)}` : ''}${one.comments.length ? `, note: ${one.comments.join(' ')}` : ''}`,
+      });
+    }
+    top += depth * ROW + HEIGHT + TREE_GAP;
+  }
+  return {items, parts: [svg('path', {class: 'edges', d: lines.join('')}), ...shapes], box: {x: -6, y: -12, width: right + 18, height: Math.max(top - TREE_GAP, 1) + 34}};
+}
+
+// Give each box its place x relative to its parent's, children side by side; return the left end of all. boxes: parents first.
+function place(boxes) {
+  let least = 0;
+  for (const box of [...boxes].reverse()) {
+    // The contour of a box: its left and right end in each row from its own down, relative to its middle.
+    const lefts = [-box.width / 2], rights = [box.width / 2];
+    let merged = null;
+    for (const child of box.below) {
+      let shift = 0;
+      if (merged) {
+        const rows = Math.min(merged.rights.length, child.rights.length);
+        for (let row = 0; row < rows; row += 1) shift = Math.max(shift, merged.rights[row] + GAP - child.lefts[row]);
+      } else merged = {lefts: [], rights: []};
+      child.x = shift;
+      for (let row = 0; row < child.rights.length; row += 1) {
+        if (row >= merged.lefts.length) merged.lefts.push(child.lefts[row] + shift);
+        merged.rights[row] = child.rights[row] + shift;
+      }
+    }
+    if (merged) {
+      const middle = (box.below[0].x + box.below.at(-1).x) / 2;
+      for (const child of box.below) child.x -= middle;
+      for (let row = 0; row < merged.lefts.length; row += 1) { lefts.push(merged.lefts[row] - middle); rights.push(merged.rights[row] - middle); }
+    }
+    Object.assign(box, {lefts, rights});
+    least = box.parent ? least : Math.min(...lefts);
+  }
+  return least;
+}
