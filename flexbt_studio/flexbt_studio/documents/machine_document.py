@@ -154,7 +154,8 @@ class MachineDocument(Document):
             return
         self._read()
         for number, (name, root) in enumerate(self.roots):
-            self._name_paths(root, f'{name}:' if number else '')
+            same = sum(1 for other, _ in self.roots[:number] if other == name)
+            self._name_paths(root, '' if not number else f'{name} ({same + 1}):' if same else f'{name}:')
 
     # -- what the languages implement --------------------------------------------------------------------------------
 

@@ -24,7 +24,7 @@ from .machine_document import LEVELS, Condition, Item, MachineDocument, State, T
 from .text import Span, TextEdit, applied
 
 _LOADER: Final[Any] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
-_RESOLVER: Final[Any] = yaml.resolver.Resolver()  # type: ignore[no-untyped-call]
+_RESOLVER: Final[Any] = yaml.resolver.Resolver()
 _TEXT: Final = 'tag:yaml.org,2002:str'
 _COMMENT: Final = re.compile(r'(?<![^\s\ufeff])#[^\r\n]*')
 _PLAIN: Final = re.compile(r'\w(?:[\w ./+$-]*[\w./+$-])?')

@@ -170,3 +170,150 @@ TEXTS = {
     'bom': '\ufeff' + PLAIN,
     'tabs': PLAIN.replace('Find\n', 'Find\t# a\ttab\n').replace('\n    Both', '\n\n    # über 😀\n    Both'),
 }
+
+FLEXBE = '''\
+#!/usr/bin/env python
+# -*- coding: utf-8 -*-
+"""Define Round. Created on a day, @author: Ä. Person"""
+
+from flexbe_core import Autonomy
+from flexbe_core import Behavior
+from flexbe_core import ConcurrencyContainer
+from flexbe_core import OperatableStateMachine
+from my_states.drive_state import DriveState
+from my_states.watch_state import WatchState
+# [MANUAL_IMPORT]
+import os
+
+# [/MANUAL_IMPORT]
+
+
+class RoundSM(Behavior):
+    """Drive a round."""
+
+    def __init__(self, node):
+        super().__init__()
+        self.name = 'Round'
+        self.add_parameter('speed', 1.0)
+        self.add_behavior(InnerSM, 'Watch/Inner', node)
+        # [MANUAL_INIT]
+
+        # [/MANUAL_INIT]
+        # Behavior comments:
+
+        # ! 120 40 /Watch
+        # an important note
+
+    def create(self):
+        hint = 'abc'
+        # x:683 y:40, x:683 y:140
+        _state_machine = OperatableStateMachine(outcomes=['finished', 'failed'], input_keys=['goal'])
+        _state_machine.userdata.goal = 3
+        # [MANUAL_CREATE]
+
+        # [/MANUAL_CREATE]
+        # x:30 y:365, x:130 y:365
+        _sm_watch_0 = ConcurrencyContainer(outcomes=['finished', 'failed'], input_keys=['goal'],
+                                           conditions=[('finished', [('Left', 'done'), ('Inner', 'done')]),
+                                                       ('failed', [('Left', 'failed')])
+                                                       ])
+
+        with _sm_watch_0:
+            # x:84 y:50
+            OperatableStateMachine.add('Left',
+                                       WatchState(side="left, or 'back'", hint=hint),
+                                       transitions={'done': 'finished', 'failed': 'failed'},
+                                       autonomy={'done': Autonomy.Off, 'failed': Autonomy.Off},
+                                       remapping={'goal': 'goal'})
+
+            # x:84 y:150
+            OperatableStateMachine.add('Inner',
+                                       self.use_behavior(InnerSM, 'Watch/Inner', parameters={'speed': 2.0}),
+                                       transitions={'done': 'finished'},
+                                       autonomy={'done': Autonomy.Inherit})
+
+        with _state_machine:
+            # x:84 y:50 {?hidden = self.speed}
+            OperatableStateMachine.add('Drive',
+                                       DriveState(speed=self.speed, check=lambda x: x > 1),
+                                       transitions={'done': 'Watch'  # 300 60 -1 -1 -1 -1
+                                                    , 'failed': 'failed'},
+                                       autonomy={'done': Autonomy.Off, 'failed': Autonomy.Low},
+                                       remapping={'goal': 'goal'})
+
+            # x:284 y:50
+            OperatableStateMachine.add('Watch',
+                                       _sm_watch_0,
+                                       transitions={'finished': 'finished', 'failed': 'Drive'},
+                                       autonomy={'finished': Autonomy.Inherit, 'failed': Autonomy.Inherit},
+                                       remapping={'goal': 'goal'})
+
+        return _state_machine
+    # [MANUAL_FUNC]
+
+    # [/MANUAL_FUNC]
+'''
+
+FORMS = '''\
+"""Machines in the forms that people write. ÄÖÜ 😀"""
+from flexbt_core import (
+    Child,
+    ConcurrencyContainer,
+    OperatableStateMachine,
+    with_retry,
+    with_timeout,
+)
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_states import BtExecuteState, WaitState
+from flexbt_states import OperatorInputState as Ask
+
+
+class Deliveries(Behavior):
+    manifest = BehaviorManifest('Deliveries', 'Drive.', parameters=[BehaviorParameter('limit', 2.0, 'time')])
+
+    def create(self) -> OperatableStateMachine:
+        ask = Ask('Where to?', 'geometry_msgs/PoseStamped')  # 😀 a question
+        asked = {'received': 'Drive', 'declined': 'finished', 'failed': 'failed'}
+        with OperatableStateMachine(['finished', 'failed'], userdata={'count': 0}) as machine:
+            machine.add('Ask', ask, asked, remapping={'data': 'goal'})
+            # ü: two wrappers
+            drive = with_timeout(with_retry(WaitState((2.0)), 3, ['failed']), 5.0, 'failed')
+            machine.add('Drive', drive, {'done': 'Work', 'failed': 'Ask'})
+            machine.add("Work", self._work(), transitions=({'done': ('finished')}))
+            for number in range(2):
+                machine.add(f'Wait{number}', WaitState(number), {'done': 'Drive'})
+            if self.limit:
+                machine.add('Extra', WaitState(1.0), transitions={'done': 'finished'})
+            machine.add(
+                'Last',
+                BtExecuteState(bt_file='a.xml', **self.more),
+                transitions={'done': 'finished', **{'canceled': 'failed'}},
+            )
+        return machine
+
+    def _work(self):
+        return ConcurrencyContainer(
+            outcomes=['done'],
+            conditions=[('done', [('Left', 'done'), ('Right', 'done')]), ('done', [('Left', 'failed')])],
+            children=[
+                # the left one
+                Child('Left', WaitState(wait_time=1.0), transitions={'done': 'done'}),
+                Child('Right', WaitState(2.0)),  # right
+            ],
+        )
+
+
+class Second(Behavior):
+    def create(self):
+        children = [Child('A', (WaitState(1)), {'done': 'B'}), Child('B', Ask())]
+        machine = OperatableStateMachine(['done'], children=children)
+        return machine
+'''
+
+PYTHON = {
+    'flexbe': FLEXBE,
+    'tabs': FLEXBE.replace('    ', '\t').replace('\t\t\t\t\t\t   ', '\t\t\t\t\t\t\t'),
+    'forms': FORMS,
+    'crlf': FLEXBE.replace('\n', '\r\n'),
+    'bom': '\ufeff' + FORMS,
+}

@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Python documents: each gesture changes the call that was meant, and nothing else.
+
+The expected calls are found and edited independent of the document, in Python's syntax tree.
+"""
+
+from __future__ import annotations
+
+import ast
+import contextlib
+import copy
+import functools
+import os
+import random
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from machine_texts import PYTHON
+
+from flexbt_studio.documents.python_document import PythonDocument
+from flexbt_studio.documents.text import applied, inverse
+from flexbt_studio.errors import GestureError
+
+WORKSPACE = Path(__file__).parents[3]
+NAMES = ['Next', "it's", 'say "x"', 'é😀', 'a b', 'off']
+
+
+def texts() -> dict[str, str]:
+    """Return all Python files with machines that are at hand."""
+    found = dict(PYTHON)
+    folders = [*WORKSPACE.glob('flexbt_*'), WORKSPACE.parent / 'shared' / 'data' / 'reports']
+    folders += [Path(one) for one in os.environ.get('FLEXBT_TEST_BEHAVIORS', '').split(os.pathsep) if one]
+    for file in (file for folder in folders if folder.is_dir() for file in folder.rglob('*.py')):
+        data = file.read_bytes()
+        if b'.add(' in data and (b'StateMachine' in data or b'Container(' in data) and file.name != 'machine_texts.py':
+            with contextlib.suppress(UnicodeDecodeError):
+                found[str(file)] = data.decode()
+    return found
+
+
+ALL = texts()
+
+
+class Calls:
+    """The calls of ``add`` and ``Child`` with literal labels in a file, in order."""
+
+    def __init__(self, text: str) -> None:
+        self.text = text.removeprefix('\ufeff')
+        self.tree = ast.parse(self.text)
+        lines = text.removeprefix('\ufeff').splitlines(keepends=True)
+        starts = [0]
+        for line in lines:
+            starts.append(starts[-1] + len(line))
+        self.found: list[dict[str, Any]] = []
+        self.nodes: list[ast.Call] = []
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Call) and len(node.args) >= 2 and isinstance(node.args[0], ast.Constant):
+                name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, 'id', '')
+                if name in ('add', 'Child') and isinstance(node.args[0].value, str):
+                    self.nodes.append(node)
+        self.nodes.sort(key=lambda node: (node.lineno, node.col_offset))
+        for node in self.nodes:
+            label: Any = node.args[0]
+            line = lines[label.lineno - 1]
+            column = len(line.encode()[: label.col_offset].decode())
+            given = dict(zip(('label', 'state', 'transitions', 'autonomy', 'remapping'), node.args, strict=False))
+            given.update({one.arg: one.value for one in node.keywords if one.arg})
+            self.found.append({
+                'offset': starts[label.lineno - 1] + column + text.startswith('\ufeff'),
+                'label': label.value,
+                'state': ast.unparse(given['state']),
+                **{table: literal(given.get(table)) for table in ('transitions', 'autonomy', 'remapping')},
+            })  # fmt: skip
+
+    @functools.cache  # noqa: B019
+    def rest(self, *masked: str) -> str:
+        """Return what is not in these calls, without imports; some texts count as equal."""
+        tree = ast.parse(self.text)
+        places = {(node.lineno, node.col_offset) for node in self.nodes}
+        for node in ast.walk(tree):
+            for name in ('body', 'orelse', 'elts'):
+                block = getattr(node, name, None)
+                if isinstance(block, list):
+                    setattr(
+                        node,
+                        name,
+                        [one for one in block if not _is_call(one, places) and not isinstance(one, ast.ImportFrom)],
+                    )
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                parts = node.value.split('/')
+                node.value = '/'.join('§' if part in masked else part for part in parts)
+        return ast.dump(tree)
+
+
+def _is_call(node: Any, places: set[tuple[int, int]]) -> bool:
+    call = node.value if isinstance(node, ast.Expr) else node
+    return isinstance(call, ast.Call) and (call.lineno, call.col_offset) in places
+
+
+def literal(node: ast.expr | None) -> Any:
+    """Return a mapping of texts to texts or to code; code for other expressions."""
+    if node is None:
+        return {}
+    if isinstance(node, ast.Dict) and all(isinstance(key, ast.Constant) for key in node.keys):
+        return {key.value: ast.unparse(value) for key, value in zip(node.keys, node.values, strict=True)}  # type: ignore[union-attr]
+    return ast.unparse(node)
+
+
+def plain(calls: Calls) -> list[dict[str, Any]]:
+    return [
+        {
+            key: list(value.items()) if isinstance(value, dict) else value
+            for key, value in one.items()
+            if key != 'offset'
+        }
+        for one in calls.found
+    ]
+
+
+class Trial:
+    """One text, and random gestures on it."""
+
+    def __init__(self, text: str, seed: int) -> None:
+        self.text = text
+        self.random = random.Random(seed)
+        self.document = PythonDocument(text, 'x.py')
+        self.states = self.document.view()['states']
+        self.calls = Calls(text)
+        self.by_offset = {one['offset']: number for number, one in enumerate(self.calls.found)}
+
+    def open_states(self) -> Iterator[tuple[dict[str, Any], int]]:
+        """Yield the states that can be edited, each with the number of its call."""
+        for state in self.states:
+            number = self.by_offset.get(state['label_span'][0])
+            if state['parent'] is not None and not state['locked'] and number is not None:
+                yield state, number
+
+    def siblings(self, state: dict[str, Any]) -> list[dict[str, Any]]:
+        return [one for one in self.states if one['parent'] == state['parent']]
+
+    def run(
+        self, name: str, arguments: dict[str, Any], expected: list[dict[str, Any]] | None, *masked: str
+    ) -> str | None:
+        """Carry out a gesture and check it; return the new text, or None if it was refused."""
+        try:
+            edits = self.document.gesture(name, arguments)
+        except GestureError as error:
+            assert str(error)
+            return None
+        after = applied(self.text, edits)
+        assert applied(after, inverse(self.text, edits)) == self.text
+        now = Calls(after)
+        assert PythonDocument(after).problems == []
+        if expected is not None:
+            wanted = [
+                {
+                    key: list(value.items()) if isinstance(value, dict) else value
+                    for key, value in one.items()
+                    if key != 'offset'
+                }
+                for one in expected
+            ]
+            assert plain(now) == wanted, (name, arguments)
+            assert now.rest(*masked) == self.calls.rest(*masked), (name, arguments)
+        return after
+
+
+def trials(text: str, seed: int) -> Iterator[tuple[str, str | None]]:
+    """Try each gesture on each state; yield its name, and the new text or None."""
+    trial = Trial(text, seed)
+    choose = trial.random.choice
+    for state, number in trial.open_states():
+        path, call = state['path'], trial.calls.found[number]
+        siblings = trial.siblings(state)
+        parent = next(one for one in trial.states if one['path'] == state['parent'])
+        targets = [
+            *parent['outcomes'],
+            *([] if parent['kind'] == 'concurrency' else [one['label'] for one in siblings]),
+        ]
+        for table, gesture, names, values in (
+            ('transitions', 'set_target', ('outcome', 'target'), targets or ['x']),
+            ('autonomy', 'set_autonomy', ('outcome', 'level'), ['off', 'low', 'high', 'full']),
+            ('remapping', 'set_remapping', ('key', 'name'), NAMES),
+        ):
+            known = list(call[table]) if isinstance(call[table], dict) else []
+            key = choose([*known, *(state['outcomes'] or ['done', *NAMES])])
+            for value in (choose(values), *([None] if key in known else [])):
+                expected = copy.deepcopy(trial.calls.found)
+                if isinstance(call[table], dict) and value is not None:
+                    level = f'Autonomy.{value.capitalize()}'
+                    if (
+                        table == 'autonomy'
+                        and str(call[table].get(key, next(reversed(call[table].values()), ''))).isdigit()
+                    ):
+                        level = str(['off', 'low', 'high', 'full'].index(value))
+                    expected[number][table][key] = level if table == 'autonomy' else repr(value)
+                elif isinstance(call[table], dict):
+                    del expected[number][table][key]
+                computed = not isinstance(call[table], dict)
+                yield (
+                    gesture,
+                    trial.run(gesture, {'state': path, names[0]: key, names[1]: value}, None if computed else expected),
+                )
+        yield from _renaming(trial, state, siblings, choose)
+        yield from _parameters(trial, state, number)
+        yield from _places(trial, state, number, targets, choose)
+
+
+def _renaming(
+    trial: Trial, state: dict[str, Any], siblings: list[dict[str, Any]], choose: Any
+) -> Iterator[tuple[str, str | None]]:
+    new = choose(NAMES)
+    expected: list[dict[str, Any]] | None = copy.deepcopy(trial.calls.found)
+    for one in siblings:
+        number = trial.by_offset.get(one['label_span'][0])
+        if number is None or not isinstance(trial.calls.found[number]['transitions'], dict):
+            expected = None
+            break
+        assert expected is not None
+        ways = expected[number]['transitions']
+        ways.update({key: repr(new) for key, target in ways.items() if target == repr(state['label'])})
+    number = trial.by_offset[state['label_span'][0]]
+    if expected is not None:
+        expected[number]['label'] = new
+        if 'use_behavior' in expected[number]['state'] or state['kind'] != 'state':
+            expected = None  # the path of the behavior changes, too
+    yield (
+        'rename_state',
+        trial.run('rename_state', {'state': state['path'], 'label': new}, expected, state['label'], new),
+    )
+
+
+def _parameters(trial: Trial, state: dict[str, Any], number: int) -> Iterator[tuple[str, str | None]]:
+    for one in state['parameters'][:3]:
+        tree = ast.parse(trial.calls.found[number]['state'], mode='eval').body
+        expected = copy.deepcopy(trial.calls.found)
+        if state['wrappers'] or state['kind'] != 'state' or not isinstance(tree, ast.Call):
+            expected = None  # type: ignore[assignment]
+        elif '*' in one['name']:
+            continue
+        elif one['name'].isdigit():
+            tree.args[int(one['name'])] = ast.parse("['x', 2]", mode='eval').body
+        else:
+            next(key for key in tree.keywords if key.arg == one['name']).value = ast.parse("['x', 2]", mode='eval').body
+        if expected is not None:
+            expected[number]['state'] = ast.unparse(tree)
+        yield (
+            'set_parameter',
+            trial.run('set_parameter', {'state': state['path'], 'name': one['name'], 'text': "['x', 2]"}, expected),
+        )
+        assert trial.run('set_parameter', {'state': state['path'], 'name': one['name'], 'text': 'a, b'}, None) is None
+
+
+def _places(
+    trial: Trial, state: dict[str, Any], number: int, targets: list[str], choose: Any
+) -> Iterator[tuple[str, str | None]]:
+    path, call = state['path'], trial.calls.found[number]
+    instead = choose([one for one in targets if one != state['label']] or ['x'])
+    expected: list[dict[str, Any]] | None = copy.deepcopy(trial.calls.found)
+    assert expected is not None
+    for one in trial.siblings(state):
+        other = trial.by_offset.get(one['label_span'][0])
+        if (
+            other is None
+            or not isinstance(expected[other]['transitions'], dict)
+            or state['kind'] not in ('state', 'behavior')
+        ):
+            expected = None
+            break
+        ways = expected[other]['transitions']
+        ways.update({key: repr(instead) for key, target in ways.items() if target == repr(state['label'])})
+    if expected is not None:
+        del expected[number]
+    parent = next(one for one in trial.states if one['path'] == state['parent'])
+    if parent['conditions'] or not call['state'].endswith(')') or not isinstance(call['transitions'], dict):
+        expected = None
+    yield 'remove_state', trial.run('remove_state', {'state': path, 'instead': instead}, expected)
+    arguments = {
+        'parent': state['parent'],
+        'label': 'Brand new',
+        'type': 'pkg.mod.NewState',
+        'parameters': {'a': 1, 'b': '[x]'},
+    }
+    target = choose(targets or ['x'])
+    after = trial.run('add_state', {**arguments, 'transitions': {'done': target}}, None)
+    if after is not None:
+        new = [one for one in Calls(after).found if one['label'] == 'Brand new']
+        assert [(one['state'], one['transitions']) for one in new] == [('NewState(a=1, b=[x])', {'done': repr(target)})]
+        assert Calls(after).rest() == trial.calls.rest()
+        document = PythonDocument(after)
+        added = next(one for one in document.view()['states'] if one['label'] == 'Brand new')
+        assert added['parent'] == state['parent'] and document.view()['states'][-1] is not None
+        back = document.gesture('remove_state', {'state': added['path']})
+        lines = [
+            line
+            for line in applied(after, back).splitlines(keepends=True)
+            if 'import NewState' not in line and 'import Autonomy' not in line
+        ]
+        assert ''.join(lines) == trial.text or 'Autonomy' in after
+    yield 'add_state', after
+    after = trial.run('set_initial', {'state': path}, None)
+    if after is not None:
+        labels = [one['label'] for one in PythonDocument(after).view()['states'] if one['parent'] == state['parent']]
+        assert labels[0] == state['label'] and sorted(labels) == sorted(one['label'] for one in trial.siblings(state))
+        assert Calls(after).rest() == trial.calls.rest()
+        assert sorted(map(str, plain(Calls(after)))) == sorted(map(str, plain(trial.calls)))
+    yield 'set_initial', after
+    after = trial.run('set_comment', {'state': path, 'text': 'One.\n\nÜ'}, trial.calls.found)
+    if after is not None:
+        again = PythonDocument(after)
+        same = next(one for one in again.view()['states'] if one['path'] == path)
+        assert same['comments'][:3] == ['One.', '', 'Ü']
+    yield 'set_comment', after
+
+
+@pytest.mark.parametrize('style', PYTHON)
+def test_gestures_change_what_is_meant(style: str) -> None:
+    done = [name for name, after in trials(PYTHON[style], 1) if after is not None]
+    assert set(done) >= {
+        'set_target',
+        'set_autonomy',
+        'rename_state',
+        'set_parameter',
+        'remove_state',
+        'add_state',
+        'set_comment',
+    }
