@@ -19,9 +19,11 @@ from pygls.lsp.server import LanguageServer
 from pygls.uris import from_fs_path
 
 from flexbt_core.behavior_tree.engine.registry import node_skills
+from flexbt_onboard.behaviors.machine_behavior import installed_states
 from flexbt_server.node_types import node_registry
-from flexbt_studio.documents.diagnostics import Finding, TreeChecker
-from flexbt_studio.documents.editor_help import Completion, Place, TreeHelp
+from flexbt_studio.documents.diagnostics import Checker, Finding
+from flexbt_studio.documents.editor_help import Completion, MachineHelp, Place, TreeHelp
+from flexbt_studio.documents.palette import states
 from flexbt_studio.documents.project import Project
 from flexbt_studio.documents.text import Lines, Span, TextEdit
 from flexbt_studio.errors import StudioError
@@ -55,12 +57,16 @@ class FlexbtLanguageServer(LanguageServer):
         self._notes = notes
         self._registry = node_registry(lambda nodes, error: notes.append(f'without {nodes}: {error}'))
         self._skills = node_skills(self._registry, notes.append)
+        classes, broken = installed_states()
+        notes += broken
+        self._palette = states(classes)
         self._use(Path.cwd())
 
     def _use(self, root: Path) -> None:
         self.project = Project(root)
-        self.checker = TreeChecker(self.project, self._registry, self._skills)
-        self.help = TreeHelp(self.project, self._registry)
+        self.checker = Checker(self.project, self._registry, self._skills)
+        self.trees = TreeHelp(self.project, self._registry)
+        self.machines = MachineHelp(self.project, self._palette)
 
     def begin(self, parameters: lsp.InitializeParams) -> None:
         """Take the first folder of the editor as the project, and tell what could not be loaded."""
@@ -94,6 +100,11 @@ class FlexbtLanguageServer(LanguageServer):
         """Return the offset of a position."""
         return Lines(self.project.text(file)).offset(position.line, position.character)
 
+    def helper(self, file: str) -> TreeHelp | MachineHelp | None:
+        """Return what helps in a file; None if nothing does."""
+        helpers: dict[str, TreeHelp | MachineHelp] = {'xml': self.trees, 'yaml': self.machines}
+        return helpers.get(self.project.open(file).document.language)
+
     def edits(self, file: str, edits: Sequence[TextEdit]) -> list[lsp.TextEdit]:
         """Return edits as the protocol has them."""
         return [lsp.TextEdit(self.range(file, Span(one.start, one.end)), one.text) for one in edits]
@@ -111,7 +122,7 @@ class FlexbtLanguageServer(LanguageServer):
 
     def findings(self, file: str) -> list[Finding]:
         """Return the findings for an open file."""
-        return self.checker.findings(file) if self.project.open(file).document.language == 'xml' else []
+        return self.checker.findings(file)
 
     def _diagnostic(self, file: str, finding: Finding) -> lsp.Diagnostic:
         record = finding.record
@@ -169,13 +180,15 @@ def make_server() -> FlexbtLanguageServer:
     def complete(ls: FlexbtLanguageServer, asked: lsp.CompletionParams) -> lsp.CompletionList:
         file = ls.file(asked.text_document.uri)
         offset = ls.offset(file, asked.position)
-        found = [_item(ls, file, one) for one in ls.help.completions(file, offset)]
+        helper = ls.helper(file)
+        found = [] if helper is None else [_item(ls, file, one) for one in helper.completions(file, offset)]
         return lsp.CompletionList(is_incomplete=False, items=found)
 
     @feature(lsp.TEXT_DOCUMENT_HOVER)
     def hover(ls: FlexbtLanguageServer, asked: lsp.HoverParams) -> lsp.Hover | None:
         file = ls.file(asked.text_document.uri)
-        found = ls.help.help(file, ls.offset(file, asked.position))
+        helper = ls.helper(file)
+        found = None if helper is None else helper.help(file, ls.offset(file, asked.position))
         if found is None:
             return None
         return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, found.text), ls.range(file, found.span))
@@ -183,18 +196,19 @@ def make_server() -> FlexbtLanguageServer:
     @feature(lsp.TEXT_DOCUMENT_DEFINITION)
     def definition(ls: FlexbtLanguageServer, asked: lsp.DefinitionParams) -> lsp.Location | None:
         file = ls.file(asked.text_document.uri)
-        found = ls.help.definition(file, ls.offset(file, asked.position))
+        is_tree = ls.project.open(file).document.language == 'xml'
+        found = ls.trees.definition(file, ls.offset(file, asked.position)) if is_tree else None
         return None if found is None else ls.location(found)
 
     @feature(lsp.TEXT_DOCUMENT_REFERENCES)
     def references(ls: FlexbtLanguageServer, asked: lsp.ReferenceParams) -> list[lsp.Location]:
         file = ls.file(asked.text_document.uri)
-        return [ls.location(one) for one in ls.help.uses(file, ls.offset(file, asked.position))]
+        return [ls.location(one) for one in ls.trees.uses(file, ls.offset(file, asked.position))]
 
     @feature(lsp.TEXT_DOCUMENT_RENAME)
     def rename(ls: FlexbtLanguageServer, asked: lsp.RenameParams) -> lsp.WorkspaceEdit:
         file = ls.file(asked.text_document.uri)
-        edits = ls.help.rename(file, ls.offset(file, asked.position), asked.new_name)
+        edits = ls.trees.rename(file, ls.offset(file, asked.position), asked.new_name)
         return lsp.WorkspaceEdit({ls.uri(one): ls.edits(one, changes) for one, changes in edits.items()})
 
     @feature(lsp.TEXT_DOCUMENT_CODE_ACTION, lsp.CodeActionOptions([lsp.CodeActionKind.QuickFix]))

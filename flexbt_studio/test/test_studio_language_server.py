@@ -194,6 +194,50 @@ def test_a_tree_is_renamed_in_all_files_and_a_key_in_values_and_scripts(folder: 
     with_editor(folder, story)
 
 
+MACHINE = """\
+machine:
+  outcomes: [finished]
+  states:
+    Wait:
+      state: WaitState
+      parameters:
+        wait_time: 1.0
+      transitions: {done: Again}
+    Again:
+      state: WaitState
+      parameters: {wait_time: 2.0}
+      transitions:
+        done: finishd
+"""
+
+
+def test_a_machine_is_checked_and_helped(folder: Path) -> None:
+    async def story(editor: Editor) -> None:
+        (found,) = await editor.show('round.yaml', MACHINE)
+        assert 'finished' in found.message and found.range.start.line == 12
+        for word, shift, expected in (
+            ('WaitState', 0, 'WaitState'),
+            ('Again}', 1, 'finished'),
+            ('finishd', 2, 'Wait'),
+            ('wait_time: 1', 0, 'wait_time'),
+        ):
+            text = MACHINE.replace('wait_time: 1.0', '') if word.startswith('wait_time') else MACHINE
+            position = editor.at('round.yaml', MACHINE, word, shift)
+            if text != MACHINE:
+                await editor.show('round.yaml', text, 2)
+            got = await editor.client.text_document_completion_async(lsp.CompletionParams(*position))
+            assert isinstance(got, lsp.CompletionList), word
+            assert expected in [one.label for one in got.items], word
+        await editor.show('round.yaml', MACHINE, 3)
+        hover = await editor.client.text_document_hover_async(
+            lsp.HoverParams(*editor.at('round.yaml', MACHINE, 'WaitState', 3))
+        )
+        assert hover is not None and isinstance(hover.contents, lsp.MarkupContent)
+        assert 'wait_time' in hover.contents.value
+
+    with_editor(folder, story)
+
+
 def test_a_text_with_an_error_is_told_and_still_helped(folder: Path) -> None:
     async def story(editor: Editor) -> None:
         broken = TREE.replace('</Sequence>', '<')

@@ -13,11 +13,13 @@ from typing import Any, Final
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.errors import LoadError
 from flexbt_core.skills.library import SkillLibrary
-from flexbt_core.values.findings import FindingRecord
+from flexbt_core.values.findings import FindingRecord, finding_record
 from flexbt_studio.errors import GestureError
+from flexbt_tools.behaviors.built_behavior import build, machine_file_entry
+from flexbt_tools.behaviors.check import check_behavior
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.tree_checks.check import check_trees
-from flexbt_tools.tree_checks.diagnostics import REFUSED, Diagnostic
+from flexbt_tools.tree_checks.diagnostics import ERROR, REFUSED, Diagnostic
 from flexbt_tools.trees.files import read_library, shown_name
 from flexbt_tools.trees.outline import node_places
 from flexbt_tools.trees.stand_ins import OpenRegistry
@@ -53,6 +55,25 @@ class Finding:
     span: Span
     path: str = ''
     fixes: list[Fix] = field(default_factory=list)
+
+
+class Checker:
+    """The checkers for the files of a project, by their languages."""
+
+    def __init__(self, project: Project, registry: NodeRegistry, skills: SkillLibrary) -> None:
+        self._project = project
+        self.trees = TreeChecker(project, registry, skills)
+        self.machines = MachineChecker(project, registry, skills)
+
+    def findings(self, file: str) -> list[Finding]:
+        """Return the findings for a file, which is opened if it is not open. Raises StudioError."""
+        document = self._project.open(file).document
+        match document.language:
+            case 'xml':
+                return self.trees.findings(file)
+            case 'yaml':
+                return self.machines.findings(file)
+        return [_of_problem(document, problem) for problem in document.problems]
 
 
 class TreeChecker:
@@ -166,6 +187,41 @@ def _common(one: Path, other: Path) -> list[str]:
             break
         shared.append(left)
     return shared
+
+
+class MachineChecker:
+    """The checker for machines in YAML, with the trees that their states run. It makes the states, and runs none."""
+
+    def __init__(self, project: Project, registry: NodeRegistry, skills: SkillLibrary) -> None:
+        self._project = project
+        self._registry = registry
+        self._skills = skills
+
+    def findings(self, file: str) -> list[Finding]:
+        """Return the findings for an open file, in the order of their places. Raises StudioError if it is not open."""
+        document = self._project.open(file).document
+        found = [_of_problem(document, problem) for problem in document.problems]
+        states = document.view()['states']
+        spans = {state['path']: Span(*(state['label_span'] or state['span'])) for state in states}
+        behavior = build(machine_file_entry(file, document.text), ())
+        if behavior.machine is None:
+            records = list(behavior.records) or [
+                finding_record(REFUSED.name, ERROR.value, problem) for problem in behavior.problems
+            ]
+            for record in [] if found else records:
+                span = span_of(document.text, _place(record))
+                path = _innermost(states, span.start)
+                found.append(Finding(record, span, path, list(_fixes(document, '', span, record['message']))))
+        else:
+            for one in check_behavior(behavior, [], self._registry, self._skills):
+                record = FindingRecord(**{**one.to_json(behavior.name), 'file': file})  # type: ignore[typeddict-item]
+                found.append(Finding(record, spans.get(one.path, Span(0, 0)), one.path))
+        return sorted(found, key=lambda one: one.span)
+
+
+def _place(record: FindingRecord) -> LoadError:
+    end = record['end_line'], record['end_column']
+    return LoadError(record['file'], record['line'], record['column'], record['node'], record['message'], end=end)
 
 
 def span_of(text: str, place: LoadError) -> Span:

@@ -7,10 +7,10 @@ It works on the text around the place, so that it also helps in a text that cann
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import NodeManifest
@@ -309,3 +309,105 @@ def _word_at(text: str, offset: int) -> Span:
     while end < len(text) and (text[end].isalnum() or text[end] in '_.-'):
         end += 1
     return Span(start, end)
+
+
+class MachineHelp:
+    """Help for machines in YAML. ``palette`` are the states as :func:`.palette.states` returns them."""
+
+    def __init__(self, project: Project, palette: Sequence[Mapping[str, Any]]) -> None:
+        self._project = project
+        self._states = {one['id']: one for one in palette}
+
+    def completions(self, file: str, offset: int) -> list[Completion]:
+        """Return what may stand at an offset of an open file: types of states, parameters, targets, levels."""
+        document = self._project.open(file).document
+        text = document.text
+        start = max(text.rfind('\n', 0, offset), text.rfind('{', 0, offset), text.rfind(',', 0, offset)) + 1
+        begun = re.match(r'\s*(?:-\s+)?(?:([\w.$-]+)\s*:\s+)?([\w./-]*)$', text[start:offset])
+        if begun is None:
+            return []
+        word = Span(offset - len(begun[2]), offset + len(re.match(r'[\w./-]*', text[offset:])[0]))  # type: ignore[index]
+        around = _outer_keys(text, start)
+        view = document.view()
+        state = _state_at(view['states'], offset)
+        if begun[1] in ('state', 'use') and state is not None:
+            return [_of_state(one, word) for one in self._states.values()]
+        if begun[1] is not None and around[:1] == ['transitions'] and state is not None:
+            return [Completion(name, 'state', told, '', word, name) for name, told in _targets(view['states'], state)]
+        if begun[1] is not None and around[:1] == ['autonomy']:
+            return [Completion(level, 'value', 'level of autonomy', '', word, level) for level in LEVELS]
+        if begun[1] is None and around[:1] == ['parameters'] and state is not None:
+            known = self._states.get(state['type'], {'parameters': ()})['parameters']
+            given = {one['name'] for one in state['parameters']}
+            return [
+                Completion(one['name'], 'port', one['type'], one['description'], word, f'{one["name"]}: ')
+                for one in known
+                if one['name'] not in given
+            ]
+        return []
+
+    def help(self, file: str, offset: int) -> Help | None:
+        """Return help about the type of state, or the parameter, at an offset; None if there is none."""
+        document = self._project.open(file).document
+        word = _word_at(document.text, offset)
+        name = document.text[word.start : word.end]
+        state = _state_at(document.view()['states'], offset)
+        described = self._states.get(state['type']) if state is not None else None
+        if described is None:
+            return None
+        if name == described['id']:
+            return Help(word, _state_help(described))
+        parameter = next((one for one in described['parameters'] if one['name'] == name), None)
+        if parameter is None:
+            return None
+        default = '' if parameter['required'] else f', default `{parameter["default"]}`'
+        return Help(word, f'**{name}** ({parameter["type"]}{default})\n\n{parameter["description"]}')
+
+
+LEVELS: Final = ('off', 'low', 'high', 'full')
+
+
+def _outer_keys(text: str, start: int) -> list[str]:
+    """Return the keys whose values contain the line, or the flow mapping, at ``start``, the innermost first."""
+    flow = re.search(r'([\w.-]+)\s*:\s*\{[^{}]*$', text[:start])
+    if flow is not None:
+        return [flow[1]]
+    found: list[str] = []
+    line = re.compile(r'[ \t]*').match(text, start)
+    indent = len(line[0]) if line is not None else 0
+    for before in reversed(text[:start].splitlines()):
+        key = re.match(r'([ \t]*)(?:-\s+)?([\w.-]+)\s*:\s*(?:#.*)?$', before)
+        if key is not None and len(key[1]) < indent:
+            found.append(key[2])
+            indent = len(key[1])
+    return found
+
+
+def _state_at(states: Sequence[Mapping[str, Any]], offset: int) -> Mapping[str, Any] | None:
+    within = [one for one in states if one['span'][0] <= offset <= one['span'][1]]
+    return within[-1] if within else None
+
+
+def _targets(states: Sequence[Mapping[str, Any]], state: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for one in states:
+        if one['parent'] == state['parent']:
+            yield one['label'], 'state'
+        if one['path'] == state['parent']:
+            yield from ((name, 'outcome of the machine') for name in one['outcomes'])
+
+
+def _of_state(state: Mapping[str, Any], span: Span) -> Completion:
+    return Completion(state['id'], 'state', state['summary'], _state_help(state), span, state['id'])
+
+
+def _state_help(state: Mapping[str, Any]) -> str:
+    lines = [f'**{state["id"]}** ({state["package"]})', state['documentation']]
+    for title, key in (
+        ('Parameters', 'parameters'),
+        ('Reads', 'inputs'),
+        ('Writes', 'outputs'),
+        ('Outcomes', 'outcomes'),
+    ):
+        if state[key]:
+            lines.append(f'{title}:\n\n' + '\n'.join(f'- `{one["name"]}` {one["description"]}' for one in state[key]))
+    return '\n\n'.join(lines)

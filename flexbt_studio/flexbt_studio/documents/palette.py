@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
@@ -52,9 +52,14 @@ _MARKS: Final = {'--': 'parameters', '>#': 'inputs', '#>': 'outputs', '<=': 'out
 _ENTRY: Final = re.compile(r'^(--|>#|#>|<=)\s+(\S+)\s*(.*)$')
 
 
-def states(classes: Mapping[str, type[EventState]]) -> list[dict[str, Any]]:
-    """Return the states by name. Docstrings in FlexBE's form describe parameters, keys and outcomes."""
-    return [_state(name, classes[name]) for name in sorted(classes)]
+def states(installed: Mapping[str, Callable[..., EventState]]) -> list[dict[str, Any]]:
+    """Return the installed states by name, with the package if several packages have one of that name.
+
+    Docstrings in FlexBE's form describe parameters, keys and outcomes.
+    """
+    classes = {name: one for name, one in installed.items() if isinstance(one, type)}
+    names = {one: name for name, one in sorted(classes.items(), key=lambda entry: -len(entry[0]))}
+    return [_state(name, one) for one, name in sorted(names.items(), key=lambda entry: entry[1])]
 
 
 def _state(name: str, state: type[EventState]) -> dict[str, Any]:

@@ -18,11 +18,12 @@ from flexbt_core.behavior_tree.model.definition import NodeManifest
 from flexbt_core.errors import FlexbtError
 from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_onboard.behaviors.machine_behavior import installed_states
 from flexbt_server.node_types import node_registry
-from flexbt_studio.documents.diagnostics import Finding, TreeChecker
+from flexbt_studio.documents.diagnostics import Checker, Finding
 from flexbt_studio.documents.document import Document, Problem
 from flexbt_studio.documents.editor_help import TreeHelp
-from flexbt_studio.documents.palette import node_types
+from flexbt_studio.documents.palette import node_types, states
 from flexbt_studio.documents.project import Project
 from flexbt_studio.documents.text import Lines
 from flexbt_studio.errors import StudioError
@@ -50,8 +51,11 @@ class Workbench:
         """What could not be loaded when the studio started."""
         self._registry = node_registry(lambda nodes, error: self.notes.append(f'without {nodes}: {error}'))
         self._skills: SkillLibrary = node_skills(self._registry, self.notes.append)
+        classes, broken = installed_states()
+        self._states = classes
+        self.notes += broken
         self._layouts = Layouts()
-        self._checker = TreeChecker(self.project, self._registry, self._skills)
+        self._checker = Checker(self.project, self._registry, self._skills)
         self._help = TreeHelp(self.project, self._registry)
 
     def job_copy(
@@ -74,7 +78,7 @@ class Workbench:
             raise StudioError(
                 f'{file}: there is no job {short_repr(job)} for it; there are prove, compare, and run for trees'
             )
-        files = self._checker.files(file) if is_tree else [file]
+        files = self._checker.trees.files(file) if is_tree else [file]
         texts = {one: self.project.text(one) for one in [*files, *self._others(files)]}
         words = ['run' if job == 'run' else 'prove', *files, '--json']
         if job == 'compare':
@@ -85,7 +89,7 @@ class Workbench:
         words += ['--tree', tree] if tree and is_tree else []
         for flag, values in (('--require', require), ('--mock', mock), ('--set', set)):
             words += [word for value in values for word in (flag, str(value))]
-        nodes = self._checker.nodes(file, tree) if is_tree else {}
+        nodes = self._checker.trees.nodes(file, tree) if is_tree else {}
         return JobCopy(new_folder(texts), 'bt_tool' if is_tree else 'behavior_tool', words, nodes)
 
     def _others(self, files: Sequence[str]) -> list[str]:
@@ -126,6 +130,7 @@ class Workbench:
             'project': self.project.root.name,
             'files': self.files(),
             'node_types': node_types(self._registry),
+            'states': states(self._states),
             'notes': self.notes,
         }
 
@@ -199,7 +204,7 @@ class Workbench:
         """Return the checker's findings for an open file."""
         document = self.project.open(file).document
         page = PageText(document.text)
-        found = self._checker.findings(file) if document.language == 'xml' else []
+        found = self._checker.findings(file)
         return [self._finding(one, page) for one in found]
 
     def _finding(self, finding: Finding, page: PageText) -> dict[str, Any]:

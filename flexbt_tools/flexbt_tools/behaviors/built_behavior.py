@@ -72,11 +72,15 @@ def machine_file(name: str) -> Path | None:
 
 def behavior_entry(name: str) -> BehaviorEntry:
     """Return the installed behavior with this name, or the machine in this file. Raises UsageError."""
-    file = machine_file(name)
-    if file is None:
+    if machine_file(name) is None:
         (entry,) = installed([name])
         return entry
-    text = read_text_file(name, _MAX_BYTES)
+    return machine_file_entry(name, read_text_file(name, _MAX_BYTES))
+
+
+def machine_file_entry(name: str, text: str) -> BehaviorEntry:
+    """Return the behavior of a machine file with this text. Its problems are told when it is built."""
+    file = Path(name)
     try:
         return machine_entry(file.stem, text, '', name)
     except MachineError as error:
