@@ -16,7 +16,7 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(exclude=['test', 'test.*']),
-    package_data={package_name: ['py.typed']},
+    package_data={package_name: ['py.typed', 'goals/reach_goal.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
@@ -48,7 +48,12 @@ setup(
             'navigate = flexbt_demo_behaviors.navigate.behaviors:Navigate',
             'navigate_split = flexbt_demo_behaviors.navigate.behaviors:NavigateSplit',
             'night_watch = flexbt_demo_behaviors.night_watch.behavior:NightWatch',
-            'reach_goal = flexbt_demo_behaviors.goals.behavior:ReachGoal',
+            'reach_goal = flexbt_demo_behaviors.goals:reach_goal.yaml',
+        ],
+        'flexbt.states': [
+            'inspection = flexbt_demo_behaviors.inspection.behaviors',
+            'navigate = flexbt_demo_behaviors.navigate.behaviors',
+            'night_watch = flexbt_demo_behaviors.night_watch.states',
         ],
         'flexbt.bt_nodes': ['flexbt_demo_behaviors = flexbt_demo_behaviors.goals.leaves:register'],
     },

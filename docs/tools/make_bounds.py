@@ -20,7 +20,7 @@ from flexbt_common.middleware import received_messages
 from flexbt_common.values import limits, value_types
 from flexbt_core.behavior_tree.script import parser, values
 from flexbt_navigation.behaviors.server import MOST_DISTANCE, MOST_SPEED, MOST_TURN
-from flexbt_onboard.behaviors import machine_behavior
+from flexbt_onboard.behaviors import machine_store
 from flexbt_onboard.commands import command_bounds, input_requests
 from flexbt_onboard.link import console_link
 from flexbt_onboard.persistence import event_log
@@ -105,7 +105,7 @@ def bounds() -> Iterator[tuple[str, str]]:
     )
     yield (
         'a stored machine; their number',
-        (f'{machine_behavior.MACHINE_LENGTH:,} characters; {machine_behavior.MOST_MACHINES}'),
+        (f'{machine_store.MACHINE_LENGTH:,} characters; {machine_store.MOST_MACHINES}'),
     )
     yield (
         'a place; turn, distance and speed of a motion',

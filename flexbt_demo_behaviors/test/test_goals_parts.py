@@ -3,15 +3,15 @@
 
 from pathlib import Path
 
-from flexbt_core import define, load_xml, node_skills, read_skills
+from flexbt_core import load_xml, node_skills, read_skills
 from flexbt_demo_behaviors.demonstration.report import world_with_places
-from flexbt_demo_behaviors.goals.behavior import ReachGoal
 from flexbt_demo_behaviors.goals.main import PLACES, WORLD, robot_processes
 from flexbt_demo_behaviors.goals.rooms import ROOMS, room_at
 from flexbt_formal.planning.missions import read_mission, skill_problem
 from flexbt_formal.planning.planner import plan
 from flexbt_formal.planning.tree_xml import tree_xml
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.run_building import definition_of
 from flexbt_server.leaves import ServiceLeaf
 from flexbt_server.node_types import node_registry
 
@@ -62,7 +62,7 @@ def test_the_mission_is_planned_with_the_leaves_of_the_package() -> None:
 
 def test_the_behavior_is_found_and_the_processes_are_installed() -> None:
     entry = BehaviorLibrary.discover().find('Reach Goal')
-    assert (entry.error, entry.make) == ('', ReachGoal)
-    assert define(ReachGoal().create()).children['Reach'].transitions['failed'].state == 'Ask'
+    assert entry.error == ''
+    assert definition_of(entry.instantiate()).children['Reach'].transitions['failed'].state == 'Ask'
     for process in robot_processes(10.0):
         assert Path(process.command()[0]).is_file()

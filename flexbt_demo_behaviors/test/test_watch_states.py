@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -16,8 +16,19 @@ from std_srvs.srv import SetBool
 from flexbt_common import names
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_core import OperatableStateMachine
-from flexbt_demo_behaviors.night_watch.states import CompareScanState, NextRoomState, OpenDoorState, WatchPartnerState
+from flexbt_core import EventState, OperatableStateMachine
+from flexbt_demo_behaviors.night_watch.states import (
+    CompareScanState,
+    ForgetRoundState,
+    NextRoomState,
+    NoteRoomState,
+    OpenDoorState,
+    PlaceState,
+    TakeOverState,
+    WatchPartnerState,
+    places_in,
+    pose_of,
+)
 from flexbt_states import CalculationState
 from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import wait_until
@@ -74,10 +85,28 @@ def test_without_a_partner_nothing_is_ever_lost(bench: StateBench) -> None:
 def test_the_next_room_is_one_with_a_door_when_there_is_a_place_to_open_it_from(bench: StateBench) -> None:
     userdata = {'inherited': ['store'], 'checked': ['lobby'], 'postponed': []}
     for room, outcome in (('archive', 'door'), ('lobby', 'room')):
-        run = bench.run_state(lambda room=room: NextRoomState([room], PLACES), userdata)  # type: ignore[misc]
+        run = bench.run_state(lambda room=room: NextRoomState(room, PLACES), userdata)  # type: ignore[misc]
         assert run.wait() == outcome
-    done = bench.run_state(lambda: NextRoomState(['lobby'], PLACES), {**userdata, 'inherited': []})
+    done = bench.run_state(lambda: NextRoomState('lobby', PLACES), {**userdata, 'inherited': []})
     assert done.wait() == 'done'
+
+
+@pytest.mark.parametrize(
+    ('state', 'userdata', 'expected'),
+    [
+        (NoteRoomState, {'rooms': ['lab', 'store'], 'room': 'lab'}, {'rooms': ['store', 'lab']}),
+        (NoteRoomState, {'rooms': [], 'room': 'lab'}, {'rooms': ['lab']}),
+        (ForgetRoundState, {'checked': ['lab'], 'postponed': ['lab']}, {'checked': [], 'postponed': []}),
+        (TakeOverState, {'left_behind': ['lab']}, {'inherited': ['lab']}),
+        (lambda: PlaceState('lab', PLACES), {}, {'pose': pose_of(places_in(PLACES)['lab'])}),
+    ],
+)
+def test_lists_of_rooms_and_places_are_written(
+    bench: StateBench, state: Callable[[], EventState], userdata: dict[str, Any], expected: dict[str, Any]
+) -> None:
+    read: dict[str, Any] = {}
+    assert bench.run_state(state, userdata, outputs=list(expected), read=read).wait() == 'done'
+    assert read == expected
 
 
 @pytest.mark.parametrize(

@@ -266,7 +266,8 @@ class StrictYamlParts(YamlParts):
     """A reader that refuses values which readers of YAML 1.1 and 1.2 read in different ways, and duplicate names in
     values. Its values are texts, numbers, truth values, None, lists and mappings of them.
 
-    The text ``$name`` stands for a copy of a value in ``references``; a text that begins with ``$`` has two of them.
+    The text ``$name`` stands for a copy of a value in ``references``. A text that begins with ``$$`` means one that
+    begins with ``$``.
     """
 
     def __init__(self, source: str) -> None:
@@ -278,7 +279,7 @@ class StrictYamlParts(YamlParts):
             return [self.value(one, what) for one in node.value]
         if not isinstance(node, yaml.MappingNode) or node.tag != _MAPPING:
             value = self._scalar(node, what)
-            return self._referred(node, value[1:], what) if isinstance(value, str) and value[:1] == '$' else value
+            return self._referred(node, value, what) if isinstance(value, str) else value
         entries: dict[Any, Any] = {}
         for key, value in node.value:
             name = self._scalar(key, f'a name in {what}')
@@ -287,15 +288,13 @@ class StrictYamlParts(YamlParts):
             entries[name] = self.value(value, what)
         return entries
 
-    def _referred(self, node: yaml.Node, name: str, what: str) -> Any:
-        if name.startswith('$'):
-            return name
-        if name not in self.references:
-            near = did_you_mean(
-                name, self.references, f'; write a text that begins with $ as {short_repr(f"$${name}")}'
-            )
-            self.problem(node, f'{what}: there is no parameter {short_repr(name)}{near}')
-        return copy.deepcopy(self.references.get(name))
+    def _referred(self, node: yaml.Node, text: str, what: str) -> Any:
+        if text.startswith('$$') or not _REFERENCE.fullmatch(text):
+            return text.removeprefix('$') if text.startswith('$$') else text
+        if text[1:] not in self.references:
+            near = did_you_mean(text[1:], self.references, f'; write ${text} for the text')
+            self.problem(node, f'{what}: there is no parameter {short_repr(text[1:])}{near}')
+        return copy.deepcopy(self.references.get(text[1:]))
 
     def _scalar(self, node: yaml.Node, what: str) -> Any:
         tag = node.tag.rpartition(':')[2]
@@ -309,6 +308,7 @@ class StrictYamlParts(YamlParts):
         return None
 
 
+_REFERENCE: Final = re.compile(r'\$[^\W\d][\w.-]*')
 _LIST: Final = 'tag:yaml.org,2002:seq'
 _MAPPING: Final = 'tag:yaml.org,2002:map'
 _PLAIN: Final = ('str', 'int', 'float', 'bool', 'null')
@@ -317,6 +317,31 @@ _AMBIGUOUS: Final = re.compile(
     r'(?i:yes|no|on|off)|[-+]?(0b?[0-9_]+|0o[0-7]+|[0-9]+_[0-9_.]*|[0-9]+(:[0-5]?[0-9])+(\.[0-9_]*)?'
     r'|[0-9]+[eE][-+]?[0-9]+|([0-9]+\.[0-9]*|\.[0-9]+)[eE][0-9]+)'
 )
+
+
+class _StrictDumper(yaml.SafeDumper):
+    def represent_str(self, text: str) -> yaml.ScalarNode:
+        return self.represent_scalar(_TEXT, text, "'" if _AMBIGUOUS.fullmatch(text) else None)
+
+
+_TEXT: Final = 'tag:yaml.org,2002:str'
+_StrictDumper.add_representer(str, _StrictDumper.represent_str)
+
+
+def strict_yaml(value: Any) -> str:
+    """Return a value on one line, as :class:`StrictYamlParts` reads it."""
+    text: str = yaml.dump(
+        _doubled(value), None, _StrictDumper, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True
+    )
+    return text.removesuffix('\n').removesuffix('\n...')
+
+
+def _doubled(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _doubled(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_doubled(one) for one in value]
+    return f'${value}' if isinstance(value, str) and value.startswith('$') else value
 
 
 def end_of(node: yaml.Node) -> tuple[int, int] | None:

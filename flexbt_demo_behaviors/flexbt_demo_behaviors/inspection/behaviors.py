@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-from flexbt_core import Autonomy, OperatableStateMachine
+from flexbt_core import Autonomy, EventState, OperatableStateMachine, UserData
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorInput, BehaviorManifest, BehaviorParameter
-from flexbt_states import BtExecuteState, CalculationState, LogKeyState, OperatorDecisionState, WaitState
+from flexbt_states import BtExecuteState, LogKeyState, OperatorDecisionState, WaitState
 
 TREE = 'flexbt_demo_behaviors/inspection/inspection.xml'
 
@@ -30,12 +30,12 @@ class Inspection(Behavior):
         """Inspect and report."""
         machine = OperatableStateMachine(outcomes=['finished', 'failed'], output_keys=['report'], autonomy=Autonomy.Off)
         machine.userdata.site = self.site
-        machine.userdata.arguments = f'duration={self.duration}'
+        machine.userdata.duration = self.duration
         with machine:
             OperatableStateMachine.add(
                 'Inspect',
                 BtExecuteState(
-                    bt_file=TREE, inputs={'site': 'string', 'arguments': 'string'}, outputs={'report': 'string'}
+                    bt_file=TREE, inputs={'site': 'string', 'duration': 'double'}, outputs={'report': 'string'}
                 ),
                 transitions={'done': 'Tell', 'canceled': 'failed', 'failed': 'failed'},
                 autonomy={'failed': Autonomy.Low},
@@ -77,8 +77,27 @@ class InspectSite(Behavior):
             )
             OperatableStateMachine.add(
                 'Report',
-                CalculationState(lambda site: f'all is well at the {site}'),
+                ReportState(),
                 transitions={'done': 'finished'},
-                remapping={'input_value': 'site', 'output_value': 'report'},
             )
         return machine
+
+
+class ReportState(EventState):
+    """
+    Report that all is well.
+
+    ># site         string      Where
+    #> report       string      The report
+
+    <= done                     The report was written.
+    """
+
+    is_instant = True
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], input_keys=['site'], output_keys=['report'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        userdata.report = f'all is well at the {userdata.site}'
+        return 'done'

@@ -4,20 +4,27 @@
 from __future__ import annotations
 
 from flexbt_core import Autonomy, ConcurrencyContainer, OperatableStateMachine, PriorityContainer
-from flexbt_flexbe.states import FlexibleCalculationState
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_states import (
     BtExecuteGoalState,
     BtExecuteState,
     BtLoaderState,
-    CalculationState,
     OperatorDecisionState,
     PublishOnceState,
     SubscribeOnceState,
     WaitState,
 )
 
-from .states import CompareScanState, NextRoomState, OpenDoorState, WatchPartnerState, places_in, pose_of
+from .states import (
+    CompareScanState,
+    ForgetRoundState,
+    NextRoomState,
+    NoteRoomState,
+    OpenDoorState,
+    PlaceState,
+    TakeOverState,
+    WatchPartnerState,
+)
 
 TREES = 'flexbt_demo_behaviors/night_watch'
 DRIVE, CHARGE, BATTERY_LOW = (f'{TREES}/{name}.xml' for name in ('drive', 'charge', 'battery_low'))
@@ -50,17 +57,19 @@ class NightWatch(Behavior):
 
     def create(self) -> OperatableStateMachine:
         """Load the trees, get the map, and start the watch."""
-        places = places_in(self.places)
-        if self.home not in places:
-            raise ValueError(f'home: {self.home!r} is not a place of {self.places}')
         machine = OperatableStateMachine(outcomes=['finished', 'failed'], autonomy=Autonomy.Off)
-        machine.userdata.home = pose_of(places[self.home])
         machine.userdata.inherited = []
         with machine:
             OperatableStateMachine.add(
                 'LoadTrees',
                 BtLoaderState(filepaths=[DRIVE, CHARGE, BATTERY_LOW]),
-                transitions={'done': 'GetMap', 'failed': 'failed'},
+                transitions={'done': 'FindHome', 'failed': 'failed'},
+            )
+            OperatableStateMachine.add(
+                'FindHome',
+                PlaceState(self.home, self.places),
+                transitions={'done': 'GetMap'},
+                remapping={'pose': 'home'},
             )
             OperatableStateMachine.add(
                 'GetMap',
@@ -103,7 +112,7 @@ class NightWatch(Behavior):
         with tour:
             OperatableStateMachine.add(
                 'NextRoom',
-                NextRoomState(rooms=self.rooms.split(), places=self.places),
+                NextRoomState(rooms=self.rooms, places=self.places),
                 transitions={'room': 'Drive', 'door': 'DriveToDoor', 'done': 'JudgeRound'},
             )
             OperatableStateMachine.add(
@@ -130,12 +139,9 @@ class NightWatch(Behavior):
             )
             OperatableStateMachine.add(
                 'Postpone',
-                FlexibleCalculationState(
-                    lambda postponed, room: [*(other for other in postponed if other != room), room],
-                    ['postponed', 'room'],
-                ),
+                NoteRoomState(),
                 transitions={'done': 'NextRoom'},
-                remapping={'output_value': 'postponed'},
+                remapping={'rooms': 'postponed'},
             )
             OperatableStateMachine.add(
                 'Drive',
@@ -202,9 +208,9 @@ class NightWatch(Behavior):
             )
             OperatableStateMachine.add(
                 'NoteRoom',
-                FlexibleCalculationState(lambda checked, room: [*checked, room], ['checked', 'room']),
+                NoteRoomState(),
                 transitions={'done': 'NextRoom'},
-                remapping={'output_value': 'checked'},
+                remapping={'rooms': 'checked'},
             )
             OperatableStateMachine.add(
                 'JudgeRound',
@@ -218,15 +224,8 @@ class NightWatch(Behavior):
             )
             OperatableStateMachine.add(
                 'ForgetRound',
-                CalculationState(lambda _checked: []),
-                transitions={'done': 'ForgetPostponed'},
-                remapping={'input_value': 'checked', 'output_value': 'checked'},
-            )
-            OperatableStateMachine.add(
-                'ForgetPostponed',
-                CalculationState(lambda _postponed: []),
+                ForgetRoundState(),
                 transitions={'done': 'NextRoom'},
-                remapping={'input_value': 'postponed', 'output_value': 'postponed'},
             )
             OperatableStateMachine.add(
                 'DriveHome',
@@ -284,8 +283,7 @@ class NightWatch(Behavior):
             )
             OperatableStateMachine.add(
                 'TakeOver',
-                CalculationState(list),
+                TakeOverState(),
                 transitions={'done': 'done'},
-                remapping={'input_value': 'left_behind', 'output_value': 'inherited'},
             )
         return partner

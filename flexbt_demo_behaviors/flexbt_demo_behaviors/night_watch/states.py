@@ -37,7 +37,7 @@ class NextRoomState(EventState):
     """
     Choose the next room to check, and publish the rest of the round on the topic "rooms_left".
 
-    -- rooms        string[]    Rooms of this robot, in the order of its round
+    -- rooms        string      Rooms of this robot, in the order of its round, separated by spaces
     -- places       string      File of the places, as package/path.yaml
 
     ># inherited    string[]    Rooms taken over from the partner
@@ -55,14 +55,14 @@ class NextRoomState(EventState):
 
     is_instant = True
 
-    def __init__(self, rooms: Iterable[str], places: str) -> None:
+    def __init__(self, rooms: str, places: str) -> None:
         super().__init__(
             outcomes=['room', 'door', 'done'],
             input_keys=['inherited', 'checked', 'postponed'],
             output_keys=['room', 'goal', 'entrance'],
             desired_rate=None,
         )
-        self._rooms = tuple(rooms)
+        self._rooms = tuple(rooms.split())
         self._places = places_in(places)
         if not self._rooms:
             raise StateParameterError(self, 'rooms', 'there are none; give at least one')
@@ -120,6 +120,73 @@ def pose_of(place: Place) -> PoseStamped:
     message.pose.position.x, message.pose.position.y = place.x, place.y
     message.pose.orientation.z, message.pose.orientation.w = math.sin(place.yaw / 2.0), math.cos(place.yaw / 2.0)
     return message
+
+
+class PlaceState(EventState):
+    """
+    Write the pose of a place.
+
+    -- place        string      Name of the place
+    -- places       string      File of the places, as package/path.yaml
+
+    #> pose         geometry_msgs/PoseStamped   The place
+
+    <= done                     It was written.
+    """
+
+    is_instant = True
+
+    def __init__(self, place: str, places: str) -> None:
+        super().__init__(outcomes=['done'], output_keys=['pose'], desired_rate=None)
+        known = places_in(places)
+        if place not in known:
+            raise StateParameterError(self, 'place', f'{place!r} is not a place of {places}')
+        self._pose = pose_of(known[place])
+
+    def execute(self, userdata: UserData) -> str:
+        userdata.pose = self._pose
+        return 'done'
+
+
+class NoteRoomState(EventState):
+    """
+    Move a room to the end of a list.
+
+    ># room         string      The room
+    ># rooms        string[]    The list
+    #> rooms        string[]    The list with the room at its end
+
+    <= done                     It is the last one of the list.
+    """
+
+    is_instant = True
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], input_keys=['room'], io_keys=['rooms'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        userdata.rooms = [*(other for other in userdata.rooms if other != userdata.room), userdata.room]
+        return 'done'
+
+
+class ForgetRoundState(EventState):
+    """
+    Begin a new round.
+
+    #> checked      string[]    No rooms
+    #> postponed    string[]    No rooms
+
+    <= done                     Both lists are empty.
+    """
+
+    is_instant = True
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], output_keys=['checked', 'postponed'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        userdata.checked, userdata.postponed = [], []
+        return 'done'
 
 
 # A state of the night watch that finds obstacles missing from the map.
@@ -349,3 +416,23 @@ class WatchPartnerState(EventState):
         with self._lock:
             self._left = [room for room in dict.fromkeys(message.data.split()) if room in self._places]
         state_services(self).changed()
+
+
+class TakeOverState(EventState):
+    """
+    Take over the rooms of the other robot.
+
+    ># left_behind  string[]    Rooms that it still had to check
+    #> inherited    string[]    The same
+
+    <= done                     They were taken over.
+    """
+
+    is_instant = True
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], input_keys=['left_behind'], output_keys=['inherited'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        userdata.inherited = userdata.left_behind
+        return 'done'

@@ -10,6 +10,8 @@ from typing import Any, Final
 
 import yaml
 
+from flexbt_core.values.yaml_data import strict_yaml
+
 from .errors import SynthesisError
 from .from_strategy import MachinePart, MachineState, SynthesizedMachine
 
@@ -83,7 +85,7 @@ def _yaml_state(state: MachineState, attempts: int) -> Iterator[str]:
 def _part(part: MachinePart, attempts: int) -> Iterator[str]:
     yield f'state: {_flow(part.state_class)}'
     if part.parameters:
-        yield f'parameters: {_flow(dict(part.parameters))}'
+        yield f'parameters: {strict_yaml(dict(part.parameters))}'
     if part.remapping:
         yield f'remapping: {_flow(part.remapping)}'
     if part.retry_on and attempts > 1:

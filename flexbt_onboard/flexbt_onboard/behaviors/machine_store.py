@@ -8,6 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
+from flexbt_core.state_machine.authoring.yaml_form import MAX_CHARACTERS
 from flexbt_core.state_machine.model.userdata import MachineError
 from flexbt_core.values.text import short_repr
 from flexbt_core.values.text_files import write_text
@@ -18,7 +19,7 @@ from .behavior_library import BehaviorEntry, machine_entry
 MOST_MACHINES: Final = 100
 """Maximum number of stored machines. Beyond it, the oldest is removed."""
 
-MACHINE_LENGTH: Final = 1_000_000
+MACHINE_LENGTH: Final = MAX_CHARACTERS
 """Maximum characters of a machine."""
 
 _MACHINE: Final = re.compile(r'^(machine|concurrency|priority):', re.MULTILINE)

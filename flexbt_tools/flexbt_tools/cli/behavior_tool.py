@@ -87,7 +87,7 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
         'names',
         metavar='NAME',
         nargs='*',
-        help='installed behavior, or file (.yaml) of a machine (default: all installed)',
+        help='installed behavior, or file (.yaml) of one (default: all installed)',
     )
     add_parameters(parser)
     add_tree_files(parser)
@@ -114,7 +114,7 @@ def run_check(options: argparse.Namespace) -> ExitCode:
 
 
 def add_show_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of one')
     add_parameters(parser)
     arguments.add_json(parser)
 
@@ -162,7 +162,7 @@ def run_skills(options: argparse.Namespace) -> ExitCode:
 
 
 def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of one')
     add_parameters(parser)
     add_picture_arguments(parser)
     parser.add_argument('--no-trees', action='store_true', help='draw only the state machine')

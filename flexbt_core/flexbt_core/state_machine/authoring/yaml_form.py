@@ -51,10 +51,10 @@ of a state limits all attempts together (:func:`with_timeout`); its outcome is `
 which keep the behavior's own values.
 
 Values are those of parameters, userdata, defaults and times. ``$name`` as a whole value is the value of a parameter of
-the behavior, with its type, with or without quotes. A text that begins with ``$`` is written with two: ``$$5`` is
-``$5``. Elsewhere in a text ``$`` has no meaning, and names, outcomes and keys are no values. What readers of YAML 1.1
-and 1.2 read in different ways is refused: ``yes``, ``010``, ``1:30``, ``1e3``, a date. An enumeration is written by
-the name or the value of its member, where the state declares it as the type of its parameter.
+the behavior, with its type, with or without quotes. A text that begins with ``$$`` is one with ``$``, so ``$$name`` is
+the text ``$name``. Other texts have no reference in them, and names, outcomes and keys are no values. What readers of
+YAML 1.1 and 1.2 read in different ways is refused: ``yes``, ``010``, ``1:30``, ``1e3``, a date. An enumeration is
+written by the name or the value of its member, where the state declares it as the type of its parameter.
 """
 
 from __future__ import annotations
