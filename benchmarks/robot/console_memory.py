@@ -198,7 +198,7 @@ async def with_page(robot: Robot, count: int, look: int, note: Callable[[int], N
     robot.step()
     access, attention = Access(), Attention(ManualClock())
 
-    def station(mirror: Mirror, link: Any) -> Station:
+    def station(mirror: Mirror, link: Any, operator: str) -> Station:
         return Station(mirror, link, robot.make, 5.0, attention, LEAVING)
 
     server = WebServer(Robots(robot), station, access)

@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from flexbt_common import names
+from flexbt_common.lifecycle.presence import PresenceToken
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, guid_prefix_of
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.mirror.fleet import Fleet
@@ -83,6 +84,8 @@ class FleetLink:
         """GUID prefix of the participant that publishes the statuses of a robot, by the name of the robot."""
         self._gone_since: dict[str, float] = {}
         self._selected = ''
+        self._present: dict[tuple[str, str], tuple[int, PresenceToken]] = {}
+        """Operators who have a robot open, by robot and operator: how often, and what announces them."""
         for name in only or [self.own]:
             runtime.call(functools.partial(self._join if name == '/' and not only else self._list, name))
         if not only:
@@ -93,8 +96,10 @@ class FleetLink:
         link = self._joined[name]
         return link.mirror, link
 
-    def open(self, name: str) -> None:
+    def open(self, name: str, operator: str = '') -> None:
         """Receive map, trees and scan of a robot until each call of this has been matched by one of :meth:`close`.
+
+        An ``operator`` other than that of the links is present at the robot meanwhile.
 
         Raises KeyError if the robot is not known. Do not call this or :meth:`close` on the executor thread.
         """
@@ -103,10 +108,22 @@ class FleetLink:
             self._kept.add(name)
         self._runtime.call(link.hear_all)
         link.open_surroundings(self._scan_period)
+        if operator and operator != self._operator:
+            self._runtime.post(functools.partial(self._announce, name, operator, 1))
 
-    def close(self, name: str) -> None:
+    def close(self, name: str, operator: str = '') -> None:
         """See :meth:`open`."""
+        if operator and operator != self._operator:
+            self._runtime.post(functools.partial(self._announce, name, operator, -1))
         self._joined[name].close_surroundings()
+
+    def _announce(self, name: str, operator: str, more: int) -> None:
+        count, token = self._present.pop((name, operator), (0, None))
+        token = token or PresenceToken(self._runtime, operator, name)
+        if count + more:
+            self._present[name, operator] = count + more, token
+        else:
+            token.close()
 
     def select(self, name: str) -> tuple[Mirror, ExecutiveLink]:
         """Open a robot, close the previously selected one, and return mirror and link as :meth:`robot` does."""

@@ -14,6 +14,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache, partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Final
@@ -250,13 +251,14 @@ def _run_web(line: CommandLine) -> ExitCode:
     only = dict.fromkeys(map(full_namespace, line.values('--robot')))
     with _open_runtime(line) as runtime:
         operator, simulator = _operator(line), SimulatorLink(runtime)
-        attention = Attention(runtime.steady)
+        attention_of = lru_cache(maxsize=64)(lambda name: Attention(runtime.steady))
 
-        def station(mirror: Mirror, link: RobotLink) -> Station:
-            builder = CommandBuilder(operator)
+        def station(mirror: Mirror, link: RobotLink, name: str) -> Station:
+            builder, attention = CommandBuilder(name or operator), attention_of(name)
             return Station(mirror, link, builder, _timeout(line), attention, PAGE_LEAVING, obstacles=simulator)
 
-        server = WebServer(_fleet(line, runtime, operator, list(only)), station, access)
+        named = None if line.has('--observer') or _given_operator(line) else partial(operator_name, line)
+        server = WebServer(_fleet(line, runtime, operator, list(only)), station, access, named)
         run_web(server.application(), access, _port(line), print_address)
         return ExitCode.OK
 
@@ -373,21 +375,25 @@ def _places(line: CommandLine, runtime: NodeRuntime) -> dict[str, FramedPose]:
     return load_places(Path(file)) if file else {}
 
 
-def operator_name(line: CommandLine) -> str:
-    """Return the operator: the option, the environment, or user@host/place.
+def _given_operator(line: CommandLine) -> str:
+    return line.value('--operator') or os.environ.get('FLEXBT_OPERATOR', '')
+
+
+def operator_name(line: CommandLine, user: str = '') -> str:
+    """Return the operator: the option, the environment, or user@host/place. By default ``user`` is the one who has
+    logged in.
 
     The executive takes commands under one name from one console at a time, and one person may have several open on one
     computer. The place distinguishes them: ``page`` (of another port than the usual one ``page8466``), or the terminal
     as in ``pts3``. A script without a terminal has none.
     """
-    given = line.value('--operator') or os.environ.get('FLEXBT_OPERATOR')
-    if given:
+    if given := _given_operator(line):
         return given
     import getpass
     import socket
 
     try:
-        user = getpass.getuser()
+        user = user or getpass.getuser()
     except (KeyError, OSError):
         user = str(os.getuid())
     return '/'.join(filter(None, (f'{user}@{socket.gethostname()}', _place(line))))

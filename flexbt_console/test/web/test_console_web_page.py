@@ -324,7 +324,7 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
         assert answer.type.startswith('geometry_msgs') and robot.sent[1].decision_id == 'd4'
         assert json.loads(answer.text)['pose']['position']['x'] > 2.0 and browser.text('map-cursor') == ''
         robot.show(state=ExecutiveState.RUNNING)
-        browser.until_text('decision-line', 'no pending decision')
+        browser.until_text('decision-line', 'No pending decision')
         browser.run('document.activeElement.blur()')
         browser.press(':')
         browser.press('note a "word"', Keys.ENTER)
@@ -515,7 +515,7 @@ def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser
         assert robot.wait_sent(1)[0].outcome == 'failed'
         browser.until_text('told', 'applied')  # and not confirmed by the same Enter
         assert len(robot.sent) == 1
-        browser.until_text('decision-line', 'no pending decision')
+        browser.until_text('decision-line', 'No pending decision')
         type_into('f', 'fa', Keys.DOWN, Keys.ENTER)  # the only line that fits
         assert robot.wait_sent(2)[1].outcome == 'failed'
         type_into('f', Keys.DOWN, 'failex', Keys.ENTER)  # what is typed at a line is typed into the field

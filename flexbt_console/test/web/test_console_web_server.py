@@ -14,6 +14,8 @@ from typing import Any
 
 import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSCloseCode, WSMsgType, WSServerHandshakeError
+from hypothesis import given
+from hypothesis import strategies as st
 from web_support import NASTY, OTHER, PLAN, STRUCTURE, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.errors import NoAnswerError, UsageError
@@ -24,6 +26,9 @@ from flexbt_console.mirror.records import (
     GridMap,
     LogLine,
     LogSeverity,
+    StateKind,
+    StateStructure,
+    Structure,
     Synthesis,
     SynthesisRequest,
 )
@@ -33,8 +38,15 @@ from flexbt_console.ui.web import server as web_run
 from flexbt_console.ui.web.access import GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
-from flexbt_console.ui.web.requests import BURST, MESSAGE_BYTES, RATE
-from flexbt_console.ui.web.server import GREETING_OF_SOURCE, MOST_CONNECTIONS, MOST_GREETING, MOST_PAGES
+from flexbt_console.ui.web.requests import (
+    BURST,
+    MESSAGE_BYTES,
+    MOST_FOLDED,
+    NAME_CHARACTERS,
+    RATE,
+    operator_name,
+)
+from flexbt_console.ui.web.server import GREETING_OF_SOURCE, MOST_CONNECTIONS, MOST_GREETING, MOST_OPERATORS, MOST_PAGES
 from flexbt_core.clock.rates import SenderRates
 from flexbt_testing.waiting import DEADLINE
 
@@ -79,12 +91,14 @@ class Page:
 
 
 @contextlib.asynccontextmanager
-async def page(port: int, hello: object = None, robot: str = '', **options: Any) -> AsyncIterator[Page]:
+async def page(
+    port: int, hello: object = None, robot: str = '', operator: object = None, **options: Any
+) -> AsyncIterator[Page]:
     async with (
         ClientSession() as session,
         session.ws_connect(f'http://127.0.0.1:{port}/link?robot={robot}', max_msg_size=0, **options) as socket,
     ):
-        await socket.send_json({'hello': hello})
+        await socket.send_json({'hello': hello, 'operator': operator})
         yield Page(socket)
 
 
@@ -259,6 +273,72 @@ def test_a_search_ends_with_the_page_that_asked_for_it() -> None:
 
     with served({'robot': Searching().station()}) as port:
         asyncio.run(run(port))
+
+
+def test_each_page_is_an_operator_of_its_own_and_present_while_it_is_open() -> None:
+    robots = WebRobots({'robot': (robot := WebRobot()).station()})
+
+    async def run(port: int) -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            for number, name in enumerate(('ann', 'bob', 'ann')):
+                opened = await stack.enter_async_context(page(port, operator=name))
+                await opened.until(lambda: 'link' in opened.parts)  # noqa: B023 - called here
+                hello = opened.messages[0]['hello']
+                assert (hello['operator'], hello['asks_name']) == (f'{name}@desk/page', True)
+                await opened.socket.send_json({'do': 'pause', 'decision': None})
+                assert (await asyncio.to_thread(robot.wait_sent, number + 1))[-1].operator == f'{name}@desk/page'
+            here = sorted(operator for _, operator in robots.present)
+            assert here == ['ann@desk/page', 'ann@desk/page', 'bob@desk/page']
+            for number in range(MOST_OPERATORS - 2):
+                opened = await stack.enter_async_context(page(port, operator=f'n{number}'))
+                await opened.until(lambda: 'link' in opened.parts)  # noqa: B023 - called here
+            async with page(port, operator='one too many') as refused:
+                await refused.until(lambda: any('refused' in one for one in refused.messages))
+                assert refused.messages[-1]['refused']['word'] == 'TOO MANY OPERATORS'
+            async with page(port, operator='bob') as again:
+                await again.until(lambda: 'link' in again.parts)
+        async with asyncio.timeout(DEADLINE):
+            while robots.present:
+                await asyncio.sleep(0)
+
+    with served(robots, operator=lambda name: f'{name}@desk/page') as port:
+        asyncio.run(run(port))
+
+
+@given(st.one_of(st.text(), st.text().map(lambda text: text * 50), st.none(), st.integers(), st.lists(st.text())))
+def test_whatever_a_page_gives_as_a_name_is_a_short_line(given_name: object) -> None:
+    name = operator_name({'hello': None, 'operator': given_name})
+    assert len(name) <= NAME_CHARACTERS and (name == '' or name.isprintable())
+    if isinstance(given_name, str) and given_name.isalnum() and given_name.isascii() and len(given_name) < 40:
+        assert name == given_name
+
+
+def test_a_container_is_folded_for_the_page_that_wants_it() -> None:
+    robot = WebRobot()
+    inner = StateStructure('/Watch/Look', StateKind.STATE, 'Look', (), ('done',), ('=finished',), (0,))
+    watch = StateStructure('/Watch', StateKind.MACHINE, 'Watch', ('Look',), ('finished',), ('=finished',), (0,))
+    top = StateStructure('/', StateKind.MACHINE, 'Patrol', ('Watch',), ('finished',))
+    robot.mirror.receive_structure(Structure('r1', 'Patrol', (top, watch, inner)))
+
+    async def look(opened: Page) -> None:
+        def shown() -> str:
+            key = opened.parts['folded']
+            return next(
+                (one['drawing']['svg'] for one in opened.messages if one.get('drawing', {}).get('key') == key), ''
+            )
+
+        await opened.until(lambda: 'id="s2"' in shown())
+        assert 'id="m1in"' in shown() and opened.parts['machine']['containers'] == [0, 1]
+        await opened.socket.send_json({'fold': ['/Watch', '/', '/Nowhere']})
+        await opened.until(lambda: 'id="s1"' in shown())
+        assert '1 states, folded' in shown() and 'id="s2"' not in shown()
+        for wrong in ('/Watch', [1], ['/x'] * (MOST_FOLDED + 1)):
+            assert '"fold" is a list' in await opened.ask(fold=wrong)
+        await opened.socket.send_json({'fold': []})
+        await opened.until(lambda: 'id="s2"' in shown())
+        assert opened.parts['folded'] == opened.parts['machine']['drawing']
+
+    with_page(robot, look)
 
 
 def test_a_drawing_that_comes_back_after_many_others_is_told_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -512,10 +592,10 @@ def test_a_robot_that_cannot_be_opened_is_told_to_its_page(error: Exception, wor
     class Unopened(WebRobots):
         """Robots that were forgotten just now, or for which no thread is left."""
 
-        def open(self, name: str) -> None:
+        def open(self, name: str, operator: str = '') -> None:
             raise error
 
-        def close(self, name: str) -> None:
+        def close(self, name: str, operator: str = '') -> None:
             raise AssertionError(name)
 
     async def run(port: int) -> None:

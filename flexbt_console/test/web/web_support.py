@@ -7,7 +7,7 @@ import asyncio
 import contextlib
 import dataclasses
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from flexbt_console.commands.command_builder import CommandBuilder
@@ -166,6 +166,7 @@ class WebRobots(FleetLink):
         self.fleet = Fleet()
         self.own = next(iter(stations), '/')
         self.opened: list[str] = []
+        self.present: list[tuple[str, str]] = []
         self.stations: dict[str, Station] = {}
         for name, station in stations.items():
             self.come(name, station)
@@ -180,29 +181,38 @@ class WebRobots(FleetLink):
         station = self.stations.get(name)
         return (station.mirror, station.link) if station else (Mirror(ManualClock()), WebRobot())
 
-    def open(self, name: str) -> None:
+    def open(self, name: str, operator: str = '') -> None:
         """See :class:`FleetLink`."""
         self.opened.append(name)
+        self.present.append((name, operator))
 
-    def close(self, name: str) -> None:
+    def close(self, name: str, operator: str = '') -> None:
         """See :class:`FleetLink`."""
         self.opened.remove(name)
+        self.present.remove((name, operator))
 
-    def station(self, mirror: Mirror, link: RobotLink) -> Station:
+    def station(self, mirror: Mirror, link: RobotLink, operator: str) -> Station:
         """Return what the page of one needs."""
         known = (one for one in self.stations.values() if one.mirror is mirror)
+        if operator:
+            known = (dataclasses.replace(one, builder=CommandBuilder(operator)) for one in known)
         return next(known, Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(ManualClock()), LEAVING))
 
 
 @contextlib.contextmanager
-def served(stations: Mapping[str, Station] | WebRobots, access: Access | None = None, port: int = 0) -> Iterator[int]:
+def served(
+    stations: Mapping[str, Station] | WebRobots,
+    access: Access | None = None,
+    port: int = 0,
+    operator: Callable[[str], str] | None = None,
+) -> Iterator[int]:
     """Provide the server of these robots on a thread of its own, for the time of the context; gives its port."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()
 
     robots = stations if isinstance(stations, WebRobots) else WebRobots(stations)
-    serves = serving(WebServer(robots, robots.station, access or Access()).application(), '127.0.0.1', port)
+    serves = serving(WebServer(robots, robots.station, access or Access(), operator).application(), '127.0.0.1', port)
     used = asyncio.run_coroutine_threadsafe(serves.__aenter__(), loop).result(60.0)
     try:
         yield used

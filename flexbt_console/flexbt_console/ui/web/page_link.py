@@ -28,7 +28,7 @@ from flexbt_core.values.text import escape_lines, one_line
 from .access import Access, WrongTokens
 from .drawings import NO_DRAWING, Drawings, machine_drawing
 from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
-from .requests import BURST, RATE, PageRequest, Told, answered, folded_paths, read
+from .requests import BURST, RATE, PageRequest, Told, answered, folded_paths, operator_name, read
 
 PULSE: Final = 1.0
 """Seconds after which a page gets a message in any case: without it, it takes the server for lost."""
@@ -46,13 +46,14 @@ _LOGGER: Final = logging.getLogger(__name__)
 
 
 class PageLink:
-    """A page at its WebSocket; ``source`` is the key of its address."""
+    """A page at its WebSocket; ``source`` is the key of its address, ``operator`` the name that its user gives."""
 
     _pictures: Pictures
     _session: Session
 
     def __init__(self, socket: web.WebSocketResponse, drawings: Drawings, source: str) -> None:
         self.source = source
+        self.operator = ''
         self._socket = socket
         self._drawings = drawings
         self._changed = asyncio.Event()
@@ -73,10 +74,17 @@ class PageLink:
         """Note a change; on the thread of the loop."""
         self._changed.set()
 
-    async def serve(self, robot: str, station: Station, pictures: Pictures) -> None:
-        """Show a robot, and a line for each other one, until the page or server ends it; after :meth:`is_welcome`."""
+    async def serve(self, robot: str, station: Station, pictures: Pictures, *, asks_name: bool) -> None:
+        """Show a robot, and a line for each other one, until the page or server ends it; after :meth:`is_welcome`.
+
+        ``asks_name``: the page asks its user for a name.
+        """
         self._pictures, self._session = pictures, Session(station, SteadyClock())
-        await self._send({'hello': {'robot': robot, 'commands': COMMAND_PART}})
+        hello = {'robot': robot, 'commands': COMMAND_PART, 'operator': station.builder.operator, 'asks_name': asks_name}
+        try:
+            await self._send({'hello': hello})
+        except (ConnectionError, TimeoutError):
+            return  # the page is gone
         show = asyncio.create_task(self._show())
         try:
             await self._hear()
@@ -94,6 +102,7 @@ class PageLink:
             while wait := wrong.wait(self.source):
                 await asyncio.sleep(wait)
             if 'hello' in hello and access.knows_token(hello['hello']):
+                self.operator = operator_name(hello)
                 return True
             wrong.note(self.source)
         await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')

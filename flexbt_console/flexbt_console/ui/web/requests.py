@@ -16,6 +16,7 @@ from flexbt_console.mirror.view import View
 from flexbt_console.ui.answers import Bound, Local, Meaning, choose
 from flexbt_console.ui.station import RobotRequest, Session, Station
 from flexbt_core.values.json_data import load_json
+from flexbt_core.values.text import one_line
 
 LEAVING: Final = 'close the page: the robot continues'
 """Answer to "quit" on a page."""
@@ -43,6 +44,16 @@ def read(text: str) -> dict[str, Any]:
     if not isinstance(message, dict):
         raise UsageError('the message is not a JSON object')
     return message
+
+
+NAME_CHARACTERS: Final = 40
+"""Maximum characters of the name of a page's user."""
+
+
+def operator_name(hello: dict[str, Any]) -> str:
+    """Return the name that a page gives for its user, '' for none: one line, without what is not printable."""
+    given = hello.get('operator')
+    return one_line(' '.join(given.split()), NAME_CHARACTERS) if isinstance(given, str) else ''
 
 
 MOST_FOLDED: Final = 500

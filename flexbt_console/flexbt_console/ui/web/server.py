@@ -39,6 +39,10 @@ if TYPE_CHECKING:
 MOST_PAGES: Final = 32
 """Maximum number of open pages."""
 
+MOST_OPERATORS: Final = 15
+"""Maximum number of operators at open pages. An executive knows 16 operators of one process, one of which is the
+server itself."""
+
 MOST_GREETING: Final = 32
 """Maximum number of WebSockets that have not sent the first message of a page yet. To accept one more, the server
 closes the oldest of the source that has the most."""
@@ -52,16 +56,26 @@ _TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript'
 
 
 class WebServer:
-    """A server of the pages of all robots, including those that appear later. ``station`` makes the station of a
-    robot."""
+    """A server of the pages of all robots, including those that appear later.
 
-    def __init__(self, robots: FleetLink, station: Callable[[Mirror, RobotLink], Station], access: Access) -> None:
+    ``station`` makes the station of an operator at a robot. ``operator`` returns the operator at a page by the name
+    that the page gives, '' for none; by default all pages are those of one operator, and ask for no name.
+    """
+
+    def __init__(
+        self,
+        robots: FleetLink,
+        station: Callable[[Mirror, RobotLink, str], Station],
+        access: Access,
+        operator: Callable[[str], str] | None = None,
+    ) -> None:
         self._robots = robots
         self._station = station
         self._access = access
+        self._operator = operator
         self._wrong = WrongTokens()
-        self._pages: dict[PageLink, str] = {}
-        self._pictures: dict[str, Pictures] = {}
+        self._pages: dict[PageLink, tuple[str, str]] = {}
+        self._pictures: dict[tuple[str, str], Pictures] = {}
         self._encoder = ThreadPoolExecutor(1, 'encoder')
         self._greeting: dict[PageLink, asyncio.Transport] = {}
         self._drawings: Drawings | None = None
@@ -140,10 +154,15 @@ class WebServer:
         if len(self._pages) >= MOST_PAGES:
             await page.refuse('TOO MANY PAGES', f'{MOST_PAGES} pages are open already; close one')
             return socket
-        self._pages[page] = robot
+        operator = self._operator(page.operator) if self._operator is not None else ''
+        operators = {one for _, one in self._pages.values()}
+        if operator not in operators and len(operators) >= MOST_OPERATORS:
+            await page.refuse('TOO MANY OPERATORS', f'{MOST_OPERATORS} operators have pages open; close one')
+            return socket
+        seat = self._pages[page] = robot, operator
         try:
             try:
-                await asyncio.to_thread(self._robots.open, robot)
+                await asyncio.to_thread(self._robots.open, robot, operator)
             except KeyError:  # the robot was forgotten just now
                 await page.refuse('NO SUCH ROBOT', self._not_found(robot), self._robots.fleet.overview())
                 return socket
@@ -151,16 +170,16 @@ class WebServer:
                 await page.refuse('TRY AGAIN', f'the server of the page cannot open {one_line(robot)} now: {error}')
                 return socket
             try:
-                station = self._station(*self._robots.robot(robot))
-                if robot not in self._pictures:
-                    self._pictures[robot] = Pictures(self._robots.fleet, robot, station, self._encoder)
-                await page.serve(robot, station, self._pictures[robot])
+                station = self._station(*self._robots.robot(robot), operator)
+                if seat not in self._pictures:
+                    self._pictures[seat] = Pictures(self._robots.fleet, robot, station, self._encoder)
+                await page.serve(robot, station, self._pictures[seat], asks_name=self._operator is not None)
             finally:
-                await asyncio.to_thread(self._robots.close, robot)
+                await asyncio.to_thread(self._robots.close, robot, operator)
         finally:
             del self._pages[page]
-            if robot in self._pictures and robot not in self._pages.values():
-                self._pictures.pop(robot).close()
+            if seat in self._pictures and seat not in self._pages.values():
+                self._pictures.pop(seat).close()
         return socket
 
     def _named(self, name: str) -> str | None:

@@ -100,7 +100,7 @@ function fold(key, one) {
 }
 
 const machineSvg = byId('machine').querySelector('svg');
-const machineView = viewport(machineSvg, () => spread(machineSvg));
+const machineView = viewport(machineSvg, {grows: 1.7, changed: () => spread(machineSvg)});
 
 function foldMachine(path) {
   if (path) fold(known.machine.behavior, path);
@@ -112,7 +112,7 @@ function drawMachine() {
   const lines = byId('machine-text'), key = known.folded || machine?.drawing;
   const told = (...text) => { lines.replaceChildren(...text); delete machineSvg.dataset.key; };
   if (!machine) {
-    told(element('p', {class: 'empty'}, status?.running ? 'The state machine has not arrived yet.' : 'No behavior is running. Press Start… (s) to choose one.'));
+    told(element('p', {class: 'empty'}, !status ? 'Nothing has arrived from the robot. Start its executive, or check the network.' : status.running ? 'The state machine has not arrived yet.' : 'No behavior is running. Press Start… (s) to choose one.'));
     return;
   }
   if (!key || !has(key)) {
@@ -149,7 +149,6 @@ function drawMachine() {
     });
   }
   offer(svg, choices);
-  spread(svg);
   machineView.reveal(shown(active.states[0]?.path));
 }
 
@@ -196,7 +195,8 @@ function drawHead() {
   byId('age').textContent = age == null ? '' : live ? '' : `${age.toFixed(0)} s old`;
   byId('name').textContent = plain((known.robot ?? '').replace(/^\/$/, '') || 'FlexBT');
   byId('runs').textContent = status?.runs ?? '';
-  byId('holder').textContent = status?.authority ? `authority ${status.authority}` : '';
+  byId('holder').textContent = [known.operator && `you: ${plain(known.operator.replace(/@[^@]*$/, ''))}`, status?.authority && `authority ${status.authority}`].filter(Boolean).join(' · ');
+  byId('holder').title = byId('holder').textContent;
   const alarm = [];
   if (!server.open) alarm.push(...(server.text ? [server.text, 'trying again'] : []));
   else if (!live) alarm.push('NO LINK: showing the last known state; only STOP can be sent');
@@ -310,9 +310,32 @@ function takeParts(parts) {
   choose();
 }
 
+// Who uses this browser is asked once; until then it has a name of its own, so that two browsers are two operators.
+const guest = remembered('guest', `guest-${Math.random().toString(36).slice(2, 6)}`);
+remember('guest', guest);
+const operator = () => remembered('operator', '') || guest;
+
+function askName(asks) {
+  byId('name-form').hidden = !asks;
+  byId('your-name').value = remembered('operator', '');
+  byId('name-told').textContent = `until then: ${operator()}`;
+}
+byId('rename').addEventListener('click', () => { askName(true); byId('your-name').focus(); });
+byId('name-form').addEventListener('submit', (event) => {
+  event.preventDefault();
+  const name = byId('your-name').value.trim();
+  if (!name) return;
+  remember('operator', name);
+  askName(false);
+  link.renew();
+});
+
 function takeMessage(message) {
   if (message.hello) {
     known.robot = message.hello.robot;
+    known.operator = message.hello.operator;
+    byId('rename').hidden = !message.hello.asks_name;
+    askName(message.hello.asks_name && !remembered('operator', ''));
     touched = undefined;
     commands.specs = message.hello.commands;
     byId('log').replaceChildren();
@@ -339,7 +362,7 @@ const link = new ServerLink({
     drawHead();
     choose();
   },
-});
+}, operator);
 byId('reset').addEventListener('click', panels(byId('panels'), 'flexbt', {
   wide: [['machine-pane'], ['map-pane', 'trees-pane', 'log-pane']],
   narrow: [['map-pane', 'machine-pane', 'trees-pane', 'log-pane']],

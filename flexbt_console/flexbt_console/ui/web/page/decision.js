@@ -79,7 +79,7 @@ export class DecisionBar {
   build(others) {
     const decision = this.shown;
     this.bar.classList.toggle('waits', decision !== null);
-    this.line.textContent = decision ? decision.line + (others ? ` (+${others} more)` : '') : 'no pending decision';
+    this.line.textContent = decision ? decision.line + (others ? ` (+${others} more)` : '') : 'No pending decision';
     this.line.title = decision ? `decision ${decision.id}` : '';
     const rows = [];
     if (decision) {

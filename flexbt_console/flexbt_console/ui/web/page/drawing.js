@@ -101,20 +101,24 @@ export function offer(svg, choices) {
     press(edge, label, run);
     if (edge.querySelector('rect')) continue;
     edge.parentNode.append(edge);  // above all lines
+    svg.dataset.spread = '';
     const {x, y, width, height} = text.getBBox();
     text.before(svgElement('rect', {x: x - 5, y: y - 4, width: width + 10, height: height + 8, rx: 5}));
   }
+  spread(svg);
 }
 
-// Buttons that would lie on each other, as labels that grow do, go below each other.
+// Buttons that would lie on each other or on a state, as labels that grow do, go below it.
 export function spread(svg) {
   const grow = Number(svg.style.getPropertyValue('--grow')) || 1;
-  const taken = [];
+  if (svg.dataset.spread === String(grow)) return;
+  svg.dataset.spread = String(grow);
+  const taken = [...svg.querySelectorAll('.State')].map((state) => state.getBBox()).map(({x, y, width, height}) => ({left: x, top: y, w: width, h: height}));
   const pills = [...svg.querySelectorAll('.choice > rect')].map((rect) => [rect.parentNode, rect.getBBox()]).sort(([, a], [, b]) => a.y - b.y);
   for (const [edge, {x, y, width, height}] of pills) {
     const [w, h] = [width * grow, height * grow];
     const box = {left: x + (width - w) / 2, top: y + (height - h) / 2};
-    for (const one of taken) if (box.left < one.left + one.w && one.left < box.left + w && box.top < one.top + one.h && one.top < box.top + h) box.top = one.top + one.h + 1;
+    for (const one of [...taken].sort((a, b) => a.top - b.top)) if (box.left < one.left + one.w && one.left < box.left + w && box.top < one.top + one.h && one.top < box.top + h) box.top = one.top + one.h + 1;
     taken.push({...box, w, h});
     edge.style.setProperty('--down', `${box.top - (y + (height - h) / 2)}px`);
   }
@@ -139,10 +143,11 @@ export function statuses(svg, current, last) {
 // Trees: children beside each other in their order, each parent in the middle above its children (Reingold and Tilford 1981), or to the left of them.
 
 const FONT = 13, LINE = 16, GAP = 14, LEVEL = 30;
+const LEAST = 12 / FONT;  // the scale at which labels have 12 pixels
 const measure = document.createElement('canvas').getContext('2d');
 
 function sizeOf(lines) {
-  measure.font = `${FONT}px system-ui, sans-serif`;
+  measure.font = `${FONT}px Helvetica, Arial, sans-serif`;
   return [Math.max(...lines.map((line) => measure.measureText(line).width)) + 22, LINE * lines.length + 10];
 }
 
@@ -187,8 +192,8 @@ function shapeOf(kind, x, y, [width, height]) {
     : svgElement('path', {d: `M${x - w + 8},${y - h}h${width - 16}q8,0 8,8v${height - 16}q0,8 -8,8h${16 - width}q-8,0 -8,-8v${16 - height}q0,-8 8,-8z`});
 }
 
-// Draw a tree of nodes {lines, kind, parent} into an SVG: downward or to the right, whichever is larger in its pane. What is below
-// the nodes of folded is left out; fold(index) is called for a sub-tree that is pressed. Gives the extent.
+// Draw a tree of nodes {lines, kind, parent} into an SVG: downward or to the right, with types or with names alone, the first that is readable in
+// its pane, or the largest. What is below the nodes of folded is left out; fold(index) is called for a sub-tree that is pressed. Gives the extent.
 export function drawTree(svg, nodes, folded, fold) {
   const outside = nodes.map(() => false), under = nodes.map(() => 0);
   nodes.forEach(({parent}, index) => { outside[index] = parent !== null && (outside[parent] || folded.has(parent)); });
@@ -197,27 +202,28 @@ export function drawTree(svg, nodes, folded, fold) {
   const drawn = shown.map((index) => {
     const {lines, kind, parent} = nodes[index], isFold = kind === 'SubTree' && under[index] > 0;
     const told = isFold ? [`${folded.has(index) ? `▸ ${under[index]} in` : '▾'} ${lines[0]}`, ...lines.slice(1)] : lines;
-    return {index, kind, isFold, told, parent: parent === null ? null : position.get(parent), size: sizeOf(told)};
+    return {index, kind, isFold, told, parent: parent === null ? null : position.get(parent)};
   });
-  const layouts = [false, true].map((isRight) => {
-    const places = placesOf(drawn, isRight), box = {left: Infinity, top: Infinity, right: -Infinity, bottom: -Infinity};
+  const forms = [Infinity, 1].map((most) => drawn.map((node) => ({...node, told: node.told.slice(0, most), size: sizeOf(node.told.slice(0, most))})));
+  const layouts = forms.flatMap((form) => [[form, false], [form, true]]).map(([form, isRight]) => {
+    const places = placesOf(form, isRight), box = {left: Infinity, top: Infinity, right: -Infinity, bottom: -Infinity};
     places.forEach(([x, y], at) => {
-      const [w, h] = drawn[at].size;
+      const [w, h] = form[at].size;
       Object.assign(box, {left: Math.min(box.left, x - w / 2), right: Math.max(box.right, x + w / 2), top: Math.min(box.top, y - h / 2), bottom: Math.max(box.bottom, y + h / 2)});
     });
     const {clientWidth: width, clientHeight: height} = svg.parentElement;
-    return {isRight, places, x: box.left - 12, y: box.top - 8, width: box.right - box.left + 24, height: box.bottom - box.top + 16,
+    return {form, isRight, places, x: box.left - 12, y: box.top - 8, width: box.right - box.left + 24, height: box.bottom - box.top + 16,
       scale: Math.min(width / (box.right - box.left), height / (box.bottom - box.top))};
   });
-  const best = layouts[1].scale > layouts[0].scale ? layouts[1] : layouts[0], {places, isRight} = best;
+  const best = layouts.find(({scale}) => scale >= LEAST) ?? layouts.reduce((a, b) => b.scale > a.scale ? b : a), {form, places, isRight} = best;
   const group = svgElement('g', {class: 'graph'});
-  drawn.forEach(({parent, size}, at) => {
+  form.forEach(({parent, size}, at) => {
     if (parent === null) return;
-    const [x, y] = places[at], [px, py] = places[parent], from = drawn[parent].size;
+    const [x, y] = places[at], [px, py] = places[parent], from = form[parent].size;
     const line = isRight ? `M${px + from[0] / 2},${py}H${x - size[0] / 2 - LEVEL / 2}V${y}H${x - size[0] / 2}` : `M${px},${py + from[1] / 2}V${y - size[1] / 2 - LEVEL / 2}H${x}V${y - size[1] / 2}`;
     group.append(svgElement('g', {class: 'branch', 'aria-hidden': 'true'}, svgElement('path', {d: line, fill: 'none'})));
   });
-  drawn.forEach(({index, kind, isFold, told, size}, at) => {
+  form.forEach(({index, kind, isFold, told, size}, at) => {
     const [x, y] = places[at];
     const node = svgElement('g', {id: `t0n${index}`, class: `node ${kind}`}, shapeOf(kind, x, y, size),
       ...told.map((line, row) => svgElement('text', {x, y: y + LINE * (row - (told.length - 1) / 2) + 5, 'text-anchor': 'middle', 'font-size': FONT}, line)));

@@ -8,8 +8,10 @@ const REFUSED_WAIT_MS = 1000;  // the server is there: what it waits for is show
 export class ServerLink {
   // on.parts(parts), on.message(message), on.map(head, cells), on.state(isOpen, word, text): while it is not open, what
   // is wrong, in a word and in a line.
-  constructor(on) {
+  // operator() is the name of who uses the page.
+  constructor(on, operator) {
     this.on = on;
+    this.operator = operator;
     this.wait = 250;
     this.socket = null;
     this.heard = 0;
@@ -30,7 +32,7 @@ export class ServerLink {
     this.welcome = false;
     this.heard = performance.now();
     const token = new URLSearchParams(location.hash.slice(1)).get('token');
-    socket.onopen = () => socket.send(JSON.stringify({hello: token}));
+    socket.onopen = () => socket.send(JSON.stringify({hello: token, operator: this.operator()}));
     socket.onmessage = (event) => { if (this.socket === socket) this.take(event.data); };
     socket.onclose = (event) => { if (this.socket === socket) this.lost(event.reason); };
   }
@@ -52,6 +54,13 @@ export class ServerLink {
     if (message.refused) this.refused = message.refused;
     if (message.parts) this.on.parts(message.parts);
     else this.on.message(message);
+  }
+
+  // Begin again, as who uses the page now.
+  renew() {
+    const before = this.socket;
+    this.open();
+    before?.close();
   }
 
   look() {

@@ -6,14 +6,13 @@ const PAN = 60;         // pixels for an arrow key
 const SLOP = 4;         // pixels that a pointer moves before it drags: less is a click
 const MOST = 5;
 const MOST_FIT = 1.4;
-const GROWTH = 1.7;     // up to so much larger than drawn, the labels keep their size on the screen
 const MARGIN = 8;       // pixels around a drawing that fits
 
 // Returns {content(box), fit(whole), zoomTo(scale, x, y), reveal(element), scale, moved}. content gives the extent of what
 // is drawn. Until somebody moves the view, it fits the drawing and follows what is revealed; fit() goes back to that.
-// changed() is called after each change. In the style of the SVG --grow is how much larger than drawn labels are to be;
-// where that is much, the SVG has the class "far".
-export function viewport(svg, changed = () => {}) {
+// changed() is called after each change. In the style of the SVG --grow is how much larger than drawn labels are to be, to keep
+// their size on the screen; it is at most grows. Where that is much, the SVG has the class "far".
+export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
   const pane = svg.parentElement;
   const pointers = new Map();
   let box = {x: 0, y: 0, width: 1, height: 1}, target = null;
@@ -24,11 +23,11 @@ export function viewport(svg, changed = () => {}) {
 
   function apply() {
     const [width, height] = size();
-    const least = Math.min(1 / GROWTH, width / box.width, height / box.height) / 1.5;
+    const least = Math.min(1 / grows, width / box.width, height / box.height) / 1.5;
     scale = within(scale, least, MOST);
     x = within(x, box.x - (width - 40) / scale, box.x + box.width - 40 / scale);  // some of it stays in the pane
     y = within(y, box.y - (height - 40) / scale, box.y + box.height - 40 / scale);
-    const grow = within(1 / scale, 1, GROWTH);
+    const grow = within(1 / scale, 1, grows);
     svg.setAttribute('viewBox', `${x} ${y} ${width / scale} ${height / scale}`);
     svg.style.setProperty('--grow', grow);
     svg.classList.toggle('far', grow > 1.15);
@@ -46,7 +45,7 @@ export function viewport(svg, changed = () => {}) {
     const [width, height] = size();
     moved = whole;
     const place = target?.isConnected ? placeOf(target) : null;
-    scale = within(Math.min((width - 2 * MARGIN) / box.width, (height - 2 * MARGIN) / box.height), whole ? 0.01 : 1 / GROWTH, MOST_FIT);
+    scale = within(Math.min((width - 2 * MARGIN) / box.width, (height - 2 * MARGIN) / box.height), whole ? 0.01 : 1 / grows, MOST_FIT);
     const at = (start, length, room, from, to) => {
       const middle = length * scale + 2 * MARGIN <= room || !place ? start + length / 2 : (from + to) / 2;
       const begin = middle - room / scale / 2;
