@@ -79,7 +79,7 @@ export function choose(title, options, {free = () => null, text = '', note = ''}
       if (event.key === 'Enter') { event.preventDefault(); if (found[at]) finish(found[at]); }
       event.stopPropagation();
     };
-    dialog.onclose = () => finish(null);
+    dialog.onclose = () => { if (!dialog.open) finish(null); };  // the event of an earlier dialog may come late
     draw();
     dialog.showModal();
     field.select();

@@ -139,7 +139,7 @@ export class Form {
         return html('div', {class: 'way-row'}, html('span', {}, way.outcome), html('button', {type: 'button', disabled: isLocked, 'aria-label': `target of ${way.outcome}: ${way.target}`, onclick: () => this.on.target(path, way.outcome)}, way.target || '–'), levels);
       }), html('button', {type: 'button', disabled: isLocked, onclick: () => this.on.target(path, null)}, 'Add a Transition…'));
       parts.push(html('h3', {}, 'Keys'), ...data.remapping.map((one) => this.field(`key:${one.key}`, one.name, (name) => edit('set_remapping', {key: one.key, name: name || null}), {label: one.key, isReadOnly: isLocked, words: () => []})));
-      parts.push(html('button', {type: 'button', disabled: isLocked, onclick: async () => { const key = await choose('Key of the state', (this.on.typeOf(data)?.keys ?? []).map((label) => ({label})), {free: (label) => ({label, detail: 'as typed'})}); if (key) edit('set_remapping', {key: key.label, name: key.label}); }}, 'Remap a Key…'));
+      parts.push(html('button', {type: 'button', disabled: isLocked, onclick: async () => { const key = await choose('Key of the state', (this.on.typeOf(data)?.keyNames ?? []).map((label) => ({label})), {free: (label) => ({label, detail: 'as typed'})}); if (key) edit('set_remapping', {key: key.label, name: key.label}); }}, 'Remap a Key…'));
     }
     if (isContainer && data.outcomes.length) parts.push(html('h3', {}, 'Outcomes'), html('p', {}, data.outcomes.join(', ')), this.buttons(['add_outcome', 'Add an Outcome…']));
     if (!isRoot) parts.push(this.comment(part, 'state'));

@@ -96,14 +96,15 @@ export class Graph {
     item.element.setAttribute('tabindex', '0');
     if (item.path === path) {
       item.element.setAttribute('aria-selected', 'true');
-      this.view.reveal(item.element);
-      this.show(item);
+      const target = item.element.querySelector('.type') ?? item.element;
+      this.view.reveal(target);
+      this.show(target);
     }
   }
 
   // Bring an item into the pane, even if somebody has moved the picture.
-  show(item) {
-    const outer = this.pane.getBoundingClientRect(), inner = item.element.getBoundingClientRect();
+  show(element) {
+    const outer = this.pane.getBoundingClientRect(), inner = element.getBoundingClientRect();
     if (this.view.moved && outer.width && (inner.right < outer.left + 8 || inner.left > outer.right - 8 || inner.bottom < outer.top + 8 || inner.top > outer.bottom - 8)) {
       this.view.zoomTo(this.view.scale);
       this.view.fit();

@@ -33,6 +33,9 @@ export class OpenFile {
     this.others = new Map();    // edits of other pages by version
     this.viewVersion = 0;
     this.sinceView = [];
+    this.begun = {};            // answers to what was sent before are of no interest
+    this.restored = null;       // for a new server: its text when all that it had lost is back, and the edits after that
+    this.isRefused = this.sentIsMapped = false;
   }
 
   get text() { return this.buffer.text; }
@@ -43,6 +46,7 @@ export class OpenFile {
   edited(change, isRemote) {
     if (!isRemote) {
       this.pending = this.pending ? compose(this.pending, change) : change;
+      if (this.restored) this.restored.unsent = compose(this.restored.unsent, change);
       queueMicrotask(() => this.send());
     }
     this.anchor = mapOffset(change, this.anchor);
@@ -55,19 +59,20 @@ export class OpenFile {
     if (this.sent || !this.pending || !this.link.isOpen || this.isRecovering) return;
     this.sent = this.pending;
     this.pending = null;
-    const version = this.version;
+    const {version, begun} = this;
     try {
       await this.link.request('edit', {file: this.name, version, edits: toEdits(this.sent)});
+      if (this.begun !== begun) return;
       this.base = apply(this.base, this.sent);
       this.version = version + 1;
       this.sent = null;
-      this.isFresh = false;
+      this.restored = null;
       this.takeOthers();
       this.send();
       this.settle();
     } catch (refusal) {
-      if (refusal.kind === 'lost') return;  // recover() goes on from here
-      if (refusal.kind === 'conflict' && this.isFresh) { this.recover(true); return; }  // another page has brought its text back
+      if (refusal.kind === 'lost' || this.begun !== begun) return;  // recover() goes on from here
+      if (refusal.kind === 'conflict' && this.restored) { this.leaveToOther(); return; }
       if (refusal.kind === 'conflict') {
         if (this.version === version) setTimeout(() => { if (this.version === version && this.sent) this.recover(); }, LONGEST_WAIT_MS);
         this.isRefused = true;
@@ -83,7 +88,7 @@ export class OpenFile {
 
   // An edit that was refused is sent again when that of the other page is known.
   sendAgain() {
-    if (!this.isRefused || this.sentIsMapped !== true) return;
+    if (!this.isRefused || !this.sentIsMapped) return;
     this.isRefused = this.sentIsMapped = false;
     this.pending = this.pending ? compose(this.sent, this.pending) : this.sent;
     this.sent = null;
@@ -91,6 +96,7 @@ export class OpenFile {
   }
 
   takeEdited(version, edits) {
+    if (this.restored) { this.leaveToOther(); return; }
     this.others.set(version, fromEdits(edits));
     this.takeOthers();
   }
@@ -113,25 +119,25 @@ export class OpenFile {
   async recover(isNewServer = false) {
     this.isRecovering = true;
     try {
-      const model = await this.link.request('open', {file: this.name});
-      const sent = this.sent ?? [], unsent = this.pending ?? [], text = this.text;
-      if (isNewServer) {  // it has read the file again: what is not on disk is only in the pages
-        const hasNewText = model.version === 1 && this.saved !== null && model.text !== this.saved;
-        const [remote, local] = hasNewText ? transform(difference(this.saved, model.text), difference(this.saved, text)) : [[], difference(model.text, text)];
+      const model = await this.link.request('open', {file: this.name}), unsent = this.pending ?? [];
+      let remote, local;
+      if (isNewServer && model.version === 1) {  // it has read the file again: what is not saved is only in the pages
+        const isOld = this.saved === null || this.saved === model.text;
+        const restored = difference(isOld ? model.text : this.saved, this.base);
+        const [onDisk, restore] = isOld ? [[], restored] : transform(difference(this.saved, model.text), restored);
+        [remote, local] = transform(onDisk, compose(this.sent ?? [], unsent));
         this.begin(model);
-        this.pending = local.length ? local : null;
-        if (remote.length) this.buffer.apply(remote, {isRemote: true});
-        this.isFresh = true;
+        this.saved = model.text;
+        if (restore.length || local.length) this.restored = {base: apply(model.text, restore), unsent: local};
+        local = compose(restore, local);
       } else {
         // An edit whose answer was lost has arrived if the server's text is nearer to that with it.
-        const without = difference(this.base, model.text), withSent = difference(apply(this.base, sent), model.text);
-        const arrived = this.sent && size(withSent) < size(without);
-        const [remote, local] = transform(arrived ? withSent : without, arrived ? unsent : compose(sent, unsent));
+        const without = difference(this.base, model.text), withSent = this.sent && difference(apply(this.base, this.sent), model.text);
+        [remote, local] = withSent && size(withSent) < size(without) ? transform(withSent, unsent) : transform(without, compose(this.sent ?? [], unsent));
         this.begin(model);
-        this.pending = local.length ? local : null;
-        if (remote.length) this.buffer.apply(remote, {isRemote: true});
       }
-      this.isRefused = this.sentIsMapped = false;
+      this.pending = local.length ? local : null;
+      if (remote.length) this.buffer.apply(remote, {isRemote: true});
       this.takeModel(model);
     } catch (refusal) {
       if (refusal.kind !== 'lost') this.on.told(`${this.name}: ${refusal.message}`, 'error');
@@ -140,6 +146,12 @@ export class OpenFile {
       this.isRecovering = false;
     }
     this.send();
+  }
+
+  // Another page has brought the text back to a new server: what it has brought is the same text, and no edit of another one.
+  leaveToOther() {
+    Object.assign(this, {base: this.restored.base, sent: null, pending: this.restored.unsent, restored: null, begun: {}});
+    this.recover();
   }
 
   takeModel(model) {

@@ -15,7 +15,7 @@ export function sheet(title, parts, buttons = [['Close', null, '']]) {
   return new Promise((resolve) => {
     const finish = (value) => { dialog.onclose = null; dialog.close(); if (before?.isConnected) before.focus(); resolve(value); };
     byId('sheet-buttons').replaceChildren(...buttons.map(([text, value, kind]) => html('button', {type: 'button', class: kind, onclick: () => finish(value)}, text)));
-    dialog.onclose = () => finish(null);
+    dialog.onclose = () => { if (!dialog.open) finish(null); };
     dialog.showModal();
     byId('sheet-buttons').querySelector('.primary, button')?.focus();
   });

@@ -83,7 +83,7 @@ class Studio {
       byId('project').textContent = hello.project;
       document.title = `${hello.project} – FlexBT Studio`;
       this.types = new Map(hello.node_types.map((one) => [one.id, lowered(one)]));
-      this.states = hello.state_types ?? [];
+      this.states = hello.states.map((one) => ({...one, outcomes: one.outcomes.map((outcome) => outcome.name), keyNames: [...one.inputs, ...one.outputs].map((key) => key.name)}));
       this.showFiles(hello.files);
       if (this.open.size) await Promise.all([...this.open.values()].map((file) => file.recover(isNew)));
       else await this.openLink();
@@ -225,6 +225,7 @@ class Studio {
         const layout = await this.link.request('layout', {file: file.name, folded: [...file.folded]});
         if (number !== this.drawing || file !== this.file) return;
         this.graph.draw(drawMachine(file.view, layout, file.folded));
+        if (document.activeElement === document.body) this.graph.focus();
       } catch (refusal) {
         if (refusal.kind !== 'lost') this.told(refusal.message, 'warning');
       }
@@ -375,6 +376,7 @@ class Studio {
     byId('tabs').replaceChildren(...[...this.open.values()].map((one) => html('span', {class: 'tab', role: 'presentation'},
       html('button', {type: 'button', role: 'tab', id: `tab-${one.name}`, 'aria-selected': String(one === file), title: one.name, onclick: () => this.show(one)}, `${one.isChanged ? '● ' : ''}${one.name.split('/').at(-1)}`),
       html('button', {type: 'button', 'aria-label': `Close ${one.name}`, onclick: () => this.close(one.name)}, '×'))));
+    byId('tabs').querySelector('[aria-selected="true"]')?.scrollIntoView({block: 'nearest', inline: 'nearest'});
   }
 
   async showDifference() {
