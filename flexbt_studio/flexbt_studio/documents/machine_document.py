@@ -405,7 +405,8 @@ class MachineDocument(Document):
         Raises:
             GestureError: they change a fixed part, or the text could not be read afterwards.
         """
-        edits = sorted(one for one in edits if self.text[one.start : one.end] != one.text)
+        edits = [one for one in edits if self.text[one.start : one.end] != one.text]
+        edits.sort(key=lambda one: (one.start, one.end))
         for one in edits:
             for span, reason in self.fixed:
                 if (

@@ -38,6 +38,7 @@ _WRAPPERS: Final = {
     'with_retry': ('retry', ('state', 'attempts', 'on')),
     'with_timeout': ('timeout', ('state', 'after', 'outcome')),
 }
+_EMBEDDING: Final = ('use_behavior', 'add_behavior')
 _ADD: Final = ('label', 'state', 'transitions', 'autonomy', 'remapping')
 _CONTENT: Final = ('outcomes', 'input_keys', 'output_keys', 'io_keys', 'conditions')
 
@@ -221,7 +222,9 @@ class PythonDocument(MachineDocument):
                 state.conditions.append(Condition(item, outcome.items[0], pairs))
         children = arguments.find('children')
         if children is not None:
-            state.rows = self._list(children.node)
+            values = scope.values.get(ast.unparse(children.node), []) if _is_name(children.node) else []
+            is_own = len(values) == 1 and scope.uses[ast.unparse(children.node)] == 1
+            state.rows = self._list(values[0][0] if is_own else children.node)
             for item in state.rows.items:
                 lock = state.rows.locked
                 if not isinstance(item.node, ast.Call) or self._name_of(item.node.func) != 'Child':
@@ -449,20 +452,19 @@ class PythonDocument(MachineDocument):
         """Rename the paths of embedded behaviors, and those of FlexBE's notes."""
         old = state.path.partition('/')[2]
         path = f'{old.rpartition("/")[0]}/{new}'.removeprefix('/')
+        owners = (one for one in self._module.body if isinstance(one, ast.ClassDef))
+        owner = next((one for one in owners if self._span(one).start <= state.span.start < self._span(one).end), None)
         edits = []
-        for node in ast.walk(self._module):
-            if (
-                isinstance(node, ast.Call)
-                and self._name_of(node.func) in ('use_behavior', 'add_behavior')
-                and len(node.args) > 1
-            ):
+        for node in ast.walk(owner) if owner is not None else ():
+            if isinstance(node, ast.Call) and self._name_of(node.func) in _EMBEDDING and len(node.args) > 1:
                 text = _text(node.args[1])
-                if text is not None and (text == old or text.startswith(f'{old}/')):
+                if text is not None and f'{text}/'.startswith(f'{old}/'):
                     span = self._span(node.args[1])
                     edits.append(TextEdit(*span, self.name(path + text[len(old) :], self.text[slice(*span)])))
+        within = self._span(owner) if owner is not None else Span(0, 0)
         for start, end in self.comments.items():
-            found = _NOTE.match(self.text, start, end)
-            if found and (self.text[found.end() : end] + '/').startswith(f'{old}/'):
+            found = _NOTE.match(self.text, start, end) if within.start <= start < within.end else None
+            if found and f'{self.text[found.end() : end]}/'.startswith(f'{old}/'):
                 edits.append(TextEdit(found.end(), found.end() + len(old), path))
         return edits
 

@@ -10,6 +10,7 @@ import ast
 import contextlib
 import copy
 import functools
+import inspect
 import os
 import random
 from collections.abc import Iterator
@@ -315,7 +316,7 @@ def _places(
     yield 'set_comment', after
 
 
-@pytest.mark.parametrize('style', PYTHON)
+@pytest.mark.parametrize('style', ['tabs', 'crlf', 'bom'])
 def test_gestures_change_what_is_meant(style: str) -> None:
     done = [name for name, after in trials(PYTHON[style], 1) if after is not None]
     assert set(done) >= {
@@ -327,3 +328,141 @@ def test_gestures_change_what_is_meant(style: str) -> None:
         'add_state',
         'set_comment',
     }
+
+
+def done(before: str, gesture: str, /, **arguments: Any) -> str:
+    return applied(before, PythonDocument(before).gesture(gesture, arguments))
+
+
+def test_all_behaviors_of_the_workspace_are_read() -> None:
+    count = 0
+    for name, text in ALL.items():
+        document = PythonDocument(text)
+        assert document.problems == [] and document.text == text, name
+        view, calls = document.view(), Calls(text)
+        offsets = {one['offset']: one for one in calls.found}
+        for state in view['states']:
+            call = offsets.get(state['label_span'][0])
+            if call is None or state['locked']:
+                continue
+            ways = call['transitions'] if isinstance(call['transitions'], dict) else None
+            named = [one for one in state['transitions'] if one['target'] is not None]
+            shown = {one['outcome']: repr(one['target']) for one in named}
+            assert ways is None or shown == {key: way for key, way in ways.items() if way[0] in '\'"'}, name
+            for one in named:
+                assert ast.literal_eval(text[slice(*one['target_span'])]) == one['target']
+            count += 1
+    assert count > 150
+
+
+def test_what_is_computed_is_shown_with_the_reason_and_stays() -> None:
+    states = {state['path']: state for state in PythonDocument(PYTHON['forms']).view()['states']}
+    assert states["/f'Wait{number}'"]['locked'].startswith('it is in a loop (line ')
+    assert states['/Extra']['locked'].startswith('it is in a branch (line ')
+    assert [wrapper['kind'] for wrapper in states['/Drive']['wrappers']] == ['timeout', 'retry']
+    assert states['/Drive']['parameters'][0]['text'] == '(2.0)' and states['/Work']['kind'] == 'concurrency'
+    assert states['Second:/B']['type'] == 'Ask'
+    for name, arguments in (
+        ('set_target', {'state': '/Extra', 'outcome': 'done', 'target': 'Ask'}),
+        ('set_target', {'state': '/Last', 'outcome': 'done', 'target': 'Ask'}),
+        ('rename_state', {'state': "/f'Wait{number}'", 'label': 'X'}),
+        ('rename_state', {'state': '/Drive', 'label': 'X'}),  # the loop names it
+        ('set_parameter', {'state': '/Last', 'name': '**', 'text': '1'}),
+        ('set_initial', {'state': '/Last'}),
+    ):
+        with pytest.raises(GestureError):
+            PythonDocument(PYTHON['forms']).gesture(name, arguments)
+
+
+def test_what_names_a_state_of_flexbe_is_renamed_with_it() -> None:
+    text = done(PYTHON['flexbe'], 'rename_state', state='/Watch', label='Guard')
+    expected = (
+        PYTHON['flexbe']
+        .replace("'Watch'", "'Guard'")
+        .replace("'Watch/Inner'", "'Guard/Inner'")
+        .replace('40 /Watch', '40 /Guard')
+    )
+    assert text == expected
+    assert done(text, 'rename_state', state='/Guard', label='Watch') == PYTHON['flexbe']
+    text = done(PYTHON['flexbe'], 'remove_state', state='/Watch', instead='finished')
+    assert '_sm_watch_0' not in text and text.count('OperatableStateMachine.add') == 1
+    assert {'# x:683 y:40, x:683 y:140', '# x:84 y:50 {?hidden = self.speed}'} <= {
+        line.strip() for line in text.splitlines()
+    }
+
+
+def test_imports_follow_the_form_of_the_file() -> None:
+    arguments: dict[str, Any] = {'label': 'New', 'parameters': {}, 'transitions': {'done': 'Drive'}}
+    text = done(PYTHON['flexbe'], 'add_state', parent='/', type='my_states.tell_state.TellState', **arguments)
+    assert 'import DriveState\nfrom my_states.tell_state import TellState\nfrom my_states.watch_state' in text
+    assert (
+        "            # x:284 y:130\n            OperatableStateMachine.add('New',\n" + 39 * ' ' + 'TellState(),\n'
+        in text
+    )
+    text = done(
+        PYTHON['forms'], 'add_state', parent='/Work', type='flexbt_states.LogState', **{**arguments, 'transitions': {}}
+    )
+    assert 'from flexbt_states import BtExecuteState, LogState, WaitState\n' in text
+    assert "  # right\n                Child('New', LogState()),\n            ]" in text
+    text = done(PYTHON['forms'], 'set_autonomy', state='/Ask', outcome='received', level='low')
+    assert (
+        'import (\n    Autonomy,\n    Child,' in text
+        and "asked, autonomy={'received': Autonomy.Low}, remapping=" in text
+    )
+    with pytest.raises(GestureError, match='not imported'):
+        done(PYTHON['forms'], 'add_state', parent='/', type='LogState', **arguments)
+
+
+def test_a_syntax_error_has_its_place_and_nothing_is_edited() -> None:
+    text = PYTHON['forms'].replace('return machine', 'return ö ö machine', 1)
+    document = PythonDocument(text)
+    assert (
+        text[document.problems[0].span.start :].startswith('ö machine')
+        or 'ö ö' in text[document.problems[0].span.start :][:4]
+    )
+    assert document.view()['states'] == []
+    with pytest.raises(GestureError, match='no Python'):
+        document.gesture('set_target', {'state': '/Ask', 'outcome': 'x', 'target': 'y'})
+    for broken in ('\0', '(' * 5000, '-' * 100_000 + '1', '\ud800', 'x = 1\n\tif', '"""', '', '# only'):
+        PythonDocument(broken).view()
+
+
+@pytest.mark.parametrize('style', ['flexbe', 'forms'])
+def test_arguments_that_make_no_sense_are_refused(style: str) -> None:
+    random_ = random.Random(5)
+    values = [
+        None,
+        '',
+        '/',
+        '/Drive',
+        '/Watch',
+        '/Work',
+        'x\ny',
+        'done',
+        -1,
+        2,
+        True,
+        [],
+        {},
+        {'a': [1]},
+        '\ud800',
+        '{',
+        '#',
+        'f(',
+        "'",
+    ]
+    document, refused = PythonDocument(PYTHON[style]), 0
+    for name in document.gestures():
+        parameters = inspect.signature(getattr(document, name)).parameters
+        for _ in range(80):
+            arguments = {one: random_.choice(values) for one in parameters}
+            try:
+                edits = document.gesture(name, arguments)
+            except GestureError as error:
+                assert str(error)
+                refused += 1
+                continue
+            after = applied(document.text, edits)
+            ast.parse(after)
+            assert applied(after, inverse(document.text, edits)) == document.text
+    assert refused > 500
