@@ -20,6 +20,7 @@ setup(
     description='The studio: write, check, run and watch missions in a browser; a language server for other editors.',
     license='BSD-3-Clause',
     entry_points={
+        'flexbt.studio': ['studio = flexbt_studio.server.web_server:application'],
         'console_scripts': [
             'flexbt-ls = flexbt_studio.executables:language_server',
             'studio = flexbt_studio.executables:studio',

@@ -54,6 +54,7 @@ _PORT = Option('--port', 'port of the page (default 8465; 0 picks a free one)', 
 _ADDRESS = Option(
     '--address', 'address to listen at (default 127.0.0.1: this computer only; any other requires a token)', 'IP'
 )
+_STUDIO = Option('--studio', 'serve the studio as well, for the missions in this folder', 'FOLDER')
 _SCAN_PERIOD = Option(
     '--scan-period',
     f'time between two lidar scans on the map (default {effects.SCAN_PERIOD:g})',
@@ -430,7 +431,7 @@ COMMANDS: Final = (
         'web',
         'page for a browser: machine, trees and map as pictures, decisions, commands and log',
         Mode.WEB,
-        options=(_ROBOT, _PORT, _ADDRESS, _SCAN_PERIOD, _SLOW_LINK),
+        options=(_ROBOT, _PORT, _ADDRESS, _STUDIO, _SCAN_PERIOD, _SLOW_LINK),
         details=(
             'It prints the address of the page and serves it until interrupted. The page has a line for each robot '
             'that is found, the most urgent first; ?robot=NAME opens one of them.',

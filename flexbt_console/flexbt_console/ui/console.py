@@ -10,14 +10,16 @@ import contextlib
 import faulthandler
 import importlib.util
 import os
+import secrets
 import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, cast
 
 from flexbt_common.command_line import abandon_stdout, is_full, keep_stdout_for_python, run_program
 from flexbt_console.commands.command_builder import CommandBuilder
@@ -41,14 +43,21 @@ from flexbt_core.values.text import escape_lines
 from .terminal import TerminalWatch
 
 if TYPE_CHECKING:
+    from aiohttp import web
+
     from flexbt_common.runtime.node_runtime import NodeRuntime
     from flexbt_console.link.fleet_link import FleetLink
     from flexbt_console.link.operator_link import ExecutiveLink
     from flexbt_console.link.robot_link import RobotLink
 
     from .station import Station
+    from .web.access import Access
 
 PLACES_PARAMETER = 'places'
+STUDIO_GROUP = 'flexbt.studio'
+"""Entry point group by which a package adds the studio: a function of folder, access and robots that returns an aiohttp
+application."""
+
 DEFAULT_TIMEOUT = 5.0
 """Seconds to wait for the executive, and for its answer, when no --timeout is given."""
 
@@ -247,7 +256,10 @@ def _run_web(line: CommandLine) -> ExitCode:
 
     from .station import Attention, Station
 
-    access = Access.of(line.value('--address') or '127.0.0.1', os.environ.get('FLEXBT_WEB_TOKEN', ''))
+    folder = line.value('--studio')
+    # The studio writes files, so it has a token on this computer, too.
+    token = os.environ.get('FLEXBT_WEB_TOKEN', '') or (secrets.token_urlsafe(24) if folder else '')
+    access = Access.of(line.value('--address') or '127.0.0.1', token)
     only = dict.fromkeys(map(full_namespace, line.values('--robot')))
     with _open_runtime(line) as runtime:
         operator, simulator = _operator(line), SimulatorLink(runtime)
@@ -258,9 +270,18 @@ def _run_web(line: CommandLine) -> ExitCode:
             return Station(mirror, link, builder, _timeout(line), attention, PAGE_LEAVING, obstacles=simulator)
 
         named = None if line.has('--observer') or _given_operator(line) else partial(operator_name, line)
-        server = WebServer(_fleet(line, runtime, operator, list(only)), station, access, named)
-        run_web(server.application(), access, _port(line), print_address)
+        robots = _fleet(line, runtime, operator, list(only))
+        studio = _studio()(folder, access, robots) if folder else None
+        server = WebServer(robots, station, access, named)
+        run_web(server.application(studio), access, _port(line), print_address)
         return ExitCode.OK
+
+
+def _studio() -> Callable[[str, Access, FleetLink], web.Application]:
+    """Return what makes the application of the studio, from the package that has it."""
+    for point in entry_points(group=STUDIO_GROUP):
+        return cast('Callable[[str, Access, FleetLink], web.Application]', point.load())
+    raise UsageError('--studio needs the package flexbt_studio, which is not installed')
 
 
 _RUNS: Final[Mapping[Mode, Callable[[CommandLine], ExitCode]]] = {

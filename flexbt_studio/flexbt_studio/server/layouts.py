@@ -32,7 +32,7 @@ _POINTS: Final = 72.0
 
 
 class Layouts:
-    """Layouts of containers, remembered by their graph."""
+    """Layouts of containers. Answers of Graphviz are remembered by their graph."""
 
     def __init__(self) -> None:
         self._made: OrderedDict[str, dict[str, Any]] = OrderedDict()
@@ -108,13 +108,13 @@ class Layouts:
         if len(children) > MOST_STATES:
             return _as_list(children, sizes)
         dot = _dot(container, children, sizes)
-        made = self._made.pop(dot, None)
-        if made is None:
-            made = _read(self._laid_out(dot), container, children, sizes)
-        self._made[dot] = made
+        answer = self._made.pop(dot, None)
+        if answer is None:
+            answer = self._laid_out(dot)
+        self._made[dot] = answer
         while len(self._made) > REMEMBERED:
             self._made.popitem(last=False)
-        return made
+        return _read(answer, container, children, sizes)  # the graph has no labels: they may have changed
 
     def _laid_out(self, dot: str) -> dict[str, Any]:
         """Return Graphviz's answer. Raises StudioError if it gives none in time."""

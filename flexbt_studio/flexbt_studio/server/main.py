@@ -12,11 +12,11 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from flexbt_console.errors import UsageError
+from flexbt_console.ui.console import main as console
 from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.server import run_web
 
-from .web_server import StudioServer, editor_folder
-from .workbench import Workbench
+from .web_server import StudioServer, editor_folder, workbench_for
 
 
 def main() -> int:
@@ -26,6 +26,9 @@ def main() -> int:
     parser.add_argument('--port', type=int, default=0, help='port of the page; 0 chooses a free one (default)')
     parser.add_argument('--address', default='127.0.0.1', help='address to listen at (default: %(default)s)')
     parser.add_argument(
+        '--operate', action='store_true', help="serve the operator's page as well, and show what runs on the robots"
+    )
+    parser.add_argument(
         '--get-editor',
         action='store_true',
         help='install the text editor CodeMirror by npm, in the versions and with the hashes of a lock file, and end',
@@ -34,17 +37,20 @@ def main() -> int:
     try:
         if options.get_editor:
             return get_editor()
-        folder = Path(options.folder)
-        if not folder.is_dir():
-            raise UsageError(f'{options.folder} is not a folder; name the folder of your mission')
+        if options.operate:
+            return console(
+                ['web', '--studio', options.folder, '--port', str(options.port), '--address', options.address]
+            )
         access = Access.of(options.address, secrets.token_urlsafe(24))
         editor = editor_folder()
         if editor is None:
             print('the text editor CodeMirror is not installed, a plain one is used: studio --get-editor', flush=True)
-        workbench = Workbench(folder)
-        for note in workbench.notes:
-            print(f'note: {note}', file=sys.stderr)
-        run_web(StudioServer(workbench, access, editor).application(), access, options.port, print_address)
+        run_web(
+            StudioServer(workbench_for(options.folder), access, editor).application(),
+            access,
+            options.port,
+            print_address,
+        )
     except UsageError as error:
         print(f'studio: {error}', file=sys.stderr)
         return 2

@@ -16,7 +16,7 @@ import traceback
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
@@ -25,7 +25,11 @@ from flexbt_core.values.text import one_line
 from flexbt_studio.errors import ConflictError, GestureError, StudioError
 
 from .jobs import Jobs
+from .live import LiveRobots
 from .workbench import Workbench
+
+if TYPE_CHECKING:
+    from flexbt_console.link.fleet_link import FleetLink
 
 MESSAGE_BYTES: Final = 8 << 20
 """Maximum size of a message of a page, bytes: a whole file of the greatest size fits."""
@@ -42,8 +46,10 @@ _LOGGER: Final = logging.getLogger(__name__)
 class Sessions:
     """All open pages. They share a workbench, which is used on one thread."""
 
-    def __init__(self, workbench: Workbench) -> None:
+    def __init__(self, workbench: Workbench, robots: FleetLink | None = None) -> None:
         self._workbench = workbench
+        self._robots = robots
+        self._live: LiveRobots | None = None
         self._pages: set[Page] = set()
         self._thread = ThreadPoolExecutor(1, 'workbench')
         self._checks: dict[str, asyncio.Task[None]] = {}
@@ -55,6 +61,8 @@ class Sessions:
     async def close(self) -> None:
         """Cancel what is waiting, and end all jobs."""
         await self._jobs.close()
+        if self._live is not None:
+            await self._live.close()
         self._thread.shutdown(wait=False, cancel_futures=True)
         self._workbench.end()
 
@@ -69,7 +77,9 @@ class Sessions:
             self.tell({'event': 'pages', 'count': len(self._pages)})
 
     async def _hear(self, page: Page) -> None:
-        await page.send({'event': 'welcome', 'page': page.number, 'instance': self._instance})
+        has_robots = self._robots is not None
+        welcome = {'event': 'welcome', 'page': page.number, 'instance': self._instance, 'robots': has_robots}
+        await page.send(welcome)
         self.tell({'event': 'pages', 'count': len(self._pages)})
         waiting: set[asyncio.Task[None]] = set()
         async for message in page.socket:
@@ -97,6 +107,8 @@ class Sessions:
                 raise StudioError('a request is {"id": …, "method": "…", "arguments": {…}}') from error
             if method == 'start_job':
                 result: Any = await self._start_job(arguments)
+            elif method == 'watch':
+                result = await self._watch(str(arguments.get('robot', '')))
             elif method == 'cancel_job':
                 self._jobs.cancel(arguments.get('number', 0))
                 result = None
@@ -123,6 +135,14 @@ class Sessions:
         except (KeyError, TypeError) as error:
             raise StudioError(f'start_job: wrong arguments: {error}') from error
         return self._jobs.start(job, file, version, copy)
+
+    async def _watch(self, name: str) -> str:
+        """Show what runs on a robot by events ``live``, and return its name. Raises StudioError if there is none."""
+        if self._robots is None:
+            raise StudioError('no robots are watched: start the studio by studio --operate, or console web --studio')
+        if self._live is None:
+            self._live = LiveRobots(self._robots, self.tell)
+        return await self._live.watch(name)
 
     def _follow(self, page: Page, method: str, arguments: dict[str, Any], result: Any) -> None:
         """Tell the pages what a request has changed, and check what was opened or edited."""

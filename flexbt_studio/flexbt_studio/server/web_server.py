@@ -10,14 +10,18 @@ import os
 import sys
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import web
 
+from flexbt_console.errors import UsageError
 from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
 
 from .session import MESSAGE_BYTES, Sessions, is_welcome
 from .workbench import Workbench
+
+if TYPE_CHECKING:
+    from flexbt_console.link.fleet_link import FleetLink
 
 PING_SECONDS: Final = 10.0
 EDITOR_FOLDER: Final = 'FLEXBT_STUDIO_EDITOR'
@@ -28,12 +32,14 @@ _IMPORT_MAP: Final = '<!-- import map -->'
 
 
 class StudioServer:
-    """The server of the studio's pages for one project."""
+    """The server of the studio's pages for one project. ``robots`` are those that can be watched."""
 
-    def __init__(self, workbench: Workbench, access: Access, editor: Path | None) -> None:
+    def __init__(
+        self, workbench: Workbench, access: Access, editor: Path | None, robots: FleetLink | None = None
+    ) -> None:
         self._access = access
         self._wrong = WrongTokens()
-        self._sessions = Sessions(workbench)
+        self._sessions = Sessions(workbench, robots)
         self._modules = {} if editor is None else editor_modules(editor)
         own = files('flexbt_studio') / 'page'
         shared = files('flexbt_console.ui.web') / 'page'
@@ -43,7 +49,7 @@ class StudioServer:
             for one in folder.iterdir()
             if Path(one.name).suffix in _TYPES
         }
-        import_map = json.dumps({'imports': {name: f'/modules/{name}' for name in self._modules}})
+        import_map = json.dumps({'imports': {name: f'./modules/{name}' for name in self._modules}})
         script = f'<script type="importmap">{import_map}</script>'
         page = self._files['studio.html'][0].decode().replace(_IMPORT_MAP, script if self._modules else '')
         self._files[''] = page.encode(), 'text/html'
@@ -89,6 +95,21 @@ class StudioServer:
         if await is_welcome(socket, self._access, self._wrong, source_of(request.remote)):
             await self._sessions.serve(socket)
         return socket
+
+
+def application(folder: str, access: Access, robots: FleetLink) -> web.Application:
+    """Return the studio as a part of the operator's page; the entry point of flexbt_console. Raises UsageError."""
+    return StudioServer(workbench_for(folder), access, editor_folder(), robots).application()
+
+
+def workbench_for(folder: str) -> Workbench:
+    """Return the workbench of a folder. Print what could not be loaded. Raises UsageError."""
+    if not Path(folder).is_dir():
+        raise UsageError(f'{folder} is not a folder; name the folder of your mission')
+    workbench = Workbench(folder)
+    for note in workbench.notes:
+        print(f'note: {note}', file=sys.stderr)
+    return workbench
 
 
 # CodeMirror's modules.

@@ -195,6 +195,12 @@ class Workbench:
         return view
 
     @request
+    def run_nodes(self, file: str, tree: str = '') -> dict[str, list[str]]:
+        """Return the file and the path in its view of each node of a tree, by the path of the node in a run."""
+        self.project.open(file)
+        return {path: list(place) for path, place in self._checker.trees.nodes(file, tree).items()}
+
+    @request
     def layout(self, file: str, folded: list[str]) -> dict[str, Any]:
         """Return the places of the states of a machine, with the containers at the ``folded`` paths closed."""
         return self._layouts.machine(self.project.open(file).document.view().get('states', ()), folded)

@@ -22,22 +22,28 @@ DEADLINE = 120.0
 BEHAVIOR = 'Navigate Split'
 
 
+DEMOS = Path(__file__).parents[3] / 'flexbt_demo_behaviors' / 'flexbt_demo_behaviors'
+
+
 @pytest.fixture
-def address(tmp_path: Path) -> Iterator[str]:
-    """Yield where the page of a robot is, whose behavior waits for a goal."""
+def address(tmp_path: Path) -> Iterator[tuple[str, str]]:
+    """Yield where the page of a robot is, which also has the studio, and its token. Its behavior waits for a goal."""
     with Stack(tmp_path) as stack:
         stack.start_all({'speed_factor': '5.0'}, in_one=True)
-        with start_console('web', '--port', '0', '--operator', 'ann', '--timeout', '60') as web:
+        with start_console(*WEB) as web:
             try:
                 assert web.stdout is not None
                 told = web.stdout.readline()
-                found = re.search(r'http://127\.0\.0\.1:\d+/', told)
+                found = re.search(r'(http://127\.0\.0\.1:\d+/)#token=(\S+)', told)
                 assert found is not None, told
-                yield found[0]
+                yield found[1], found[2]
                 web.send_signal(signal.SIGINT)
                 assert web.wait(DEADLINE) == 0
             finally:
                 web.kill()
+
+
+WEB = ('web', '--port', '0', '--operator', 'ann', '--timeout', '60', '--studio', str(DEMOS))
 
 
 class Page:
@@ -74,10 +80,36 @@ class Page:
         await self.until(lambda parts: any('applied' in told for told in self.told[before:]))
 
 
-def test_a_robot_is_sent_off_from_the_page(address: str) -> None:
+async def lit(studio: ClientWebSocketResponse, type: str) -> None:
+    """Wait until the studio's graph of the controller's tree shows a node of this type as running."""
+    file = 'navigate/controller.xml'
+    for number, method in enumerate(('watch', 'open', 'run_nodes')):
+        arguments = {} if method == 'watch' else {'file': file}
+        await studio.send_json({'id': number, 'method': method, 'arguments': arguments})
+    answers: dict[int, Any] = {}
+    async with asyncio.timeout(DEADLINE):
+        while True:
+            message = json.loads((await studio.receive()).data)
+            if 'id' in message:
+                answers[message['id']] = message['result']
+            elif message['event'] == 'live' and len(answers) == 3:
+                types = {node['path']: node['type'] for node in answers[1]['view']['nodes']}
+                running = [
+                    types[answers[2][path][1]]
+                    for tree in message['trees']
+                    for path, status in tree['statuses'].items()
+                    if tree['running'] and status == 'RUNNING' and path in answers[2]
+                ]
+                if type in running:
+                    assert '/FollowPath' in message['active']
+                    return
+
+
+def test_a_robot_is_sent_off_from_the_page(address: tuple[str, str]) -> None:
     async def operate() -> None:
-        async with ClientSession() as session, session.ws_connect(f'{address}link', max_msg_size=0) as socket:
-            await socket.send_json({'hello': None})
+        url, token = address
+        async with ClientSession() as session, session.ws_connect(f'{url}link', max_msg_size=0) as socket:
+            await socket.send_json({'hello': token})
             page = Page(socket)
             await page.until(
                 lambda parts: parts['link']['state'] == 'live' and parts['behaviors'] and parts['simulator']
@@ -96,6 +128,9 @@ def test_a_robot_is_sent_off_from_the_page(address: str) -> None:
             assert page.parts['decisions'][0]['id'] == judged['id']
             await socket.send_json({'answer': 'done', 'decision': judged['id']})
             await page.until(lambda parts: ['FollowPath'] in [tree['leaves'] for tree in parts['tree_states'].values()])
+            async with session.ws_connect(f'{url}studio/session', max_msg_size=0) as studio:
+                await studio.send_json({'hello': token})
+                await lit(studio, 'FollowPath')
             x, y = page.parts['pose']['x'], page.parts['pose']['y']
             await page.until(lambda parts: abs(parts['pose']['x'] - x) + abs(parts['pose']['y'] - y) > 0.5)
             await socket.send_json({'obstacle': [x, y]})  # where it has been

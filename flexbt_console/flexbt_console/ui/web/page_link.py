@@ -74,13 +74,13 @@ class PageLink:
         """Note a change; on the thread of the loop."""
         self._changed.set()
 
-    async def serve(self, robot: str, station: Station, pictures: Pictures, *, asks_name: bool) -> None:
+    async def serve(self, robot: str, station: Station, pictures: Pictures, **features: bool) -> None:
         """Show a robot, and a line for each other one, until the page or server ends it; after :meth:`is_welcome`.
 
-        ``asks_name``: the page asks its user for a name.
+        ``features`` are told to the page: ``asks_name``, it asks its user for a name; ``studio``, the studio is there.
         """
         self._pictures, self._session = pictures, Session(station, SteadyClock())
-        hello = {'robot': robot, 'commands': COMMAND_PART, 'operator': station.builder.operator, 'asks_name': asks_name}
+        hello = {'robot': robot, 'commands': COMMAND_PART, 'operator': station.builder.operator, **features}
         try:
             await self._send({'hello': hello})
         except (ConnectionError, TimeoutError):

@@ -81,6 +81,7 @@ class WebServer:
         self._drawings: Drawings | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._is_told = False
+        self._has_studio = False
         page = files(__package__) / 'page'
         self._files = {
             one.name: (one.read_bytes(), _TYPES[one.name.rpartition('.')[2]])
@@ -90,9 +91,12 @@ class WebServer:
         self._files['pictures.css'] = STYLE.encode(), _TYPES['css']
         self._files[''] = self._files['index.html']
 
-    def application(self) -> web.Application:
-        """Return a new aiohttp application that serves the pages."""
+    def application(self, studio: web.Application | None = None) -> web.Application:
+        """Return a new aiohttp application that serves the pages, and the ``studio`` at ``/studio/``."""
         application = web.Application(middlewares=[guard(self._access)], client_max_size=0)
+        self._has_studio = studio is not None
+        if studio is not None:
+            application.add_subapp('/studio/', studio)
         application.on_startup.append(self._start)
         application.on_cleanup.append(self._end)
         application.router.add_get('/link', self._open)
@@ -173,7 +177,8 @@ class WebServer:
                 station = self._station(*self._robots.robot(robot), operator)
                 if seat not in self._pictures:
                     self._pictures[seat] = Pictures(self._robots.fleet, robot, station, self._encoder)
-                await page.serve(robot, station, self._pictures[seat], asks_name=self._operator is not None)
+                features = {'asks_name': self._operator is not None, 'studio': self._has_studio}
+                await page.serve(robot, station, self._pictures[seat], **features)
             finally:
                 await asyncio.to_thread(self._robots.close, robot, operator)
         finally:

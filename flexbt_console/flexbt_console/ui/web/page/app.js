@@ -335,6 +335,8 @@ function takeMessage(message) {
     known.robot = message.hello.robot;
     known.operator = message.hello.operator;
     byId('rename').hidden = !message.hello.asks_name;
+    byId('studio').hidden = !message.hello.studio;
+    byId('studio').href = `studio/${location.hash}`;
     askName(message.hello.asks_name && !remembered('operator', ''));
     touched = undefined;
     commands.specs = message.hello.commands;

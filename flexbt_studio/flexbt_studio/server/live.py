@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What runs on a robot now, for the graphs of the studio: active states, and the statuses of the nodes of trees."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING, Any, Final
+
+from flexbt_console.mirror.view import View
+from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_studio.errors import StudioError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from flexbt_console.link.fleet_link import FleetLink
+
+PERIOD: Final = 0.1
+"""Least time between two events, s."""
+
+
+class LiveRobots:
+    """The robots that pages watch. ``tell`` sends an event to all pages. Used on the thread of the loop."""
+
+    def __init__(self, robots: FleetLink, tell: Callable[[dict[str, Any]], None]) -> None:
+        self._robots = robots
+        self._tell = tell
+        self._watched: set[str] = set()
+        self._changed = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._robots.fleet.add_listener(self._wake)
+        self._task = asyncio.create_task(self._show())
+
+    async def close(self) -> None:
+        """Stop watching."""
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+        for name in self._watched:
+            await asyncio.to_thread(self._robots.close, name)
+
+    async def watch(self, name: str = '') -> str:
+        """Watch a robot; without a name the own one. Return its name. Raises StudioError if it is not known."""
+        known = self._robots.fleet.names
+        name = name or (self._robots.own if self._robots.own in known else next(iter(known), ''))
+        if name not in known:
+            raise StudioError(f'no robot {short_repr(name)} was found{did_you_mean(name, known)}')
+        if name not in self._watched:
+            self._watched.add(name)
+            await asyncio.to_thread(self._robots.open, name)
+        self._changed.set()
+        return name
+
+    def _wake(self) -> None:
+        """Note a change. From any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(self._changed.set)
+
+    async def _show(self) -> None:
+        shown: dict[str, dict[str, Any]] = {}
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            for name in self._watched:
+                event = live_event(name, self._robots.robot(name)[0].view())
+                if event != shown.get(name):
+                    shown[name] = event
+                    self._tell(event)
+            await asyncio.sleep(PERIOD)
+
+
+def live_event(name: str, view: View) -> dict[str, Any]:
+    """Return what runs on a robot as an event for pages. Statuses are by the paths of nodes in a run."""
+    snapshot = view.snapshot
+    return {
+        'event': 'live',
+        'robot': name,
+        'link': view.link.name.lower(),
+        'behavior': '' if snapshot is None else snapshot.behavior,
+        'state': '' if snapshot is None else snapshot.state.name.lower(),
+        'active': [] if snapshot is None else [state.path for state in snapshot.active_states],
+        'trees': [
+            {
+                'run': tree.run_id,
+                'tree': tree.tree,
+                'running': tree.is_running,
+                'statuses': {
+                    node.path: tree.shown_status(node.uid).name for node in tree.nodes if tree.shown_status(node.uid)
+                },
+            }
+            for tree in view.trees
+        ],
+    }
