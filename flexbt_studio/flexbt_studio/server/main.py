@@ -15,6 +15,7 @@ from flexbt_console.errors import UsageError
 from flexbt_console.ui.console import main as console
 from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.server import run_web
+from flexbt_core.values.text import one_line
 
 from .web_server import StudioServer, editor_folder, workbench_for
 
@@ -52,7 +53,7 @@ def main() -> int:
             print_address,
         )
     except UsageError as error:
-        print(f'studio: {error}', file=sys.stderr)
+        print(one_line(f'studio: {error}'), file=sys.stderr)
         return 2
     return 0
 
