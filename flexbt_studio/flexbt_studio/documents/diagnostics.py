@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,17 @@ from flexbt_tools.behaviors.built_behavior import build, machine_file_entry
 from flexbt_tools.behaviors.check import check_behavior
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.tree_checks.check import check_trees
-from flexbt_tools.tree_checks.diagnostics import ERROR, REFUSED, Diagnostic
+from flexbt_tools.tree_checks.diagnostics import (
+    ERROR,
+    LOST_WRITE,
+    NEVER_READ,
+    NEVER_WRITTEN,
+    REFUSED,
+    UNDECLARED,
+    UNUSED_PORT,
+    UNUSED_TREE,
+    Diagnostic,
+)
 from flexbt_tools.trees.files import read_library, shown_name
 from flexbt_tools.trees.outline import node_places
 from flexbt_tools.trees.stand_ins import OpenRegistry
@@ -91,12 +101,14 @@ class TreeChecker:
         document = self._project.open(file).document
         found = [_of_problem(document, problem) for problem in document.problems]
         nodes = document.view()['nodes']
+        places = Places(document.text)
         for one in self._checked(file, document):
-            span = span_of(document.text, one.place)
-            if not found or one.rule is not REFUSED or span not in [other.span for other in found]:
-                path = _innermost(nodes, span.start)
-                record = FindingRecord(**{**one.to_json(), 'file': file})
-                found.append(Finding(record, span, path, list(_fixes(document, path, span, one.place.message))))
+            span = places.span(one.place)
+            path = _innermost(nodes, span.start)
+            record = FindingRecord(**{**one.to_json(), 'file': file})
+            found.append(Finding(record, span, path, list(_fixes(document, path, span, one.place.message))))
+        if any(one.record['rule'] == REFUSED.name for one in found):
+            found += self._of_the_rest(file, document, {one.span.start for one in found})
         return sorted(found, key=lambda one: one.span)
 
     def nodes(self, file: str, tree: str = '') -> dict[str, tuple[str, str]]:
@@ -116,24 +128,53 @@ class TreeChecker:
         if key is None:
             return {}
         found: dict[str, tuple[str, str]] = {}
-        views: dict[str, tuple[str, list[dict[str, Any]]]] = {}
+        views: dict[str, tuple[Places, list[dict[str, Any]]]] = {}
         for path, place in node_places(library, key).items():
             name = files.get(place.file)
             if name is None:
                 continue
             if name not in views:
                 text = self._project.text(name)
-                views[name] = text, document_for(name, text).view()['nodes']
-            text, nodes = views[name]
-            found[path] = name, _innermost(nodes, span_of(text, place).start)
+                views[name] = Places(text), document_for(name, text).view()['nodes']
+            places, nodes = views[name]
+            found[path] = name, _innermost(nodes, places.span(place).start)
         return found
 
     def _checked(self, file: str, document: Document) -> Iterator[Diagnostic]:
-        texts = {path: text.encode() for path, text in self._project.texts().items()}
-        files = [str(self._project.root / one) for one in self.files(file)]
-        for one in check_trees(files, self._registry, skills=self._skills, texts=texts):
-            if one.place.file == files[0] and not (document.problems and one.rule is REFUSED):
+        for one in self._check(file, document.text, self._registry):
+            if not (document.problems and one.rule is REFUSED):
                 yield one
+
+    def _check(self, file: str, text: str, registry: NodeRegistry) -> Iterator[Diagnostic]:
+        """Yield what the checker finds in a file with this text."""
+        files = [str(self._project.root / one) for one in self.files(file)]
+        texts = {path: other.encode() for path, other in self._project.texts().items()} | {files[0]: text.encode()}
+        found = check_trees(files, registry, skills=self._skills, texts=texts)
+        return (one for one in found if one.place.file == files[0])
+
+    def _of_the_rest(self, file: str, document: Document, refused: set[int]) -> Iterator[Finding]:
+        """Yield what is found in a text when that is left out for which it is refused.
+
+        Rules about keys and trees say nothing then: what is left out may use them.
+        """
+        registry = OpenRegistry(self._registry)
+        view = document.view()
+        for _ in range(_ATTEMPTS):
+            text, origins = without(document.text, view, refused)
+            places = Places(text)
+            found = list(self._check(file, text, registry))
+            again = {origins.get(places.span(one.place).start, -1) for one in found if one.rule is REFUSED}
+            if again <= refused:
+                break
+            refused = refused | again
+        if again:
+            return
+        for one in found:
+            start = origins.get(places.span(one.place).start)
+            if start is not None and one.rule.name not in _NEEDS_ALL:
+                path = _innermost(view['nodes'], start)
+                record = FindingRecord(**{**one.to_json(), 'file': file})
+                yield Finding(record, Span(start, start + len(one.place.node)), path)
 
     def files(self, file: str) -> list[str]:
         """Return the file, then the files that define sub-trees of it and of one another; those nearest to it first."""
@@ -180,6 +221,65 @@ def sub_trees(text: str) -> frozenset[str]:
     return frozenset(_SUB_TREE.findall(text))
 
 
+_ATTEMPTS: Final = 4
+_NEEDS_ALL: Final = frozenset(
+    rule.name for rule in (NEVER_WRITTEN, UNDECLARED, LOST_WRITE, NEVER_READ, UNUSED_PORT, UNUSED_TREE)
+)
+
+
+def without(text: str, view: Mapping[str, Any], refused: Collection[int]) -> tuple[str, dict[int, int]]:
+    """Return a text with the nodes of a view, without the attributes and nodes that begin at the offsets ``refused``.
+
+    Also return from where each tag and attribute comes, by its offset in the new text. A node that is left out stands
+    as AlwaysSuccess.
+    """
+    parts = [f'<root BTCPP_format="{view["format"] or 4}">']
+    length = len(parts[0])
+    origins: dict[int, int] = {}
+
+    def put(part: str, origin: int | None = None) -> None:
+        nonlocal length
+        if origin is not None:
+            origins[length] = origin
+        parts.append(part)
+        length += len(part)
+
+    opened: list[tuple[str, str]] = []  # the path of a node, and its end tag
+    skipped = ''
+    tree = None
+
+    def close(path: str) -> None:
+        while opened and not path.startswith(f'{opened[-1][0]}/'):
+            put(opened.pop()[1])
+
+    for node in view['nodes']:
+        path = node['path']
+        if skipped and path.startswith(f'{skipped}/'):
+            continue
+        if node['parent'] is None:
+            close('')
+            put('</BehaviorTree>' if tree is not None else '')
+            tree = node['tree']
+            put(f'<BehaviorTree ID="{tree}">')
+        close(path)
+        start = node['span'][0]
+        if start in refused:
+            skipped = path
+            put('<AlwaysSuccess/>')
+            continue
+        put(f'<{node["tag"]}', start)
+        for attribute in node['attributes']:
+            begin, end = attribute['whole']
+            if begin not in refused:
+                put(' ')
+                put(text[begin:end], begin)
+        put('>')
+        opened.append((path, f'</{node["tag"]}>'))
+    close('')
+    put('</BehaviorTree></root>' if tree is not None else '</root>')
+    return ''.join(parts), origins
+
+
 def _common(one: Path, other: Path) -> list[str]:
     shared = []
     for left, right in zip(one.parts, other.parts, strict=False):
@@ -203,13 +303,14 @@ class MachineChecker:
         found = [_of_problem(document, problem) for problem in document.problems]
         states = document.view()['states']
         spans = {state['path']: Span(*(state['label_span'] or state['span'])) for state in states}
+        places = Places(document.text)
         behavior = build(machine_file_entry(file, document.text), ())
         if behavior.machine is None:
             records = list(behavior.records) or [
                 finding_record(REFUSED.name, ERROR.value, problem) for problem in behavior.problems
             ]
             for record in [] if found else records:
-                span = span_of(document.text, _place(record))
+                span = places.span(_place(record))
                 path = _innermost(states, span.start)
                 found.append(Finding(record, span, path, list(_fixes(document, '', span, record['message']))))
         else:
@@ -224,18 +325,23 @@ def _place(record: FindingRecord) -> LoadError:
     return LoadError(record['file'], record['line'], record['column'], record['node'], record['message'], end=end)
 
 
-def span_of(text: str, place: LoadError) -> Span:
-    """Return the characters that an error of the checker is about; nothing at the beginning for the whole file."""
-    if place.line == 0:
-        return Span(0, 0)
-    starts = [0, *(match.end() for match in re.finditer('\n', text))]
+class Places:
+    """The places that errors of the checker name in a text, as spans."""
 
-    def offset(line: int, column: int) -> int:
-        return min(starts[min(line, len(starts)) - 1] + column - 1, len(text))
+    def __init__(self, text: str) -> None:
+        self._starts = [0, *(match.end() for match in re.finditer('\n', text))]
+        self._length = len(text)
 
-    start = offset(place.line, place.column)
-    end = offset(*place.end) if place.end[0] else start
-    return Span(start, max(start, end))
+    def span(self, place: LoadError) -> Span:
+        """Return the characters that an error is about; nothing at the beginning for the whole file."""
+        if place.line == 0:
+            return Span(0, 0)
+        start = self._offset(place.line, place.column)
+        end = self._offset(*place.end) if place.end[0] else start
+        return Span(start, max(start, end))
+
+    def _offset(self, line: int, column: int) -> int:
+        return min(self._starts[min(line, len(self._starts)) - 1] + column - 1, self._length)
 
 
 def _of_problem(document: Document, problem: Problem) -> Finding:
