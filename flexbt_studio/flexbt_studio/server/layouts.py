@@ -21,6 +21,8 @@ LAYOUT_SECONDS: Final = 10.0
 """Time for one container, s; then Graphviz is ended. 60 states with 180 transitions take 0.2 s."""
 MOST_STATES: Final = 120
 """States of one container that are laid out; more are arranged as a list."""
+START_SECONDS: Final = 60.0
+"""Time for Graphviz to be loaded, s. It takes one second of a processor."""
 REMEMBERED: Final = 256
 
 HEADER: Final = 34.0
@@ -131,26 +133,36 @@ class Layouts:
             raise StudioError(f'the machine could not be laid out: {answer["error"]}; it is shown as text')
         return dict(answer['layout'])
 
-    def _asked(self, line: str) -> str:
-        if self._worker is None or self._worker.poll() is not None:
+    def start(self) -> None:
+        """Load Graphviz, so that the first layout is quick. Raises OSError."""
+        if shutil.which('dot') is None and (self._worker is None or self._worker.poll() is not None):
             command = [sys.executable, '-P', '-m', 'flexbt_studio.server.layout_worker']
             self._worker = subprocess.Popen(  # noqa: S603
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
             )
-        worker = self._worker
-        assert worker.stdin is not None
-        assert worker.stdout is not None
-        limit = threading.Timer(LAYOUT_SECONDS, worker.kill)
-        limit.start()
-        try:
-            worker.stdin.write(line + '\n')
-            worker.stdin.flush()
-            answer = worker.stdout.readline()
-        finally:
-            limit.cancel()
-        if not answer:
-            raise OSError(f'Graphviz gave no answer within {LAYOUT_SECONDS:g} s')
-        return answer
+            _line_of(self._worker, START_SECONDS)
+
+    def _asked(self, line: str) -> str:
+        self.start()
+        assert self._worker is not None
+        assert self._worker.stdin is not None
+        self._worker.stdin.write(line + '\n')
+        self._worker.stdin.flush()
+        return _line_of(self._worker, LAYOUT_SECONDS)
+
+
+def _line_of(worker: subprocess.Popen[str], seconds: float) -> str:
+    """Return the next line of a process, which is ended if it writes none in time. Raises OSError."""
+    assert worker.stdout is not None
+    limit = threading.Timer(seconds, worker.kill)
+    limit.start()
+    try:
+        line = worker.stdout.readline()
+    finally:
+        limit.cancel()
+    if not line:
+        raise OSError(f'Graphviz gave no answer within {seconds:g} s')
+    return line
 
 
 def _run(command: Sequence[str], text: str) -> str:

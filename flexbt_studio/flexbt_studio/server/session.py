@@ -25,6 +25,7 @@ from flexbt_core.values.text import one_line
 from flexbt_studio.errors import ConflictError, GestureError, StudioError
 
 from .jobs import Jobs
+from .layouts import Layouts
 from .live import LiveRobots
 from .workbench import Workbench
 
@@ -52,6 +53,9 @@ class Sessions:
         self._live: LiveRobots | None = None
         self._pages: set[Page] = set()
         self._thread = ThreadPoolExecutor(1, 'workbench')
+        self._drawing = ThreadPoolExecutor(1, 'drawing')
+        self._layouts = Layouts()
+        self._drawing.submit(self._layouts.start)  # while the page is loaded
         self._checks: dict[str, asyncio.Task[None]] = {}
         self._numbers = count(1)
         self._instance = secrets.token_hex(8)
@@ -64,7 +68,8 @@ class Sessions:
         if self._live is not None:
             await self._live.close()
         self._thread.shutdown(wait=False, cancel_futures=True)
-        self._workbench.end()
+        self._drawing.shutdown(wait=False, cancel_futures=True)
+        self._layouts.close()
 
     async def serve(self, socket: web.WebSocketResponse) -> None:
         """Answer the requests of a page until it ends. It has sent the token."""
@@ -107,6 +112,8 @@ class Sessions:
                 raise StudioError('a request is {"id": …, "method": "…", "arguments": {…}}') from error
             if method == 'start_job':
                 result: Any = await self._start_job(arguments)
+            elif method == 'layout':
+                result = await self._layout(arguments)
             elif method == 'watch':
                 result = await self._watch(str(arguments.get('robot', '')))
             elif method == 'cancel_job':
@@ -135,6 +142,15 @@ class Sessions:
         except (KeyError, TypeError) as error:
             raise StudioError(f'start_job: wrong arguments: {error}') from error
         return self._jobs.start(job, file, version, copy)
+
+    async def _layout(self, arguments: dict[str, Any]) -> dict[str, Any]:
+        """Return the places of the states of a ``file``, with the containers at the ``folded`` paths closed."""
+        match arguments:
+            case {'file': str(file), 'folded': list(folded)}:
+                states = await self._work(self._workbench.states, file)
+                loop = asyncio.get_running_loop()
+                return await loop.run_in_executor(self._drawing, self._layouts.machine, states, folded)
+        raise StudioError('layout: its arguments are a file and the list of folded paths')
 
     async def _watch(self, name: str) -> str:
         """Show what runs on a robot by events ``live``, and return its name. Raises StudioError if there is none."""

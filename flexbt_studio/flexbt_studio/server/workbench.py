@@ -29,11 +29,11 @@ from flexbt_studio.documents.text import Lines
 from flexbt_studio.errors import StudioError
 
 from .jobs import JobCopy, new_folder
-from .layouts import Layouts
 from .page_text import PageText, shown
 
 _Request = TypeVar('_Request', bound=Callable[..., Any])
 _MARK: Final = '_is_request'
+_PLAN: Final = 'mocks.yaml'
 
 
 def request(method: _Request) -> _Request:
@@ -54,7 +54,6 @@ class Workbench:
         classes, broken = installed_states()
         self._states = classes
         self.notes += broken
-        self._layouts = Layouts()
         self._checker = Checker(self.project, self._registry, self._skills)
         self._help = TreeHelp(self.project, self._registry)
 
@@ -66,11 +65,12 @@ class Workbench:
         require: Sequence[str] = (),
         mock: Sequence[str] = (),
         set: Sequence[str] = (),
+        plan: str = '',
     ) -> JobCopy:
         """Return the copy of the project for a job: ``prove``, ``compare`` (with what is on disk), or ``run``.
 
         ``require`` are requirements of a proof, ``mock`` and ``set`` what leaves do and what the blackboard has in a
-        run, as the tools take them.
+        run, as the tools take them. ``plan`` is the text of a file of mocks.
         """
         document = self.project.open(file).document
         is_tree = document.language == 'xml'
@@ -86,6 +86,9 @@ class Workbench:
                 opened = self.project.open_files.get(one)
                 texts[f'before/{one}'] = self.project.text(one) if opened is None else opened.saved_text
                 words += ['--against', f'before/{one}']
+        if plan:
+            texts[_PLAN] = plan
+            words += ['--mock', _PLAN]
         words += ['--tree', tree] if tree and is_tree else []
         for flag, values in (('--require', require), ('--mock', mock), ('--set', set)):
             words += [word for value in values for word in (flag, str(value))]
@@ -96,9 +99,10 @@ class Workbench:
         """Return the other tree files of the project, which files may include."""
         return [one['file'] for one in self.project.files() if one['kind'] == 'trees' and one['file'] not in files]
 
-    def end(self) -> None:
-        """End the processes that were started."""
-        self._layouts.close()
+    def states(self, file: str) -> list[dict[str, Any]]:
+        """Return the states of a machine as its view has them. Raises StudioError."""
+        states: list[dict[str, Any]] = self.project.open(file).document.view().get('states', [])
+        return states
 
     def answer(self, method: str, arguments: dict[str, Any]) -> Any:
         """Return the result of a request.
@@ -201,9 +205,10 @@ class Workbench:
         return {path: list(place) for path, place in self._checker.trees.nodes(file, tree).items()}
 
     @request
-    def layout(self, file: str, folded: list[str]) -> dict[str, Any]:
-        """Return the places of the states of a machine, with the containers at the ``folded`` paths closed."""
-        return self._layouts.machine(self.project.open(file).document.view().get('states', ()), folded)
+    def mocks(self, file: str, tree: str = '') -> list[dict[str, Any]]:
+        """Return what needs a mock in a dry run of a tree, see :meth:`.TreeChecker.mocks`."""
+        self.project.open(file)
+        return self._checker.trees.mocks(file, tree)
 
     @request
     def findings(self, file: str) -> list[dict[str, Any]]:
