@@ -119,9 +119,19 @@ def warn_unused(options: argparse.Namespace, named: Iterable[str], proved: Colle
 
 def _with_steps(report: Report) -> dict[str, Any]:
     """Return a report as plain data, with the steps of each counterexample for a player."""
+    assert report.make is not None
     plain = report_as_json(report)
     for told, found in zip(plain['wrong'], report.counterexamples, strict=True):
-        told['steps'] = played(report, found)
+        told['steps'] = played(report.make, found.moves)
+    return plain
+
+
+def _compared_with_steps(compared: Compared) -> dict[str, Any]:
+    """Return a comparison as plain data, with the steps of the version now to each difference for a player."""
+    plain = comparison_as_json(compared)
+    for told, found in zip(plain['differences'], compared.comparison.differences, strict=True):
+        assert compared.comparison.make is not None
+        told['steps'] = played(compared.comparison.make, found.moves)
     return plain
 
 
@@ -158,7 +168,7 @@ def tell(
         )
         plain: dict[str, Any] = {'proofs': [_with_steps(report) for report in reports], 'findings': list(findings)}
         if compared:
-            plain['comparisons'] = [comparison_as_json(one) for one in compared]
+            plain['comparisons'] = [_compared_with_steps(one) for one in compared]
         print(json.dumps(plain))
     else:
         lines = [line for report in reports for line in report_lines(report)]

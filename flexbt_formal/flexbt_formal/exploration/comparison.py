@@ -12,12 +12,12 @@ import re
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from .configuration import Configuration
 from .explorer import ANSWERS_OF_A_STEP, ExplorationLimits, OnProgress, unreported
-from .model import TIMER, EnvironmentChoices, Label, System
+from .model import TIMER, EnvironmentChoices, Label, Move, System
 
 _DIGITS: Final = 6
 """Number of decimal digits of seconds that are compared."""
@@ -27,11 +27,12 @@ _UNNAMED: Final = re.compile(r'::\d+$')
 @dataclass(frozen=True)
 class Difference:
     """A step after which the versions differ: the observations of it in ``before`` and ``now``. ``lines`` describe the
-    shortest path to it, which both versions share."""
+    shortest path to it, which both versions share; ``moves`` are its steps in the version now."""
 
     lines: tuple[str, ...]
     before: tuple[str, ...]
     now: tuple[str, ...]
+    moves: tuple[Move, ...]
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Comparison:
 
     ``differences`` are the first of each kind, nearest first; ``more`` counts the others.
     ``is_complete``: every common step was explored up to the first difference; otherwise ``stopped_by`` names the
-    limit that ended the search.
+    limit that ended the search. ``make`` makes a new system of the version now.
     """
 
     situations: int
@@ -49,6 +50,7 @@ class Comparison:
     stopped_by: str
     differences: tuple[Difference, ...]
     more: int
+    make: Callable[[], System] | None = None
 
     @property
     def is_complete(self) -> bool:
@@ -71,7 +73,8 @@ def compare(
 ) -> Comparison:
     """Explore two versions side by side from their initial configurations, and return at most ``most`` differences,
     nearest to the start first. ``before`` and ``now`` make a new system."""
-    return _SideBySide(_Version(before()), _Version(now()), limits or ExplorationLimits(), on_progress).result(most)
+    found = _SideBySide(_Version(before()), _Version(now()), limits or ExplorationLimits(), on_progress).result(most)
+    return replace(found, make=now)
 
 
 def names_of(paths: Iterable[str]) -> dict[str, str]:
@@ -201,20 +204,23 @@ class _SharedChoices(EnvironmentChoices):
         self._told: dict[tuple[str, int], str] = {}
         self._asked: Counter[str] = Counter()
         self._named: Callable[[str], str] = str
+        self.given_last: list[int] = []
+        """The answers to the version that has asked last, without those to questions with one option."""
 
     def asks(self, named: Callable[[str], str]) -> None:
         """Begin the questions of a version, which ``named`` maps to shared names."""
         self._named = named
         self._asked.clear()
+        self.given_last.clear()
 
     def choose(self, question: str, options: Sequence[str]) -> int:
         name = self._named(question)
         self._asked[name] += 1
         place = (name, self._asked[name])
-        if self._told.get(place) in options:
-            return list(options).index(self._told[place])
-        taken = super().choose(name, options)
+        told = self._told.get(place)
+        taken = list(options).index(told) if told is not None and told in options else super().choose(name, options)
         self._told[place] = options[taken]
+        self.given_last += [taken] if len(options) > 1 else []
         return taken
 
 
@@ -309,14 +315,17 @@ class _SideBySide:
         for version in versions:
             version.system.restore(version.first)
         lines: list[str] = []
+        moves: list[Move] = []
         for number, step in enumerate(reversed(way), start=1):
             choices = _SharedChoices(step.answers)
+            own = self._now.labels()[step.label]
             seen = [version.step(version.labels()[step.label], choices) for version in versions]
+            moves.append(Move(own, tuple(choices.given_last)))
             chosen = ', '.join(map(str, choices.made))
             lines.append(f'{number}. {step.label}{f" ({chosen})" if chosen else ""}')
             if step is not place:
                 lines += [f'     {line}' for line in seen[0].lines]
-        return Difference(tuple(lines), tuple(before.beside(now)), tuple(now.beside(before)))
+        return Difference(tuple(lines), tuple(before.beside(now)), tuple(now.beside(before)), tuple(moves))
 
 
 def _kind(label: Label, before: _Seen, now: _Seen) -> tuple[object, ...]:

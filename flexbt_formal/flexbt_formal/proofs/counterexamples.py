@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,7 +11,7 @@ from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_formal.exploration.explorer import Moment, walk
 from flexbt_formal.exploration.machine_system import MachineSystem
-from flexbt_formal.exploration.model import OPERATOR, Counterexample, Report, System
+from flexbt_formal.exploration.model import OPERATOR, Counterexample, Move, Report, System
 from flexbt_formal.exploration.tree_system import TreeSystem
 from flexbt_tools.errors import UsageError
 from flexbt_tools.files import write_text_file
@@ -60,14 +60,12 @@ def _found(reports: Sequence[Report]) -> list[tuple[Report, Counterexample]]:
 # The shortest path to a violation, step by step, for a player on the graph.
 
 
-def played(report: Report, found: Counterexample) -> list[dict[str, Any]]:
-    """Replay a counterexample, and return its steps, from the beginning on, as plain data.
+def played(make: Callable[[], System], moves: Iterable[Move]) -> list[dict[str, Any]]:
+    """Replay the way to something wrong or to a difference, and return its steps, from the beginning on, as plain data.
 
     ``step`` says what happens, ``lines`` what follows. ``statuses`` are those of the nodes by path: the latest result
     of a node that was ticked in this step, or RUNNING. In a machine, the active states are RUNNING.
     """
-    make = report.make
-    assert make is not None
     made: list[System] = []
     statuses: dict[str, str] = {}
 
@@ -85,7 +83,7 @@ def played(report: Report, found: Counterexample) -> list[dict[str, Any]]:
             statuses[node.path] = after.name  # it was halted
 
     steps: list[dict[str, Any]] = [{'step': 'it begins', 'lines': [make().position()], 'statuses': {}}]
-    for moment in walk(observed, found.moves):
+    for moment in walk(observed, moves):
         system = made[-1]
         if isinstance(system, MachineSystem):
             statuses = {state.path: NodeStatus.RUNNING.name for state in system.run.active_states()}

@@ -149,11 +149,12 @@ def comparison_lines(compared: Compared) -> Iterator[str]:
 def comparison_as_json(compared: Compared) -> dict[str, Any]:
     """Return a comparison as plain data for JSON."""
     found = compared.comparison
+    plain = {name: value for name, value in vars(found).items() if name not in _LEFT_OUT}
     return {
         'name': compared.name,
         'only': compared.only,
         'complete': found.is_complete,
-        **vars(found),
+        **plain,
         'seconds': round(found.seconds, 3),
         'differences': [{'way': one.lines, 'before': one.before, 'now': one.now} for one in found.differences],
     }

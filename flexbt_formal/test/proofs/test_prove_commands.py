@@ -388,6 +388,16 @@ def test_a_counterexample_is_told_step_by_step_with_the_statuses_of_the_nodes(tm
             'Wait',
         }
         assert last[next(path for path in last if path.startswith('Sequence'))] == 'FAILURE'
+    other = tmp_path / 'other.xml'
+    other.write_text(tree.read_text().replace('<Spin/>', '<BackUp/>'))
+    (compared,) = json.loads(tool('prove', str(other), '--json', '--against', str(tree)).out)['comparisons']
+    (difference,) = compared['differences']
+    told = [step['step'] for step in difference['steps'][1:]]
+    assert [line.partition(' ')[2].split('::')[0] for line in difference['way'] if line[0] != ' '] == [
+        step.replace('Wait::3', 'Wait') for step in told
+    ]
+    assert any('BackUp' in line for line in difference['steps'][-1]['lines'])
+    assert 'BackUp' in {path.partition('::')[0] for path in difference['steps'][-1]['statuses']}
     machine = tmp_path / 'wait.yaml'
     machine.write_text(
         'machine: {outcomes: [done], states: {Wait: {state: WaitState, parameters: {wait_time: 1.0}, '

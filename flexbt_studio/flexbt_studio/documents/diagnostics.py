@@ -18,6 +18,7 @@ from flexbt_studio.errors import GestureError
 from flexbt_tools.behaviors.built_behavior import build, machine_file_entry
 from flexbt_tools.behaviors.check import check_behavior
 from flexbt_tools.errors import RefusedError
+from flexbt_tools.mock_runs.mocks import is_instant, needs_mock
 from flexbt_tools.tree_checks.check import check_trees
 from flexbt_tools.tree_checks.diagnostics import (
     ERROR,
@@ -31,7 +32,7 @@ from flexbt_tools.tree_checks.diagnostics import (
     Diagnostic,
 )
 from flexbt_tools.trees.files import read_library, shown_name
-from flexbt_tools.trees.outline import node_places
+from flexbt_tools.trees.outline import Item, run_items
 from flexbt_tools.trees.stand_ins import OpenRegistry
 
 from .document import Document, Problem
@@ -116,20 +117,43 @@ class TreeChecker:
 
         Without ``tree`` it is the main one. A file that cannot be read has none.
         """
+        return {path: place for path, place, _ in self._run_items(file, tree)}
+
+    def mocks(self, file: str, tree: str = '') -> list[dict[str, Any]]:
+        """Return the nodes of a tree that need a mock in a run without a robot: ``run``, its path in a run, ``pattern``
+        of a mock for it, its place (``file``, ``path``), ``type``, ``name``, whether it ``passes`` on what its child
+        does, and whether it is ``instant``, that is never RUNNING."""
+        return [
+            {
+                'run': path,
+                'pattern': item.type if item.node.children else path,
+                'file': place[0],
+                'path': place[1],
+                'type': item.type,
+                'name': item.name,
+                'passes': len(item.node.children) == 1,
+                'instant': is_instant(item.node),
+            }
+            for path, place, item in self._run_items(file, tree)
+            if needs_mock(item.node)
+        ]
+
+    def _run_items(self, file: str, tree: str) -> Iterator[tuple[str, tuple[str, str], Item]]:
+        """Yield the nodes of a tree with their paths in a run, and their files and paths in views."""
         texts = {path: text.encode() for path, text in self._project.texts().items()}
         files = {str(self._project.root / one): one for one in self.files(file)}
         try:
             library = read_library(list(files), OpenRegistry(self._registry), texts)
         except RefusedError:
-            return {}
+            return
         document = library.documents[shown_name(next(iter(files)))]
         id = tree or document.main or next(iter(document.trees), '')
         key = library.find(id, document.file)
         if key is None:
-            return {}
-        found: dict[str, tuple[str, str]] = {}
+            return
         views: dict[str, tuple[Places, list[dict[str, Any]]]] = {}
-        for path, place in node_places(library, key).items():
+        for path, item in run_items(library, key):
+            place = item.tree.error(item.node, '')
             name = files.get(place.file)
             if name is None:
                 continue
@@ -137,8 +161,7 @@ class TreeChecker:
                 text = self._project.text(name)
                 views[name] = Places(text), document_for(name, text).view()['nodes']
             places, nodes = views[name]
-            found[path] = name, _innermost(nodes, places.span(place).start)
-        return found
+            yield path, (name, _innermost(nodes, places.span(place).start)), item
 
     def _checked(self, file: str, document: Document) -> Iterator[Diagnostic]:
         for one in self._check(file, document.text, self._registry):

@@ -70,7 +70,8 @@ class LiveRobots:
 
 
 def live_event(name: str, view: View) -> dict[str, Any]:
-    """Return what runs on a robot as an event for pages. Statuses are by the paths of nodes in a run."""
+    """Return what runs on a robot as an event for pages. Statuses are by the paths of nodes in a run; ``nodes`` is the
+    number of all nodes of the tree."""
     snapshot = view.snapshot
     return {
         'event': 'live',
@@ -84,6 +85,7 @@ def live_event(name: str, view: View) -> dict[str, Any]:
                 'run': tree.run_id,
                 'tree': tree.tree,
                 'running': tree.is_running,
+                'nodes': len({node.path for node in tree.nodes}),
                 'statuses': {
                     node.path: tree.shown_status(node.uid).name for node in tree.nodes if tree.shown_status(node.uid)
                 },

@@ -134,7 +134,7 @@ class Mocking:
         """Return the replacement of a node, see Tree."""
         rule = self._rule(node, path)
         if rule is None:
-            if _needs_mock(node):
+            if needs_mock(node):
                 result = PASS if len(node.children) == 1 else 'SUCCESS'
                 message = f"it needs a robot; give it a mock, such as --mock '{node.manifest.id}={result}'"
                 self._missing.setdefault(node.manifest.id, self._owners[id(node)].error(node, message))
@@ -173,7 +173,7 @@ class Mocking:
             for rule in self._plan.rules:
                 if not rule.is_wildcard and rule.matches(name):
                     return rule
-        if not node.children and _needs_mock(node):
+        if not node.children and needs_mock(node):
             for rule in self._plan.rules:
                 if rule.is_wildcard and any(map(rule.matches, names)):
                     return rule
@@ -192,7 +192,7 @@ class Mocking:
         manifest = node.manifest
         ports = manifest.ports if node.tree_id is None else dict.fromkeys(node.values, UNKNOWN_PORT)
         kind = NodeKind.CONDITION if manifest.kind is NodeKind.CONDITION else NodeKind.ACTION
-        synchronous = kind is NodeKind.CONDITION or issubclass(manifest.node_class, SyncAction)
+        synchronous = is_instant(node)
         for step in steps:
             for name, value in step.outputs.items():
                 problem = _output_problem(name, value, ports)
@@ -230,7 +230,12 @@ def _is_of_engine(node: NodeDefinition) -> bool:
     return node.manifest.node_class.__module__.startswith(_ENGINE)
 
 
-def _needs_mock(node: NodeDefinition) -> bool:
+def is_instant(node: NodeDefinition) -> bool:
+    """Return whether the node answers within one tick."""
+    return node.manifest.kind is NodeKind.CONDITION or issubclass(node.manifest.node_class, SyncAction)
+
+
+def needs_mock(node: NodeDefinition) -> bool:
     """Return whether the node cannot work here as on a robot, as far as this is known.
 
     That applies to leaves of packages, and to nodes that use ROS.

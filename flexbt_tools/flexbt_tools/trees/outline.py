@@ -105,7 +105,11 @@ def items_of(library: TreeLibrary, key: TreeKey, *, expand: bool) -> Iterator[It
 
 def node_places(library: TreeLibrary, key: TreeKey) -> dict[str, LoadError]:
     """Return the places in files of the nodes of a tree and its sub-trees, by the paths of the nodes in a run."""
-    found: dict[str, LoadError] = {}
+    return {path: item.tree.error(item.node, '') for path, item in run_items(library, key)}
+
+
+def run_items(library: TreeLibrary, key: TreeKey) -> Iterator[tuple[str, Item]]:
+    """Yield the nodes of a tree and its sub-trees with their paths in a run."""
     scopes: list[str] = []  # of each node: the path of the sub-tree that contains it
     paths: list[str] = []
     items = list(items_of(library, key, expand=True))
@@ -114,8 +118,7 @@ def node_places(library: TreeLibrary, key: TreeKey) -> dict[str, LoadError]:
         is_first = parent is not None and items[parent].kind is NodeKind.SUBTREE
         scopes.append('' if parent is None else paths[parent] if is_first else scopes[parent])
         paths.append(node_path(scopes[-1], item.type, item.node.name, uid))
-        found[paths[-1]] = item.tree.error(item.node, '')
-    return found
+        yield paths[-1], item
 
 
 def drawn_nodes(items: Iterable[Item], ports: str) -> list[DrawnNode]:
