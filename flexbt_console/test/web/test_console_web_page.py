@@ -6,9 +6,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-import shutil
-from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -33,87 +30,14 @@ from flexbt_console.mirror.records import (
     SubjectValue,
 )
 from flexbt_console.mirror.trees import MirroredStatus, StatusChange, TreeReport
-from flexbt_testing.waiting import wait_until
 
 selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
-from selenium import webdriver  # noqa: E402
-from selenium.webdriver.chrome.service import Service  # noqa: E402
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
 from selenium.webdriver.common.keys import Keys  # noqa: E402
+from web_browser import NEEDS_BROWSER, Browser  # noqa: E402
 
-CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
-DRIVER = shutil.which('chromedriver')
-DEADLINE = 90.0
-FLAGS = (
-    'headless no-sandbox disable-gpu disable-quic no-first-run disable-background-networking disable-component-update '
-    'disable-sync disable-dev-shm-usage force-prefers-reduced-motion window-size=1400,950'
-)
-
-pytestmark = pytest.mark.skipif(
-    not (CHROMIUM and DRIVER), reason='no Chromium with its driver: apt install chromium chromium-driver'
-)
-
-
-class Browser:
-    """A browser at a page."""
-
-    def __init__(self, driver: Any) -> None:
-        self.driver = driver
-
-    def until(self, done: Callable[[], object]) -> Any:
-        """Wait until that is so, and give it."""
-        return wait_until(done, lambda: self.driver.find_element(By.TAG_NAME, 'body').text, DEADLINE)
-
-    def text(self, id: str) -> str:
-        """Return what is read at an element."""
-        return str(self.driver.execute_script('return document.getElementById(arguments[0]).innerText', id))
-
-    def until_text(self, id: str, text: str) -> None:
-        """Wait until that is read there."""
-        self.until(lambda: text in self.text(id))
-
-    def run(self, script: str, *words: Any) -> Any:
-        """Run a script in the page."""
-        return self.driver.execute_script(script, *words)
-
-    def press(self, *keys: str) -> None:
-        """Press keys, wherever the focus is."""
-        ActionChains(self.driver).send_keys(*keys).perform()
-
-    def until_it_may_be_answered(self) -> None:
-        """Wait for as long as what has just come up takes no answer, in the time of the page."""
-        shown = self.run('return performance.now()')
-        self.until(lambda: self.run('return performance.now()') > shown + 400.0)
-
-    def until_live(self) -> None:
-        """Wait for a page that is live."""
-        self.until_text('link', 'LIVE')
-        self.until(lambda: self.run('return document.body.classList.contains("blind")') is False)
-
-
-@pytest.fixture(scope='module')
-def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(CHROMIUM)
-    for flag in FLAGS.split():
-        options.add_argument(f'--{flag}')
-    options.add_argument(f'--user-data-dir={tmp_path_factory.mktemp("chromium")}')
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
-    started = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
-    try:
-        yield started
-    finally:
-        started.quit()
-
-
-@pytest.fixture
-def browser(driver: Any) -> Iterator[Browser]:
-    yield Browser(driver)
-    complaints = [one['message'] for one in driver.get_log('browser') if one['level'] == 'SEVERE']
-    driver.get('about:blank')
-    # What is expected: a server that is lost, and nothing that the policy has held up.
-    assert [text for text in complaints if 'ERR_CONNECTION' not in text and 'WebSocket' not in text] == []
+pytestmark = NEEDS_BROWSER
 
 
 def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:

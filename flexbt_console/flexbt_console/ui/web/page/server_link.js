@@ -18,6 +18,8 @@ export class ServerLink {
     this.welcome = false;
     this.refused = null;
     setInterval(() => this.look(), 500);
+    addEventListener('pagehide', () => { const before = this.socket; this.socket = null; before?.close(); });  // a page that the browser keeps for "back" is not at the robot
+    addEventListener('pageshow', (event) => { if (event.persisted) this.open(); });
     this.open();
   }
 

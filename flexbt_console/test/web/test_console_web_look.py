@@ -1,0 +1,430 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How the page looks in a real browser: what fits, what is readable, panels, diagrams, and who the operator is."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from web_support import OTHER, PLAN, WebRobot, WebRobots, served
+
+from flexbt_console.mirror.records import (
+    CommandKind,
+    ExecutiveState,
+    LogLine,
+    LogSeverity,
+    StateKind,
+    StateStructure,
+    Structure,
+)
+from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, TreeNodes, TreeReport
+
+selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
+from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
+from selenium.webdriver.common.by import By  # noqa: E402
+from selenium.webdriver.common.keys import Keys  # noqa: E402
+from web_browser import NEEDS_BROWSER, Browser  # noqa: E402
+
+pytestmark = NEEDS_BROWSER
+
+SIZES = {'laptop': (1400, 800), 'small': (1024, 768), 'tablet': (820, 1180), 'phone': (390, 844), 'turned': (844, 390)}
+MOBILE = ('tablet', 'phone', 'turned')
+
+# What is visible is within the window, or in something that scrolls; nothing lies on a control; texts are not clipped.
+CUT_OFF = """
+const scrolls = document.scrollingElement.scrollHeight > innerHeight;
+const bad = [];
+const of = 'button, select, input, h1, h2, p, label, .badge, .status, summary';
+for (const one of document.querySelectorAll(of)) {
+  if (!one.checkVisibility() || one.matches('.sr, .skip, :is(h1):has(+ label:not([hidden]))')) continue;
+  const box = one.getBoundingClientRect(), name = one.id || one.className || one.textContent;
+  if (!box.width || box.left < 0 || box.right > innerWidth + 0.5) bad.push(['beside', name, box.left, box.right]);
+  const isSeen = box.top >= 0 && box.bottom <= innerHeight + 0.5;
+  if (!scrolls && !isSeen) bad.push(['below', name, box.bottom]);
+  const style = getComputedStyle(one);
+  if (style.overflow === 'visible' && !one.matches('p') && one.scrollWidth > one.clientWidth + 1 && one.clientWidth) {
+    bad.push(['clipped', name, one.scrollWidth, one.clientWidth]);
+  }
+  if (!one.matches('button, select, input') || !isSeen) continue;
+  const there = document.elementFromPoint(box.left + box.width / 2, box.top + box.height / 2);
+  if (there && !one.contains(there) && !there.contains(one) && !there.closest('.head')) bad.push(['covered', name]);
+}
+if (document.documentElement.scrollWidth > innerWidth) bad.push(['scrolls', document.documentElement.scrollWidth]);
+return bad;
+"""
+
+# Texts smaller than 12 pixels on the screen, of the page and of its diagrams.
+SMALL = """
+const bad = [];
+for (const one of document.querySelectorAll('body *')) {
+  const isText = [...one.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+  if (!one.checkVisibility() || !isText) continue;
+  let size = parseFloat(getComputedStyle(one).fontSize);
+  if (one.ownerSVGElement) size *= one.getBoundingClientRect().height / one.getBBox().height;
+  if (size < 11.9) bad.push([one.textContent, size]);
+}
+return bad;
+"""
+
+
+# Pairs of tokens, text on ground, that have too little contrast (WCAG 2.2, 1.4.3 and 1.4.11).
+CONTRAST = """
+const probe = document.createElement('canvas').getContext('2d', {willReadFrequently: true});
+const light = (name) => {
+  probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  probe.fillRect(0, 0, 1, 1);
+  const linear = (one) => one <= 0.04045 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4;
+  const [r, g, b] = [...probe.getImageData(0, 0, 1, 1).data].map((one) => linear(one / 255));
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+};
+const texts = ['text', 'dim', 'accent', 'good', 'warning', 'error', 'decision'];
+const pairs = texts.flatMap((front) => [[front, 'back', 4.5], [front, 'pane', 4.5]]);
+pairs.push(['on-accent', 'accent', 4.5], ['on-stop', 'stop', 4.5], ['edge', 'back', 3]);
+for (const back of ['soft', 'decision-back']) pairs.push(...['text', 'dim', 'decision'].map((one) => [one, back, 4.5]));
+return pairs.filter(([front, back, least]) => {
+  const [x, y] = [light(`--${front}`), light(`--${back}`)].sort((p, q) => q - p);
+  return (x + 0.05) / (y + 0.05) < least;
+});
+"""
+
+NAMELESS = """
+const named = (one) => one.getAttribute('aria-label') || one.getAttribute('aria-labelledby') || one.labels?.length;
+return [...document.querySelectorAll('button, input, select, canvas, [tabindex], [role=button], a')]
+  .filter((one) => one.checkVisibility() && !named(one) && !one.textContent.trim()).map((one) => one.outerHTML);
+"""
+
+COLUMNS = """
+const panels = (column) => [...column.querySelectorAll('.panel')].map((panel) => panel.id.slice(0, 3));
+return [...document.querySelectorAll('.column')].map(panels);
+"""
+
+
+def drawn_robot() -> WebRobot:
+    robot = WebRobot(is_drawn=True)
+    robot.show(PLAN)
+    return robot
+
+
+def until_drawn(browser: Browser) -> None:
+    browser.until_live()
+    browser.until(
+        lambda: browser.run('return document.querySelectorAll("#machine .choice, #trees .graph").length') >= 3
+    )
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_nothing_is_cut_off_or_small_and_stop_is_seen(browser: Browser, size: str) -> None:
+    with served({'robot': drawn_robot().station()}) as port:
+        width, height = SIZES[size]
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        until_drawn(browser)
+        for media in ({}, {'prefers_color_scheme': 'dark'}, {'forced_colors': 'active'}, {'prefers_contrast': 'more'}):
+            with browser.emulated(width, height, mobile=size in MOBILE, **media):
+                browser.until(lambda: browser.run('return innerWidth') == width)
+                browser.run('return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))')
+                assert browser.run(CUT_OFF) == [], media
+                assert browser.run(SMALL) == [], media
+                for y in (0, 10_000):
+                    stop = browser.run(
+                        'scrollTo(0, arguments[0]);'
+                        'const box = document.getElementById("stop").getBoundingClientRect();'
+                        'return [box.width, box.height, Math.round(innerWidth - box.right), Math.round(box.top),'
+                        ' document.elementFromPoint(box.x + 5, box.y + 5).id]',
+                        y,
+                    )
+                    assert stop == [96, 44, 8, 4, 'stop']
+                if size == 'phone':  # the decision and the map come first
+                    top = 'scrollTo(0, 0); return document.getElementById(arguments[0]).getBoundingClientRect().top'
+                    assert browser.run(top, 'decision') < 250 and browser.run(top, 'map') < 500
+
+
+def test_controls_have_names_colours_have_contrast_and_the_page_has_one_heading(browser: Browser) -> None:
+    with served({'robot': drawn_robot().station()}) as port:
+        for scheme, more in itertools.product(('light', 'dark'), ('no-preference', 'more')):
+            with browser.emulated(1400, 800, prefers_color_scheme=scheme, prefers_contrast=more):
+                browser.driver.get(f'http://127.0.0.1:{port}/')
+                until_drawn(browser)
+                assert browser.run(CONTRAST) == [], (scheme, more)
+        assert browser.run(NAMELESS) == []
+        count = 'return document.querySelectorAll(arguments[0]).length'
+        assert [browser.run(count, one) for one in ('main', 'h1', 'body > header', 'nav')] == [1, 1, 1, 1]
+        assert browser.run(count, '[aria-hidden=true] :is(button, [tabindex]), [aria-hidden=true][tabindex]') == 0
+        ids = browser.run('return [...document.querySelectorAll("[id]")].map((one) => one.id)')
+        assert len(ids) == len(set(ids))
+
+
+def test_a_diagram_is_zoomed_and_moved_by_keys_wheel_and_drag(browser: Browser) -> None:
+    view = 'return document.querySelector("#machine svg").getAttribute("viewBox").split(" ").map(Number)'
+    with served({'robot': drawn_robot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        until_drawn(browser)
+        x, y, width, height = browser.run(view)
+        left, top, right, bottom = browser.run(
+            'const {x, y, width, height} = document.querySelector("#machine .graph").getBoundingClientRect();'
+            'const pane = document.getElementById("machine").getBoundingClientRect();'
+            'return [x - pane.x, y - pane.y, x + width - pane.right, y + height - pane.bottom]'
+        )
+        assert left >= 0 and top >= 0 and right <= 0 and bottom <= 0  # it fits
+        browser.run('document.getElementById("machine").focus()')
+        browser.press('+')
+        closer = browser.run(view)
+        assert closer[2] == pytest.approx(width / 1.25) and closer[3] == pytest.approx(height / 1.25)
+        assert closer[0] + closer[2] / 2 == pytest.approx(x + width / 2)  # the middle stays
+        browser.press(Keys.ARROW_RIGHT, Keys.ARROW_DOWN)
+        moved = browser.run(view)
+        assert moved[0] > closer[0] and moved[1] > closer[1] and moved[2] == closer[2]
+        browser.press('-', '-')
+        assert browser.run(view)[2] == pytest.approx(width * 1.25)
+        browser.press('0')
+        assert browser.run(view) == pytest.approx([x, y, width, height])
+        pane = browser.driver.find_element(By.ID, 'machine')
+        browser.run(
+            'const box = arguments[0].getBoundingClientRect();'
+            'arguments[0].dispatchEvent(new WheelEvent("wheel",'
+            ' {deltaY: -200, clientX: box.left, clientY: box.top, bubbles: true, cancelable: true}))',
+            pane,
+        )
+        wheeled = browser.run(view)
+        assert wheeled[2] < width and wheeled[:2] == pytest.approx([x, y], abs=1.0)  # the point below the pointer stays
+        ActionChains(browser.driver).move_to_element_with_offset(pane, -200, 200).click_and_hold().move_by_offset(
+            50, 30
+        ).release().perform()
+        dragged = browser.run(view)
+        assert dragged[0] < wheeled[0] and dragged[1] < wheeled[1]
+        browser.driver.find_element(By.CSS_SELECTOR, '#machine .zoom button:nth-child(2)').click()
+        assert browser.run(view) == pytest.approx([x, y, width, height])
+
+
+def press_outcome(browser: Browser, transition: str) -> None:
+    box = browser.driver.find_element(By.CSS_SELECTOR, f'#machine [id="{transition}"] rect')
+    ActionChains(browser.driver).move_to_element(box).click().perform()
+
+
+def test_an_outcome_is_answered_or_forced_on_the_diagram(browser: Browser) -> None:
+    robot = drawn_robot()
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        until_drawn(browser)
+        browser.until_it_may_be_answered()
+        press_outcome(browser, 's1o0')
+        (sent,) = robot.wait_sent(1)
+        assert (sent.kind, sent.decision_id) == (CommandKind.CONFIRM, PLAN.id)
+        browser.until_text('decision-line', 'No pending decision')
+        assert browser.run('return document.querySelector("#machine .choice.wanted")') is None
+        press_outcome(browser, 's1o1')  # nothing waits: it is asked about
+        browser.until_text('dialog-title', 'Leave /Drive by failed')
+        browser.press(Keys.ENTER)  # sooner than anybody can have read it
+        browser.until_it_may_be_answered()
+        assert len(robot.sent) == 1 and browser.run('return document.querySelector("dialog").open')
+        browser.press(Keys.ENTER)
+        sent = robot.wait_sent(2)[1]
+        assert (sent.kind, sent.path, sent.outcome) == (CommandKind.FORCE, '/Drive', 'failed')
+        robot.show(PLAN, OTHER)  # by keys; an answer is for the decision that is in the bar
+        browser.until_text('decision-line', '(+1 more)')
+        browser.until_it_may_be_answered()
+        browser.run('document.querySelector(`#machine [id="s1o1"]`).focus()')
+        browser.press(Keys.ENTER)
+        sent = robot.wait_sent(3)[2]
+        assert (sent.kind, sent.outcome, sent.decision_id) == (CommandKind.FORCE, 'failed', PLAN.id)
+        robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+        browser.until(lambda: not browser.driver.find_element(By.ID, 'machine').is_displayed())
+        assert len(robot.sent) == 3
+
+
+def test_a_drag_over_an_outcome_sends_nothing(browser: Browser) -> None:
+    robot = drawn_robot()
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        until_drawn(browser)
+        browser.until_it_may_be_answered()
+        box = browser.driver.find_element(By.CSS_SELECTOR, '#machine [id="s1o0"] rect')
+        drag = ActionChains(browser.driver).move_to_element(box).click_and_hold()
+        drag.move_by_offset(0, 40).move_by_offset(0, -40).release().perform()
+        browser.press('n', 'x', Keys.ENTER)  # what comes later has come
+        assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.NOTE]
+
+
+NESTED = Structure(
+    'r1',
+    'Patrol',
+    (
+        StateStructure('/', StateKind.MACHINE, 'Patrol', ('Drive', 'Watch'), ('finished',)),
+        StateStructure('/Drive', StateKind.STATE, 'BtExecute', (), ('done',), ('/Watch',), (2,)),
+        StateStructure('/Watch', StateKind.CONCURRENCY, 'Watch', ('Look', 'Listen'), ('seen',), ('=finished',), (0,)),
+        StateStructure('/Watch/Look', StateKind.STATE, 'Look', (), ('done',), ('=seen',), (0,)),
+        StateStructure('/Watch/Listen', StateKind.STATE, 'Listen', (), ('done',), ('=seen',), (0,)),
+    ),
+)
+
+
+def test_containers_and_sub_trees_are_folded_and_stay_so(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.mirror.receive_structure(NESTED)
+    kinds = (MirroredNodeKind.CONTROL, MirroredNodeKind.SUBTREE, MirroredNodeKind.ACTION, MirroredNodeKind.ACTION)
+    nodes = [MirroredNode(uid, (0, 1, 2, 1)[uid - 1], f'N{uid}', 'X', kind=kind) for uid, kind in enumerate(kinds, 1)]
+    robot.mirror.receive_tree_structure(TreeNodes('t', 'Drive', nodes, 1.0))
+    robot.mirror.receive_tree_status(
+        TreeReport('t', 1, [MirroredStatus.RUNNING] * 3, [], 5.0, finished=False, paused=False)
+    )
+    has = 'return arguments[0].map((id) => document.querySelector(`[id="${id}"]`) !== null)'
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until(lambda: browser.run(has, ['s3', 't0n2']) == [True, True])
+        browser.driver.find_element(By.CSS_SELECTOR, '[id="m2in"] text').click()
+        browser.run('document.querySelector(`[id="t0n1"]`).focus()')
+        browser.press(Keys.ENTER)
+        folded = ['s2', 's3', 't0n1', 't0n2', 't0n3']
+        browser.until(lambda: browser.run(has, folded) == [True, False, True, False, True])
+        assert browser.run('return document.activeElement.id') == 't0n1'
+        browser.driver.refresh()
+        browser.until_live()
+        browser.until(lambda: browser.run(has, folded) == [True, False, True, False, True])
+        browser.driver.find_element(By.CSS_SELECTOR, '[id="s2"] text').click()
+        browser.driver.find_element(By.CSS_SELECTOR, '[id="t0n1"] text').click()
+        browser.until(lambda: browser.run(has, folded) == [False, True, True, True, True])
+        assert robot.sent == []
+
+
+def test_trees_of_any_shape_are_laid_out_in_order_and_apart(browser: Browser) -> None:
+    draw = """
+    const {drawTree} = await import('./drawing.js');
+    const svg = document.querySelector('#machine svg');
+    const [nodes, folded] = arguments;
+    drawTree(svg, nodes, new Set(folded), () => {});
+    const boxes = {};
+    for (const node of svg.querySelectorAll('.node')) {
+      const {x, y, width, height} = node.firstElementChild.getBBox();
+      boxes[node.id.slice(3)] = [x, y, x + width, y + height];
+    }
+    return boxes;
+    """
+
+    @given(st.lists(st.tuples(st.integers(0, 60), st.integers(1, 30)), max_size=60), st.sets(st.integers(0, 60)))
+    @settings(max_examples=60, deadline=None)
+    def lay_out(others: list[tuple[int, int]], folded: set[int]) -> None:
+        nodes: list[dict[str, Any]] = [{'lines': ['root'], 'kind': 'Control', 'parent': None}]
+        for parent, length in others:
+            kind = ('Action', 'Condition', 'SubTree', 'Decorator')[length % 4]
+            nodes.append({'lines': ['x' * length, '(type)'], 'kind': kind, 'parent': parent % len(nodes)})
+        boxes = {int(index): box for index, box in browser.run(draw, nodes, list(folded)).items()}
+        inside = [nodes[index]['parent'] in folded for index in range(len(nodes))]
+        for index in range(1, len(nodes)):
+            inside[index] |= inside[nodes[index]['parent']]
+        assert set(boxes) == {index for index in range(len(nodes)) if not inside[index]}
+        for one, other in itertools.combinations(boxes.values(), 2):
+            assert one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
+        isdown = all(boxes[index][1] >= boxes[nodes[index]['parent']][3] for index in boxes if index)
+        isright = all(boxes[index][0] >= boxes[nodes[index]['parent']][2] for index in boxes if index)
+        assert isdown or isright  # a child is behind its parent
+        for first, second in itertools.combinations(sorted(boxes), 2):
+            if first and nodes[first]['parent'] == nodes[second]['parent']:
+                axis = 0 if isdown and not isright else 1
+                assert boxes[first][axis + 2] <= boxes[second][axis]  # siblings are in their order
+
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        lay_out()
+
+
+def test_panels_are_arranged_by_keys_and_remembered(browser: Browser) -> None:
+    grip = 'document.querySelector("#map-pane .grip").focus()'
+    height = 'return document.getElementById("trees-pane").getBoundingClientRect().height'
+    with served({'robot': drawn_robot().station()}) as port, browser.emulated(1400, 800):
+        address = f'http://127.0.0.1:{port}/'
+        browser.driver.get(address)
+        until_drawn(browser)
+        assert browser.run(COLUMNS) == [['mac'], ['map', 'tre', 'log']]
+        browser.run(grip)
+        browser.press(Keys.ARROW_LEFT)
+        assert browser.run(COLUMNS) == [['map', 'mac'], ['tre', 'log']]
+        browser.press(Keys.ARROW_DOWN)  # the focus has stayed
+        assert browser.run(COLUMNS) == [['mac', 'map'], ['tre', 'log']]
+        before = browser.run(height)
+        browser.run('document.querySelectorAll("[aria-orientation=horizontal]")[1].focus()')
+        browser.press(Keys.ARROW_DOWN, Keys.ARROW_DOWN)
+        larger = browser.run(height)
+        assert larger > before + 50
+        browser.driver.find_element(By.CSS_SELECTOR, '#log-pane .fold').click()
+        assert not browser.driver.find_element(By.ID, 'log').is_displayed()
+        browser.driver.refresh()
+        until_drawn(browser)
+        assert browser.run(COLUMNS) == [['mac', 'map'], ['tre', 'log']]
+        assert not browser.driver.find_element(By.ID, 'log').is_displayed()
+        assert browser.run(CUT_OFF) == []
+        browser.driver.find_element(By.CSS_SELECTOR, '#trees-pane .enlarge').click()
+        assert not browser.driver.find_element(By.ID, 'map').is_displayed()
+        assert browser.run(height) > 500
+        browser.driver.find_element(By.CSS_SELECTOR, '#trees-pane .enlarge').click()
+        browser.run('document.getElementById("reset").click()')
+        assert browser.run(COLUMNS) == [['mac'], ['map', 'tre', 'log']]
+        for saved in ('{', '5', '{"columns": [["map-pane"]]}', '{"columns": [[], 3], "shares": 7, "folded": {}}'):
+            browser.run('localStorage.setItem("flexbt-panels-wide", arguments[0])', saved)
+            browser.driver.refresh()
+            until_drawn(browser)
+            assert browser.run(COLUMNS) == [['mac'], ['map', 'tre', 'log']]
+
+
+def test_a_panel_is_dragged_to_another_column(browser: Browser) -> None:
+    with served({'robot': drawn_robot().station()}) as port, browser.emulated(1400, 800):
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        until_drawn(browser)
+        start = browser.driver.find_element(By.CSS_SELECTOR, '#log-pane .grip')
+        end = browser.driver.find_element(By.CSS_SELECTOR, '#machine-pane h2')
+        ActionChains(browser.driver).click_and_hold(start).move_to_element(end).release().perform()
+        browser.until(lambda: browser.run(COLUMNS) == [['log', 'mac'], ['map', 'tre']])
+
+
+def test_two_browsers_are_two_operators_and_each_is_asked_once(browser: Browser) -> None:
+    robots = WebRobots({'robot': (robot := WebRobot()).station()})
+    with served(robots, operator=lambda name: f'{name}@desk/page') as port:
+        # Each address has a memory of its own, as each browser has.
+        for number, (host, name) in enumerate((('127.0.0.1', 'ann'), ('localhost', 'bob'))):
+            browser.driver.get(f'http://{host}:{port}/')
+            browser.until_live()
+            browser.until_text('holder', 'you: guest-')
+            browser.press('!')  # a stop waits for no name
+            assert robot.wait_sent(2 * number + 1)[-1].operator.startswith('guest-')
+            browser.until(lambda: browser.driver.find_element(By.ID, 'your-name').is_displayed())
+            browser.driver.find_element(By.ID, 'your-name').send_keys(name, Keys.ENTER)
+            browser.until_text('holder', f'you: {name}')
+            browser.until_live()
+            browser.press('!')
+            assert robot.wait_sent(2 * number + 2)[-1].operator == f'{name}@desk/page'
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_text('holder', 'you: ann')
+        assert not browser.driver.find_element(By.ID, 'name-form').is_displayed()
+        browser.until(lambda: [one for _, one in robots.present] == ['ann@desk/page'])
+    with served({'robot': robot.station()}) as port:  # all are the operator of the server
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_text('holder', 'you: ann')
+        assert not browser.driver.find_element(By.ID, 'name-form').is_displayed()
+
+
+def test_what_is_empty_says_what_to_do_and_what_was_sent_is_told_once(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.mirror.receive_map(None)  # type: ignore[arg-type]
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+        browser.until_text('machine-pane', 'Press Start')
+        browser.until_text('trees-pane', 'No tree is running')
+        for number in range(3):
+            robot.mirror.receive_log(LogLine('e', 2 + number, LogSeverity.INFO, f'line {number}', '', 'r1', 5.0))
+        browser.press(':')
+        browser.press('note hello', Keys.ENTER)
+        browser.until_text('told', 'applied')
+        seen = 'return document.body.innerText.split("\\n").filter((line) => line.includes("note hello")).length'
+        assert browser.run(seen) == 1
+        browser.press(':')
+        browser.press('note again', Keys.ENTER)
+        browser.until_text('told', 'again')
+        browser.until_text('log', 'note hello')
+        assert browser.run(seen) == 1
