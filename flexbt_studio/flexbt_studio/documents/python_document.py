@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 import itertools
+import keyword
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -20,7 +21,7 @@ from typing import Any, ClassVar, Final
 from flexbt_core.values.text import short_repr
 from flexbt_studio.errors import GestureError
 
-from .machine_document import LEVELS, Condition, Item, MachineDocument, State, Table, Wrapper, edit, json_value
+from .machine_document import LEVELS, Condition, Item, MachineDocument, State, Table, edit, json_value, need
 from .text import Span, TextEdit
 
 _TOKENS: Final = re.compile(
@@ -28,6 +29,7 @@ _TOKENS: Final = re.compile(
     re.DOTALL,
 )
 _POSITION: Final = re.compile(r'# x:(-?\d+) y:(-?\d+)')
+_REGION: Final = re.compile(r'# \[/?MANUAL_')  # marks that FlexBE's editor needs: no comments of a state
 _NOTE: Final = re.compile(r'# [!0O] -?\d+ -?\d+ /')
 _CONTAINERS: Final = {
     'OperatableStateMachine': 'machine',
@@ -76,7 +78,8 @@ class PythonDocument(MachineDocument):
     # -- reading -----------------------------------------------------------------------------------------------------
 
     def _read(self) -> None:
-        self.comments = {one.start(): one.end() for one in _TOKENS.finditer(self.text) if one.group()[0] == '#'}
+        comments = (one for one in _TOKENS.finditer(self.text) if one.group()[0] == '#')
+        self.comments = {one.start(): one.end() for one in comments if not _REGION.match(one.group())}
         self._base = int(self.text.startswith('\ufeff'))
         self._statements: dict[State, list[ast.stmt]] = {}
         try:
@@ -94,10 +97,14 @@ class PythonDocument(MachineDocument):
                 self._names.update((one.asname or one.name, one.name) for one in node.names)
             elif isinstance(node, ast.ClassDef | ast.FunctionDef):
                 self._names[node.name] = node.name
-        for scope, root in self._roots():
-            state = State('', root.kind, None, self._span(root.call), self._span(root.call.func), node=root.call)
-            self._read_container(state, root, scope)
-            self.roots.append((scope.name, state))
+        try:
+            for scope, root in self._roots():
+                state = State('', root.kind, None, self._span(root.call), self._span(root.call.func), node=root.call)
+                self.roots.append((scope.name, state))
+                self._read_container(state, root, scope)
+        except RecursionError:
+            self.unreadable = True
+            self.problem(Span(0, 0), 'the code is nested too deep')
 
     def _roots(self) -> Iterator[tuple[_Scope, _Container]]:
         """Read all functions. Yield the outermost containers, those that ``create`` returns first."""
@@ -117,13 +124,11 @@ class PythonDocument(MachineDocument):
                 classes.append((owner, methods['create']))
             if owner is self._module:
                 scopes.append(scope := _Scope('module', methods))
-                self._read_block(
-                    [one for one in owner.body if not isinstance(one, ast.ClassDef | ast.FunctionDef)], scope, None, ''
-                )
+                self._read_block(owner.body, scope, None, '')
         for owner, scope in classes:
             root = self._container_of(scope.returned, scope)
             if root is not None:
-                self.behaviors.append(self._behavior(owner, '/' if not self.roots else f'{owner.name}:/'))
+                self.behaviors.append(self._behavior(owner, f'{owner.name}:/' if self.roots else '/'))
                 yield scope, root
         for scope in scopes:
             returned = self._container_of(scope.returned, scope)
@@ -160,20 +165,15 @@ class PythonDocument(MachineDocument):
                             name = ast.unparse(item.optional_vars)
                             scope.values.setdefault(name, []).append((item.context_expr, one, lock))
             elif isinstance(one, ast.Expr) and isinstance(one.value, ast.Call):
-                call = one.value
-                if within is not None and isinstance(call.func, ast.Attribute) and call.func.attr == 'add':
-                    within.adds.append((call, lock, one))
+                self._made(one.value, scope)
+                if within is not None and isinstance(one.value.func, ast.Attribute) and one.value.func.attr == 'add':
+                    within.adds.append((one.value, lock, one))
             elif isinstance(one, ast.For | ast.While | ast.If | ast.Try | ast.Match | ast.AsyncFor):
                 kind = 'a loop' if isinstance(one, ast.For | ast.While | ast.AsyncFor) else 'a branch'
                 why = lock or f'it is in {kind} (line {one.lineno})'
             for part in ('body', 'orelse', 'finalbody', 'handlers', 'cases'):
-                blocks = getattr(one, part, [])
-                inside = (
-                    blocks
-                    if not blocks or isinstance(blocks[0], ast.stmt)
-                    else [s for each in blocks for s in each.body]
-                )
-                self._read_block(inside, scope, inner, why)
+                for block in getattr(one, part, []):
+                    self._read_block([block] if isinstance(block, ast.stmt) else block.body, scope, inner, why)
 
     def _made(self, expression: ast.expr, scope: _Scope) -> _Container | None:
         """Return the container that an expression makes; also read those that it makes in ``children``."""
@@ -259,7 +259,7 @@ class PythonDocument(MachineDocument):
             if found is not None:
                 state.tables[table] = self._mapping(found.node, state, scope)
         for one in state.tables['autonomy'].items if 'autonomy' in state.tables else ():
-            level = self.text[slice(*one.value_span)].rpartition('.')[2].lower()
+            level = self.source(one.value_span).rpartition('.')[2].lower()
             one.value = LEVELS[int(level)] if level in ('0', '1', '2', '3') else level
         made = arguments.find('state')
         if made is not None:
@@ -270,7 +270,7 @@ class PythonDocument(MachineDocument):
         while isinstance(made, ast.Call) and self._name_of(made.func) in _WRAPPERS and made.args:
             kind, names = _WRAPPERS[self._name_of(made.func)]
             fields = {one.key: self.value(one)[0] for one in self._arguments(made, names).items[1:]}
-            state.wrappers.append(Wrapper(kind, self._span(made), fields))
+            state.wrappers.append({**fields, 'kind': kind, 'span': self._span(made)})
             made, why = self._resolved(made.args[0], state, scope)
             locked = locked or why
         container = self._container_of(made, scope)
@@ -286,9 +286,9 @@ class PythonDocument(MachineDocument):
         if not isinstance(made, ast.Call):
             return
         table = self._arguments(made)
-        state.type = self.text[slice(*self._span(made.func))]
+        state.type = self.source(self._span(made.func))
         if isinstance(made.func, ast.Attribute) and made.func.attr == 'use_behavior' and made.args:
-            state.kind, state.type = 'behavior', self.text[slice(*self._span(made.args[0]))]
+            state.kind, state.type = 'behavior', self.source(self._span(made.args[0]))
             parameters = table.find('parameters')
             table = self._mapping(parameters.node, state, scope) if parameters else Table(locked='it has no parameters')
         table.locked = table.locked or locked
@@ -348,11 +348,11 @@ class PythonDocument(MachineDocument):
             key = '*' if isinstance(one, ast.Starred) else names[number] if number < len(names) else str(number)
             span = self._wide(one, table.inner)
             table.items.append(Item(span, key, value_span=span, value=_text(one), node=one))
-        for keyword in call.keywords:
-            value = self._wide(keyword.value, table.inner)
-            start, key = self._span(keyword).start, keyword.arg or '**'
+        for given in call.keywords:
+            value = self._wide(given.value, table.inner)
+            start, key = self._span(given).start, given.arg or '**'
             key_span = Span(start, start + len(key))
-            table.items.append(Item(Span(start, value.end), key, key_span, _text(keyword.value), value, keyword.value))
+            table.items.append(Item(Span(start, value.end), key, key_span, _text(given.value), value, given.value))
         table.items.sort(key=lambda item: item.span)
         return table
 
@@ -378,7 +378,7 @@ class PythonDocument(MachineDocument):
                 texts: dict[str, Any] = {'description': ''}
                 for item in self._arguments(node, ('name', 'default', 'description')).items:
                     is_code = item.key == 'default'
-                    texts[item.key] = self.text[slice(*item.value_span)] if is_code else self.value(item)[0]
+                    texts[item.key] = self.source(item.value_span) if is_code else self.value(item)[0]
                 found['parameters'].append({**texts, 'span': self._span(node)})
         return found
 
@@ -432,7 +432,7 @@ class PythonDocument(MachineDocument):
             return f'"{text[1:-1]}"'
         return text
 
-    def level(self, level: str, like: str, table: Table | None) -> str:
+    def level(self, level: str, like: str) -> str:
         return str(LEVELS.index(level)) if like.isdigit() else f'Autonomy.{level.capitalize()}'
 
     def add_table(self, state: State, table: str, entry: str) -> list[TextEdit]:
@@ -460,7 +460,7 @@ class PythonDocument(MachineDocument):
                 text = _text(node.args[1])
                 if text is not None and f'{text}/'.startswith(f'{old}/'):
                     span = self._span(node.args[1])
-                    edits.append(TextEdit(*span, self.name(path + text[len(old) :], self.text[slice(*span)])))
+                    edits.append(TextEdit(*span, self.name(path + text[len(old) :], self.source(span))))
         within = self._span(owner) if owner is not None else Span(0, 0)
         for start, end in self.comments.items():
             found = _NOTE.match(self.text, start, end) if within.start <= start < within.end else None
@@ -507,20 +507,18 @@ class PythonDocument(MachineDocument):
     @edit
     def set_parameter(self, state: str, name: str, text: str | None) -> list[TextEdit]:
         """Set an argument of a state to a Python expression; None removes it."""
-        one = self._child(state)
-        table = one.tables.get('parameters')
-        if table is None or table.locked:
-            raise GestureError(f'parameters of {state}: {table.locked if table else f"it is a {one.kind}"}')
+        one, _ = self._child(state)
+        table = one.tables.get('parameters', Table(locked=f'it is a {one.kind}'))
+        need(not table.locked, f'parameters of {state}: {table.locked}')
         item = table.find(name) if '*' not in name else None
         if text is None:
-            if item is None or (item.key.isdigit() and item is not table.items[-1]):
+            if item is None or (name.isdigit() and item is not table.items[-1]):
                 raise GestureError(f'{state} has no argument {short_repr(name)} that can be removed')
             return self.remove_items(table, [table.items.index(item)])
         written = _expression(text)
         if item is not None:
             return [TextEdit(*item.value_span, written)]
-        if one.kind != 'behavior' and not name.isidentifier():
-            raise GestureError(f'{short_repr(name)} cannot be the name of an argument')
+        need(one.kind == 'behavior' or _is_word(name), f'{short_repr(name)} cannot be the name of an argument')
         return self.insert_item(
             table, f'{self.name(name)}: {written}' if one.kind == 'behavior' else f'{name}={written}'
         )
@@ -536,86 +534,74 @@ class PythonDocument(MachineDocument):
         """
         one = self.container(parent)
         self._check_label(one, label)
-        neighbor = next((child for child in reversed(one.children) if not child.locked), None)
-        if neighbor is None or not all(part.isidentifier() for part in type.split('.')):
-            what = (
-                'has no state whose form a new one could have'
-                if neighbor is None
-                else f'cannot have {short_repr(type)}'
-            )
-            raise GestureError(f'{parent} {what}; edit the text')
-        values = {name: _expression(text) if isinstance(text, str) else repr(text) for name, text in parameters.items()}
+        module, _, made = type.rpartition('.')
+        need(all(map(_is_word, type.split('.'))), f'{short_repr(type)} cannot be the class of a state')
+        need(all(map(_is_word, parameters)), f'{short_repr(list(parameters))} are no names of parameters')
         for outcome, target in transitions.items():
-            self._check_name(outcome, 'an outcome')
+            self.check_name(outcome, 'an outcome')
             if target != label:
                 self._check_target(one, str(target))
-        if not all(name.isidentifier() for name in values):
-            raise GestureError(f'{short_repr(list(values))} are no names of parameters')
-        module, _, class_name = type.rpartition('.')
+        neighbor = next((child for child in reversed(one.children) if not child.locked), None)
+        if neighbor is None:
+            raise GestureError(
+                f'{parent} has no state whose form a new one could have; write the first one in the text'
+            )
         entries = neighbor.tables['entries']
-        items, inner = entries.items, entries.inner
-        assert inner is not None
-        like = self.text[slice(*items[0].value_span)]
-        ways = ', '.join(
-            f'{self.name(outcome, like)}: {self.name(str(target), like)}' for outcome, target in transitions.items()
-        )
-        made = ', '.join(f'{name}={text}' for name, text in values.items())
-        keyword = '' if any(item.key == 'transitions' and item.key_span.end == 0 for item in items) else 'transitions='
-        arguments = [self.name(label, like), f'{class_name}({made})', *([f'{keyword}{{{ways}}}'] if ways else [])]
+        items, inner = entries.items, entries.inner or Span(0, 0)
+        like = self.source(items[0].value_span)
+        values = [f'{name}={_expression(x) if isinstance(x, str) else repr(x)}' for name, x in parameters.items()]
+        arguments = [self.name(label, like), f'{made}({", ".join(values)})']
+        edits = self._imported(module, made)
+        if transitions:
+            ways = ', '.join(f'{self.name(key, like)}: {self.name(str(way), like)}' for key, way in transitions.items())
+            is_positional = any(item.key == 'transitions' and item.key_span.end == 0 for item in items)
+            arguments.append(f'{{{ways}}}' if is_positional else f'transitions={{{ways}}}')
         above = self._comments_above(neighbor.span.start)
         position = _POSITION.match(self.text, above[-1].start) if above else None
-        edits = self._imported(module, class_name)
         head = ''
-        if position is not None:
+        if position is not None:  # FlexBE's editor writes the level of each outcome
+            head = f'# x:{position[1]} y:{int(position[2]) + 80}{self.nl}{self._line_begin(neighbor.span.start)}'
             levels = ', '.join(f'{self.name(outcome, like)}: Autonomy.Off' for outcome in transitions)
             arguments += [f'autonomy={{{levels}}}'] if levels else []
             edits += self._imported('', 'Autonomy') if levels else []
-            head = f'# x:{position[1]} y:{int(position[2]) + 80}{self.nl}{self._line_begin(neighbor.span.start)}'
-        gaps = [self.text[before.span.end : after.span.start] for before, after in itertools.pairwise(items)]
-        gaps = [re.sub(r'#[^\r\n]*', '', gap) for gap in (gaps or [', '])]
-        begin, end = self.text[inner.start : items[0].span.start], self.text[items[-1].span.end : inner.end]
-        assert isinstance(neighbor.node, ast.Call)
-        text = arguments[0] + ''.join(f'{gaps[min(n, len(gaps) - 1)]}{one}' for n, one in enumerate(arguments[1:]))
-        function = self.text[slice(*self._span(neighbor.node.func))]
-        return [*edits, *self.insert_item(one.rows, f'{head}{function}({begin}{text}{re.sub("#.*", "", end)})')]
+        gaps = [Span(before.span.end, after.span.start) for before, after in itertools.pairwise(items)]
+        gaps = [Span(inner.start, items[0].span.start), *gaps, Span(items[-1].span.end, inner.end)]
+        begin, *between, end = (re.sub(r'#[^\r\n]*', '', self.source(gap)) for gap in gaps)
+        text = begin + arguments[0]
+        for number, argument in enumerate(arguments[1:]):
+            text += f'{between[min(number, len(between) - 1)]}{argument}'
+        function = self.source(self._span(neighbor.node.func))
+        return [*edits, *self.insert_item(one.rows, f'{head}{function}({text}{end})')]
 
     def _imported(self, module: str, name: str) -> list[TextEdit]:
         """Return the edits that import a name; from the module of the container classes if none is given."""
         if name in self._names:
             return []
-        found = [
-            one
-            for one in self._module.body
-            if isinstance(one, ast.ImportFrom) and one.module and one.module != '__future__'
-        ]
+        found = [one for one in self._module.body if isinstance(one, ast.ImportFrom) and one.module != '__future__']
         if not module and name == 'Autonomy':
             module = next((str(one.module) for one in found if any(part.name in _CONTAINERS for part in one.names)), '')
-        if not module or not found:
-            raise GestureError(f'{name} is not imported; give its module too, as in flexbt_states.{name}')
-        is_generated = '[MANUAL_IMPORT]' in self.text
+        need(module and found, f'{name} is not imported; give its module too, as in flexbt_states.{name}')
         same = next((one for one in found if one.module == module and one.level == 0), None)
-        if same is not None and not is_generated:
-            names = [self._span(part) for part in same.names]
-            open_at = self.text.find('(', self._span(same).start, names[0].start)
-            table = Table([Item(span) for span in names], Span(names[0].start, names[-1].end))
-            table.inner = Span(open_at + 1, self._span(same).end - 1) if open_at >= 0 else table.inner
-            known = [part.name for part in same.names]
-            later = [n for n, other in enumerate(known) if other > name] if known == sorted(known) else []
-            return self.insert_item(table, name, later[0] if later else None)
+        if same is not None and '[MANUAL_IMPORT]' not in self.text:  # FlexBE's editor reads one name a line
+            names = [part.name for part in same.names]
+            spans = [self._span(part) for part in same.names]
+            open_at = self.text.find('(', self._span(same).start, spans[0].start) + 1
+            inner = Span(open_at, self._span(same).end - 1) if open_at else Span(spans[0].start, spans[-1].end)
+            later = [n for n, other in enumerate(names) if other > name] if names == sorted(names) else []
+            return self.insert_item(Table([Item(span) for span in spans], inner), name, later[0] if later else None)
         package = module.partition('.')[0]
         near = [one for one in found if str(one.module).partition('.')[0] == package] or found
-        later_ones = [one for one in near if str(one.module) > module]
-        row = f'from {module} import {name}{self.nl}'
-        at = (
-            self._starts[self._line(self._span(later_ones[0]).start)]
-            if later_ones
-            else self._line_end(self._span(near[-1]).end)
-        )
-        return [TextEdit(at, at, row)]
+        behind = next((one for one in near if str(one.module) > module), None)
+        at = self._starts[behind.lineno - 1] if behind else self._line_end(self._span(near[-1]).end)
+        return [TextEdit(at, at, f'from {module} import {name}{self.nl}')]
 
 
 def _is_name(node: ast.AST, context: type = ast.expr_context) -> bool:
     return isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, context)
+
+
+def _is_word(name: str) -> bool:
+    return name.isidentifier() and not keyword.iskeyword(name)
 
 
 def _text(node: ast.AST) -> str | None:
@@ -634,8 +620,11 @@ def _expression(text: str) -> str:
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise GestureError(f'{short_repr(text)} is no Python expression: {error}') from error
     comments = any(one.group()[0] == '#' for one in _TOKENS.finditer(text))
-    if not isinstance(call, ast.Call) or len(call.args) != 1 or call.keywords or comments or len(text.splitlines()) > 1:
-        raise GestureError(f'{short_repr(text)} is not one Python expression in one line')
-    if isinstance(call.args[0], ast.Starred | ast.GeneratorExp) or not ast.unparse(call).startswith('f('):
-        raise GestureError(f'{short_repr(text)} is not one Python expression')
+    is_call = (
+        isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and len(call.args) == 1 and not call.keywords
+    )
+    is_one = is_call and not isinstance(call.args[0], ast.Starred | ast.GeneratorExp)  # type: ignore[attr-defined]
+    need(
+        is_one and not comments and len(text.splitlines()) == 1, f'{short_repr(text)} is not one expression in one line'
+    )
     return text
