@@ -33,7 +33,7 @@ def test_executables_begin_with_what_handles_signals_and_load_the_rest_then() ->
 
 def test_executables() -> None:
     installed = {point.name for point in executables()}
-    assert set(re.findall(r'\*\*`(\w+)`\*\*', EXECUTABLES)) == installed
+    assert set(re.findall(r'\*\*`([\w-]+)`\*\*', EXECUTABLES)) == installed
     if 'FLEXBT_ROOT' in os.environ:  # otherwise built by colcon alone
         found = subprocess.run(
             [
