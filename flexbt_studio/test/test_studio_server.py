@@ -211,13 +211,13 @@ def test_a_proof_has_steps_at_nodes_and_a_cancelled_one_leaves_no_process(folder
         number = await page.ask('start_job', job='prove', **asked)
         await page.ask('cancel_job', number=number)
         assert (await page.event('job', number=number))['state'] == 'canceled'
-        assert children() == []
+        assert children('flexbt_tools') == []
 
     with_pages(folder, story)
 
 
-def children() -> list[str]:
-    """Return the command lines of the processes that this one has started and that are still there."""
+def children(word: str = 'flexbt_') -> list[str]:
+    """Return the command lines with a word of the processes that this one has started and that are still there."""
     found = []
     for entry in Path('/proc').iterdir():
         if entry.name.isdigit():
@@ -226,7 +226,7 @@ def children() -> list[str]:
                 line = entry.joinpath('cmdline').read_bytes().replace(b'\0', b' ').decode()
             except OSError:
                 continue
-            if int(parent) == os.getpid() and 'flexbt_tools' in line:
+            if int(parent) == os.getpid() and word in line:
                 found.append(line)
     return found
 
@@ -318,3 +318,77 @@ def test_only_the_page_with_the_token_is_answered_and_nothing_else_is_served(fol
         await page.ask('hello')
 
     with_pages(folder, story)
+
+
+MACHINE = """\
+machine:
+  outcomes: [finished]
+  states:
+    Wait:
+      state: WaitState
+      parameters: {wait_time: 1.0}
+      transitions: {done: finishd}
+"""
+
+
+def test_a_machine_is_checked_and_laid_out_in_processes_that_are_gone_at_the_end(folder: Path) -> None:
+    (folder / 'ä round.yaml').write_text('# 😀\r\n' + MACHINE.replace('\n', '\r\n'), encoding='utf-8', newline='')
+
+    async def story(page: Page) -> None:
+        opened = await page.ask('open', file='ä round.yaml')
+        found = await page.event('findings', version=1)
+        (error,) = found['findings']
+        assert error['path'] == '/Wait'
+        start, end = error['span']
+        assert opened['text'].encode('utf-16-le')[2 * start : 2 * end].decode('utf-16-le') == 'finishd'
+        await page.ask('edit', file='ä round.yaml', version=1, edits=error['fixes'][0]['edits'])
+        assert (await page.event('findings', version=2))['findings'] == []
+        layout = await page.ask('layout', file='ä round.yaml', folded=[])
+        left, top, width, height = layout['states']['/']
+        inner = layout['states']['/Wait']
+        assert left <= inner[0] and inner[0] + inner[2] <= left + width and inner[1] + inner[3] <= top + height
+        assert {edge['outcome'] for edge in layout['edges']} == {'', 'done'}
+        for arguments in ({}, {'file': 'ä round.yaml'}, {'file': 'missing.yaml', 'folded': []}):
+            with pytest.raises(Refused):
+                await page.ask('layout', **arguments)
+
+    with_pages(folder, story)
+    assert children() == []
+
+
+HANGING = """
+import time
+
+from flexbt_core import EventState
+
+
+class HangingState(EventState):
+    def __init__(self):
+        super().__init__(outcomes=['done'])
+        print('a line that is no answer')
+        time.sleep(1000)
+"""
+
+
+def test_a_state_that_hangs_when_it_is_made_is_told_and_the_page_goes_on(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / 'hanging.py').write_text(HANGING)
+    information = folder / 'hanging-1.dist-info'
+    information.mkdir()
+    (information / 'METADATA').write_text('Metadata-Version: 2.1\nName: hanging\nVersion: 1\n')
+    (information / 'entry_points.txt').write_text('[flexbt.states]\nhanging = hanging\n')
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join([str(folder), os.environ['PYTHONPATH']]))
+    monkeypatch.setattr('flexbt_studio.server.session.MACHINE_SECONDS', 2.0)
+    (folder / 'round.yaml').write_text(MACHINE.replace('WaitState', 'HangingState').replace('wait_time: 1.0', ''))
+
+    async def story(page: Page) -> None:
+        await page.ask('open', file='round.yaml')
+        assert 'hangs' in (await page.event('note', file='round.yaml'))['message']
+        await page.ask('open', file='main.xml')
+        await page.event('findings', file='main.xml')
+        await page.ask('edit', file='round.yaml', version=1, edits=[[0, len(MACHINE) * 2, MACHINE]])
+        assert (await page.event('findings', file='round.yaml'))['findings'][0]['path'] == '/Wait'
+
+    with_pages(folder, story)
+    assert children() == []

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A process that lays out graphs: it keeps Graphviz loaded, which costs a second, and answers in milliseconds.
+"""A worker that lays out graphs: it keeps Graphviz loaded, which costs a second, and answers in milliseconds.
 
-It writes a line when it is ready. Then it reads lines with JSON ``{"dot": …}`` and writes lines with JSON
-``{"layout": …}`` or ``{"error": …}``.
+It reads ``{"dot": …}`` and answers ``{"layout": …}`` or ``{"error": …}``.
 """
 
 from __future__ import annotations
@@ -23,7 +22,3 @@ def main() -> None:
         except (WasiGraphvizError, ValueError) as error:
             answer = {'error': str(error)}
         print(json.dumps(answer), flush=True)
-
-
-if __name__ == '__main__':
-    main()

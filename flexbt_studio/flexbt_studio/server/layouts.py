@@ -9,20 +9,18 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-import sys
-import threading
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from flexbt_studio.errors import StudioError
 
+from .worker import Worker
+
 LAYOUT_SECONDS: Final = 10.0
 """Time for one container, s; then Graphviz is ended. 60 states with 180 transitions take 0.2 s."""
 MOST_STATES: Final = 120
 """States of one container that are laid out; more are arranged as a list."""
-START_SECONDS: Final = 60.0
-"""Time for Graphviz to be loaded, s. It takes one second of a processor."""
 REMEMBERED: Final = 256
 
 HEADER: Final = 34.0
@@ -38,15 +36,11 @@ class Layouts:
 
     def __init__(self) -> None:
         self._made: OrderedDict[str, dict[str, Any]] = OrderedDict()
-        self._worker: subprocess.Popen[str] | None = None
-        self._lock = threading.Lock()
+        self._worker = Worker('flexbt_studio.server.layout_worker')
 
     def close(self) -> None:
         """End Graphviz."""
-        if self._worker is not None:
-            self._worker.kill()
-            self._worker.wait()
-            self._worker = None
+        self._worker.close()
 
     def machine(self, states: Sequence[Mapping[str, Any]], folded: Sequence[str]) -> dict[str, Any]:
         """Return the layout of a machine, by the ``states`` of a view and the paths of the ``folded`` containers.
@@ -121,48 +115,20 @@ class Layouts:
     def _laid_out(self, dot: str) -> dict[str, Any]:
         """Return Graphviz's answer. Raises StudioError if it gives none in time."""
         program = shutil.which('dot')
-        with self._lock:
-            try:
-                if program is not None:
-                    return dict(json.loads(_run([program, '-Tjson0'], dot)))
-                answer = json.loads(self._asked(json.dumps({'dot': dot})))
-            except (OSError, ValueError, subprocess.SubprocessError) as error:
-                self.close()
-                raise StudioError(f'the machine could not be laid out: {error}; it is shown as text') from error
+        try:
+            if program is not None:
+                return dict(json.loads(_run([program, '-Tjson0'], dot)))
+            answer = self._worker.ask({'dot': dot}, LAYOUT_SECONDS)
+        except (OSError, ValueError, subprocess.SubprocessError) as error:
+            raise StudioError(f'the machine could not be laid out: Graphviz: {error}; it is shown as text') from error
         if 'error' in answer:
             raise StudioError(f'the machine could not be laid out: {answer["error"]}; it is shown as text')
         return dict(answer['layout'])
 
     def start(self) -> None:
         """Load Graphviz, so that the first layout is quick. Raises OSError."""
-        if shutil.which('dot') is None and (self._worker is None or self._worker.poll() is not None):
-            command = [sys.executable, '-P', '-m', 'flexbt_studio.server.layout_worker']
-            self._worker = subprocess.Popen(  # noqa: S603
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-            )
-            _line_of(self._worker, START_SECONDS)
-
-    def _asked(self, line: str) -> str:
-        self.start()
-        assert self._worker is not None
-        assert self._worker.stdin is not None
-        self._worker.stdin.write(line + '\n')
-        self._worker.stdin.flush()
-        return _line_of(self._worker, LAYOUT_SECONDS)
-
-
-def _line_of(worker: subprocess.Popen[str], seconds: float) -> str:
-    """Return the next line of a process, which is ended if it writes none in time. Raises OSError."""
-    assert worker.stdout is not None
-    limit = threading.Timer(seconds, worker.kill)
-    limit.start()
-    try:
-        line = worker.stdout.readline()
-    finally:
-        limit.cancel()
-    if not line:
-        raise OSError(f'Graphviz gave no answer within {seconds:g} s')
-    return line
+        if shutil.which('dot') is None:
+            self._worker.start()
 
 
 def _run(command: Sequence[str], text: str) -> str:

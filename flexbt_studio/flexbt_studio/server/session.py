@@ -27,7 +27,9 @@ from flexbt_studio.errors import ConflictError, GestureError, StudioError
 from .jobs import Jobs
 from .layouts import Layouts
 from .live import LiveRobots
-from .workbench import Workbench
+from .page_text import PageText
+from .workbench import Workbench, shown_finding
+from .worker import Worker
 
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
@@ -38,6 +40,8 @@ MOST_WAITING: Final = 64
 """Maximum number of requests of one page that wait; more are refused."""
 SEND_SECONDS: Final = 20.0
 HELLO_SECONDS: Final = 10.0
+MACHINE_SECONDS: Final = 10.0
+"""Time for the check of a machine, s; it makes the states."""
 CHECK_SECONDS: Final = 0.08
 """Time without an edit after which a file is checked, s."""
 
@@ -54,6 +58,8 @@ class Sessions:
         self._pages: set[Page] = set()
         self._thread = ThreadPoolExecutor(1, 'workbench')
         self._drawing = ThreadPoolExecutor(1, 'drawing')
+        self._checking = ThreadPoolExecutor(1, 'checking')
+        self._checker = Worker('flexbt_studio.server.check_worker')
         self._layouts = Layouts()
         self._drawing.submit(self._layouts.start)  # while the page is loaded
         self._checks: dict[str, asyncio.Task[None]] = {}
@@ -70,6 +76,8 @@ class Sessions:
         self._thread.shutdown(wait=False, cancel_futures=True)
         self._drawing.shutdown(wait=False, cancel_futures=True)
         self._layouts.close()
+        self._checking.shutdown(wait=False, cancel_futures=True)
+        self._checker.close()
 
     async def serve(self, socket: web.WebSocketResponse) -> None:
         """Answer the requests of a page until it ends. It has sent the token."""
@@ -184,8 +192,12 @@ class Sessions:
             model = await self._work(self._workbench.model, file)
             model.pop('text')
             self.tell({'event': 'model', **model})
-            found = await self._work(self._workbench.findings, file)
-            self.tell({'event': 'findings', 'file': file, 'version': model['version'], 'findings': found})
+            question = await self._work(self._workbench.question, file)
+            if question['language'] == 'yaml':
+                found = await asyncio.get_running_loop().run_in_executor(self._checking, self._check_machine, question)
+            else:
+                found = await self._work(self._workbench.checked, file)
+            self.tell({'event': 'findings', 'file': file, **found})
         except StudioError as error:
             self.tell({'event': 'note', 'file': file, 'message': str(error)})
         except Exception as error:  # a fault of a checker: the user sees it
@@ -193,6 +205,22 @@ class Sessions:
             self.tell(
                 {'event': 'note', 'file': file, 'message': f'internal fault of the checker: {one_line(str(error))}'}
             )
+
+    def _check_machine(self, question: dict[str, Any]) -> dict[str, Any]:
+        """Return the findings for a machine from the worker. On a thread of its own. Raises StudioError."""
+        try:
+            answer = self._checker.ask(question, MACHINE_SECONDS)
+        except (OSError, ValueError) as error:
+            raise StudioError(
+                f'{question["file"]} could not be checked: a state of it hangs or ends: {error}'
+            ) from error
+        if 'error' in answer:
+            raise StudioError(answer['error'])
+        page = PageText(question['text'])
+        return {
+            'version': question['version'],
+            'findings': [shown_finding(one, page) for one in answer['findings']],
+        }
 
     async def _work(self, function: Any, *arguments: Any) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._thread, partial(function, *arguments))

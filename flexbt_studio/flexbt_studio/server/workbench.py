@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import difflib
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -20,12 +21,12 @@ from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_onboard.behaviors.machine_behavior import installed_states
 from flexbt_server.node_types import node_registry
-from flexbt_studio.documents.diagnostics import Checker, Finding
+from flexbt_studio.documents.diagnostics import Checker
 from flexbt_studio.documents.document import Document, Problem
-from flexbt_studio.documents.editor_help import TreeHelp
+from flexbt_studio.documents.editor_help import MachineHelp, TreeHelp
 from flexbt_studio.documents.palette import node_types, states
 from flexbt_studio.documents.project import Project
-from flexbt_studio.documents.text import Lines
+from flexbt_studio.documents.text import Lines, TextEdit
 from flexbt_studio.errors import StudioError
 
 from .jobs import JobCopy, new_folder
@@ -56,6 +57,7 @@ class Workbench:
         self.notes += broken
         self._checker = Checker(self.project, self._registry, self._skills)
         self._help = TreeHelp(self.project, self._registry)
+        self._machine_help = MachineHelp(self.project, states(self._states))
 
     def job_copy(
         self,
@@ -210,21 +212,24 @@ class Workbench:
         self.project.open(file)
         return self._checker.trees.mocks(file, tree)
 
+    def question(self, file: str) -> dict[str, Any]:
+        """Return what a check of an open file is about: its version, and for a machine what its worker is asked."""
+        opened = self.project.open(file)
+        question: dict[str, Any] = {'version': opened.version, 'language': opened.document.language}
+        if opened.document.language == 'yaml':
+            question |= {'root': str(self.project.root), 'file': file, 'text': opened.document.text}
+        return question
+
+    def checked(self, file: str) -> dict[str, Any]:
+        """Return the version of an open file, and the checker's findings for it."""
+        opened = self.project.open(file)
+        return {'version': opened.version, 'findings': self.findings(file)}
+
     @request
     def findings(self, file: str) -> list[dict[str, Any]]:
         """Return the checker's findings for an open file."""
-        document = self.project.open(file).document
-        page = PageText(document.text)
-        found = self._checker.findings(file)
-        return [self._finding(one, page) for one in found]
-
-    def _finding(self, finding: Finding, page: PageText) -> dict[str, Any]:
-        return {
-            **finding.record,
-            'path': finding.path,
-            'span': [page.to_page(finding.span.start), page.to_page(finding.span.end)],
-            'fixes': [{'title': fix.title, 'edits': page.edits_to_page(fix.edits)} for fix in finding.fixes],
-        }
+        page = PageText(self.project.open(file).document.text)
+        return [shown_finding(asdict(one), page) for one in self._checker.findings(file)]
 
     @request
     def edit(self, file: str, version: int, edits: list[Any]) -> int:
@@ -240,10 +245,11 @@ class Workbench:
 
     @request
     def completions(self, file: str, offset: int) -> list[dict[str, Any]]:
-        """Return what may stand at an offset of an open file of trees, the likeliest first."""
+        """Return what may stand at an offset of an open file, the likeliest first."""
         document = self.project.open(file).document
         page = PageText(document.text)
-        found = self._help.completions(file, page.from_page(offset)) if document.language == 'xml' else []
+        helper = {'xml': self._help, 'yaml': self._machine_help}.get(document.language)
+        found = [] if helper is None else helper.completions(file, page.from_page(offset))
         return [{**one._asdict(), 'span': [page.to_page(one.span.start), page.to_page(one.span.end)]} for one in found]
 
     @request
@@ -277,3 +283,14 @@ class Workbench:
         """Return the text that is on disk now, and its identity for ``save``."""
         text, disk = self.project.text_on_disk(file)
         return {'text': shown(text), 'disk': disk}
+
+
+def shown_finding(finding: Mapping[str, Any], page: PageText) -> dict[str, Any]:
+    """Return a finding, as plain data, with the offsets of the page."""
+    fixes = [{'title': one['title'], 'edits': [TextEdit(*edit) for edit in one['edits']]} for one in finding['fixes']]
+    return {
+        **finding['record'],
+        'path': finding['path'],
+        'span': [page.to_page(offset) for offset in finding['span']],
+        'fixes': [{**one, 'edits': page.edits_to_page(one['edits'])} for one in fixes],
+    }
