@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from itertools import islice
 from types import MappingProxyType
 from typing import Final, TypeVar
 
@@ -31,13 +32,17 @@ _Key = TypeVar('_Key')
 _Value = TypeVar('_Value')
 
 
+MAX_PROBLEMS: Final = 200
+"""Maximum number of problems of a machine that are reported."""
+
+
 def define(machine: Machine) -> MachineDefinition:
     """Check a whole machine and return its definition.
 
     Raises:
-        MachineError: the machine has problems; the error lists all of them.
+        MachineError: the machine has problems; the error lists all of them, up to MAX_PROBLEMS.
     """
-    problems = list(problems_of(machine))
+    problems = list(islice(problems_of(machine), MAX_PROBLEMS))
     if problems:
         raise MachineError(problems)
     definition = _define(machine, ROOT_PATH, '', {}, {})
@@ -113,6 +118,8 @@ def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[Mach
     if not machine.outcomes:
         yield MachineProblem(path, 'the machine has no outcomes', ('outcomes',))
     labels: set[str] = set()
+    is_concurrent = machine.kind is StateKind.CONCURRENCY
+    targets = dict.fromkeys([*(child.label for child in machine.children if not is_concurrent), *machine.outcomes])
     for child in machine.children:
         own = child_path(path, child.label)
         yield from _label(own, child.label, labels, machine)
@@ -122,10 +129,10 @@ def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[Mach
             yield MachineProblem(own, f'the same state object is also {seen[id(state)]}; make one for each place')
             continue
         seen[id(state)] = own
-        yield from _transitions(own, child, machine)
+        yield from _transitions(own, child, targets, is_concurrent=is_concurrent)
         yield from _keys(own, child.state)
         yield from _remapping(own, child)
-    if machine.kind is StateKind.CONCURRENCY:
+    if is_concurrent:
         yield from problems_of_conditions(path, machine)
     else:
         yield from _reachability(path, machine)
@@ -160,10 +167,8 @@ def _reserved(path: str, outcomes: Collection[str]) -> Iterator[MachineProblem]:
             yield MachineProblem(path, text, ('outcomes', outcome))
 
 
-def _transitions(own: str, child: Child, machine: Machine) -> Iterator[MachineProblem]:
+def _transitions(own: str, child: Child, targets: Collection[str], *, is_concurrent: bool) -> Iterator[MachineProblem]:
     outcomes = child.state.outcomes
-    is_concurrent = machine.kind is StateKind.CONCURRENCY
-    targets = [*(sibling.label for sibling in machine.children if not is_concurrent), *machine.outcomes]
     for outcome in outcomes:
         if outcome not in child.transitions and not is_concurrent:
             yield MachineProblem(own, f"the outcome '{outcome}' leads nowhere; add it to transitions", ('transitions',))
@@ -253,6 +258,9 @@ def _data_flow(path: str, machine: Machine) -> Iterator[MachineProblem]:
 _SEARCHED: Final = 20_000
 """Maximum number of checked combinations of outcomes; a run detects problems in the others."""
 
+_SEARCHED_CHILDREN: Final = 200
+"""Maximum number of children whose outcomes are combined."""
+
 
 def problems_of_conditions(path: str, container: Machine) -> Iterator[MachineProblem]:
     """Yield the problems of the conditions."""
@@ -333,4 +341,4 @@ def _uncovered(possible: Mapping[str, Sequence[str]], conditions: Sequence[EndCo
             del ended[label]
         return False
 
-    return ended if search(conditions) else None
+    return ended if len(labels) <= _SEARCHED_CHILDREN and search(conditions) else None

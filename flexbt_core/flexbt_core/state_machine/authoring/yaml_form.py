@@ -107,6 +107,9 @@ Behaviors = Callable[[str], EmbeddableBehavior]
 MAX_CHARACTERS: Final = 1_000_000
 """Maximum length of a text."""
 
+MAX_STATES: Final = 5000
+"""Maximum number of states of one machine in a text."""
+
 _MOST_PROBLEMS: Final = 100
 _CONTAINERS: Final[dict[str, type[OperatableStateMachine]]] = {
     'machine': OperatableStateMachine,
@@ -216,8 +219,11 @@ class _Reader(StrictYamlParts):
             options['userdata'] = self.values(entries['userdata'], f'userdata of {what}')
         if 'autonomy' in entries:
             options['autonomy'] = self._level(entries['autonomy'], f'autonomy of {what}')
-        states = self.mapping(entries.get('states'), f'states of {what}').items()
-        children = [self._child(label, one, f'{path.rstrip("/")}/{label}') for label, one in states]
+        states = self.mapping(entries.get('states'), f'states of {what}')
+        if len(states) > MAX_STATES:
+            self.problem(self.key_of(entries['states']), f'{what} has {len(states)} states; at most {MAX_STATES}')
+            states = {}
+        children = [self._child(label, one, f'{path.rstrip("/")}/{label}') for label, one in states.items()]
         return _CONTAINERS[kind](children=children, **options)
 
     def _child(self, label: str, node: yaml.Node, path: str) -> Child:
