@@ -97,6 +97,8 @@ class Project:
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root).resolve()
         self._open: dict[str, OpenFile] = {}
+        self._kinds: dict[Path, tuple[tuple[int, int], Kind | None]] = {}
+        """Kinds of the files on disk, with time and size of each when it was looked into."""
 
     def files(self) -> list[dict[str, str]]:
         """Return name and kind of each file that the studio opens, in order of names."""
@@ -106,11 +108,21 @@ class Project:
             if count == MOST_FILES:
                 break
             name = path.relative_to(self.root).as_posix()
-            text = self._open[name].document.text if name in self._open else _beginning(path)
-            kind = kind_of(name, text)
+            kind = kind_of(name, self._open[name].document.text) if name in self._open else self._kind_on_disk(path)
             if kind is not None:
                 found.append({'file': name, 'kind': kind.name})
         return sorted(found, key=lambda one: one['file'])
+
+    def _kind_on_disk(self, path: Path) -> Kind | None:
+        try:
+            status = path.stat()
+        except OSError:
+            return None
+        stamp = status.st_mtime_ns, status.st_size
+        known = self._kinds.get(path)
+        if known is None or known[0] != stamp:
+            known = self._kinds[path] = stamp, kind_of(path.name, _beginning(path))
+        return known[1]
 
     def _walk(self, suffixes: set[str]) -> Iterator[Path]:
         for folder, folders, names in os.walk(self.root):
