@@ -159,10 +159,10 @@ class Robots(FleetLink):
         """Return the robot."""
         return self._robot.mirror, self._robot
 
-    def open(self, name: str) -> None:
+    def open(self, name: str, operator: str = '') -> None:
         """Measure with it open."""
 
-    def close(self, name: str) -> None:
+    def close(self, name: str, operator: str = '') -> None:
         """Keep it open."""
 
 

@@ -9,6 +9,7 @@ It needs tmux, selenium, Chromium and its driver.
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 import subprocess
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from selenium import webdriver
+from selenium.common.exceptions import WebDriverException
 from selenium.webdriver.chrome.service import Service
 from target import target
 
@@ -61,7 +63,15 @@ class Page:
         for flag in [*FLAGS.split(), 'window-size={},{}'.format(*SIZE)]:
             options.add_argument(f'--{flag}')
         self.driver = webdriver.Chrome(options=options, service=Service(shutil.which('chromedriver')))
-        self.driver.get(url)
+        wait_for(lambda: self._opens(url), 'the server of the page')
+        self.run('localStorage.setItem("flexbt-operator", JSON.stringify("ann"))')  # it asks for no name then
+        self.driver.refresh()
+
+    def _opens(self, url: str) -> bool:
+        with contextlib.suppress(WebDriverException):
+            self.driver.get(url)
+            return True
+        return False
 
     def run(self, script: str, *words: str) -> Any:
         """Run a script in the page."""
@@ -97,11 +107,11 @@ def main(directory: Path) -> None:
             page.wait_text('decision-line', 'Where shall the robot go')
             page.answer('kitchen')
             page.wait_text('decision-line', 'Is the path good')
-            wait_for(lambda: page.run('return document.querySelector("#machine svg") !== null'), 'the machine')
+            wait_for(lambda: page.run('return document.querySelector("#machine .graph") !== null'), 'the machine')
             wait_for(lambda: page.run('return !document.querySelector("[data-choice=done]").disabled'), 'the answer')
             time.sleep(1.0)  # an answer that comes at once is ignored
             page.run('document.querySelector("[data-choice=done]").click()')
-            wait_for(lambda: page.run('return document.querySelector("#trees svg") !== null'), 'the tree')
+            wait_for(lambda: page.run('return document.querySelector("#trees .graph") !== null'), 'the tree')
             page.wait_text('pose', r'x [2-9]\.\d+ m')
             for scheme, name in PICTURES.items():
                 page.picture(scheme, directory / name)

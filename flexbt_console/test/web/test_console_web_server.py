@@ -331,7 +331,7 @@ def test_a_container_is_folded_for_the_page_that_wants_it() -> None:
         assert 'id="m1in"' in shown() and opened.parts['machine']['containers'] == [0, 1]
         await opened.socket.send_json({'fold': ['/Watch', '/', '/Nowhere']})
         await opened.until(lambda: 'id="s1"' in shown())
-        assert '1 states, folded' in shown() and 'id="s2"' not in shown()
+        assert '1 state, folded' in shown() and 'id="s2"' not in shown()
         for wrong in ('/Watch', [1], ['/x'] * (MOST_FOLDED + 1)):
             assert '"fold" is a list' in await opened.ask(fold=wrong)
         await opened.socket.send_json({'fold': []})

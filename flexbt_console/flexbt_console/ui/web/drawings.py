@@ -78,6 +78,6 @@ def _machine_drawing(structure: Structure, folded: frozenset[str]) -> Drawing:
     for place, state in enumerate(states[1:], 1):
         if state.path in folded and state.kind != 'state':
             inside = sum(other.path.startswith(f'{state.path}/') for other in states)
-            states[place] = replace(state, kind='state', type=f'▸ {inside} states, folded')
+            states[place] = replace(state, kind='state', type=f'▸ {inside} state{"s" * (inside != 1)}, folded')
     dot = '\n'.join(machine_as_dot(machine_graph(states), structure.behavior))
     return Drawing(hashlib.sha256(dot.encode()).hexdigest()[:16], dot)

@@ -3,7 +3,7 @@
 
 import {ACTIONS, Commands} from './commands.js';
 import {DecisionBar, element, plain} from './decision.js';
-import {drawTree, has, keep, mark, offer, part, press, show, spread, statuses} from './drawing.js';
+import {LEAST, drawTree, has, keep, mark, offer, part, press, show, spread, statuses} from './drawing.js';
 import {RobotMap} from './map.js';
 import {panels} from './panels.js';
 import {ServerLink} from './server_link.js';
@@ -156,7 +156,7 @@ function treePane(id) {
   const svg = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
   const drawing = element('div', {class: 'drawing', tabindex: '0', role: 'group', 'aria-label': 'diagram of the tree: + and - zoom, arrows move it, 0 fits it'}, svg);
   const pane = element('div', {'data-id': id, class: 'tree'}, element('p', {'aria-live': 'polite'}), drawing);
-  return Object.assign(pane, {svg, view: viewport(svg)});
+  return Object.assign(pane, {svg, view: viewport(svg, {grows: 1 / LEAST})});
 }
 
 function drawTrees() {

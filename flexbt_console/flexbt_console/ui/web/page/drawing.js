@@ -143,7 +143,7 @@ export function statuses(svg, current, last) {
 // Trees: children beside each other in their order, each parent in the middle above its children (Reingold and Tilford 1981), or to the left of them.
 
 const FONT = 13, LINE = 16, GAP = 14, LEVEL = 30;
-const LEAST = 12 / FONT;  // the scale at which labels have 12 pixels
+export const LEAST = 12 / FONT;  // the scale at which labels of a tree have 12 pixels
 const measure = document.createElement('canvas').getContext('2d');
 
 function sizeOf(lines) {
@@ -213,7 +213,7 @@ export function drawTree(svg, nodes, folded, fold) {
     });
     const {clientWidth: width, clientHeight: height} = svg.parentElement;
     return {form, isRight, places, x: box.left - 12, y: box.top - 8, width: box.right - box.left + 24, height: box.bottom - box.top + 16,
-      scale: Math.min(width / (box.right - box.left), height / (box.bottom - box.top))};
+      scale: Math.min(width / (box.right - box.left + 42), height / (box.bottom - box.top + 34))};
   });
   const best = layouts.find(({scale}) => scale >= LEAST) ?? layouts.reduce((a, b) => b.scale > a.scale ? b : a), {form, places, isRight} = best;
   const group = svgElement('g', {class: 'graph'});
