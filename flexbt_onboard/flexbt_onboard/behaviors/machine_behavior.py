@@ -185,9 +185,9 @@ def _declared(parts: StrictYamlParts, make: type[_Declared], kind: str, node: ya
                 values[key] = parts.name(value, f'{key} of {what}', 'a text')
             elif key in types:
                 values[key] = parts.value(value, f'{key} of {what}')
-                wanted = _TYPES.get(types[key])
-                if wanted and type(values[key]) not in wanted and len(parts.records) == before:
-                    parts.problem(value, f'{key} of {what} has to be a {wanted[0].__name__}')
+                expected, kinds = _TYPES.get(types[key], ('', ()))
+                if kinds and type(values[key]) not in kinds and len(parts.records) == before:
+                    parts.problem(value, f'{key} of {what} has to be {expected}')
         if kind == 'parameter' and 'default' not in entries:
             parts.problem(parts.key_of(one), f'{what} has no default; it determines the type')
         if len(parts.records) == before:
@@ -199,8 +199,8 @@ def _declared(parts: StrictYamlParts, make: type[_Declared], kind: str, node: ya
     return made
 
 
-_TYPES: Final[dict[str, tuple[type, ...]]] = {
-    'bool': (bool,),
-    'float | None': (float, int),
-    'Sequence[ParameterValue]': (list,),
+_TYPES: Final[dict[str, tuple[str, tuple[type, ...]]]] = {
+    'bool': ('true or false', (bool,)),
+    'float | None': ('a number', (int, float)),
+    'Sequence[ParameterValue]': ('a list', (list,)),
 }
