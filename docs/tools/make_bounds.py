@@ -36,7 +36,7 @@ from flexbt_sim.world.plane.occupancy_map import MAX_CELLS, MAX_RESOLUTION, MIN_
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'interfaces.md'
 BEGIN: Final = '<!-- written by docs/tools/make_bounds.py -->\n'
 END: Final = '<!-- end of what is written -->\n'
-PARTS: Final = {'Goal': 'action', 'Request': 'srv'}
+PARTS: Final = {'Goal': 'action', 'Request': 'srv', 'Response': 'srv'}
 """The suffix of a type's name, and the folder of the interface that it is part of."""
 
 

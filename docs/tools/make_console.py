@@ -57,7 +57,7 @@ SHARED_OPTIONS: Final = [option for option, uses in USES.items() if uses > 1 and
 def page() -> str:
     """Return the whole page."""
     lines = [HEAD]
-    lines += [', '.join(f'[{spec.name}](#{spec.name})' for spec in COMMANDS)]
+    lines += [', '.join(f'[{spec.name}](#{spec.name.replace(" ", "-")})' for spec in COMMANDS)]
     lines += [OPTIONS, *map(_row, COMMON_OPTIONS)]
     lines += [SENDING, *map(_row, SHARED_OPTIONS)]
     lines += [CODES, *(f'| {code.value} | {_cell(meaning)} |' for code, meaning in EXIT_CODES.items()), '']

@@ -41,9 +41,12 @@ BEHAVIOR_TREE_LOG: Final = 'behavior_tree_log'
 # Topics of the BT server
 TREE_STRUCTURE: Final = 'tree_structure'
 TREE_STATUS: Final = 'tree_status'
+TREE_DEBUGGING: Final = 'tree_debugging'
+BEHAVIOR_TREE_XML: Final = 'behavior_tree_xml'
 
-# Service of the BT server
+# Services of the BT server
 CONTROL_TREE: Final = 'control_tree'
+GET_TREE_BLACKBOARD: Final = 'get_tree_blackboard'
 
 # Actions of the onboard executive
 OPERATOR_INPUT: Final = 'operator_input'

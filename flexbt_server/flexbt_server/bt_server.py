@@ -2,7 +2,8 @@
 """The managed node ``bt_server``: it loads behavior trees and runs them. A separate thread reads files.
 
 It offers the actions ``bt_loader``, ``bt_executor``, ``bt_get_data`` and ``bt_set_data`` (defined in flexbt_msgs), the
-topics ``tree_structure`` and ``tree_status``, and the service ``control_tree``.
+topics ``tree_structure``, ``tree_status`` and ``tree_debugging``, and the services ``control_tree`` and
+``get_tree_blackboard``.
 """
 
 from __future__ import annotations
@@ -24,15 +25,17 @@ from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_core.clock.work_thread import LateWork, WorkThread
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.msg import BtLoadReport
+from flexbt_server.actions.control_server import ControlServer
 from flexbt_server.actions.data_servers import DataServers, LoadServer
-from flexbt_server.actions.execute_server import ControlServer, ExecuteServer
+from flexbt_server.actions.execute_server import ExecuteServer
 from flexbt_server.actions.tree_goals import TreeGoals
 from flexbt_server.leaves.leaf_services import EndingGoals, LeafServices, RobotFrames, TriggerServices
 from flexbt_server.leaves.topic_cache import SubscribedTopic, TopicCaches
 from flexbt_server.navigators.activation import subscribed_topics
 from flexbt_server.navigators.bt_navigator import Navigators
 from flexbt_server.runs.run_events import RunWatcher
-from flexbt_server.runs.run_logs import Groot2Runs, RunLogs, TreeLogs
+from flexbt_server.runs.run_logs import Groot2Runs, RunLogs, TreeDocuments, TreeLogs
+from flexbt_server.runs.tree_debugger import TreeDebugger
 from flexbt_server.runs.tree_stream import TreeStream
 from flexbt_server.trees.blackboards import Blackboards
 from flexbt_server.trees.ros_ports import RosJsonTypes
@@ -109,12 +112,13 @@ class BtServer:
         admission = self._admission = GoalAdmission('the BT server', refusal)
 
         types = RosJsonTypes(registry.json_types)
-        watchers = runtime.call(lambda: self._watchers(runtime, parameters, types))
+        debugger = runtime.call(lambda: TreeDebugger(runtime))
+        watchers = [debugger, *runtime.call(lambda: self._watchers(runtime, parameters, types))]
         goals = self.goals = runtime.call(
             lambda: TreeGoals(runtime, parameters, store, boards, services, reader, watchers)
         )
         self.execute = runtime.call(lambda: ExecuteServer(runtime, parameters.default_tree, goals, boards, admission))
-        self.control = runtime.call(lambda: ControlServer(runtime, goals))
+        self.control = runtime.call(lambda: ControlServer(runtime, goals, debugger, store, reader))
         self.load = runtime.call(lambda: LoadServer(runtime, store, reader, admission))
         self.data = runtime.call(lambda: DataServers(runtime, boards, reader, goals, admission))
         self.navigators = runtime.call(
@@ -166,10 +170,11 @@ class BtServer:
             )
         if parameters.btlog_directory is not None:
             watchers.append(RunLogs(runtime, parameters.btlog_directory, parameters.btlog_keep))
-        if parameters.navigators.navigators:
-            watchers.append(TreeLogs(runtime))
+        has_navigators = bool(parameters.navigators.navigators)
+        if has_navigators or parameters.publish_statuses:
+            watchers.append(TreeLogs(runtime, always=has_navigators))
         if parameters.publish_statuses:
-            watchers.append(TreeStream(runtime))
+            watchers += [TreeStream(runtime), TreeDocuments(runtime)]
         return watchers
 
     def _preload(self, store: TreeStore, files: tuple[str, ...]) -> None:

@@ -5,7 +5,8 @@ FlexbtError
 └── BtServerError
     ├── ServerParameterError    a parameter has a value that cannot work
     ├── UnknownTreeError        a goal names a tree that is not loaded and cannot be
-    └── UnknownRunError         a command names a run that does not exist, or is ambiguous
+    ├── UnknownRunError         a command names a run that does not exist, or is ambiguous
+    └── BreakpointError         a breakpoint cannot be set or cleared
 """
 
 from __future__ import annotations
@@ -27,3 +28,7 @@ class UnknownTreeError(BtServerError):
 
 class UnknownRunError(BtServerError):
     """A command names a run that does not exist, or is ambiguous."""
+
+
+class BreakpointError(BtServerError):
+    """A breakpoint cannot be set or cleared: its node does not exist, or its condition is wrong."""

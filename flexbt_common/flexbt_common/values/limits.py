@@ -46,6 +46,12 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/BtExecute_Goal.behavior_tree': 4_096,  # it may be a file
     'flexbt_msgs/TreeStructure.nodes': 100_000,  # a file may have 65,535, and a running tree may get more
     'flexbt_msgs/TreeNode.path': 100_000,  # the names of all that a node is in
+    'flexbt_msgs/TreeBreakpoint.path': 4_096,
+    'flexbt_msgs/TreeHold.path': 100_000,
+    'flexbt_msgs/ControlTree_Request.node': 4_096,
+    'flexbt_msgs/BlackboardWrites.scope': 100_000,
+    'flexbt_msgs/BlackboardWrites.writers[]': 100_000,
+    'flexbt_msgs/GetTreeBlackboard_Response.entries': 10_000,
     'flexbt_msgs/TreeStatus.statuses': 100_000,
     'flexbt_msgs/TreeStatus.changes': 10_000,
     'flexbt_msgs/SynthesizeBehavior_Goal.capabilities': 1_000_000,

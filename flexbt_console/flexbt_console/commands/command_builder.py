@@ -25,7 +25,7 @@ from flexbt_console.mirror.records import (
     StateKind,
 )
 from flexbt_console.mirror.view import View
-from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
 from .operator_values import answer, parameter_value
 
@@ -159,6 +159,24 @@ class CommandBuilder:
             _check_shown(view, decision, unseen)
             decision_id = decision.id
         return self.command(view, CommandKind.CONFIRM, decision_id=decision_id)
+
+    def step(self, view: View, kind: CommandKind, decision_id: str = '', *, unseen: bool = False) -> OperatorCommand:
+        """Confirm a transition, and hold a later one; see :meth:`confirm`."""
+        return replace(self.confirm(view, decision_id, unseen=unseen), kind=kind)
+
+    def at_hold(
+        self, kind: CommandKind, view: View, run_id: str = '', node: str = '', condition: str = ''
+    ) -> OperatorCommand:
+        """Return a command for a tree that is held or paused; the default is the only one.
+
+        Raises:
+            RefusedError: no tree is held, or several are.
+        """
+        holds = view.snapshot.tree_holds if view.snapshot else ()
+        if not run_id and len(holds) != 1:
+            listed = ', '.join(f'{one_line(hold.run_id)} ({one_line(hold.tree)})' for hold in holds)
+            raise RefusedError(f'several trees are held; name one by --run: {listed}' if holds else 'no tree is held')
+        return self.command(view, kind, tree_run_id=run_id or holds[0].run_id, path=node, text=condition)
 
     def choose(self, view: View, decision: Decision, outcome: str, *, unseen: bool = False) -> OperatorCommand:
         """Answer a decision by an outcome: confirm it if the state wants it, else force it.

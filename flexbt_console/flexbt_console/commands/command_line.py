@@ -66,6 +66,8 @@ def parse(words: Sequence[str]) -> CommandLine:
             _take_option(word, rest, spec, options)
         elif spec is NO_COMMAND:
             spec = _find(word)
+        elif not positional and (longer := find(f'{spec.name} {word}')) is not None:
+            spec = longer
         else:
             positional.append(word)
     line = CommandLine(spec, spec.joined(positional), options, ros_arguments)

@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
 from flexbt_console.mirror.view import View
 
 from .command_line import COMMON_OPTIONS
-from .registry import COMMANDS, find
+from .registry import COMMANDS, begun
 from .spec import NO_COMMAND, CommandSpec, Option, Typed, short_answers
 
 BUILT_IN = ('help', 'quit')
@@ -68,10 +68,15 @@ def _words(before: list[str], last: str, view: View) -> Iterable[str]:
         return [*_single(short_answers(Typed((), view))), *names, *BUILT_IN]
     if before[0] == 'help':
         return names
-    spec = find(before[0])
+    spec, given = begun(before)
     if spec is None or not spec.in_prompt:
         return ()
-    return next_words(spec, before[1:], last, spec.prompt_options, view)[0]
+    return [*_second_words(spec, given), *next_words(spec, list(given), last, spec.prompt_options, view)[0]]
+
+
+def _second_words(spec: CommandSpec, given: Sequence[str]) -> list[str]:
+    """Return the words that make the name of another command of this one."""
+    return [] if given else [one.name.split()[1] for one in COMMANDS if one.name.startswith(f'{spec.name} ')]
 
 
 def next_words(
@@ -175,10 +180,10 @@ def read_line(text: str) -> ShellLine | None:
     written = re.split(r'(?<!\\)\s', text)[-1]
     namespaces = [after for word, after in pairwise(before) if word == '--namespace']
     namespaces += [word.partition('=')[2] for word in before if word.startswith('--namespace=')]
-    spec = find(before[name]) if name is not None else NO_COMMAND
+    spec, after = begun(before[name:]) if name is not None else (NO_COMMAND, ())
     if spec is None:
         return None
-    given = before if name is None else before[:name] + before[name + 1 :]
+    given = before if name is None else [*before[:name], *after]
     unquoted = _before_quote(text, end) if end else None
     return ShellLine(spec, given, last.removesuffix(_CURSOR), written, unquoted, namespaces[-1] if namespaces else '')
 
@@ -192,9 +197,9 @@ def shell_words(line: ShellLine, view: View, robots: tuple[str, ...] = ()) -> tu
         words = [f'{option}={word}' for word in found]
     else:
         found, asks = next_words(spec, line.given, line.last, known, view, robots)
-        words = list(found)
+        words = [*_second_words(spec, line.given), *found] if spec is not NO_COMMAND else list(found)
         if spec is NO_COMMAND and not line.names_robot:
-            words += [one.name for one in COMMANDS]
+            words += _single(one.name for one in COMMANDS)
     fitting = [word for word in dict.fromkeys(words) if word.startswith(line.last) and word.isprintable()]
     return fitting, asks
 

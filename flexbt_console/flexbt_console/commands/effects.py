@@ -17,7 +17,7 @@ from flexbt_console.mirror.records import (
     OperatorCommand,
     SynthesisRequest,
 )
-from flexbt_console.mirror.trees import MirroredTree
+from flexbt_console.mirror.trees import MirroredNode, MirroredTree
 from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import map_json, status_json, structure_json, tree_json
 from flexbt_console.present.rendering import (
@@ -30,7 +30,8 @@ from flexbt_console.present.rendering import (
     synthesis_lines,
     userdata_lines,
 )
-from flexbt_core.values.text import one_line
+from flexbt_console.present.style import toned
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
 from .command_builder import CommandBuilder, find_behavior
 from .operator_values import assignment, autonomy_level, capability_text, line_count, map_size, retry_count, start_input
@@ -145,6 +146,41 @@ DECLINE: Final = Send(
     lambda line, view, builder: builder.decline(view, line.value(DECISION) or line.first_word),
     Answers(_VALUES, _names_decision),
 )
+
+
+def of_tree(kind: CommandKind) -> Send:
+    """Return a command that sets or clears something at a tree: at the node, for the result, that the line names."""
+
+    def build(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+        path, outcome = (*line.words, '', '')[:2]
+        fields = {
+            'path': path,
+            'outcome': outcome.upper(),
+            'text': line.value('--if'),
+            'behavior': line.value('--tree'),
+        }
+        return builder.command(view, kind, tree_run_id=line.value('--run'), **fields)
+
+    return Send((kind,), build)
+
+
+def of_held_tree(kind: CommandKind) -> Send:
+    """Return a command for the tree that is held, or that the line names."""
+
+    def build(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+        return builder.at_hold(kind, view, line.value('--run'), line.first_word, line.value('--if'))
+
+    return Send((kind,), build)
+
+
+def _step(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+    return builder.step(view, STEPS[line.words[0]], line.value(DECISION), unseen=line.has(UNSEEN))
+
+
+STEPS: Final = {'into': CommandKind.STEP_INTO, 'over': CommandKind.STEP_OVER, 'out': CommandKind.STEP_OUT}
+"""Kinds of steps of a state machine, by their words."""
+
+STEP: Final = Send(tuple(STEPS.values()), _step, Answers(_OUTCOMES, lambda line, view: False))
 RESUME: Final = Send((CommandKind.RESUME, CommandKind.RESUME_RUN), lambda line, view, builder: builder.resume(view))
 REPEAT: Final = Send((CommandKind.REPEAT,), lambda line, view, builder: builder.repeat(view, line.first_word))
 NOTE: Final = Send(
@@ -166,7 +202,13 @@ SURROUNDINGS_SECONDS: Final = 2.0
 
 
 def status(line: CommandLine, view: View, mirror: Mirror) -> Reading:
-    return Reading(status_json(view), status_lines(view))
+    shown = status_lines(view)
+    if view.snapshot is not None and (view.snapshot.tree_holds or view.snapshot.tree_breakpoints):
+        from flexbt_console.present.debugging import breakpoint_lines, held_lines  # what only this needs
+
+        shown += [toned(f'held      {text}', text) for text in held_lines(view.snapshot)]
+        shown += [toned(f'debugged  {text}', text) for text in breakpoint_lines(view.snapshot)]
+    return Reading(status_json(view), shown)
 
 
 def behaviors(line: CommandLine, view: View, mirror: Mirror) -> Reading:
@@ -229,6 +271,39 @@ def tree(line: CommandLine, inquiry: Inquiry) -> Reading:
     runs = view.running_trees or told(view)[:1]
     shown = [line for run in runs for line in ('', *whole_tree_lines(run, glyphs()))][1:]
     return Reading([tree_json(run, chains_of_failures(run)) for run in runs], shown)
+
+
+def tree_why(line: CommandLine, inquiry: Inquiry) -> Reading:
+    from flexbt_console.present.debugging import why_lines  # what only this needs
+
+    run, node, view = _node_of_tree(line, inquiry)
+    lines = why_lines(run, node.uid, view.snapshot)
+    return Reading({'run_id': run.run_id, 'node': node.path, 'why': [str(one) for one in lines]}, lines)
+
+
+def _node_of_tree(line: CommandLine, inquiry: Inquiry) -> tuple[MirroredTree, MirroredNode, View]:
+    view = inquiry.robot.surroundings(lambda view: bool(view.running_trees), min(inquiry.timeout, SURROUNDINGS_SECONDS))
+    runs = [run for run in view.trees if run.sequence > 0 and line.value('--run') in ('', run.run_id)]
+    runs = [run for run in runs if run.is_running] or runs[:1]
+    if not runs:
+        raise RefusedError('no such tree has run, or the BT server is gone')
+    name = line.words[0]
+    nodes = [(run, node) for run in runs for node in run.nodes]
+    found = [one for one in nodes if name == one[1].path] or [
+        one for one in nodes if f'/{one[1].path}'.endswith(f'/{name}') or one[1].name == name
+    ]
+    if len(found) != 1:
+        paths = ', '.join(one_line(node.path) for _, node in found[:10])
+        hint = f'is ambiguous: {paths}' if found else 'is no node' + did_you_mean(name, {one.name for _, one in nodes})
+        raise RefusedError(f'{short_repr(name)} {hint}')
+    return (*found[0], view)
+
+
+def tree_blackboard(line: CommandLine, inquiry: Inquiry) -> Reading:
+    from flexbt_console.present.debugging import blackboard_lines  # what only this needs
+
+    board = inquiry.robot.blackboard(line.value('--run'), line.words, inquiry.timeout)
+    return Reading(board, blackboard_lines(board))
 
 
 def map_of_robot(line: CommandLine, inquiry: Inquiry) -> Reading:

@@ -131,6 +131,11 @@ def one_of(choices: Sequence[str]) -> Callable[[str], str]:
     return read
 
 
+def node_result(text: str) -> str:
+    """Return the result of a node. Raises UsageError if it is neither SUCCESS nor FAILURE."""
+    return one_of(('SUCCESS', 'FAILURE'))(text.upper())
+
+
 _CAPABILITIES: Final = 1_000_000
 
 

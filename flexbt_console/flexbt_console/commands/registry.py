@@ -7,6 +7,7 @@ effect in the engine; ``docs/tools/make_console.py`` writes its documentation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -22,6 +23,7 @@ from .operator_values import (
     autonomy_level,
     line_count,
     map_size,
+    node_result,
     one_of,
     port_number,
     retry_count,
@@ -76,6 +78,13 @@ _BEHAVIOR = (
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
     '--wait-timeout', 'stop waiting after this time (exit code 4)', 'SECONDS', in_prompt=False, read=seconds
+)
+_RUN = Option('--run', 'run of the tree, if several run', 'ID', values=spec.tree_runs)
+_TREE = Option('--tree', 'tree, by its identifier, also if it does not run (default: the one that runs)', 'ID')
+_IF = Option('--if', 'condition, a script of the tree: hold only while it is true', 'SCRIPT')
+_NODE_DETAILS: Final = (
+    'NODE is the path of a node, or its last part if that is unique. What was set holds for every run of the tree, '
+    'until it is cleared or the BT server ends; "status" lists it.'
 )
 _PATH_DETAILS: Final = 'PATH is a state or container, in full or its last labels when they are unique.'
 _VALUE_DETAILS: Final = (
@@ -137,6 +146,89 @@ COMMANDS: Final = (
             'A halted node shows how it ended before. Nodes that failed by themselves are listed at the end, each with '
             'the ancestors that failed because of it.',
         ),
+    ),
+    CommandSpec(
+        'tree why',
+        'show why a node of a running tree is not running: the decisions above it',
+        Ask(effects.tree_why),
+        (Argument('NODE', values=spec.tree_nodes),),
+        (_RUN,),
+    ),
+    CommandSpec(
+        'tree blackboard',
+        'show the blackboards of a running tree, with who wrote what and when',
+        Ask(effects.tree_blackboard),
+        (Argument('KEY', required=False, repeated=True),),
+        (_RUN,),
+        details=('Writes are recorded while anything is set at the tree: a breakpoint, or "tree record".',),
+    ),
+    _sent(
+        'break',
+        'hold a tree before each tick of a node',
+        effects.of_tree(CommandKind.TREE_BREAK),
+        (Argument('NODE', values=spec.tree_nodes),),
+        (_IF, _TREE, _RUN),
+        details=(
+            _NODE_DETAILS,
+            'While it is held, leaves hold their goals where they can, so that the robot stands; "stop" works. A '
+            'condition that cannot be evaluated holds the tree, too, and says why.',
+        ),
+    ),
+    _sent(
+        'tree pause',
+        'pause a tree between two ticks',
+        effects.of_tree(CommandKind.TREE_PAUSE),
+        options=(_RUN,),
+    ),
+    _sent(
+        'tree step',
+        'tick a held or paused tree once, or to the end of the tick in which it is held',
+        effects.of_held_tree(CommandKind.TREE_STEP),
+        options=(_RUN,),
+    ),
+    _sent(
+        'tree continue',
+        'let a held or paused tree go on',
+        effects.of_held_tree(CommandKind.TREE_CONTINUE),
+        options=(_RUN,),
+    ),
+    _sent(
+        'tree run-to',
+        'let a held or paused tree go on until it gets to a node',
+        effects.of_held_tree(CommandKind.TREE_RUN_TO),
+        (Argument('NODE', values=spec.tree_nodes),),
+        (_IF, _RUN),
+    ),
+    _sent(
+        'tree force',
+        'give a node a result at its next tick, without ticking it',
+        effects.of_tree(CommandKind.TREE_FORCE),
+        (Argument('NODE', values=spec.tree_nodes), Argument('RESULT', values=spec.results, read=node_result)),
+        (_TREE, _RUN),
+        details=(_NODE_DETAILS, 'RESULT is SUCCESS or FAILURE. A node that runs is halted. It happens once.'),
+    ),
+    _sent(
+        'tree dummy',
+        'replace a node by a dummy that always gives a result',
+        effects.of_tree(CommandKind.TREE_DUMMY),
+        (Argument('NODE', values=spec.tree_nodes), Argument('RESULT', values=spec.results, read=node_result)),
+        (_TREE, _RUN),
+        details=(_NODE_DETAILS, 'RESULT is SUCCESS or FAILURE. A node that runs is halted.'),
+    ),
+    _sent(
+        'tree record',
+        'record who writes to the blackboards of a tree',
+        effects.of_tree(CommandKind.TREE_RECORD),
+        options=(_TREE, _RUN),
+        details=('"tree blackboard" shows it, "tree clear" ends it.',),
+    ),
+    _sent(
+        'tree clear',
+        'clear what was set at a node of a tree, or at all of its nodes',
+        effects.of_tree(CommandKind.TREE_CLEAR),
+        (Argument('NODE', required=False, values=spec.tree_points),),
+        (_TREE, _RUN),
+        details=('A tree that is held at the node stays held: "tree continue".',),
     ),
     CommandSpec(
         'map',
@@ -324,6 +416,18 @@ COMMANDS: Final = (
         needs=(Part.STRUCTURE,),
     ),
     _sent(
+        'step',
+        'confirm a held transition, and hold a later one',
+        effects.STEP,
+        (Argument('HOW', values=lambda typed: effects.STEPS, read=one_of(tuple(effects.STEPS))),),
+        (_DECISION, _UNSEEN),
+        details=(
+            'into: the next transition anywhere. over: the next one that is not within the container that is entered. '
+            'out: the next one out of the container around the state. Any breakpoint on the way holds, too.',
+        ),
+        needs=(Part.SUBJECTS,),
+    ),
+    _sent(
         'switch',
         'switch to another behavior, keeping the active states',
         effects.SWITCH,
@@ -489,6 +593,12 @@ COMMANDS: Final = (
 def find(name: str) -> CommandSpec | None:
     """Return the command with this name, or None."""
     return next((spec for spec in COMMANDS if spec.name == name), None)
+
+
+def begun(words: Sequence[str]) -> tuple[CommandSpec | None, Sequence[str]]:
+    """Return the command with which the words begin, whose name may be two of them, and the words behind it."""
+    longer = find(' '.join(words[:2])) if len(words) > 1 else None
+    return (find(words[0]) if words else None, words[1:]) if longer is None else (longer, words[2:])
 
 
 def build(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:

@@ -350,7 +350,28 @@ def locked(typed: Typed) -> Iterable[str]:
 
 
 def breakpoints(typed: Typed) -> Iterable[str]:
-    return typed.view.snapshot.breakpoints if typed.view.snapshot else ()
+    snapshot = typed.view.snapshot
+    return (*snapshot.breakpoints, *snapshot.step.split(' ')[1:]) if snapshot else ()
+
+
+def tree_nodes(typed: Typed) -> Iterable[str]:
+    """Return the paths of the nodes of the trees that run, as far as they are known."""
+    return (node.path for run in typed.view.running_trees for node in run.nodes)
+
+
+def tree_points(typed: Typed) -> Iterable[str]:
+    """Return the nodes at which something is set."""
+    return (point.path for point in typed.view.snapshot.tree_breakpoints) if typed.view.snapshot else ()
+
+
+def tree_runs(typed: Typed) -> Iterable[str]:
+    """Return the runs of trees that are known."""
+    holds = typed.view.snapshot.tree_holds if typed.view.snapshot else ()
+    return (*(hold.run_id for hold in holds), *(run.run_id for run in typed.view.running_trees))
+
+
+def results(typed: Typed) -> Iterable[str]:
+    return ('SUCCESS', 'FAILURE')
 
 
 def outcomes(typed: Typed) -> Iterable[str]:

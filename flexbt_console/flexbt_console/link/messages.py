@@ -49,6 +49,8 @@ RECORDS: Final[Mapping[type, type]] = {
     msg.PendingDecision: records.Decision,
     msg.Progress: records.DriveProgress,
     msg.StateStructure: records.StateStructure,
+    msg.TreeBreakpoint: records.TreeBreakpoint,
+    msg.TreeHold: records.TreeHold,
     msg.TreeNode: MirroredNode,
     msg.TreeStatus: TreeReport,
     msg.TreeStatusChange: StatusChange,
@@ -62,6 +64,8 @@ FIELDS: Final[Mapping[type, Mapping[str, str]]] = {
     msg.ExecutiveCommand: {'operator': 'operator_id'},
     msg.ExecutiveEvent: {'operator': 'operator_id'},
     msg.Progress: {'distance': 'distance_remaining', 'time': 'time_remaining', 'poses': 'poses_remaining'},
+    msg.TreeBreakpoint: {'tree': 'behavior_tree', 'operator': 'operator_id'},
+    msg.TreeHold: {'tree': 'behavior_tree', 'operator': 'operator_id'},
     msg.TreeStructure: {'tree': 'behavior_tree', 'structure': 'number'},
 }
 """Fields of a record that have another name in the message."""

@@ -27,7 +27,14 @@ from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.errors import NoAnswerError, NoLinkError, RefusedError
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND, CommandState, TrackedCommand
 from flexbt_console.mirror.mirror import Change, Mirror, Transit
-from flexbt_console.mirror.records import CommandKind, OperatorCommand, Synthesis, SynthesisRequest, UserdataScope
+from flexbt_console.mirror.records import (
+    CommandKind,
+    OperatorCommand,
+    Synthesis,
+    SynthesisRequest,
+    TreeBlackboard,
+    UserdataScope,
+)
 from flexbt_console.mirror.view import View
 from flexbt_core.clock.clock import Timer
 from flexbt_core.clock.rates import SenderRates
@@ -208,6 +215,12 @@ class ExecutiveLink(RobotLink):
         from .queries import userdata  # what only this command needs
 
         return userdata(self._runtime, self._namespace, path, keys, timeout)
+
+    def blackboard(self, run_id: str, keys: Sequence[str], timeout: float) -> TreeBlackboard:
+        """See :class:`RobotLink`. Raises what :func:`.queries.blackboard` raises."""
+        from .queries import blackboard  # what only this command needs
+
+        return blackboard(self._runtime, self._namespace, run_id, keys, timeout)
 
     def synthesis(
         self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None], left: Future[None] | None = None

@@ -14,9 +14,20 @@ from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.errors import ConsoleError, NoAnswerError, RefusedError
-from flexbt_console.mirror.records import LIVENESS, InputValue, Synthesis, SynthesisRequest, UserdataScope
+from flexbt_console.mirror.records import (
+    LIVENESS,
+    EntryWrite,
+    InputValue,
+    Synthesis,
+    SynthesisRequest,
+    TreeBlackboard,
+    TreeEntry,
+    UserdataScope,
+)
 from flexbt_msgs.action import GetUserdata, SynthesizeBehavior
+from flexbt_msgs.srv import GetTreeBlackboard
 
 
 def userdata(
@@ -46,9 +57,47 @@ def userdata(
     if result.code != GetUserdata.Result.SUCCESS:
         raise RefusedError(result.message)
     return tuple(
-        UserdataScope(scope.path, tuple(InputValue(entry.key, entry.type, entry.text) for entry in scope.entries))
+        UserdataScope(
+            scope.path,
+            tuple(InputValue(entry.key, entry.type, entry.text) for entry in scope.entries),
+            tuple(scope.writers),
+            tuple(map(seconds_of, scope.written)),
+        )
         for scope in result.scopes
     )
+
+
+def blackboard(
+    runtime: NodeRuntime, namespace: str, run_id: str, keys: Sequence[str], timeout: float
+) -> TreeBlackboard:
+    """Ask the BT server of the robot in a namespace, '' for the node's own. Not on the executor thread.
+
+    Raises:
+        RefusedError: no tree runs, several do and ``run_id`` is '', or a key does not exist.
+        NoAnswerError: there is no answer within ``timeout`` seconds.
+    """
+    link = ServiceLinks(runtime).link(GetTreeBlackboard, names.of_robot(namespace, names.GET_TREE_BLACKBOARD))
+    outcome = service_outcome(link, GetTreeBlackboard.Request(run_id=run_id, keys=list(keys)), timeout)
+    response = outcome.response
+    if response is None:
+        raise NoAnswerError(outcome.reason)
+    if not response.success:
+        raise RefusedError(response.message)
+    entries = tuple(
+        TreeEntry(
+            entry.scope,
+            entry.key,
+            entry.type,
+            entry.text,
+            entry.count,
+            tuple(
+                EntryWrite(writer, seconds_of(stamp), value)
+                for writer, stamp, value in zip(entry.writers, entry.stamps, entry.values, strict=False)
+            ),
+        )
+        for entry in response.entries
+    )
+    return TreeBlackboard(response.run_id, response.behavior_tree, response.recorded, entries)
 
 
 # Having a behavior synthesized: goals of the action ``synthesize_behavior``.

@@ -8,7 +8,13 @@ from concurrent.futures import Future
 from typing import ClassVar
 
 from flexbt_console.errors import RefusedError
-from flexbt_console.mirror.records import OperatorCommand, Synthesis, SynthesisRequest, UserdataScope
+from flexbt_console.mirror.records import (
+    OperatorCommand,
+    Synthesis,
+    SynthesisRequest,
+    TreeBlackboard,
+    UserdataScope,
+)
 from flexbt_console.mirror.view import View
 
 
@@ -26,6 +32,10 @@ class RobotLink:
 
     def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
         """Return the userdata of the run; '' is the path of every active machine, and no keys are all."""
+        raise RefusedError(self.why)
+
+    def blackboard(self, run_id: str, keys: Sequence[str], timeout: float) -> TreeBlackboard:
+        """Return the blackboards of a running tree, '' for the only one; no keys are all."""
         raise RefusedError(self.why)
 
     def synthesis(

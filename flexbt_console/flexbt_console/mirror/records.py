@@ -92,6 +92,28 @@ class CommandKind(IntEnum):
     HAND_OVER_AUTHORITY = 20
     NOTE = 21
     REFUSE_AUTHORITY = 22
+    STEP_INTO = 23
+    STEP_OVER = 24
+    STEP_OUT = 25
+    TREE_PAUSE = 26
+    TREE_STEP = 27
+    TREE_CONTINUE = 28
+    TREE_RUN_TO = 29
+    TREE_BREAK = 30
+    TREE_FORCE = 31
+    TREE_DUMMY = 32
+    TREE_RECORD = 33
+    TREE_CLEAR = 34
+
+
+class BreakpointKind(IntEnum):
+    """TreeBreakpoint.kind."""
+
+    UNKNOWN = 0
+    BREAK = 1
+    FORCE = 2
+    DUMMY = 3
+    RECORD = 4
 
 
 SYNTHESIZED: Final = 'synthesized'
@@ -278,6 +300,35 @@ class StopGuard:
 
 
 @dataclass(frozen=True, slots=True)
+class TreeBreakpoint:
+    """What was set at a node of a tree to debug it (TreeBreakpoint.msg). ``status`` is that of TreeStatus."""
+
+    kind: BreakpointKind
+    tree: str
+    path: str = ''
+    condition: str = ''
+    status: int = 0
+    once: bool = False
+    operator: str = ''
+    stamp: float = 0.0
+    hits: int = 0
+    problem: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class TreeHold:
+    """A tree that is held at a breakpoint, or paused (TreeHold.msg); ``path`` is the node, '' between two ticks."""
+
+    run_id: str
+    tree: str
+    path: str = ''
+    operator: str = ''
+    since: float = 0.0
+    reason: str = ''
+    not_paused: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ExecutiveSnapshot:
     """The whole state of an executive; ``heartbeat_period`` in seconds of wall time."""
 
@@ -298,6 +349,9 @@ class ExecutiveSnapshot:
     pose_problem: str = ''
     locked: tuple[str, ...] = ()
     breakpoints: tuple[str, ...] = ()
+    step: str = ''
+    tree_breakpoints: tuple[TreeBreakpoint, ...] = ()
+    tree_holds: tuple[TreeHold, ...] = ()
     autonomy_levels: tuple[tuple[str, int], ...] = ()
     authority: str = ''
     authority_requests: tuple[str, ...] = ()
@@ -466,10 +520,46 @@ class InputValue:
 
 @dataclass(frozen=True, slots=True)
 class UserdataScope:
-    """The userdata of one machine; the type of a value that cannot be sent is empty, and its text shows it."""
+    """The userdata of one machine; the type of a value that cannot be sent is empty, and its text shows it.
+
+    ``writers`` and ``written`` are, for each value, the state that has written it, '' for none, and when, s.
+    """
 
     path: str
     values: tuple[InputValue, ...]
+    writers: tuple[str, ...] = ()
+    written: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class EntryWrite:
+    """One write of an entry of a blackboard; ``writer`` is the path of the node, '' if no node wrote it."""
+
+    writer: str
+    stamp: float
+    value: str
+
+
+@dataclass(frozen=True, slots=True)
+class TreeEntry:
+    """An entry of the blackboard of a running tree, with its latest recorded writes, the newest first."""
+
+    scope: str
+    key: str
+    type: str
+    text: str
+    count: int
+    writes: tuple[EntryWrite, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TreeBlackboard:
+    """The blackboards of a running tree; ``recorded``: who writes is being recorded."""
+
+    run_id: str
+    tree: str
+    recorded: bool
+    entries: tuple[TreeEntry, ...]
 
 
 LIVENESS: Final = ('fair', 'adversarial', 'fair-outcomes')
@@ -522,6 +612,7 @@ class OperatorCommand:
     arguments: tuple[tuple[str, str], ...] = ()
     inputs: tuple[InputValue, ...] = ()
     grantee: str = ''
+    tree_run_id: str = ''
     text: str = ''
     reason: str = ''
     wait_queue: float = -1.0

@@ -13,6 +13,7 @@ from flexbt_console.mirror.records import EventKind, ExecutiveSnapshot, Executiv
 from flexbt_console.mirror.view import View
 from flexbt_core.values.text import one_line
 
+from .debugging import breakpoint_lines, held_lines
 from .json_form import status_json, structure_json
 from .rendering import (
     alarm_line,
@@ -141,6 +142,10 @@ def _changes(before: View | None, view: View) -> list[str]:
     ):
         if before_ != now:
             text.append(f'{word}: {", ".join(map(one_line, now)) or "none"}')
+    if (old.tree_holds if old else ()) != new.tree_holds:
+        text += held_lines(new) or ['no tree is held']
+    if (old.tree_breakpoints if old else ()) != new.tree_breakpoints:
+        text += breakpoint_lines(new) or ['nothing is set at trees']
     known = (old.authority, old.authority_requests) if old else ('', ())
     if known != (new.authority, new.authority_requests):
         text.append(f'authority: {authority_text(new)}')

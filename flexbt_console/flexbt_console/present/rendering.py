@@ -204,7 +204,16 @@ def asked_text(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
     if pending.kind is DecisionKind.TRANSITION:
         has_breakpoint = pending.path in snapshot.breakpoints
         level = pending.required_autonomy
-        needs = 'breakpoint' if has_breakpoint else autonomy_needed(level) if level >= 0 else 'your decision'
+        is_step = snapshot.step and level >= 0 and level < snapshot.autonomy
+        needs = (
+            'breakpoint'
+            if has_breakpoint
+            else 'step'
+            if is_step
+            else autonomy_needed(level)
+            if level >= 0
+            else 'your decision'
+        )
         return f'{where} wants {one_line(pending.outcome)} ({needs}){prompt}'
     return f'{one_line(pending.prompt)} ({where})' if pending.prompt else f'{where}: choose an outcome'
 
@@ -270,6 +279,8 @@ def status_lines(view: View) -> list[str]:
         shown.append(f'locked    {", ".join(map(one_line, snapshot.locked))}')
     if snapshot.breakpoints:
         shown.append(f'breaks at {", ".join(map(one_line, snapshot.breakpoints))}')
+    if snapshot.step:
+        shown.append(f'step      {one_line(snapshot.step)}; "clear" with that path ends it')
     for state in snapshot.active_states:
         shown.append(f'active    {one_line(state.path)}{" (paused)" if state.paused else ""}')
         if state.progress is not None and (text := progress_text(state.progress, view.places)):
@@ -487,11 +498,14 @@ def userdata_lines(scopes: tuple[UserdataScope, ...]) -> list[str]:
     shown = []
     for scope in scopes:
         shown.append(one_line(scope.path))
-        for value in scope.values:
+        writes = dict(enumerate(zip(scope.writers, scope.written, strict=False)))
+        for number, value in enumerate(scope.values):
             text = one_line(value.text[:VALUE_LENGTH])
             if len(value.text) > VALUE_LENGTH:
                 text += f'... ({len(value.text)} characters; all of them: --json)'
-            shown.append(f'  {one_line(value.key)} ({one_line(value.type) or "cannot be sent"}) = {text}')
+            writer, when = writes.get(number, ('', 0.0))
+            by = f'  (by {one_line(writer)} at {stamp_text(when)})' if writer else ''
+            shown.append(f'  {one_line(value.key)} ({one_line(value.type) or "cannot be sent"}) = {text}{by}')
     return shown or ['no userdata']
 
 

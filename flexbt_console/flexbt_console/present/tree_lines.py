@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, MirroredTree
@@ -23,35 +23,49 @@ _TONES: Final = {
 HELD_SECONDS: Final = 5.0
 """A node that has ended counts as of now for this time: one that is ticked at a rate keeps its line in between."""
 
+NO_MARKS: Final[Mapping[str, str]] = {}
+
 SHOWN_SECONDS: Final = 1.0
 """A status that has held for less time is shown without it."""
 
 
-def tree_lines(run: MirroredTree, columns: int, rows: int, signs: Glyphs) -> list[str]:
+def tree_lines(
+    run: MirroredTree, columns: int, rows: int, signs: Glyphs, marks: Mapping[str, str] = NO_MARKS
+) -> list[str]:
     """Return the tree in at most this many rows of this many cells: a title, then the nodes around those that act.
 
     A condition has a question mark behind its name. A node that was halted shows, dimmed, how it had ended before: the
     reason of a failure stays to be seen. All are dim when the server is gone. If there is no room for all, controls and
     decorators without their own name are left out, and what is below nodes that have not run lately; then what has not
-    run lately and has not failed, and ways that a condition keeps closed; and at last all that does not act.
+    run lately and has not failed, and ways that a condition keeps closed; and at last all that does not act. ``marks``
+    are remarks by the paths of nodes, which stay among the lines.
     """
     if rows <= 0:
         return []
     nodes = _in_order(run, lambda node: True)
     if len(nodes) > rows - 1:
-        nodes = _in_order(run, lambda node: _is_of_now(run, node), is_left_out=_is_structure)
+        nodes = _in_order(
+            run,
+            lambda node: _is_of_now(run, node) or bool(marks),
+            is_left_out=lambda node: _is_structure(node) and node.path not in marks,
+        )
     if len(nodes) > rows - 1:
         closed = _closed_ways(run)
         nodes = [
             (node, depth)
             for node, depth in nodes
-            if node.uid not in closed and (_is_of_now(run, node) or run.status(node.uid) is MirroredStatus.FAILURE)
+            if node.path in marks
+            or (node.uid not in closed and (_is_of_now(run, node) or run.status(node.uid) is MirroredStatus.FAILURE))
         ]
     if len(nodes) > rows - 1:
-        nodes = [(node, depth) for node, depth in nodes if _acts(run, node)]
-    lines = [_node_line(run, node, depth, signs) for node, depth in nodes]
+        nodes = [(node, depth) for node, depth in nodes if _acts(run, node) or node.path in marks]
+    lines = [
+        toned(f'{line}{marks.get(node.path, "")}', line)
+        for node, line in ((node, _node_line(run, node, depth, signs)) for node, depth in nodes)
+    ]
     acting = set(run.running_leaves)
-    marked = [place for place, (node, _) in enumerate(nodes) if node.uid in acting]
+    held = [place for place, (node, _) in enumerate(nodes) if node.path in marks]
+    marked = held or [place for place, (node, _) in enumerate(nodes) if node.uid in acting]
     marked = marked or [place for place, (node, _) in enumerate(nodes) if _is_of_now(run, node)]
     shown = window(lines, marked[-1] if marked else 0, rows - 1)
     title = _title(run)

@@ -10,7 +10,7 @@ from typing import Final
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import COMMON_OPTIONS, check, parse
-from flexbt_console.commands.registry import COMMANDS, build, find
+from flexbt_console.commands.registry import COMMANDS, begun, build, find
 from flexbt_console.commands.spec import DECISION, NO_COMMAND, CommandLine, LinkNeed, Send, Show
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.records import CommandKind, Decision, DecisionKind, OperatorCommand
@@ -83,7 +83,7 @@ def interpret(text: str, view: View, builder: CommandBuilder, bound: Bound) -> M
     if name in ('quit', 'exit'):
         return Meaning(Local.QUIT)
     if name in ('help', '?'):
-        topic = find(words[1]) if len(words) > 1 else NO_COMMAND
+        topic = begun(words[1:])[0] if len(words) > 1 else NO_COMMAND
         if topic is None:
             raise UsageError(_no_command(words[1]))
         return Meaning(Local.HELP, line=CommandLine(topic))

@@ -156,6 +156,26 @@ def _breakpoint(view: View, operator: str | None) -> list[str]:
     return _at_each(view.active_paths, 'breakpoint', 'clear', view.snapshot.breakpoints if view.snapshot else ())
 
 
+def _no_tree(view: View) -> str:
+    return '' if view.running_trees else 'no tree runs, as far as this screen knows'
+
+
+def _no_hold(view: View) -> str:
+    return '' if _is_held(view, None) else 'no tree is held or paused'
+
+
+def _is_held(view: View, operator: str | None) -> bool:
+    return view.snapshot is not None and bool(view.snapshot.tree_holds)
+
+
+def _of_held(verb: str) -> Written:
+    def lines(view: View, operator: str | None) -> list[str]:
+        holds = view.snapshot.tree_holds if view.snapshot is not None else ()
+        return [f'tree {verb} --run {shlex.quote(hold.run_id)}' for hold in holds]
+
+    return lines
+
+
 def _repeat(view: View, operator: str | None) -> list[str]:
     return _at_each(view.active_paths, 'repeat', 'repeat', ())
 
@@ -276,6 +296,36 @@ KEYS: Final = (
         blocked=_is_active,
         lines=_repeat,
         rank=3,
+        sends=True,
+    ),
+    KeyBinding(
+        't',
+        'debug',
+        'Debug a node of a running tree: break, force a result, dummy, why it does not run',
+        'debug',
+        blocked=_no_tree,
+        rank=3,
+    ),
+    KeyBinding(
+        'e',
+        'tree step',
+        'Tick a held or paused tree once',
+        'tree_step',
+        blocked=_no_hold,
+        lines=_of_held('step'),
+        rank=3,
+        needs=_is_held,
+        sends=True,
+    ),
+    KeyBinding(
+        'v',
+        'tree on',
+        'Let a held or paused tree go on',
+        'tree_continue',
+        blocked=_no_hold,
+        lines=_of_held('continue'),
+        rank=3,
+        needs=_is_held,
         sends=True,
     ),
     KeyBinding(

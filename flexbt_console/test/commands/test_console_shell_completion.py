@@ -35,7 +35,7 @@ def completed(text: str, view: View = ROBOT, program: str = 'bash', robots: tupl
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        ('console st', ['status ', 'structure ', 'start ', 'stop ']),
+        ('console st', ['status ', 'structure ', 'start ', 'stop ', 'step ']),
         ('console start N', [r'Night\ Watch ']),
         (r'console start Night\ W', [r'Night\ Watch ']),
         ('console start "Night W', ['Night Watch']),

@@ -69,6 +69,8 @@ RENAMED: Final[dict[Any, dict[str, str]]] = {
     msg.ExecutiveEvents: {'first': 'sequence'},
     msg.TreeStructure: {'behavior_tree': 'tree', 'number': 'structure'},
     msg.DecisionSubject: {'id': 'decision_id', 'entries': 'values'},
+    msg.TreeBreakpoint: {'behavior_tree': 'tree', 'operator_id': 'operator'},
+    msg.TreeHold: {'behavior_tree': 'tree', 'operator_id': 'operator'},
     msg.StopGuardStatus: {'operator_id': 'operator', 'results': 'carried_out'},
     msg.UserdataScope: {'entries': 'values'},
 }
@@ -95,6 +97,8 @@ RECORDS: Final[dict[Any, Any]] = {
     msg.PendingDecision: records.Decision,
     msg.StateStructure: records.StateStructure,
     msg.StopGuardStatus: records.StopGuard,
+    msg.TreeBreakpoint: records.TreeBreakpoint,
+    msg.TreeHold: records.TreeHold,
     msg.TreeNode: trees.MirroredNode,
     msg.TreeStatus: trees.MirroredTree,
     msg.TreeStatusChange: trees.StatusChange,
@@ -108,10 +112,12 @@ RECORDS: Final[dict[Any, Any]] = {
 NO_RECORD: Final[dict[Any, str]] = {
     msg.AutonomyLevel: 'a pair: path and level',
     msg.BehaviorArgument: 'a pair: name and value',
+    msg.BlackboardWrites: 'a list of writes, which the query makes of three lists',
     msg.BtLoadError: 'of BtLoad, which no console asks for',
     msg.BtLoadReport: 'of BtLoad, which no console asks for',
     msg.Place: 'a pose by its name',
     msg.PlaceList: 'poses by their names',
+    msg.TreeDebugging: 'it is in the status of the executive',
     msg.RobotPlan: 'points of what is around the robot',
 }
 """Messages that have none, and why."""
@@ -124,6 +130,7 @@ CONSTANTS: Final[dict[Any, type[IntEnum]]] = {
     msg.ExecutiveStatus: records.ExecutiveState,
     msg.PendingDecision: records.DecisionKind,
     msg.StateStructure: records.StateKind,
+    msg.TreeBreakpoint: records.BreakpointKind,
     msg.TreeNode: trees.MirroredNodeKind,
     msg.TreeStatus: trees.MirroredStatus,
 }

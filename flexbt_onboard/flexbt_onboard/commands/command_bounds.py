@@ -16,6 +16,7 @@ COMMAND_LENGTHS: Final[Mapping[str, int]] = {
     'decision_id': 128,
     'path': 4096,
     'outcome': 256,
+    'tree_run_id': 128,
     'behavior': 256,
     'grantee': 128,
     'text': ExecutiveCommand.NOTE_LENGTH,

@@ -15,12 +15,15 @@ from typing import Any, Final
 
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.state_machine.engine import operator_commands
+from flexbt_core.state_machine.engine.events import CommandDecided
 from flexbt_core.values.text import escape_lines, truncate_middle
 from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand, ExecutiveLog
+from flexbt_msgs.srv import ControlTree
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import RunRequest, checked_autonomy, run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
+from flexbt_onboard.link.tree_debugging import TreeDebuggingLink
 from flexbt_onboard.persistence.run_journal import InterruptedRun
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.run_snapshot import RunPhase
@@ -80,6 +83,17 @@ def _of_machine(name: str, command: Callable[..., str | None], *fields: str) -> 
     return CommandDefinition(name, apply, fields=fields)
 
 
+def _of_trees(name: str, *fields: str) -> CommandDefinition:
+    """Return a command for the debugger of the BT server, which knows the trees. TREE_X is ControlTree's X."""
+    tree_command = int(getattr(ControlTree.Request, name.removeprefix('TREE_')))
+
+    def apply(registry: CommandRegistry, sent: ExecutiveCommand) -> bool:
+        registry.trees.send(sent, tree_command, registry.decided)
+        return True
+
+    return CommandDefinition(name, apply, RunRequirement.NONE, fields)
+
+
 def _of_authority(name: str, command: Callable[..., None], *fields: str) -> CommandDefinition:
     """Return a command about the authority. The authority itself checks whether the operator may send it."""
 
@@ -100,9 +114,13 @@ class CommandRegistry(CommandHandling):
         names: OperatorNames,
         authority: Authority,
         input_requests: InputRequests,
+        trees: TreeDebuggingLink,
         report: Reporter,
     ) -> None:
         super().__init__()
+        self.trees = trees
+        self.decided: Callable[[CommandDecided], None] = lambda event: None
+        """Called with the result of a command that another node decides."""
         self._commands = {command.kind: command for command in self.COMMANDS}
         self._executive_id = executive_id
         self._library = library
@@ -220,6 +238,15 @@ class CommandRegistry(CommandHandling):
         self.run.command(command.id, operator_commands.confirm, self.run.decision_number(decision))
         return True
 
+    def _step(self, how: str, command: ExecutiveCommand) -> bool:
+        if self._input_requests.is_open(command.decision_id):
+            raise CommandRefusedError(
+                f'decision {command.decision_id!r} asks for a value; a step confirms a transition'
+            )
+        number = self.run.decision_number(command.decision_id)
+        self.run.command(command.id, operator_commands.step, how, number)
+        return True
+
     def _force(self, command: ExecutiveCommand) -> bool:
         number = self.run.decision_number(command.decision_id) if command.decision_id else ''
         self.run.command(command.id, operator_commands.force, command.path, command.outcome, number)
@@ -263,9 +290,21 @@ class CommandRegistry(CommandHandling):
         _of_machine('REPEAT', operator_commands.repeat, 'path'),
         _of_machine('LOCK', operator_commands.lock, 'path'),
         _of_machine('UNLOCK', operator_commands.unlock, 'path'),
+        CommandDefinition('STEP_INTO', lambda self, sent: self._step('into', sent), fields=['decision_id']),
+        CommandDefinition('STEP_OVER', lambda self, sent: self._step('over', sent), fields=['decision_id']),
+        CommandDefinition('STEP_OUT', lambda self, sent: self._step('out', sent), fields=['decision_id']),
         CommandDefinition('SWITCH', _switch),
         _of_machine('BREAKPOINT', operator_commands.set_breakpoint, 'path'),
         _of_machine('CLEAR_BREAKPOINT', operator_commands.clear_breakpoint, 'path'),
+        _of_trees('TREE_PAUSE'),
+        _of_trees('TREE_STEP'),
+        _of_trees('TREE_CONTINUE'),
+        _of_trees('TREE_RUN_TO', 'path'),
+        _of_trees('TREE_BREAK', 'path'),
+        _of_trees('TREE_FORCE', 'path', 'outcome'),
+        _of_trees('TREE_DUMMY', 'path', 'outcome'),
+        _of_trees('TREE_RECORD'),
+        _of_trees('TREE_CLEAR'),
         _of_authority('CLAIM_AUTHORITY', Authority.claim),
         _of_authority('RELEASE_AUTHORITY', Authority.release),
         _of_authority('HAND_OVER_AUTHORITY', Authority.hand_over, 'grantee'),
@@ -293,6 +332,7 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         'decision': command.decision_id,
         'path': command.path,
         'outcome': command.outcome,
+        'tree_run': command.tree_run_id,
         'behavior': command.behavior,
         'arguments': {argument.name: truncate_middle(argument.value, LOGGED) for argument in command.arguments},
         'inputs': {

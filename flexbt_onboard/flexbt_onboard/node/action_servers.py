@@ -15,6 +15,7 @@ from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.entries import Encoding, to_entry
+from flexbt_common.values.message_fields import time_message
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent, RunReader
 from flexbt_core.state_machine.engine.run import MachineRun
@@ -225,7 +226,7 @@ def _cancel(goal: ServedGoal) -> None:
 
 def _fill(run: MachineRun, result: Any, request: Any) -> None:
     """Write the requested userdata into the result, as a command that the machine applies between two steps."""
-    userdata = run.userdata_of_machines()
+    userdata, writers = run.userdata_of_machines(), run.writers_of_machines()
     encoding = Encoding.BINARY if request.encoding == GetUserdata.Goal.BINARY else Encoding.TEXT
     chosen = {path: values for path, values in userdata.items() if request.path in ('', path)}
     found = {key for values in chosen.values() for key in values}
@@ -245,7 +246,10 @@ def _fill(run: MachineRun, result: Any, request: Any) -> None:
         keys = [key for key in sorted(values) if not request.keys or key in request.keys]
         if keys:
             entries = [_entry(key, values[key], encoding) for key in keys]
-            result.scopes.append(UserdataScope(path=path, entries=entries))
+            written = [writers[path].get(key, ('', 0.0)) for key in keys]
+            scope = UserdataScope(path=path, entries=entries, writers=[writer for writer, _ in written])
+            scope.written = [time_message(max(0.0, when)) for _, when in written]
+            result.scopes.append(scope)
 
 
 def _entry(key: str, value: Any, encoding: Encoding) -> BlackboardEntry:

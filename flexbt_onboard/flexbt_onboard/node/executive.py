@@ -39,6 +39,7 @@ from flexbt_onboard.link.event_stream import EventStream
 from flexbt_onboard.link.peers import PeersWatch
 from flexbt_onboard.link.reporter import Reporter, StorageProblems
 from flexbt_onboard.link.robot_state import RobotPlan, RobotPose
+from flexbt_onboard.link.tree_debugging import TreeDebuggingLink
 from flexbt_onboard.node.executive_status import ShownStatus, StatusSources
 from flexbt_onboard.persistence.event_log import EventLog
 from flexbt_onboard.persistence.journal import await_closed
@@ -117,8 +118,12 @@ class Executive(RunReader):
         authority = Authority(runtime, presence, parameters.authority_timeout, report, status)
         self._input_requests = InputRequests(runtime, self._admission, report, status)
         operator_names = OperatorNames(link, presence, report)
-        registry = CommandRegistry(self._id, library, runs, operator_names, authority, self._input_requests, report)
+        trees = TreeDebuggingLink(runtime, ServiceLinks(runtime, parameters.peer_timeout), peers, status.changed)
+        registry = CommandRegistry(
+            self._id, library, runs, operator_names, authority, self._input_requests, trees, report
+        )
         ledger = CommandLedger(runtime, registry, self._journal, report, status)
+        registry.decided = ledger.read
         link.listen(ledger.receive)
         actions = BehaviorActionServer(runtime, library, runs, self._admission)
         runs.readers += (self, ledger, actions, UserdataServer(runtime, runs))
@@ -140,6 +145,7 @@ class Executive(RunReader):
                 authority,
                 self._input_requests,
                 ledger,
+                trees,
             )
         )
         ExecutiveDiagnostics(runtime, status, self._problems)

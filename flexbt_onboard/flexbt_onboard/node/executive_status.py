@@ -36,6 +36,7 @@ from flexbt_onboard.link.peers import PeersWatch
 from flexbt_onboard.link.reporter import StorageProblems
 from flexbt_onboard.link.robot_state import RobotPlan, RobotPose
 from flexbt_onboard.link.status_publisher import StatusPublisher
+from flexbt_onboard.link.tree_debugging import TreeDebuggingLink
 from flexbt_onboard.persistence.run_journal import InterruptedRun, RunJournal
 from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunSnapshot
 from flexbt_onboard.runs.run_supervisor import LastRun, RunSupervisor, ShownRun
@@ -81,6 +82,7 @@ def status_of(
         case RunSnapshot():
             status.state = getattr(ExecutiveStatus, run.phase.name)
             status.message = '; '.join(filter(None, [run.not_stopped, run.wrong]))
+            status.step = run.step
             status.active_states = [_active_state(leaf) for leaf in run.active]
             decisions = [*(_decision(decision, gone) for decision in run.decisions), *input_requests]
             status.decisions = sorted(decisions, key=lambda decision: (decision.since.sec, decision.since.nanosec))
@@ -163,6 +165,7 @@ class StatusSources:
     authority: Authority
     input_requests: InputRequests
     ledger: CommandLedger
+    trees: TreeDebuggingLink
 
     def picture(self) -> StatusPicture:
         """Return the current status, and the subjects of its decisions."""
@@ -178,6 +181,7 @@ class StatusSources:
             gone,
             '; '.join(filter(None, [self.admission.refusal, self.problems.text, self.clock.problem])),
         )
+        status.tree_breakpoints, status.tree_holds = self.trees.breakpoints, self.trees.holds
         return StatusPicture(status, subjects_of(run, self.input_requests.subjects()))
 
 

@@ -117,6 +117,8 @@ class RunSnapshot:
     decisions: tuple[RunDecision, ...] = ()
     locked: tuple[str, ...] = ()
     breakpoints: tuple[str, ...] = ()
+    step: str = ''
+    """The step that is under way; '' for none."""
     operator_gone: OperatorGone = OperatorGone.CONTINUE
     operator_gone_after: float = 0.0
 
@@ -199,6 +201,7 @@ class RunStatus(RunReader):
             'decisions': self._decisions(machine),
             'locked': tuple(machine.locked),
             'breakpoints': tuple(machine.breakpoints),
+            'step': str(machine.controls.step or ''),
         }
 
     def asked(self, machine: MachineRun) -> tuple[ActiveLeaf, ...]:

@@ -180,3 +180,46 @@ def test_a_run_goes_on_with_another_behavior_that_has_the_active_state(bench: Co
     bench.wait_active('/Other')
     bench.applied(C.FORCE, path='/Other', outcome='done')
     assert bench.wait_idle() == 'finished'
+
+
+def wanting(bench: ControlBench, path: str) -> str:
+    """Wait until this transition waits for the operator, and return the decision."""
+    bench.wait_for(lambda s: [one.path for one in s.decisions] == [path], f'{path} waits')
+    return str(bench.status.decisions[0].id)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'name', 'held'),
+    [(C.STEP_INTO, 'into', '/M'), (C.STEP_OVER, 'over', '/M'), (C.STEP_OUT, 'out', '/M')],
+)
+def test_a_step_lets_one_transition_happen_and_holds_a_later_one(
+    bench: ControlBench, kind: int, name: str, held: str
+) -> None:
+    bench.start()
+    bench.wait_active('/M/A')
+    bench.applied(C.BREAKPOINT, path='/M/A')
+    bench.finish_inner(bench.inner)
+    decision = wanting(bench, '/M/A')
+    assert 'must name decision_id' in bench.refused(kind)
+    bench.applied(kind, decision_id=decision)
+    bench.wait_for(lambda s: s.step == f'{name} /M/A', 'the step')
+    second = wanting(bench, held)  # which nothing else holds
+    assert 'not pending' in bench.refused(kind, decision_id=decision)  # answered already
+    bench.applied(C.CONFIRM, decision_id=second)
+    bench.wait_active('/Last')
+    bench.wait_for(lambda s: not s.step, 'no step')
+
+
+def test_a_step_over_ends_when_it_is_cleared_and_a_stop_ends_it(bench: ControlBench) -> None:
+    bench.start()
+    bench.wait_active('/M/A')
+    bench.applied(C.BREAKPOINT, path='/M/A')
+    bench.finish_inner(bench.inner)
+    bench.applied(C.STEP_OVER, decision_id=wanting(bench, '/M/A'))
+    wanting(bench, '/M')
+    bench.applied(C.CLEAR_BREAKPOINT, path='/M/A')  # the breakpoint
+    assert bench.status.step
+    bench.applied(C.CLEAR_BREAKPOINT, path='/M/A')  # the step: the transition happens
+    bench.wait_active('/Last')
+    bench.applied(C.STOP)
+    bench.wait_for(lambda s: s.state == ExecutiveStatus.IDLE and not s.step, 'idle')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The action ``BtExecute`` with its feedback and results, and the service that pauses and resumes running trees."""
+"""The action ``BtExecute`` with its feedback and results."""
 
 from __future__ import annotations
 
@@ -7,22 +7,18 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.task import Future
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
 from flexbt_common.runtime.clock_watch import ClockHealth, clock_health
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.entries import Encoding
-from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import duration_message
-from flexbt_core.behavior_tree.engine.tick_control import TickCommand
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.action import BtExecute
-from flexbt_msgs.srv import ControlTree
 from flexbt_server.runs.run_events import RunOutcome
 from flexbt_server.trees.blackboards import Blackboards, Value, entries_of
 from flexbt_server.trees.ros_ports import POSE_STAMPED, POSES
@@ -170,51 +166,3 @@ def result_of(
         execution_time=duration_message(max(0.0, seconds)),
         not_ended=not_ended,
     )
-
-
-# The service ``control_tree``: pauses, resumes and steps running trees.
-
-_COMMANDS: Final = {
-    ControlTree.Request.PAUSE: TickCommand.PAUSE,
-    ControlTree.Request.RESUME: TickCommand.RESUME,
-    ControlTree.Request.STEP: TickCommand.STEP,
-}
-
-
-class ControlServer:
-    """The server of ControlTree, for any number of clients.
-
-    It answers a request when the command has taken effect, or can no longer take effect.
-    """
-
-    def __init__(self, runtime: Runtime, goals: TreeGoals) -> None:
-        self._runtime = runtime
-        self._goals = goals
-        runtime.node.create_service(ControlTree, names.CONTROL_TREE, self._serve)
-
-    async def _serve(self, request: Any, response: Any) -> Any:
-        response.message = await self._obey(request, response)
-        response.success = not response.message
-        return response
-
-    async def _obey(self, request: Any, response: Any) -> str:
-        """Execute the command. Return '' when it has taken effect, otherwise the reason why not."""
-        command = _COMMANDS.get(request.command)
-        if command is None:
-            known = ', '.join(f'{number} ({known.name})' for number, known in _COMMANDS.items())
-            return f'command {request.command} is unknown; known commands: {known}'
-        answered = Future(executor=self._runtime.node.executor)
-        try:
-            check_limits(request)
-            run = self._goals.control(
-                request.run_id,
-                command,
-                request.owner,
-                lambda reason: self._runtime.post(lambda: answered.set_result(reason)),
-            )
-        except FlexbtError as error:
-            return str(error)
-        refusal = str(await answered)
-        if command is not TickCommand.RESUME and not refusal:
-            response.not_paused = [sanitize_for_message(line) for line in run.not_paused]
-        return refusal

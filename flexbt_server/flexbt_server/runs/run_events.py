@@ -8,15 +8,17 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from flexbt_core.behavior_tree.engine.observers import Log
+from flexbt_core.behavior_tree.engine.tick_control import TickControl
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_server.groot2.log_file import TeeLog
 
 
 @dataclass(frozen=True, slots=True)
 class RunStarted:
-    """The nodes exist, and the first tick follows."""
+    """The nodes exist, and the first tick follows. ``control`` is for a debugger."""
 
     tree: Tree
+    control: TickControl | None = None
 
 
 @dataclass(frozen=True, slots=True)

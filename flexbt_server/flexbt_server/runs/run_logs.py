@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Readers of runs: log files for Groot2 (``.btlog``), Nav2's topic ``behavior_tree_log``, and live views in Groot2.
+"""Readers of runs: log files for Groot2 (``.btlog``), Nav2's topic ``behavior_tree_log``, the XML of the tree as a
+topic, and live views in Groot2.
 
 The nodes in a file are fixed: a run whose nodes change continues in another file.
 """
@@ -14,6 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from nav2_msgs.msg import BehaviorTreeLog, BehaviorTreeStatusChange
+from rclpy.event_handler import PublisherEventCallbacks
+from std_msgs.msg import String
 
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import Runtime
@@ -22,8 +25,10 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.clock.work_thread import LateWork, WorkThread
+from flexbt_core.values.text import sanitize_for_message
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.groot2.log_file import SUFFIX, LogBuffer, LogWriter
+from flexbt_server.groot2.protocol import tree_document
 
 from .run_events import RoundEnded, RunEnded, RunEvent, RunEvents, RunPaused, RunReader, RunStarted, TreeExpanded
 
@@ -147,15 +152,16 @@ LoggedChange = tuple[int, int, int]
 
 
 class TreeLogs:
-    """A publisher of the log of every run."""
+    """A publisher of the log of every run; unless ``always``, of each run that starts while somebody listens."""
 
-    def __init__(self, runtime: Runtime) -> None:
+    def __init__(self, runtime: Runtime, *, always: bool) -> None:
         self._runtime = runtime
+        self._always = always
         self._publisher: Any = runtime.node.create_publisher(BehaviorTreeLog, names.BEHAVIOR_TREE_LOG, 10)
 
     def open(self, events: RunEvents) -> RunReader:
         """Return the reader that publishes the log of one run."""
-        return _TreeLog(self)
+        return _TreeLog(self) if self._always or self._publisher.get_subscription_count() else _NoReader()
 
     def publish(self, names_of: dict[int, str], changes: list[LoggedChange]) -> None:
         """Publish recent changes; from any thread. An error in publishing does not end the tree."""
@@ -179,6 +185,11 @@ class TreeLogs:
             self._runtime.report_fault(error, f'the topic {names.BEHAVIOR_TREE_LOG}')
 
 
+class _NoReader(RunReader):
+    def read(self, event: RunEvent) -> None:
+        pass
+
+
 class _TreeLog(RunReader):
     def __init__(self, logs: TreeLogs) -> None:
         self.log = self._marks = LogBuffer(time.monotonic_ns)
@@ -192,6 +203,67 @@ class _TreeLog(RunReader):
         if isinstance(event, RunStarted | TreeExpanded):
             self._names = {node.uid: node.name for node in event.tree.nodes}
             self._changes = LogReader(event.tree.nodes, lambda uid, before, after: (uid, before, after))
+
+
+# The topic ``behavior_tree_xml``: the XML of the latest tree, with the uids by which ``behavior_tree_log`` names nodes.
+#
+# Panels for Foxglove draw a tree from these two topics (such as that of Polymath Robotics: a String
+# with the XML, a BehaviorTreeLog with the uids or names). There is no agreed standard. The XML is made only when
+# somebody listens.
+
+
+class TreeDocuments:
+    """A publisher of the XML of the tree that started last, or whose nodes have changed last."""
+
+    def __init__(self, runtime: Runtime) -> None:
+        self._runtime = runtime
+        self._tree: Tree | None = None
+        self._publisher: Any = runtime.node.create_publisher(
+            String,
+            names.BEHAVIOR_TREE_XML,
+            names.transient_local_qos(),
+            event_callbacks=PublisherEventCallbacks(matched=self._matched, use_default_callbacks=False),
+        )
+
+    def open(self, events: RunEvents) -> RunReader:
+        """Return the reader that publishes the document of one run."""
+        return _TreeDocument(self)
+
+    def show(self, tree: Tree) -> None:
+        """Show a tree from now on. From any thread."""
+        self._tree = tree
+        if self._publisher.get_subscription_count():
+            self._publish(tree)
+
+    def forget(self, tree: Tree | None) -> None:
+        """Keep the document of a tree that has ended with the middleware only."""
+        if self._tree is tree:
+            self._tree = None
+
+    def _matched(self, event: Any) -> None:
+        tree = self._tree
+        if event.current_count_change > 0 and tree is not None:
+            self._publish(tree)
+
+    def _publish(self, tree: Tree) -> None:
+        try:
+            self._publisher.publish(String(data=sanitize_for_message(tree_document(tree))))
+        except Exception as error:
+            self._runtime.report_fault(error, f'the topic {names.BEHAVIOR_TREE_XML}')
+
+
+class _TreeDocument(RunReader):
+    def __init__(self, documents: TreeDocuments) -> None:
+        self._documents = documents
+        self._tree: Tree | None = None
+
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case RunStarted() | TreeExpanded():
+                self._tree = event.tree
+                self._documents.show(event.tree)
+            case RunEnded():
+                self._documents.forget(self._tree)
 
 
 # Shows the runs of the server to Groot2; see :class:`Groot2Server`.

@@ -253,7 +253,7 @@ class TreeRun(Generic[Client]):
             monitor.check_parts()
         tree.context.resting = self._waiting_in_tick
         tree.empty_outputs({key.removeprefix('@') for key, *_ in self._values})
-        self._events.emit(RunStarted(tree))
+        self._events.emit(RunStarted(tree, self._control))
         due = -math.inf
         while True:
             self._adopt()

@@ -9,6 +9,7 @@ from flexbt_console.mirror.command_tracker import CommandState
 from flexbt_console.mirror.records import ActiveState, DecisionKind
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, cut_middle, fold
+from flexbt_console.present.debugging import breakpoint_summary, held_lines
 from flexbt_console.present.rendering import (
     alarm_line,
     authority_text,
@@ -65,6 +66,8 @@ def _head(view: View, width: int) -> list[str]:
     if snapshot is not None:
         head += [line for peer in snapshot.missed_peers for line in fold(peer_line(peer), width, MOST_ROWS)]
         head += fold(Line(one_line(snapshot.message), Tone.WARNING), width, MOST_ROWS) if snapshot.message else []
+        for line in (*held_lines(snapshot), *breakpoint_summary(snapshot)):
+            head += fold(line, width, MOST_ROWS)
     return head
 
 

@@ -32,6 +32,7 @@ from flexbt_console.mirror.fleet import RobotOverview
 from flexbt_console.mirror.mirror import Change, Mirror
 from flexbt_console.mirror.records import Behavior, OperatorCommand
 from flexbt_console.mirror.view import View
+from flexbt_console.present.debugging import debug_lines, marks_of_nodes
 from flexbt_console.present.style import Line, Tone
 from flexbt_console.ui.answers import CHANGED, Bound, Local, Meaning, choose
 from flexbt_console.ui.keys import KEYS, KeyBinding, help_lines
@@ -588,6 +589,22 @@ class OperatorScreen(OrderedApp):
         self.open(
             ChoiceList('leave a state by', entries), lambda number: self.do(shlex.join(('force', *choices[number])))
         )
+
+    def _do_debug(self, key: KeyBinding, view: View) -> None:
+        """Let the operator select a node of a running tree, and then what to do at it."""
+        marked = [(run, node, marks_of_nodes(view.snapshot, run)) for run in view.running_trees for node in run.nodes]
+        entries = [
+            Entry(f'{node.path}  {run.status(node.uid).name}{marks.get(node.path, "")}', (node.path, node.name))
+            for run, node, marks in marked
+        ]
+
+        def chosen(number: int) -> None:
+            run, node, marks = marked[number]
+            lines = debug_lines(run, node, has_marks=node.path in marks)
+            offered = [Entry(line, (line, *line.split()[1:2])) for line in lines]
+            self.open(ChoiceList(node.path, offered), lambda which: self.do(lines[which]))
+
+        self.open(ChoiceList(key.help, entries), chosen)
 
     def _do_start(self, key: KeyBinding, view: View) -> None:
         behaviors = view.behaviors or ()

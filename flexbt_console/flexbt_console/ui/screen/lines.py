@@ -11,10 +11,11 @@ from textual.suggester import Suggester
 from textual.widgets import Input
 
 from flexbt_console.commands.completion import offers
-from flexbt_console.commands.registry import find
+from flexbt_console.commands.registry import begun
 from flexbt_console.mirror.fleet import RobotOverview
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, cut_middle, fold, width
+from flexbt_console.present.debugging import breakpoint_summary, held_lines
 from flexbt_console.present.rendering import (
     age_text,
     alarm_line,
@@ -90,6 +91,7 @@ def alarm_text(view: View, columns: int, operator: str | None, *, is_recorded: b
     if snapshot is not None:
         shown += [peer_line(peer) for peer in snapshot.missed_peers]
         shown += [Line(one_line(snapshot.message), Tone.WARNING)] if snapshot.message else []
+        shown += [*held_lines(snapshot), *breakpoint_summary(snapshot)]
     asks = authority_asked_line(snapshot, operator) if snapshot is not None else ''
     request = [cut_middle(asks, columns - 1)] if asks else []
     shown = [*shown[: ALARM_ROWS - len(request)], *request]
@@ -191,7 +193,7 @@ class CommandInput(Input):
     def draw(self, view: View, columns: int, rows: int) -> Text:
         """Return the usage of its command, and the completions, in this many rows of this many cells."""
         words = self.value.split(' ')
-        spec = find(words[0]) if len(words) > 1 else None
+        spec = begun(words)[0] if len(words) > 1 else None
         usage = [Line(cut(f'  {spec.prompt_usage}', columns), Tone.DIM)] if spec is not None and spec.in_prompt else []
         found = offers(self.value, view)
         lines, refused = [], set()

@@ -28,6 +28,7 @@ from flexbt_console.mirror.records import (
 )
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, cut_middle, fold
+from flexbt_console.present.debugging import marks_of_nodes
 from flexbt_console.present.maps import Frame, draw_map, where_text
 from flexbt_console.present.rendering import (
     autonomy_needed,
@@ -90,7 +91,7 @@ class MachinePane:
     def _all(self, view: View, columns: int, rows: int) -> list[str]:
         lines = machine_lines(view, columns, sys.maxsize, self._signs) if view.running else []
         for run in view.drawn_trees:
-            lines += tree_lines(run, columns, sys.maxsize, self._signs)
+            lines += tree_lines(run, columns, sys.maxsize, self._signs, marks_of_nodes(view.snapshot, run))
         self._from = min(self._from or 0, max(0, len(lines) - self._page))
         left = len(lines) - self._from - self._page
         position = f'  ({self._from} above, {max(0, left)} below; Esc: what is active)'
@@ -104,7 +105,8 @@ class MachinePane:
             shown = machine_lines(view, columns, room, self._signs)
         for number, run in enumerate(trees):
             left = rows - len(shown)
-            shown += tree_lines(run, columns, left // (len(trees) - number), self._signs)
+            share = left // (len(trees) - number)
+            shown += tree_lines(run, columns, share, self._signs, marks_of_nodes(view.snapshot, run))
         return shown
 
 

@@ -99,8 +99,9 @@ class TreeContext:
         if on_wake is not None:
             on_wake()
 
-    def wait(self, event: WakeEvent, clock: Clock, until: float) -> None:
-        """Block the tick until ``event`` is set, ``clock`` shows ``until``, or the host wants to stop the tree.
+    def wait(self, event: WakeEvent, clock: Clock, until: float | None) -> None:
+        """Block the tick until ``event`` is set, ``clock`` shows ``until`` (None: no limit), or the host wants to stop
+        the tree.
 
         On the ticking thread.
         """

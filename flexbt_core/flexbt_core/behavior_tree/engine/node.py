@@ -433,10 +433,10 @@ _COMPLETIONS: Final[Mapping[str, tuple[NodeStatus, ...]]] = {
 class NodeScript:
     """A script of a node, with its attribute."""
 
-    __slots__ = ('_node', 'attribute', 'bound', 'text')
+    __slots__ = ('attribute', 'bound', 'node', 'text')
 
     def __init__(self, node: TreeNode, attribute: str, script: ParsedScript) -> None:
-        self._node = node
+        self.node = node
         self.attribute = attribute
         self.text = script.text
         self.bound = script.bind(node.blackboard, condition=attribute in _DECISIONS)
@@ -454,7 +454,7 @@ class NodeScript:
     def fault(self, error: ScriptError) -> NodeExecutionError:
         """Return the error of the node for a failed script."""
         reason = f'{self.attribute}: {error.reason}'
-        return self._node.fault(ScriptError(error.script, error.offset, reason, is_absent=error.is_absent))
+        return self.node.fault(ScriptError(error.script, error.offset, reason, is_absent=error.is_absent))
 
 
 class _PreCondition(NodeScript):
@@ -476,7 +476,7 @@ class _PreCondition(NodeScript):
         return self._ask_and_tick
 
     def _ask_and_tick(self) -> NodeStatus:
-        node = self._node
+        node = self.node
         node.decided_by = None
         status = node.stored_status
         if status is IDLE or status is SKIPPED or (status is RUNNING and self._ongoing):
@@ -507,7 +507,7 @@ class _PostCondition(NodeScript):
         return self._tick_and_run
 
     def _tick_and_run(self) -> NodeStatus:
-        node = self._node
+        node = self.node
         before = node.stored_status
         tick = self._tick
         status = tick()

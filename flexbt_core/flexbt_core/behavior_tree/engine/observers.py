@@ -12,6 +12,7 @@ callback blocks::
 
 from __future__ import annotations
 
+import functools
 import threading
 import types
 from collections.abc import Callable, Iterable, Sequence
@@ -43,19 +44,23 @@ class TickCallbacks:
     def __init__(self, context: TreeContext, nodes: Callable[[], Sequence[TreeNode]]) -> None:
         self._context = context
         self._nodes = nodes
-        self._before: dict[TreeNode, PreTick] = {}
-        self._after: dict[TreeNode, PostTick] = {}
+        self._before: dict[TreeNode, dict[object, PreTick]] = {}
+        self._after: dict[TreeNode, dict[object, PostTick]] = {}
         self._lock = threading.Lock()
         self.on_release: Callable[[], None] | None = None
         """Called by :meth:`release`, from any thread, so that a waiting callback checks :attr:`released`."""
 
-    def set_pre_tick(self, node: TreeNode, callback: PreTick | None) -> None:
-        """Call ``callback`` before each tick of the node, unless it still has a result; None: no callback."""
-        self._set(self._before, node, callback)
+    def set_pre_tick(self, node: TreeNode, callback: PreTick | None, owner: object = None) -> None:
+        """Call ``callback`` before each tick of the node, unless it still has a result; None: no callback.
 
-    def set_post_tick(self, node: TreeNode, callback: PostTick | None) -> None:
-        """Call ``callback`` after each tick of the node, with any result; None: no callback."""
-        self._set(self._after, node, callback)
+        Each ``owner`` may have one for each node. They are called in the order in which they were set; the first result
+        counts.
+        """
+        self._set(self._before, node, callback, owner)
+
+    def set_post_tick(self, node: TreeNode, callback: PostTick | None, owner: object = None) -> None:
+        """Call ``callback`` after each tick of the node, with any result; None: no callback. ``owner`` as above."""
+        self._set(self._after, node, callback, owner)
 
     @property
     def active(self) -> bool:
@@ -81,12 +86,15 @@ class TickCallbacks:
         """True if the host wants to stop the tree. A waiting callback then raises TickAbandoned."""
         return self._context.stopping
 
-    def _set(self, callbacks: dict[TreeNode, Any], node: TreeNode, callback: Any) -> None:
+    def _set(self, callbacks: dict[TreeNode, Any], node: TreeNode, callback: Any, owner: object) -> None:
         with self._lock:
-            if callback is None:
-                callbacks.pop(node, None)
-            else:
-                callbacks[node] = callback
+            # Make a new dictionary: the ticking thread may be reading the present one.
+            placed = {one: other for one, other in callbacks.get(node, {}).items() if callback or one is not owner}
+            if callback is not None:
+                placed[owner] = callback
+            callbacks[node] = placed
+            if not placed:
+                del callbacks[node]
             self._switch()
 
     def _switch(self) -> None:
@@ -103,11 +111,12 @@ class TickCallbacks:
         callbacks = self._before
 
         def call_and_tick() -> NodeStatus:
-            callback = callbacks.get(node)
-            if callback is not None and (node.stored_status is IDLE or node.stored_status is RUNNING):
-                given = _replacement(node, lambda: callback(node))
-                if given is not None:
-                    return _complete(node, given)
+            placed = callbacks.get(node)
+            if placed is not None and (node.stored_status is IDLE or node.stored_status is RUNNING):
+                for callback in placed.values():
+                    given = _replacement(node, functools.partial(callback, node))
+                    if given is not None:
+                        return _complete(node, given)
             return tick()
 
         return call_and_tick
@@ -119,9 +128,8 @@ class TickCallbacks:
         def tick_and_call() -> NodeStatus:
             node.decided_by = None
             status = tick()
-            callback = callbacks.get(node)
-            if callback is not None:
-                given = _replacement(node, lambda: callback(node, status))
+            for callback in callbacks.get(node, {}).values():
+                given = _replacement(node, functools.partial(callback, node, status))
                 if given is not None and given is not status:
                     return _complete(node, given)
             return status

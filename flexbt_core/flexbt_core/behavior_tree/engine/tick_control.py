@@ -6,14 +6,15 @@ The clock continues, as in FlexBE and in py_trees: a Timeout limits events in th
 tick handles everything that became due meanwhile.
 
 A host may also hold a tree. This is a second pause, independent of the one by command: the tree continues when neither
-is in effect.
+is in effect. A breakpoint holds a tree within a tick (:meth:`TickControl.held_in_tick`).
 """
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from enum import Enum
 from typing import Final
 
@@ -32,6 +33,10 @@ class TickCommand(Enum):
     PAUSE = 'pause'
     RESUME = 'resume'
     STEP = 'step'
+
+
+def _ignore(_refusal: str) -> None:
+    """Ignore the answer to a command: it was given before."""
 
 
 MOST_WAITING: Final = 1000
@@ -54,6 +59,8 @@ class TickControl:
         self._asked_to_pause = False
         self._hold = ''
         self._paused = False
+        self._is_held_in_tick = False
+        self._step: TickCommandReply = _ignore
         self._closed: str | None = None
         self.not_paused: tuple[str, ...] = ()
         """Leaves whose work continues while the tree is paused, as 'path: why'."""
@@ -63,22 +70,29 @@ class TickControl:
         return self._paused
 
     @property
+    def reason(self) -> str:
+        """The reason of the host to hold the tree, or ''."""
+        return self._hold
+
+    @property
     def pending(self) -> bool:
         """True if there are commands that :meth:`tick` would run."""
         return bool(self._commands) or self._is_to_pause is not self._paused
 
     def command(self, command: TickCommand, answer: TickCommandReply) -> None:
-        """Queue a command. PAUSE is answered once the current tick has ended, STEP when its tick has ended."""
+        """Queue a command. PAUSE is answered once the current tick has ended, STEP when its tick has ended; PAUSE and
+        RESUME at once while the tree is held within that tick."""
         with self._lock:
             refusal = self._closed
             if refusal is None and len(self._commands) >= MOST_WAITING:
                 refusal = f'{MOST_WAITING} commands wait for the end of the tick that is under way'
+            is_answered = refusal is None and self._is_held_in_tick and command is not TickCommand.STEP
             if refusal is None:
-                self._commands.append((command, answer))
+                self._commands.append((command, _ignore if is_answered else answer))
         if refusal is None:
             self._on_command()
-        else:
-            answer(refusal)
+        if refusal is not None or is_answered:
+            answer(refusal or '')
 
     def hold(self, reason: str) -> None:
         """Hold the tree for this ``reason`` of the host; '' releases it. From any thread."""
@@ -103,15 +117,47 @@ class TickControl:
         step = self._obey(tree)
         if step is None:
             return None if self._paused else tree.tick_once()
+        self._step = step
         try:
             status = tree.tick_exactly_once()
         except BaseException as error:
-            step(f'the tick raised: {error}')
+            self._take_step()(f'the tick raised: {error}')
             raise
         if status is NodeStatus.RUNNING:
             self.not_paused = tree.pause()  # pauses the work that the step has started
-        step('')
+        self._take_step()('')
         return status
+
+    @contextmanager
+    def held_in_tick(self, tree: Tree) -> Iterator[None]:
+        """Return a context in which the tree is held within a tick, on its thread. Commands that wait for the end of
+        the tick are answered: they have their effect after it. Raises NodeExecutionError if a leaf does not resume."""
+        was_paused = self._paused
+        with self._lock:
+            self._is_held_in_tick = True
+            waiting = [answer for command, answer in self._commands if command is not TickCommand.STEP]
+            self._commands = deque(
+                (command, answer if command is TickCommand.STEP else _ignore) for command, answer in self._commands
+            )
+        self.not_paused = tree.pause()
+        if not was_paused:
+            self._on_change(True)
+        for answer in (*waiting, self._take_step()):
+            answer('')
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._is_held_in_tick = False
+            if not was_paused:
+                self._on_change(False)
+        if not was_paused:
+            tree.resume()
+
+    def _take_step(self) -> TickCommandReply:
+        """Return the reply of the step that is under way; it is called once."""
+        step, self._step = self._step, _ignore
+        return step
 
     @property
     def _is_to_pause(self) -> bool:

@@ -68,7 +68,10 @@ MISSING.sequence = -1
 class Blackboard:
     """A scope of entries. Safe to use from several threads; a scope and its descendants share one lock."""
 
-    __slots__ = ('__weakref__', '_autoremap', '_entries', '_parent', '_remaps', '_root', 'lock')
+    __slots__ = ('__weakref__', '_autoremap', '_entries', '_parent', '_remaps', '_root', 'entry_class', 'lock')
+
+    entry_class: type[Entry]
+    """Class of the entries to be created in this scope and its descendants, which is used of the topmost scope."""
 
     def __init__(self, parent: Blackboard | None = None) -> None:
         self._parent = parent
@@ -77,6 +80,7 @@ class Blackboard:
         self._entries: MutableMapping[str, Entry] = {}
         self._remaps: dict[str, str] = {}
         self._autoremap = False
+        self.entry_class = Entry
 
     def with_own(self, keys: Iterable[str]) -> Blackboard:
         """Return a topmost scope that shares all entries of this one, except private ones for ``keys``.
@@ -168,7 +172,7 @@ class Blackboard:
                     return entry
                 remapped = board._remaps.get(key)
                 if remapped is None and (not board._autoremap or key.startswith('_')):
-                    entry = board._entries[key] = Entry(type)
+                    entry = board._entries[key] = self._root.entry_class(type)
                     return entry
                 if board._parent is None:
                     raise BlackboardError(f'key [{key}] is remapped to a parent blackboard, but there is none')

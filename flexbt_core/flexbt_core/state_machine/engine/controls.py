@@ -4,9 +4,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple
 
 from flexbt_core.state_machine.model.autonomy import is_autonomous
 from flexbt_core.state_machine.model.definition import ROOT_PATH, MachineDefinition, are_apart, is_inside
+
+
+class Step(NamedTuple):
+    """A step from a state or machine: ``how`` is 'into', 'over' or 'out'. The next transition that it holds ends it."""
+
+    how: str
+    path: str
+
+    def holds(self, path: str) -> bool:
+        """Return whether the transition out of ``path`` is held: of any node, of one that is not nested deeper, or of
+        one that is less nested."""
+        return self.how == 'into' or path.count('/') + (self.how == 'out') <= self.path.count('/')
+
+    def __str__(self) -> str:
+        return f'{self.how} {self.path}'
+
+
+STEPS: Final = ('into', 'over', 'out')
 
 
 class Controls:
@@ -16,6 +35,8 @@ class Controls:
         self._levels = {node.path: level for node in definition.nodes()}
         self.locked: set[str] = set()
         self.breakpoints: set[str] = set()
+        self.step: Step | None = None
+        """The step that is under way: each transition that it holds waits for the operator."""
 
     def __contains__(self, path: object) -> bool:
         """Return whether the run has a state or machine at ``path``."""
@@ -42,7 +63,8 @@ class Controls:
 
     def may_pass(self, path: str, required: int) -> bool:
         """Return whether the level allows an outcome that requires ``required`` without the operator."""
-        return path not in self.breakpoints and is_autonomous(required, self._levels[path])
+        is_held = path in self.breakpoints or (self.step is not None and self.step.holds(path))
+        return not is_held and is_autonomous(required, self._levels[path])
 
     def restore(self, levels: Mapping[str, int], locked: Iterable[str], breakpoints: Iterable[str]) -> None:
         """Restore the settings of another run of the machine; ``levels`` comes from :meth:`levels`."""
@@ -60,6 +82,7 @@ class Controls:
         self._levels = levels
         self.locked &= levels.keys()
         self.breakpoints &= levels.keys()
+        self.step = None
 
 
 def _around(path: str) -> str:

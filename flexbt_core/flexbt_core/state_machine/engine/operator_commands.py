@@ -11,6 +11,7 @@ from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, no_level
 from flexbt_core.state_machine.model.definition import ROOT_PATH, is_inside
 from flexbt_core.state_machine.model.state_host import Severity
 
+from .controls import STEPS, Step
 from .events import AutonomySet, BreakpointSet, DecisionTaken, LockSet, Logged, OutcomeForced, RunPaused
 from .region import Region, RegionChild
 from .run import MachineRun
@@ -27,7 +28,26 @@ def confirm(run: MachineRun, decision_id: str) -> str | None:
     refusal = _paused(run, decision.path)
     if refusal is None:
         run.tell(DecisionTaken(decision_id))
+        run.controls.step = None
         region.approve()
+    return refusal
+
+
+def step(run: MachineRun, how: str, decision_id: str) -> str | None:
+    """Confirm a pending decision, and hold the next transition for the operator at any autonomy: 'into' holds any,
+    'over' one of a node that is not nested deeper, 'out' one of the container around the node, or further out.
+
+    The step lasts until a decision is confirmed or an outcome forced, or :func:`clear_breakpoint` of its path.
+    """
+    region = _deciding(run, decision_id)
+    path = region.decision.path if region is not None and region.decision is not None else ''
+    if how not in STEPS:
+        return f'there is no step {how!r}; there are {", ".join(STEPS)}'
+    if how == 'out' and path.count('/') == 1:
+        return f'{path} is in no container but the root, which is not left by a transition; use over'
+    refusal = confirm(run, decision_id)
+    if refusal is None:
+        run.controls.step = Step(how, path)
     return refusal
 
 
@@ -48,6 +68,7 @@ def force(run: MachineRun, path: str, outcome: str, decision_id: str = '') -> st
     refusal = _leaving(region, path) or _paused(run, path)
     if refusal is None:
         run.tell(OutcomeForced(path, outcome))
+        run.controls.step = None
         region.force(outcome)
     return refusal
 
@@ -127,7 +148,12 @@ def set_breakpoint(run: MachineRun, path: str) -> str | None:
 
 
 def clear_breakpoint(run: MachineRun, path: str) -> str | None:
-    """Undo :func:`set_breakpoint`: the autonomy level decides again, also for a transition that waits."""
+    """Undo :func:`set_breakpoint`, or end the step from a state: the autonomy level decides again, also for a
+    transition that waits."""
+    if run.controls.step is not None and run.controls.step.path == path and path not in run.controls.breakpoints:
+        run.controls.step = None
+        run.tell(BreakpointSet(path, False))
+        return None
     return _unmark(run, run.controls.breakpoints, BreakpointSet, path, 'has a breakpoint')
 
 

@@ -83,6 +83,7 @@ class MachineRun(Engine):
         """While the run ends: the work that has not halted yet, with the paths of its states."""
         self.root = ContainerRun(self, definition)
         self.scope = Scope(definition.defaults)
+        self.scope.now = clock.now
         """The userdata of the root machine."""
         for key, value in (userdata or {}).items():
             self.scope.set(key, value)
@@ -321,7 +322,8 @@ class MachineRun(Engine):
         self.controls.move_to(root.definition)
         self.pausing.release(ROOT_PATH)
         self.pausing.has_changed = True
-        self.scope = Scope(root.definition.defaults)
+        now, self.scope = self.scope.now, Scope(root.definition.defaults)
+        self.scope.now = now
 
     def unwritten(self, path: str) -> list[str]:
         """Return the keys that a state or machine in an active machine reads and that have no value.
@@ -344,6 +346,11 @@ class MachineRun(Engine):
         """Return the userdata of each active machine by path, outermost first. The values are not copies."""
         machines = [self.root, *(node for node in self.root.active() if isinstance(node, ContainerRun))]
         return {machine.path: machine.scope.values() for machine in machines if machine.is_active}
+
+    def writers_of_machines(self) -> dict[str, dict[str, tuple[str, float]]]:
+        """Return who has written the userdata of each active machine: the path of the state and the time, by key."""
+        machines = [self.root, *(node for node in self.root.active() if isinstance(node, ContainerRun))]
+        return {machine.path: dict(machine.scope.writers) for machine in machines if machine.is_active}
 
     def _pause_or_resume_one(self) -> bool:
         """Pause or resume one state, and return whether one needed it. One per step, so that a stop comes first."""

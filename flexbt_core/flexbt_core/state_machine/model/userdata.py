@@ -10,7 +10,7 @@ StateMachineError
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
@@ -89,7 +89,7 @@ class Scope:
     that was not written here is read there, and an output is also written there.
     """
 
-    __slots__ = ('_data', '_inputs', '_outputs', '_parent', 'shared_types')
+    __slots__ = ('_data', '_inputs', '_outputs', '_parent', 'now', 'shared_types', 'writers')
 
     def __init__(
         self,
@@ -99,6 +99,9 @@ class Scope:
         outputs: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._data: dict[str, Any] = {}
+        self.writers: dict[str, tuple[str, float]] = {}
+        """The state that has written a key last, and when, s; without keys that no state has written."""
+        self.now: Callable[[], float] = float if parent is None else parent.now
         self._parent = parent
         self._inputs = inputs
         self._outputs = outputs
@@ -121,11 +124,15 @@ class Scope:
             return self._parent.get(self._inputs[key])
         raise KeyError(key)
 
-    def set(self, key: str, value: Any) -> None:
-        """Write a key."""
+    def set(self, key: str, value: Any, writer: str = '') -> None:
+        """Write a key. ``writer`` is the path of the state, '' if it is no state."""
         self._data[key] = value
+        if writer:
+            self.writers[key] = writer, self.now()
+        else:
+            self.writers.pop(key, None)
         if self._parent is not None and key in self._outputs:
-            self._parent.set(self._outputs[key], value)
+            self._parent.set(self._outputs[key], value, writer)
 
     def note_shared(self, value: Any) -> bool:
         """Record that a value is passed without a copy. Return whether it is the first of its type in the run."""
@@ -207,7 +214,7 @@ class UserData:
             raise UserDataError(f"{self._owner.path}: cannot write userdata key '{key}'; declare it in output_keys")
         name = self._remap.get(key, key)
         self._copies.pop(name, None)  # also copies read by another key that maps to this name
-        self._scope.set(name, value)
+        self._scope.set(name, value, self._owner.path)
 
     def __getattr__(self, key: str) -> Any:
         if key.startswith('_'):
