@@ -2,7 +2,7 @@
 // What can be done in the graph, by keys, the list of commands, buttons, and drag: each is one gesture of the server.
 
 import {ask, choose} from './choice.js';
-import {outcomePath, partsOf} from './machine_drawing.js';
+import {outcomePath} from './machine_drawing.js';
 
 const TEMPLATES = {
   Tree: ['new_tree.xml', (name) => `<root BTCPP_format="4" main_tree_to_execute="${name}">\n  <BehaviorTree ID="${name}">\n    <Sequence>\n      <AlwaysSuccess/>\n    </Sequence>\n  </BehaviorTree>\n</root>\n`],
@@ -97,7 +97,7 @@ export class Actions {
   // Move a node to a place beside or in another one, or copy what is dragged from the palette there.
   drop(from, to, zone, entry) {
     if (from === null) { this.add(zone, entry, to); return; }
-    if (!this.isTree) { const [state, outcome] = partsOf(from); this.run(() => ['set_target', {state, outcome, target: this.studio.part(to).data.label}]); return; }
+    if (!this.isTree) { const {data, way} = this.studio.part(from); this.run(() => ['set_target', {state: data.path, outcome: way.outcome, target: this.studio.part(to).data.label}]); return; }
     let place = null;
     this.run(() => {
       const part = this.studio.part(from), target = this.studio.part(to);

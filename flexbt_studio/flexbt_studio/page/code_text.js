@@ -9,7 +9,7 @@ import {yaml} from '@codemirror/lang-yaml';
 import {bracketMatching, foldGutter, foldKeymap, HighlightStyle, indentUnit, syntaxHighlighting} from '@codemirror/language';
 import {lintGutter, setDiagnostics} from '@codemirror/lint';
 import {MergeView} from '@codemirror/merge';
-import {highlightSelectionMatches, search, searchKeymap} from '@codemirror/search';
+import {search, searchKeymap} from '@codemirror/search';
 import {EditorSelection, EditorState, Transaction} from '@codemirror/state';
 import {drawSelection, EditorView, highlightActiveLine, highlightActiveLineGutter, keymap, lineNumbers} from '@codemirror/view';
 import {tags} from '@lezer/highlight';
@@ -69,7 +69,7 @@ export function codePane(parent, on) {
         doc: text,
         extensions: [
           lineNumbers(), foldGutter(), lintGutter(), history(), drawSelection(), highlightActiveLine(), highlightActiveLineGutter(), bracketMatching(), closeBrackets(),
-          highlightSelectionMatches(), search({top: true}), autocompletion({override: [words]}), indentUnit.of(/^\t/m.test(text) ? '\t' : /\n {4}(?=\S)/.test(text) && !/\n {2}(?=\S)/.test(text) ? '    ' : '  '),
+          search({top: true}), autocompletion({override: [words]}), indentUnit.of(/^\t/m.test(text) ? '\t' : /\n {4}(?=\S)/.test(text) && !/\n {2}(?=\S)/.test(text) ? '    ' : '  '),
           LANGUAGES[language]?.() ?? [], syntaxHighlighting(COLORS), THEME, EditorState.readOnly.of(false),
           EditorView.contentAttributes.of({'aria-label': `text of ${file}`}),
           keymap.of([...completionKeymap, ...searchKeymap.filter((one) => one.key !== 'Mod-Alt-\\'), ...historyKeymap, ...foldKeymap, ...defaultKeymap.filter((one) => !['Alt-ArrowLeft', 'Alt-ArrowRight'].includes(one.key))]),

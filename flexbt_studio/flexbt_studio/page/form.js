@@ -7,8 +7,10 @@ import {portHelp} from './palette.js';
 const CONDITIONS = {_skipIf: 'skip the node if true', _successIf: 'succeed without a tick if true', _failureIf: 'fail without a tick if true', _while: 'tick only while true', _onSuccess: 'run after success', _onFailure: 'run after failure', _onHalted: 'run after a halt', _post: 'run after every end'};
 const LEVELS = ['off', 'low', 'high', 'full'];
 
+const literal = (text) => { try { return JSON.parse(text); } catch { return text; } };
+
 export class Form {
-  // on.gesture(name, args), on.act(id) runs a command, on.typeOf(node), on.keys() lists keys, on.problems(path), on.leave().
+  // on.gesture(name, args), on.can(name) tells whether the file has a gesture, on.act(id) runs a command, on.typeOf(node), on.keys() lists keys, on.problems(path), on.leave().
   constructor(on) {
     this.on = on;
     this.root = byId('form');
@@ -47,7 +49,7 @@ export class Form {
 
   // Show a part of the graph. If it is as it was, the fields stay as they are; what is being typed is kept in any case.
   show(part, extra = '') {
-    const key = JSON.stringify([part && [part.kind, part.path, part.data, part.problems, part.locked], extra]);
+    const key = JSON.stringify([part && [part.kind, part.path, part.data, part.problems, part.locked, part.behavior], extra]);
     if (key === this.key) return;
     const isSame = part?.path === this.path, active = document.activeElement;
     const typed = isSame && active?.dataset?.field && this.root.contains(active) ? {field: active.dataset.field, value: active.value, was: active.dataset.was, at: [active.selectionStart, active.selectionEnd]} : null;
@@ -141,6 +143,15 @@ export class Form {
       parts.push(html('h3', {}, 'Keys'), ...data.remapping.map((one) => this.field(`key:${one.key}`, one.name, (name) => edit('set_remapping', {key: one.key, name: name || null}), {label: one.key, isReadOnly: isLocked, words: () => []})));
       parts.push(html('button', {type: 'button', disabled: isLocked, onclick: async () => { const key = await choose('Key of the state', (this.on.typeOf(data)?.keyNames ?? []).map((label) => ({label})), {free: (label) => ({label, detail: 'as typed'})}); if (key) edit('set_remapping', {key: key.label, name: key.label}); }}, 'Remap a Key…'));
     }
+    for (const {kind, span, ...fields} of data.wrappers) {
+      parts.push(html('h3', {}, kind === 'retry' ? 'Retry' : 'Time Limit'), ...Object.entries(fields).map(([name, value]) => this.field(`${kind}:${name}`, typeof value === 'string' ? value : JSON.stringify(value), (text) => edit('set_wrapper', {kind, fields: {...fields, [name]: literal(text)}}), {label: name, isReadOnly: isLocked, words: () => []})),
+        html('button', {type: 'button', disabled: isLocked, onclick: () => edit('set_wrapper', {kind, fields: null})}, 'Remove It'));
+    }
+    if (isRoot && part.behavior) {
+      if (this.on.can('set_behavior')) for (const key of ['name', 'description']) parts.push(this.field(key, part.behavior[key], (text) => this.on.gesture('set_behavior', {key, text: text || null}), {words: () => [], lines: key === 'name' ? 1 : 2}));
+      parts.push(html('h3', {}, 'Parameters'), ...part.behavior.parameters.map((one) => html('p', {}, html('code', {}, `${one.name}: ${one.default ?? ''}`), html('span', {class: 'hint'}, one.description ?? ''))));
+    }
+    if (data.conditions?.length) parts.push(html('h3', {}, 'Ends When'), ...data.conditions.map((one) => html('p', {}, `${one.outcome}: ${one.when.map((pair) => pair.join(' ')).join(' and ')}`)));
     if (isContainer && data.outcomes.length) parts.push(html('h3', {}, 'Outcomes'), html('p', {}, data.outcomes.join(', ')), this.buttons(['add_outcome', 'Add an Outcome…']));
     if (!isRoot) parts.push(this.comment(part, 'state'));
     return parts;

@@ -121,13 +121,14 @@ export class Graph {
     const at = this.items.indexOf(item);
     const go = {
       ArrowDown: () => this.items[at + 1], ArrowUp: () => this.items[at - 1], ArrowLeft: () => this.byPath.get(item.parent),
-      ArrowRight: () => { if (item.isFolded) this.on.fold(item.path); return item.children[0]; },
+      ArrowRight: () => { if (!item.isFolded) return item.children[0]; this.on.fold(item.path); return null; },
       Home: () => item.row[0], End: () => item.row.at(-1),
       PageDown: () => this.items[Math.min(at + 10, this.items.length - 1)], PageUp: () => this.items[Math.max(at - 10, 0)],
     }[event.key];
     if (go) {
       event.preventDefault();
       event.stopPropagation();
+      this.found = '';
       const to = go();
       if (to) this.on.select(to.path);
     } else if (event.key === ' ' && item.count) {
@@ -154,7 +155,7 @@ export class Graph {
   drag(event, path, what) {
     const begin = [event.clientX, event.clientY];
     let label = null, over = null;
-    const leave = () => { over?.item.element.classList.remove('drop-before', 'drop-after', 'drop-into'); over = null; };
+    const leave = () => { over?.item.element.classList.remove('drop-into'); over?.mark?.remove(); over = null; };
     const move = (now) => {
       if (!label && Math.hypot(now.clientX - begin[0], now.clientY - begin[1]) < SLOP) return;
       if (!label) {
@@ -170,7 +171,12 @@ export class Graph {
       const box = this.byPath.get(to).element.querySelector('.box').getBoundingClientRect(), part = (now.clientX - box.left) / box.width;
       const wanted = part < 0.3 ? 'before' : part > 0.7 ? 'after' : 'into';
       over = {item: this.byPath.get(to), zone: zones.includes(wanted) ? wanted : zones.includes('into') ? 'into' : part < 0.5 ? zones[0] : zones.at(-1)};
-      over.item.element.classList.add(`drop-${over.zone}`);
+      if (over.zone === 'into') over.item.element.classList.add('drop-into');
+      else {
+        const [x, y, width, height] = over.item.box, at = over.zone === 'before' ? x - 9 : x + width + 9;
+        over.mark = svg('path', {class: 'drop-mark', d: `M${at} ${y - 4}V${y + height + 4}`});
+        this.picture.append(over.mark);
+      }
     };
     const end = (now) => {
       for (const [kind, one] of listeners) removeEventListener(kind, one, true);

@@ -10,7 +10,6 @@ const LEVELS = {off: '', low: 'low', high: 'high', full: 'full'};
 
 // The path of the item of an outcome of a state.
 export const outcomePath = (state, outcome) => `${state}#${outcome}`;
-export const partsOf = (path) => { const at = path.indexOf('#'); return at < 0 ? [path, null] : [path.slice(0, at), path.slice(at + 1)]; };
 
 function curve(points) {
   const [first, ...rest] = points.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`);
@@ -62,7 +61,7 @@ export function drawMachine(view, layout, folded) {
       const box = edge?.label ? [edge.label[0] - 3.6 * way.outcome.length - 4, edge.label[1] - 9, 7.2 * way.outcome.length + 8, 18] : [x + 8, y + height + 2, 8, 2];
       const mark = svg('g', {class: `way-mark ${needed}`}, svg('rect', {class: 'box', x: box[0], y: box[1], width: box[2], height: box[3], rx: 4}));
       if (edge?.label) mark.append(svg('text', {x: edge.label[0], y: edge.label[1] + 4, 'text-anchor': 'middle'}, way.outcome));
-      if (edge) lines.push(svg('path', {class: `way ${needed}`, d: curve(edge.points), 'marker-end': 'url(#arrow)', 'data-way': outcomePath(one.path, way.outcome)}));
+      if (edge) lines.push(svg('path', {class: `way ${needed}`, d: curve(edge.points), 'marker-end': 'url(#arrow)', 'data-way': outcomePath(one.path, way.outcome), 'data-from': one.path}));
       if (needed) mark.append(svg('title', {}, `asks the operator below autonomy ${needed}`));
       fronts.push(mark);
       items.push({

@@ -6,7 +6,7 @@ import {difference, mapOffset} from './changes.js';
 import {byId, choose, html} from './choice.js';
 import {Form} from './form.js';
 import {Graph} from './graph.js';
-import {drawMachine, outcomePath, partsOf} from './machine_drawing.js';
+import {drawMachine, outcomePath} from './machine_drawing.js';
 import {OpenFile} from './open_file.js';
 import {Palette} from './palette.js';
 import {panels} from './panels.js';
@@ -40,7 +40,7 @@ class Studio {
       drop: (from, to, zone, what) => this.actions.drop(from, to, zone, what), zones: (from, to) => (this.file ? this.actions.zones(from, to) : []),
     });
     this.form = new Form({
-      gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
+      gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
       trees: () => Object.keys(this.treeFiles), rename: (label) => this.actions.renameState(this.part(this.file.selected), label), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
     });
     this.palette = new Palette({add: (entry) => this.actions.add('after', entry).then(() => this.graph.focus()), drag: (event, entry) => this.graph.drag(event, null, entry)});
@@ -257,12 +257,12 @@ class Studio {
 
   showSelection() {
     const {file} = this, part = this.part(file.selected);
-    const shown = part && {...part, data: part.data, way: part.way, problems: file.findings.filter((one) => one.path === part.path && one.severity !== 'info').map((one) => one.message)};
+    const shown = part && {...part, behavior: file.view.behavior, problems: file.findings.filter((one) => one.path === part.path && one.severity !== 'info').map((one) => one.message)};
     this.form.show(shown, this.keys().join() + Object.keys(this.treeFiles).join());
     const crumbs = [];
     for (let one = part; one; one = one.parent) crumbs.unshift(one);
     byId('crumbs').replaceChildren(...[[file.name.split('/').at(-1), file.parts.keys().next().value], ...crumbs.map((one) => [one.title, one.path])].map(([text, path]) => html('button', {type: 'button', onclick: () => this.select(path)}, text)));
-    for (const way of this.graph.picture.querySelectorAll('.way')) way.classList.toggle('lit', way.dataset.way === file.selected || partsOf(way.dataset.way ?? '')[0] === file.selected);
+    for (const way of this.graph.picture.querySelectorAll('.way')) way.classList.toggle('lit', [way.dataset.way, way.dataset.from].includes(file.selected));
     history.replaceState(null, '', this.address(file));
   }
 

@@ -62,7 +62,10 @@ export function drawTrees(view, folded) {
         const text = `+${box.count}`;
         element.append(svg('g', {class: 'fold-mark'}, svg('rect', {x: box.left + box.width / 2 - 18, y: y + HEIGHT - 2, width: 36, height: 18, rx: 9}), svg('text', {x: box.left + box.width / 2, y: y + HEIGHT + 11, 'text-anchor': 'middle'}, text)));
       }
-      if (box.parent) lines.push(`M${box.parent.left + box.parent.width / 2} ${y - ROW + HEIGHT}C${box.parent.left + box.parent.width / 2} ${y - 18} ${box.left + box.width / 2} ${y - 22} ${box.left + box.width / 2} ${y}`);
+      if (box.parent) {
+        const from = box.parent.left + box.parent.width / 2, to = box.left + box.width / 2;
+        box.parent.lines = `${box.parent.lines ?? ''}M${from} ${y - ROW + HEIGHT}C${from} ${y - 18} ${to} ${y - 22} ${to} ${y}`;
+      }
       shapes.push(element);
       const name = isTree ? one.type : one.name && one.name !== one.type ? one.name : one.type;
       items.push({
@@ -70,9 +73,11 @@ export function drawTrees(view, folded) {
         label: isTree ? `${box.detail} ${one.type}` : `${one.type}${one.name && one.name !== one.type ? ` "${one.name}"` : ''}, ${one.kind || 'unknown node'}${ports(one) ? `, ${ports(one)}` : ''}${one.comments.length ? `, note: ${one.comments.join(' ')}` : ''}`,
       });
     }
+    // One line for each parent: the browser leaves out what is not in the pane.
+    for (const box of boxes) if (box.lines) lines.push(svg('path', {class: 'edges', d: box.lines}));
     top += depth * ROW + HEIGHT + TREE_GAP;
   }
-  return {items, parts: [svg('path', {class: 'edges', d: lines.join('')}), ...shapes], box: {x: -6, y: -12, width: right + 18, height: Math.max(top - TREE_GAP, 1) + 34}};
+  return {items, parts: [...lines, ...shapes], box: {x: -6, y: -12, width: right + 18, height: Math.max(top - TREE_GAP, 1) + 34}};
 }
 
 // Give each box its place x relative to its parent's, children side by side; return the left end of all. boxes: parents first.

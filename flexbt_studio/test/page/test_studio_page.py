@@ -1,0 +1,415 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The studio in a real browser: what a mission engineer does with keys, and that nothing is lost."""
+
+from __future__ import annotations
+
+import difflib
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from studio_page import StudioPage, served
+
+from flexbt_studio.server.web_server import editor_folder
+from flexbt_testing.browser import NEEDS_BROWSER, started_browser
+
+keys_module = pytest.importorskip(
+    'selenium.webdriver.common.keys', reason='selenium drives the browser: pip install selenium'
+)
+Keys: Any = keys_module.Keys
+
+pytestmark = NEEDS_BROWSER
+
+TREE = """\
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <!-- Drive, or wait: 🙂 -->
+  <BehaviorTree ID="Main">
+    <Fallback name="Drive">
+      <Sequence>
+        <ComputePathToPose goal="{goal}" path="{path}"/>
+        <FollowPath path="{path}"/>
+      </Sequence>
+      <Wait wait_duration="1.0"/>   <!-- a while -->
+      <SubTree ID="Recover" path="{path}"/>
+    </Fallback>
+  </BehaviorTree>
+</root>
+"""
+RECOVER = """\
+<root BTCPP_format="4">
+  <BehaviorTree ID="Recover">
+    <Sequence _collapsed="true">
+      <BackUp backup_dist="0.3"/>
+      <FollowPath path="{path}"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+MACHINE = """\
+# A machine.
+machine:
+  outcomes: [finished, failed]
+  states:
+    Ask:
+      state: OperatorInputState
+      parameters: {prompt: Where to?, type: geometry_msgs/PoseStamped}
+      transitions: {received: Rest, declined: finished, failed: failed}
+    Rest:
+      state: WaitState   # a while
+      parameters: {wait_time: 2.0}
+      transitions: {done: Ask}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    project = tmp_path / 'mission'
+    (project / 'more').mkdir(parents=True)
+    (project / 'main.xml').write_text(TREE)
+    (project / 'more' / 'recover.xml').write_text(RECOVER)
+    (project / 'machine.yaml').write_text(MACHINE)
+    return project
+
+
+HAS_FOCUS = 'return document.getElementById(`${arguments[0]}-pane`).contains(document.activeElement)'
+
+
+def changed_lines(before: str, after: str) -> list[str]:
+    """Return the lines of a difference."""
+    return [line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in '+-']
+
+
+def test_a_tree_is_written_with_keys_alone(page: StudioPage, folder: Path, editor: Path | None) -> None:
+    with served(folder, editor) as port:
+        page.open(port, 'main.xml')
+        assert page.selected == 'Main'
+        # Go around: next, previous, parent, child, ends of the siblings, letters.
+        page.press(Keys.ARROW_DOWN)
+        assert page.focused == 'Main/0'
+        page.press(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
+        assert page.focused == 'Main/0/0/0'
+        page.press(Keys.ARROW_LEFT, Keys.END)
+        assert page.focused == 'Main/0/2'
+        page.press(Keys.HOME)
+        assert page.focused == 'Main/0/0'
+        page.press('f', 'o')
+        assert page.focused == 'Main/0/0/1'
+        # Fold and unfold.
+        page.press(Keys.ARROW_LEFT, ' ')
+        page.until_told('Sequence folded')
+        assert page.run('return document.activeElement.getAttribute("aria-expanded")') == 'false'
+        page.press(Keys.ARROW_DOWN)
+        assert page.focused == 'Main/0/1'
+        page.press(Keys.ARROW_UP, Keys.ARROW_RIGHT)
+        page.until_told('Sequence unfolded')
+        page.press(Keys.ARROW_RIGHT)
+        page.until_selected('Main/0/0/0')
+        # Add a node, and fill in its form, with a key that is completed.
+        page.press(Keys.ARROW_DOWN, 'a')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('goalreach', Keys.ENTER)
+        page.until_selected('Main/0/0/2')
+        page.press(Keys.ENTER)
+        page.until(lambda: page.focused.startswith('field-'))
+        page.until(lambda: page.run('return document.getElementById("field-goal") !== null'))
+        while page.focused != 'field-goal':
+            page.press(Keys.TAB)
+        page.chord(Keys.CONTROL, ' ')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('goal', Keys.ENTER)
+        page.until_told('changed')
+        page.until(lambda: page.focused == 'field-goal')
+        assert page.run('return document.activeElement.value') == '{goal}'
+        page.press(Keys.ESCAPE)
+        page.until_selected('Main/0/0/2')
+        page.press('A')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press(Keys.ESCAPE)
+        page.until_selected('Main/0/0/2')
+        # Move it among its siblings, out of its parent, and into the sibling before it.
+        page.chord(Keys.ALT, Keys.ARROW_UP)
+        page.until_told('2 of 3 in Sequence')
+        page.until_selected('Main/0/0/1')
+        page.chord(Keys.ALT, Keys.ARROW_DOWN)
+        page.until_selected('Main/0/0/2')
+        page.chord(Keys.ALT, Keys.ARROW_LEFT)
+        page.until_selected('Main/0/1')
+        page.chord(Keys.ALT, Keys.ARROW_RIGHT)
+        page.until_selected('Main/0/0/2')
+        # Wrap, unwrap, copy, paste, cut, remove.
+        page.press('w')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('Inverter', Keys.ENTER)
+        page.until_told('wrapped in Inverter')
+        page.until_selected('Main/0/0/2')
+        page.press('u')
+        page.until_told('its children took its place')
+        page.until_selected('Main/0/0/2')
+        page.press('c')
+        page.until_told('copied')
+        page.press('v')
+        page.until_selected('Main/0/0/3')
+        page.press('x')
+        page.until_told('removed')
+        page.until_selected('Main/0/0/2')
+        page.press(Keys.DELETE)
+        page.until_selected('Main/0/0/1')
+        # Rename.
+        page.press(Keys.F2)
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('Drive there', Keys.ENTER)
+        page.until_told('renamed to Drive there')
+        # Go to the definition of a sub-tree, in another file, and back.
+        page.press('/')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('recover', Keys.ENTER)
+        page.until_selected('Main/0/2')
+        page.press(Keys.F12)
+        page.until_selected('Recover')
+        assert 'more%2Frecover.xml' in page.driver.current_url
+        page.press(Keys.ARROW_DOWN)
+        assert page.run('return document.activeElement.getAttribute("aria-expanded")') == 'false'  # by _collapsed
+        page.chord(Keys.ALT, Keys.ARROW_LEFT)
+        page.until_selected('Main/0/2')
+        # A problem: go to it, and fix it.
+        page.write()
+        page.chord(Keys.CONTROL, Keys.END)
+        page.press(*[Keys.ARROW_UP] * 5, Keys.END, *[Keys.ARROW_LEFT] * len('="1.0"/>   <!-- a while -->'), 's')
+        page.until(lambda: page.invalid == ['Main/0/1'])
+        page.press(Keys.F8)
+        page.until_told('Problem 1 of 1')
+        page.until_selected('Main/0/1')
+        page.chord(Keys.ALT, Keys.ENTER)
+        page.until(lambda: page.invalid == [])
+        # Take all of it back, and do it again.
+        assert page.has_changes()
+        page.chord(Keys.CONTROL, 'z')
+        page.until(lambda: page.invalid == ['Main/0/1'])
+        page.chord(Keys.CONTROL, 'y')
+        page.until(lambda: page.invalid == [])
+        # Panes, commands, keys.
+        for pane in ('text', 'form', 'runs', 'files', 'palette', 'graph'):
+            page.press(Keys.F6)
+            page.until(partial(page.run, HAS_FOCUS, pane))
+        page.press('?')
+        page.until_sheet('Wrap in a control or decorator')
+        page.press(Keys.ESCAPE)
+        page.chord(Keys.CONTROL, 'k')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('what save', Keys.ENTER)
+        page.until_sheet('Drive there')
+        page.press(Keys.ESCAPE)
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
+        assert changed_lines(TREE, (folder / 'main.xml').read_text()) == [
+            '-         <FollowPath path="{path}"/>',
+            '+         <FollowPath path="{path}" name="Drive there"/>',
+        ]
+
+
+def test_what_is_taken_back_leaves_every_byte(page: StudioPage, folder: Path, editor: Path | None) -> None:
+    text = TREE.replace('  ', '\t').replace('\n', '\r\n')
+    (folder / 'main.xml').write_bytes(text.encode())
+    with served(folder, editor) as port:
+        page.open(port, 'main.xml')
+        for path in ('Main/0/0', 'Main/0/1'):
+            page.click(path)
+        page.chord(Keys.ALT, Keys.ARROW_UP)
+        page.until_told('1 of 3 in Drive')
+        page.press('w')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('Inverter', Keys.ENTER)
+        page.until_told('wrapped')
+        page.write()
+        page.chord(Keys.CONTROL, Keys.END)
+        page.press('<!-- ü -->')
+        page.until(page.has_changes)
+        while page.has_changes():
+            page.chord(Keys.CONTROL, 'z')
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
+        assert (folder / 'main.xml').read_bytes() == text.encode()
+
+
+def test_two_pages_lose_nothing_of_each_other(
+    page: StudioPage, folder: Path, editor: Path | None, tmp_path: Path
+) -> None:
+    with served(folder, editor) as port, started_browser(tmp_path / 'other') as driver:
+        other = StudioPage(driver)
+        for one in (page, other):
+            one.open(port, 'main.xml')
+        page.until_text('pages', '2 pages open')
+        for one, key in ((page, Keys.HOME), (other, Keys.END)):
+            one.write()
+            one.chord(Keys.CONTROL, key)
+        for letter in '<!-- one -->':
+            page.press(letter)
+            other.press(letter if letter != 'n' else 'w')
+        whole = f'<!-- one -->{TREE}<!-- owe -->'
+        page.until(lambda: page.shown_text == other.shown_text == whole)
+        # Each takes back only its own.
+        while other.shown_text != f'<!-- one -->{TREE}':
+            other.chord(Keys.CONTROL, 'z')
+        page.until(lambda: page.shown_text == f'<!-- one -->{TREE}')
+        # A program changes the file: nothing is overwritten until one has seen that.
+        (folder / 'main.xml').write_text(TREE.replace('1.0', '7.0'))
+        page.chord(Keys.CONTROL, 's')
+        page.until_sheet('changed on disk')
+        page.press(Keys.ESCAPE)
+        page.until_told('not saved')
+        assert (folder / 'main.xml').read_text() == TREE.replace('1.0', '7.0')
+        page.chord(Keys.CONTROL, 's')
+        page.until_sheet('changed on disk')
+        page.press(Keys.ENTER)
+        page.until_told('main.xml saved')
+        assert (folder / 'main.xml').read_text() == f'<!-- one -->{TREE}'
+        other.until(lambda: not other.has_changes())
+        assert other.complaints() == []
+
+
+def test_a_server_that_is_started_again_gets_back_what_was_not_saved(
+    page: StudioPage, folder: Path, tmp_path: Path
+) -> None:
+    with started_browser(tmp_path / 'other') as driver:
+        other = StudioPage(driver)
+        with served(folder, None) as port:
+            for one in (page, other):
+                one.open(port, 'main.xml')
+            page.write()
+            page.chord(Keys.CONTROL, Keys.END)
+            page.press('<!--before-->')
+            other.until(lambda: other.shown_text == f'{TREE}<!--before-->')
+        page.until_text('link', 'NO SERVER')
+        page.press('<!--without-->')
+        with served(folder, None, port):
+            page.until_text('link', 'CONNECTED')
+            whole = f'{TREE}<!--before--><!--without-->'
+            page.until(lambda: page.shown_text == other.shown_text == whole)
+            page.press('!')
+            other.until(lambda: other.shown_text == f'{whole}!')
+            page.chord(Keys.CONTROL, 's')
+            page.until_told('main.xml saved')
+        assert (folder / 'main.xml').read_text() == f'{whole}!'
+
+
+def test_an_unreadable_text_keeps_the_last_graph(page: StudioPage, folder: Path) -> None:
+    with served(folder, editor_folder()) as port:
+        page.open(port, 'main.xml')
+        page.write()
+        page.chord(Keys.CONTROL, Keys.HOME)
+        page.press(Keys.ARROW_DOWN, Keys.ARROW_DOWN, Keys.END, Keys.BACKSPACE)
+        page.until_text('unreadable', 'Text not readable at 4:5')
+        assert page.run('return document.querySelectorAll("#picture.stale .node").length') == 7
+        page.press('>')
+        page.until(lambda: page.run('return document.getElementById("unreadable").hidden'))
+        page.until(lambda: not page.has_changes())
+
+
+def test_a_machine_is_written_with_keys_alone(page: StudioPage, folder: Path) -> None:
+    with served(folder, editor_folder()) as port:
+        page.open(port, 'machine.yaml')
+        page.press(Keys.ARROW_DOWN)
+        assert page.focused == '/Ask'
+        page.press(Keys.ARROW_RIGHT)
+        assert page.focused == '/Ask#received'
+        label = page.run('return document.activeElement.getAttribute("aria-label")')
+        assert label == 'outcome received to Rest'
+        page.press(Keys.ARROW_DOWN, Keys.ENTER)
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('Rest', Keys.ENTER)
+        page.until_told('declined leads to Rest')
+        page.press(Keys.ARROW_LEFT, Keys.F2)
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('Where', Keys.ENTER)
+        page.until_selected('/Where')
+        page.press('a')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('WaitState', Keys.ENTER)
+        page.until_text('choice-title', 'Label')
+        page.press('Pause', Keys.ENTER)
+        page.until_selected('/Pause')
+        page.press(Keys.DELETE)
+        page.until_told('Pause removed')
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('machine.yaml saved')
+        expected = MACHINE.replace('declined: finished', 'declined: Rest').replace('Ask', 'Where')
+        assert (folder / 'machine.yaml').read_text() == expected
+
+
+def test_nodes_are_dragged(page: StudioPage, folder: Path) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    with served(folder, editor_folder()) as port:
+        page.open(port, 'main.xml')
+
+        def box(path: str) -> Any:
+            return page.driver.find_element('css selector', f'#picture [data-path="{path}"] > .box')
+
+        wait, goal = box('Main/0/1'), box('Main/0/0/0')
+        half = goal.rect['width'] // 2
+        ActionChains(page.driver).click_and_hold(wait).move_to_element_with_offset(goal, -half + 4, 0).perform()
+        assert page.run('return document.querySelectorAll("#picture .drop-mark").length') == 1
+        ActionChains(page.driver).release().perform()
+        page.until_selected('Main/0/0/0')
+        page.run('document.getElementById("palette-filter").value = ""')
+        entry = page.driver.find_element('css selector', '#palette [role="option"]')
+        name = entry.text
+        ActionChains(page.driver).click_and_hold(entry).move_to_element(box('Main/0')).release().perform()
+        page.until_selected('Main/0/2')
+        page.until(lambda: f'<{name}' in page.shown_text)
+        # Escape ends a drag, and leaves all as it was.
+        before = page.shown_text
+        ActionChains(page.driver).click_and_hold(box('Main/0/0/0')).move_to_element(box('Main/0/1')).send_keys(
+            Keys.ESCAPE
+        ).release().perform()
+        assert page.run('return document.querySelectorAll(".dragged, .drop-mark, .drop-into").length') == 0
+        assert page.shown_text == before
+
+
+def test_a_link_opens_the_node_and_an_idle_page_asks_nothing(page: StudioPage, folder: Path) -> None:
+    with served(folder, editor_folder()) as port:
+        page.open(port, 'main.xml', '&node=Main/0/0/1')
+        assert page.focused == 'Main/0/0/1'
+        page.until_text('form', 'FollowPath')
+        page.open(port, 'main.xml', '&node=Main/7')
+        page.until_told('no Main/7 now')
+        page.until_text('problems', 'No problems found')
+        page.run(
+            'window.sent = 0; const send = WebSocket.prototype.send;'
+            'WebSocket.prototype.send = function(text) { window.sent += 1; send.call(this, text); }'
+        )
+        page.press(Keys.ARROW_DOWN, Keys.ARROW_DOWN, ' ', ' ')
+        shown = page.run('return performance.now()')
+        page.until(lambda: page.run('return performance.now()') > shown + 300.0)
+        assert page.run('return window.sent') == 0
+
+
+@pytest.mark.parametrize('scheme', ['light', 'dark'])
+def test_a_narrow_page_cuts_nothing_off(page: StudioPage, folder: Path, scheme: str) -> None:
+    phone = {'width': 390, 'height': 844, 'deviceScaleFactor': 1, 'mobile': True}
+    media = {'features': [{'name': 'prefers-color-scheme', 'value': scheme}]}
+    with served(folder, None) as port:
+        page.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', phone)
+        page.driver.execute_cdp_cmd('Emulation.setEmulatedMedia', media)
+        try:
+            page.open(port, 'main.xml')
+            page.press(Keys.ARROW_DOWN)
+            assert page.run('return document.documentElement.scrollWidth') <= 390
+            cut = page.run(
+                'return [...document.querySelectorAll("button, input, h2, select")].filter((one) => {'
+                'const box = one.getBoundingClientRect();'
+                'return box.width && (box.right > 391 || box.left < -1) && !one.closest("#tabs, #crumbs, .list"); })'
+                '.map((one) => one.outerHTML)'
+            )
+            assert cut == []
+        finally:
+            page.driver.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+            page.driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
+
+
+def test_changes_of_texts_converge(page: StudioPage, folder: Path) -> None:
+    """The laws that the work of several pages rests on, for random changes."""
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        assert page.run((Path(__file__).parent / 'change_laws.js').read_text()) == ''

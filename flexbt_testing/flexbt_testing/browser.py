@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A real browser at a page, for tests: Chromium without a window, driven by Selenium."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from .waiting import wait_until
+
+CHROMIUM: Final = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+DRIVER: Final = shutil.which('chromedriver')
+BROWSER_SECONDS: Final = 90.0
+"""Time limit for what a page shows, s; long enough for a busy machine."""
+_FLAGS: Final = (
+    'headless no-sandbox disable-gpu disable-quic no-first-run disable-background-networking disable-component-update '
+    'disable-sync disable-dev-shm-usage force-prefers-reduced-motion window-size=1400,950'
+)
+
+NEEDS_BROWSER: Final = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER), reason='no Chromium with its driver: apt install chromium chromium-driver'
+)
+
+
+@contextlib.contextmanager
+def started_browser(profile: Path) -> Iterator[Any]:
+    """Provide Selenium's driver of a new browser whose profile is in this folder. Skip the test without Selenium."""
+    pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = str(CHROMIUM)
+    for flag in _FLAGS.split():
+        options.add_argument(f'--{flag}')
+    options.add_argument(f'--user-data-dir={profile}')
+    options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
+    driver = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
+    try:
+        yield driver
+    finally:
+        driver.quit()
+
+
+class Browser:
+    """A browser at a page."""
+
+    def __init__(self, driver: Any) -> None:
+        self.driver = driver
+
+    def until(self, done: Callable[[], object]) -> Any:
+        """Wait until the condition is true, and return its value."""
+        return wait_until(done, lambda: self.run('return document.body.innerText'), BROWSER_SECONDS)
+
+    def text(self, id: str) -> str:
+        """Return the text of an element as it is read."""
+        return str(self.run('return document.getElementById(arguments[0]).innerText', id))
+
+    def until_text(self, id: str, text: str) -> None:
+        """Wait until an element contains a text."""
+        self.until(lambda: text in self.text(id))
+
+    def run(self, script: str, *words: Any) -> Any:
+        """Run a script in the page, and return its result."""
+        return self.driver.execute_script(script, *words)
+
+    def press(self, *keys: str) -> None:
+        """Press keys one after the other, wherever the focus is."""
+        from selenium.webdriver.common.action_chains import ActionChains
+
+        ActionChains(self.driver).send_keys(*keys).perform()
+
+    def chord(self, *keys: str) -> None:
+        """Press a key while others are held: the last one, with those before it."""
+        from selenium.webdriver.common.action_chains import ActionChains
+
+        actions = ActionChains(self.driver)
+        for key in keys[:-1]:
+            actions.key_down(key)
+        actions.send_keys(keys[-1])
+        for key in reversed(keys[:-1]):
+            actions.key_up(key)
+        actions.perform()
+
+    def complaints(self) -> list[str]:
+        """Return the errors of the page since the last call, except for connections that were lost."""
+        found = [one['message'] for one in self.driver.get_log('browser') if one['level'] == 'SEVERE']
+        return [text for text in found if 'ERR_CONNECTION' not in text and 'WebSocket' not in text]
