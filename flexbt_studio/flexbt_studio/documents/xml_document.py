@@ -165,10 +165,11 @@ class XmlDocument(TreesInXml):
             return [TextEdit(block.start, block.start, start_tag), TextEdit(block.end, block.end, end_tag)]
         indentation = layout.indentation(block.start)
         inner = indentation + layout.unit
+        end = block.end + len(layout.blanks(block.end))
         return [
             TextEdit(block.start, block.start, start_tag + layout.line_break + inner),
             *layout.reindented(block, indentation, inner),
-            TextEdit(block.end, block.end, layout.line_break + indentation + end_tag),
+            TextEdit(end, end, layout.line_break + indentation + end_tag),
         ]
 
     @gesture
@@ -380,7 +381,10 @@ class XmlDocument(TreesInXml):
                 if remap.attributes.get('internal') == old
             ]
             if old in call.parts and not port_name_problem(old):
-                edits.append(TextEdit(call.parts[old].start, call.parts[old].start + len(old), new))
+                part = call.parts[old]
+                edits.append(TextEdit(part.start, part.start + len(old), new))
+                if part.value.strip(' {}') == '=':
+                    edits.append(TextEdit(part.value_start, part.value_end, f'{{{old}}}'))
             elif is_shared and is_autoremapped(call) and old not in arguments(call, bare=self.is_old):
                 edits += layout.value_edits(call, {new: self._argument(call, old)})
         if edits and (problem := port_name_problem(new)):
@@ -454,9 +458,12 @@ class XmlDocument(TreesInXml):
         layout, tree = self.layout, self.trees[node.partition('/')[0]]
         outside: set[str] = set()
         inside: dict[str, bool] = {}
+        written: set[str] = set()
         for use in self._uses(tree):
             if element.offset <= use.element.offset < element.end:
                 inside[use.key] = inside.get(use.key, True) and use.form == 'absent'
+                written |= {use.key} if use.writes else set()
+                self._check_scope(use)
             else:
                 outside.add(use.key)
         values = {'ID': id}
@@ -466,7 +473,7 @@ class XmlDocument(TreesInXml):
         for key, is_absent in inside.items():
             if key.startswith('@') or (is_absent and key not in outside):
                 continue
-            if key.startswith('_') and key not in outside:
+            if key.startswith('_') and key in written and key not in outside:
                 continue
             if problem := port_name_problem(key):
                 raise GestureError(f'the key [{key}] cannot be a port of a sub-tree: {problem}; rename it first')
@@ -515,6 +522,7 @@ class XmlDocument(TreesInXml):
         uses = self._uses(root)
         constants = {use.key for use in uses if given.get(use.key, ('', ''))[1] is None}
         for use in uses:
+            self._check_scope(use)
             text, key = given.get(use.key, ('', use.key))
             if use.key.startswith('@'):
                 continue
@@ -537,6 +545,10 @@ class XmlDocument(TreesInXml):
             keys = ', '.join(sorted(clashes))
             raise GestureError(f'keys of [{id}] alone would be shared with others: {keys}; pass or rename them first')
         return edits
+
+    def _check_scope(self, use: KeyUse) -> None:
+        if use.form == 'own':
+            raise GestureError(f'{use.element} removes [{use.key}] from its own tree only, so it has to stay in it')
 
     def _constant(self, use: KeyUse, text: str) -> list[TextEdit]:
         """Return the edit that writes a text where a key is read."""

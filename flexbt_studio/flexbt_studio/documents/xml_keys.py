@@ -24,6 +24,7 @@ _AUTOREMAP: Final = ('_autoremap', '__autoremap', '__shared_blackboard')
 _ASSIGNMENTS: Final = (':=', '=', '+=', '-=', '*=', '/=')
 _READ_BY_DEFAULT: Final = 'by default the entry [{}]'
 """What the description of a port has if the node reads the entry of that name when the port is not given."""
+_REMOVED_KEY: Final = ('UnsetBlackboard', 'key')
 _FIELDS: Final = re.compile(r'(?<=[A-Za-z0-9_])(?:\.[A-Za-z0-9_]+)+')
 _WORDS: Final = re.compile(r'[^;\s](?:[^;]*[^;\s])?')
 _SCRIPT_NAME: Final = re.compile('[A-Za-z_@][A-Za-z0-9_]*')
@@ -33,8 +34,9 @@ class KeyUse(NamedTuple):
     """A place that names a key.
 
     ``form`` is ``pointer`` for ``{key}``, ``same`` for ``{=}``, ``key`` for a bare key, ``script`` for a name in a
-    script, ``argument`` for the value of an attribute of a sub-tree, ``absent`` for a port that is not given, where the
-    node then reads the entry of the same name. ``span`` is what is replaced in the text; empty for ``absent``.
+    script, ``argument`` for the value of an attribute of a sub-tree, ``own`` for a bare key that no port of a sub-tree
+    leads out of, ``absent`` for a port that is not given, where the node then reads the entry of the same name.
+    ``span`` is what is replaced in the text; empty for ``absent``.
     ``port`` is the port of a known node type.
     """
 
@@ -137,6 +139,8 @@ class KeyReader:
                 yield use
             elif kind in (SCRIPT, CONDITION):
                 yield from self._in_script(element, name, port)
+            elif (node_type(element), name) == _REMOVED_KEY:
+                yield self._whole(element, name, 'own')
             elif kind in (KEY, KEYS) and text.strip():
                 for word in _WORDS.finditer(text) if kind is KEYS else [re.compile('(?s).*').fullmatch(text)]:
                     assert word is not None

@@ -53,7 +53,11 @@ class Layout(Markup):
 
     def indentation(self, offset: int) -> str:
         """Return the blanks with which the line of this offset begins."""
-        found = _BLANKS.match(self.text, self.line_start(offset), offset)
+        return self.blanks(self.line_start(offset), offset)
+
+    def blanks(self, offset: int, end: int | None = None) -> str:
+        """Return the blanks that follow an offset, up to ``end``."""
+        found = _BLANKS.match(self.text, offset, len(self.text) if end is None else end)
         return found.group() if found else ''
 
     def begins_line(self, offset: int) -> bool:
@@ -109,9 +113,9 @@ class Layout(Markup):
     def comments_behind(self, offset: int) -> list[Span]:
         """Return the comments that follow on the line of a tag that ends at this offset."""
         found: list[Span] = []
-        while (match := _BLANKS.match(self.text, offset)) is not None and match.end() in self.comments:
-            offset = self.comments[match.end()]
-            found.append(Span(match.end(), offset))
+        while (start := offset + len(self.blanks(offset))) in self.comments:
+            offset = self.comments[start]
+            found.append(Span(start, offset))
         return found
 
     def block(self, element: XmlElement) -> Span:
@@ -132,8 +136,7 @@ class Layout(Markup):
         if parent is not None and not (text[parent.open_end : block.start] + text[block.end : parent.close]).strip():
             return [self._emptied(parent)]
         line, next_line = self.line_start(block.start), self.rest_of_line(block.end)
-        blanks = _BLANKS.match(text, block.end)
-        assert blanks is not None
+        after = block.end + len(self.blanks(block.end))
         if not self.begins_line(block.start):
             start = block.start - (len(text[line : block.start]) - len(text[line : block.start].rstrip(' \t')))
             return [TextEdit(start, block.end, '')]
@@ -142,9 +145,9 @@ class Layout(Markup):
             if above < line and (text.startswith('</', self._next_mark(next_line)) or self._is_empty_line(next_line)):
                 line = above
             return [TextEdit(line, next_line, '')]
-        if text.startswith('</', blanks.end()):
+        if text.startswith('</', after):
             return [TextEdit(len(text[: block.start].rstrip()), block.end, '')]
-        return [TextEdit(block.start, blanks.end(), '')]
+        return [TextEdit(block.start, after, '')]
 
     def _empty_lines_above(self, line: int) -> int:
         index = bisect_left(self._lines, line)
@@ -185,14 +188,14 @@ class Layout(Markup):
         own_lines = [self.indentation(start) for start in near if self.begins_line(start)]
         indentation = own_lines[0] if own_lines else outer + self.unit
         new = written(indentation)
+        blanks = self.blanks(at)
+        end = at + len(blanks)
         if self.rest_of_line(at) is not None:
-            return [TextEdit(at, at, line_break + gap + indentation + new)]
-        blanks = _BLANKS.match(text, at)
-        assert blanks is not None
+            return [TextEdit(end, end, line_break + gap + indentation + new)]
         if LINE_BREAK.search(new) is None:
-            return [TextEdit(at, at, blanks.group() + new)]
-        after = outer if text.startswith('</', blanks.end()) else indentation
-        return [TextEdit(at, blanks.end(), line_break + indentation + new + line_break + after)]
+            return [TextEdit(at, at, blanks + new)]
+        after = outer if text.startswith('</', end) else indentation
+        return [TextEdit(at, end, line_break + indentation + new + line_break + after)]
 
     def gap(self, parent: XmlElement) -> str:
         """Return a line break if the children of ``parent`` are separated by empty lines, else ''."""
@@ -207,19 +210,19 @@ class Layout(Markup):
         """
         before, after = units
         for line in self._lines[bisect_right(self._lines, span.start) : bisect_left(self._lines, span.end)]:
-            blanks = _BLANKS.match(self.text, line)
-            if blanks is None or not blanks.group().startswith(base) or self.rest_of_line(line) is not None:
+            blanks = self.blanks(line)
+            if not blanks.startswith(base) or self.rest_of_line(line) is not None:
                 continue
             solid = bisect_left(self.solids, Span(line, 0)) - 1
             if solid >= 0 and self.solids[solid].end > line:
                 continue
-            deeper = blanks.group()[len(base) :]
+            deeper = blanks[len(base) :]
             levels = 0
             while before and deeper.startswith(before, levels * len(before)):
                 levels += 1
             moved = new + levels * after + deeper[levels * len(before) :]
-            if moved != blanks.group():
-                yield TextEdit(line, blanks.end(), moved)
+            if moved != blanks:
+                yield TextEdit(line, line + len(blanks), moved)
 
     def lifted(
         self, span: Span, base: str, new: str, *, units: tuple[str, str] = ('', ''), edits: Iterable[TextEdit] = ()

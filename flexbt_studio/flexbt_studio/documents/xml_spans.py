@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Iterator
+from itertools import islice
 from typing import Final, NamedTuple
 
 from flexbt_core.behavior_tree.model.errors import Source
@@ -33,7 +35,7 @@ MOST_PROBLEMS: Final = 1000
 """Maximum number of problems that are reported for a text."""
 
 _BRACKET: Final = re.compile('[<>]')
-_WORD: Final = re.compile(r'</?[^\s<>]*|[^\s<>]+|')
+_WORD: Final = re.compile(r'</?[^\s<>]{0,80}|[^\s<>]{1,80}|')
 _TAG_ON_NEW_LINE: Final = re.compile(r'[\r\n][ \t]*(?=<[A-Za-z_:/!?\u0080-\U0010ffff])')
 _OTHER_MARKUP: Final = (
     ('<!--', '-->', 'comment'),
@@ -108,7 +110,9 @@ class Markup:
         """End of each comment by its start."""
         self.solids: list[Span] = []
         """Values with line breaks, texts and CDATA sections, in the order of places: their blanks have a meaning."""
+        self._damages: list[tuple[int, str]] = []
         self._opened: list[XmlElement] = []
+        self._opened_tags: Counter[str] = Counter()
         self._hidden = 0
         """Number of open elements that are nested too deeply."""
         self._missing: set[str] = set()
@@ -116,27 +120,32 @@ class Markup:
         if len(text) > MAX_BYTES or (not text.isascii() and len(text.encode(errors='replace')) > MAX_BYTES):
             self._problem(0, f'the document has more than {MAX_BYTES} bytes, which is the limit; split it')
             return
-        for bad in BAD_CHARACTER.finditer(text):
-            message = f'the character U+{ord(bad.group()):04X} is not allowed in XML; remove it'
-            self.problems.append(Problem(Span(*bad.span()), message))
+        for bad in islice(BAD_CHARACTER.finditer(text), MOST_PROBLEMS + 1):
+            self._problem(bad.start(), f'the character U+{ord(bad.group()):04X} is not allowed in XML; remove it')
         self._source = Source('', text)
         self._read()
         self.problems.sort(key=lambda one: one.span)
-        if len(self.problems) > MOST_PROBLEMS:
-            more = Problem(self.problems[MOST_PROBLEMS].span, f'and {len(self.problems) - MOST_PROBLEMS} more problems')
-            self.problems[MOST_PROBLEMS:] = [more]
+        self._damages.sort()
         self.solids.sort()
 
-    def problem_in(self, start: int, end: int) -> Problem | None:
-        """Return the first problem that begins within these characters."""
-        index = bisect_left(self.problems, start, key=lambda one: one.span.start)
-        found = self.problems[index : index + 1]
-        return found[0] if found and found[0].span.start < end else None
+    def problem_in(self, start: int, end: int) -> str:
+        """Return what cannot be read within these characters; '' if all can. Of too many problems any counts."""
+        if len(self.problems) > MOST_PROBLEMS:
+            return self.problems[-1].message
+        index = bisect_left(self._damages, (start, ''))
+        found = self._damages[index : index + 1]
+        return found[0][1] if found and found[0][0] < end else ''
 
-    def _problem(self, offset: int, message: str) -> None:
+    def _problem(self, offset: int, message: str, tag: int | None = None) -> None:
+        """Add a problem. ``tag`` is where the tag begins that cannot be read; it may be far before the problem."""
+        if len(self.problems) == MOST_PROBLEMS:
+            message = f'there are more than {MOST_PROBLEMS} problems; this is one of the others: {message}'
+        elif len(self.problems) > MOST_PROBLEMS:
+            return
         found = _WORD.match(self.text, offset)
         end = max(found.end() if found else offset, offset + 1)
         self.problems.append(Problem(Span(offset, min(end, len(self.text))), message))
+        self._damages.append((offset if tag is None else tag, message))
 
     def _read(self) -> None:
         text = self.text
@@ -193,7 +202,7 @@ class Markup:
         element.fault = fault
         if is_twice and not fault:
             offset, element.fault, _ = tag_fault(self.text, start)
-            self._problem(offset, element.fault)
+            self._problem(offset, element.fault, start)
         opened = self._opened
         if len(opened) >= MAX_DEPTH + 2:
             if not opened[-1].fault:
@@ -205,6 +214,7 @@ class Markup:
         (opened[-1].children if opened else self.tops).append(element)
         if not is_empty:
             opened.append(element)
+            self._opened_tags[tag] += 1
 
     def _close(self, start: int, tag: str, end: int) -> None:
         opened = self._opened
@@ -218,10 +228,12 @@ class Markup:
             line, column = self._source.position(opened[-1].offset)
             message = f'</{tag}> does not close <{opened[-1].tag}>, opened at line {line}, column {column}'
             self._problem(start, message)
-            if all(element.tag != tag for element in opened):
+            if not self._opened_tags[tag]:
                 return
             while opened[-1].tag != tag:
+                self._opened_tags[opened[-1].tag] -= 1
                 self._end_by_force(opened.pop(), start, message)
+        self._opened_tags[tag] -= 1
         element = opened.pop()
         element.close, element.end = start, end
 
@@ -256,7 +268,7 @@ class Markup:
         """Read what can be read of a start tag; return where to continue."""
         text = self.text
         offset, message, read = tag_fault(text, start)
-        self._problem(offset, message)
+        self._problem(offset, message, start)
         if read is None:
             return start + 1
         name_end = start + 1 + len(read.tag)

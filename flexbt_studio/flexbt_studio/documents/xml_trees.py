@@ -223,8 +223,7 @@ class TreesInXml(Document):
         return element
 
     def _check(self, element: XmlElement, *, wholly: bool = True) -> None:
-        within = self.layout.problem_in(element.offset, element.end if wholly else element.open_end)
-        reason = element.fault or (within.message if within is not None else '')
+        reason = element.fault or self.layout.problem_in(element.offset, element.end if wholly else element.open_end)
         if reason:
             line, _ = self.layout.position(element.offset)
             raise GestureError(f'{element} of line {line} cannot be edited here: {reason}; mend the text first')

@@ -21,8 +21,8 @@ Model = list[Any]
 """Tag, attributes, children."""
 
 VALUES = (
-    'a', '', '{key}', 'x && y', 'a < b', '"quoted" and \'single\'', 'two\nlines', '&lt; &amp; &#65; &unknown;', '&', ']]>',
-    '-->', 'tab\there', 'ä→\U0001f600', '{=}', 'lt;', '>',
+    'a', '', '{key}', 'x && y', 'a < b', '"quoted" and \'single\'', 'two\nlines', '&lt; &amp; &#65; &unknown;', '&',
+    ']]>', '-->', 'tab\there', 'ä→\U0001f600', '{=}', 'lt;', '>',
 )  # fmt: skip
 SNIPPETS = (
     '<Wait wait_duration="1.0"/>',
@@ -84,7 +84,7 @@ class Trial:
         assert applied(text, inverse(self.text, edits)) == self.text, where
         assert model_of(text) == self.after, f'{where}\n=== became\n{text}'
         assert not XmlDocument(text).problems
-        if '\n' not in self.text.replace('\r\n', ''):
+        if '\r\n' in self.text and '\n' not in self.text.replace('\r\n', ''):
             assert '\n' not in text.replace('\r\n', ''), where
         before, after = (Counter(line.strip() for line in one.splitlines()) for one in (self.text, text))
         self.lines = [*(before - after).elements()], [*(after - before).elements()]
@@ -185,7 +185,8 @@ class Trial:
         self.document = XmlDocument(self.text)
         del node[2][index]
         self.gesture('remove', node=f'{path}/{index}')
-        assert self.text == start, self.where
+        if self.is_laid_out():
+            assert self.text == start, self.where
 
     def do_remove(self) -> None:
         path, _, parent, index = self.pick()
