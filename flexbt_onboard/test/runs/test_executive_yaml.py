@@ -151,7 +151,7 @@ def test_a_file_is_run_with_its_parameters_and_embedded(install: Install) -> Non
         ('class:', 'most:', "count.yaml:7:5: parameter 'class': the name must be a Python identifier"),
         ('needed: 1', 'needed: true', 'count.yaml:11:61: needed of input start has to be true or false'),
         ('type: [int]', 'type: int', 'count.yaml:11:19: type of input start has to be a text, not a list'),
-        ('operator_gone: hld', 'operator_gone: hold', "12:18: operator_gone is none of continue, hold, stop: 'hld'; did"),
+        ('operator_gone: hld', 'operator_gone: hold', "12:18: operator_gone is none of continue, hold, stop: 'hld'"),
         ('gone_after: 0', 'gone_after: 2', 'count.yaml:13:24: operator_gone_after has to be a number of seconds'),
         ('gone_after: .inf', 'gone_after: 2', 'count.yaml:13:24: operator_gone_after has to be a number of'),
         ('behavior: [x]', HEAD[1:], 'count.yaml:2:11: behavior has to be a mapping, not a list'),
