@@ -64,7 +64,7 @@ import inspect
 import math
 import sys
 import typing
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from enum import Enum
 from typing import Any, Final, Protocol
@@ -76,7 +76,7 @@ from flexbt_core.state_machine.model.definition import Child, Machine, MachineDe
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import MachineError, MachineProblem, StateError
 from flexbt_core.values.findings import FindingRecord
-from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
 from flexbt_core.values.yaml_data import StrictYamlParts
 
 from .checked_definition import define
@@ -264,7 +264,7 @@ class _Reader(StrictYamlParts):
             made = make(**arguments)
         except Exception as error:  # code of the state
             faulty = self.mapping(entries.get('parameters'), path).get(str(getattr(error, 'parameter', '')))
-            text = f'{path}: {name} cannot be made: {type(error).__name__}: {error}'
+            text = f'{path}: {name} cannot be made: {type(error).__name__}: {one_line(str(error), 1000)}'
             self.problem(entries['state'] if faulty is None else faulty, text)
             return None
         repeated = self._repeated(made, entries['retry'], path) if 'retry' in entries else made
@@ -286,7 +286,7 @@ class _Reader(StrictYamlParts):
                 self.problem(self.key_of(one), f'{path}: {name} has no parameter {short_repr(parameter)}{near}')
                 continue
             value = self.value(one, f'{what}: {short_repr(parameter)}')
-            members = {text: member for member in _members(hints.get(parameter)) for text in _texts(member)}
+            members = _members(hints.get(parameter))
             if isinstance(value, str) and members:
                 if value not in members:
                     near = did_you_mean(value, members)
@@ -365,7 +365,7 @@ class _Reader(StrictYamlParts):
         except MachineError as error:
             self.problem(place, f'{what}: {name} cannot be built: {error.problems[0]}')
         except Exception as error:  # code of the behavior
-            self.problem(place, f'{what}: {error}')
+            self.problem(place, f'{what}: {one_line(str(error), 1000)}')
         return None
 
     def _named(self, node: yaml.Node | None, what: str) -> dict[str, yaml.Node]:
@@ -435,18 +435,11 @@ def _signature(make: Callable[..., EventState]) -> tuple[list[str] | None, dict[
     return None, {}
 
 
-def _members(hint: Any) -> Iterator[Enum]:
-    """Yield the members of the enumerations in a type."""
-    if isinstance(hint, type) and issubclass(hint, Enum):
-        yield from hint
-    for one in typing.get_args(hint):
-        yield from _members(one)
-
-
-def _texts(member: Enum) -> Iterator[str]:
-    yield member.name
-    if isinstance(member.value, str):
-        yield member.value
+def _members(hint: Any) -> dict[str, Enum]:
+    """Return the members of the enumerations in a type, by their names and by their values that are texts."""
+    kinds = [one for one in (hint, *typing.get_args(hint)) if isinstance(one, type) and issubclass(one, Enum)]
+    members = [member for kind in kinds for member in kind]
+    return {text: one for one in members for text in (one.value, one.name) if isinstance(text, str)}
 
 
 def machine_error(records: Iterable[FindingRecord]) -> MachineError:
