@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -30,14 +30,22 @@ _WORDS: Final = re.compile(r'[^;\s](?:[^;]*[^;\s])?')
 _SCRIPT_NAME: Final = re.compile('[A-Za-z_@][A-Za-z0-9_]*')
 
 
+Defaults = Mapping[str, list[tuple[str, str]]]
+"""Ports and keys by the ID of a tree."""
+
+
 class KeyUse(NamedTuple):
     """A place that names a key.
 
-    ``form`` is ``pointer`` for ``{key}``, ``same`` for ``{=}``, ``key`` for a bare key, ``script`` for a name in a
-    script, ``argument`` for the value of an attribute of a sub-tree, ``own`` for a bare key that no port of a sub-tree
-    leads out of, ``absent`` for a port that is not given, where the node then reads the entry of the same name.
-    ``span`` is what is replaced in the text; empty for ``absent``.
-    ``port`` is the port of a known node type.
+    ``form`` is one of:
+
+    - ``pointer``, ``{key}``; ``same``, ``{=}``; ``key``, a bare key; ``script``, a name in a script;
+    - ``argument``, the value of an attribute of a sub-tree;
+    - ``own``, a bare key of the tree alone, whatever the ports of a sub-tree;
+    - ``absent``, a port that is not given, where the node then reads the entry of the same name;
+    - ``default``, a port of a sub-tree that is not given, where its model names the key.
+
+    ``span`` is what is replaced in the text; empty for the last two. ``port`` is that of a known node type.
     """
 
     key: str
@@ -49,8 +57,8 @@ class KeyUse(NamedTuple):
     writes: bool = False
 
     def edit(self, key: str) -> TextEdit | None:
-        """Return the edit that names another key here; None for ``absent``."""
-        if self.form == 'absent':
+        """Return the edit that names another key here; None for ``absent`` and ``default``."""
+        if self.form in ('absent', 'default'):
             return None
         return TextEdit(*self.span, f'{{{key}}}' if self.form == 'same' else key)
 
@@ -94,10 +102,14 @@ def script_name_problem(key: str, types: NodeTypes) -> str:
 
 
 class KeyReader:
-    """A reader of the keys that nodes name. ``bare`` is true in format 3."""
+    """A reader of the keys that nodes name.
 
-    def __init__(self, text: str, types: NodeTypes, *, bare: bool) -> None:
+    ``defaults`` are the ports of trees, with the keys that models give them by default. ``bare`` is true in format 3.
+    """
+
+    def __init__(self, text: str, types: NodeTypes, defaults: Defaults, *, bare: bool) -> None:
         self._text = text
+        self._defaults = defaults
         self._types = types
         self._bare = bare
 
@@ -124,6 +136,9 @@ class KeyReader:
             elif name in known and known[name][1] is not None:
                 use = self._pointer(element, name, None) or self._whole(element, name, 'argument')
                 yield use._replace(form=use.form if use.form == 'same' else 'argument')
+        for name, key in () if is_autoremapped(element) else self._defaults.get(element.attributes.get('ID', ''), ()):
+            if name not in known:
+                yield KeyUse(key, element, name, 'default', Span(element.offset, element.offset))
 
     def _of_node(self, element: XmlElement) -> Iterator[KeyUse]:
         manifest = self._types.get(node_type(element))

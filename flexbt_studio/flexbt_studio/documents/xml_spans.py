@@ -12,7 +12,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator
 from itertools import islice
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.model.errors import Source
 from flexbt_core.behavior_tree.xml.parser import (
@@ -55,6 +55,11 @@ class Attribute(NamedTuple):
     @property
     def end(self) -> int:
         return self.value_end + 1
+
+    def view(self, name: str) -> dict[str, Any]:
+        """Return the attribute as JSON values."""
+        span, whole = [self.value_start, self.value_end], [self.start, self.end]
+        return {'name': name, 'value': self.value, 'span': span, 'whole': whole}
 
 
 class XmlElement(Element):

@@ -15,12 +15,12 @@ from typing import Any, Final
 
 from flexbt_core.behavior_tree.model.definition import tree_name_problem
 from flexbt_core.behavior_tree.model.errors import ConversionError
-from flexbt_core.behavior_tree.model.ports import bool_from_text
+from flexbt_core.behavior_tree.model.ports import bool_from_text, pointer_key
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
 from flexbt_core.behavior_tree.xml.format3 import is_format_3
 from flexbt_core.behavior_tree.xml.node_elements import NodeTypes
-from flexbt_core.behavior_tree.xml.parser import NAME, unescape
+from flexbt_core.behavior_tree.xml.parser import unescape
 from flexbt_core.values.text import did_you_mean, pluralize, short_repr
 from flexbt_studio.errors import GestureError
 
@@ -31,7 +31,6 @@ from .xml_layout import LINE_BREAK, Layout, Written
 from .xml_spans import XmlElement
 
 _PATH: Final = re.compile(r'([^/]*)((?:/[0-9]{1,7})*)')
-_NAME: Final = re.compile(NAME)
 PORT_TAGS: Final = {'input': 'input_port', 'output': 'output_port', 'inout': 'inout_port'}
 _DIRECTIONS: Final = {tag: direction for direction, tag in PORT_TAGS.items()}
 
@@ -91,7 +90,14 @@ class TreesInXml(Document):
     @cached_property
     def keys(self) -> KeyReader:
         """The reader of the keys that nodes name."""
-        return KeyReader(self.text, self.types, bare=self.is_old)
+        defaults: dict[str, list[tuple[str, str]]] = {}
+        for model in self.models:
+            for port in model.children if model.tag == 'SubTree' else ():
+                name = port.attributes.get('name', '')
+                key = pointer_key(port.attributes.get('default', ''), name)
+                if key is not None and port.tag in PORT_TAGS.values():
+                    defaults.setdefault(model.attributes.get('ID', ''), []).append((name, key))
+        return KeyReader(self.text, self.types, defaults, bare=self.is_old)
 
     @cached_property
     def models(self) -> list[XmlElement]:
@@ -107,11 +113,7 @@ class TreesInXml(Document):
             'format': '' if root is None else root.attributes.get('BTCPP_format', '3' if self.is_old else '4'),
             'main': '' if root is None else root.attributes.get('main_tree_to_execute', ''),
             'includes': [
-                {
-                    'path': one.attributes.get('path', ''),
-                    'package': one.attributes.get('ros_pkg', ''),
-                    'span': [one.offset, one.end],
-                }
+                {**_values(one, path='path', package='ros_pkg'), 'span': [one.offset, one.end]}
                 for one in self._sections('include')
             ],
             'models': [self._view_of_model(model) for model in self.models],
@@ -143,15 +145,7 @@ class TreesInXml(Document):
                     'name': element.attributes.get('name', ''),
                     'span': [element.offset, element.end],
                     'open': [element.offset, element.open_end],
-                    'attributes': [
-                        {
-                            'name': name,
-                            'value': part.value,
-                            'span': [part.value_start, part.value_end],
-                            'whole': [part.start, part.end],
-                        }
-                        for name, part in element.parts.items()
-                    ],
+                    'attributes': [part.view(name) for name, part in element.parts.items()],
                     'collapsed': _is_true(element.attributes.get('_collapsed', '')),
                     'fault': element.fault,
                     **self._view_of_comments(element),
@@ -179,22 +173,17 @@ class TreesInXml(Document):
 
     def _view_of_model(self, model: XmlElement) -> dict[str, Any]:
         ports = [port for port in model.children if port.tag in _DIRECTIONS]
-        return {
-            'id': model.attributes.get('ID', ''),
-            'kind': model.tag,
-            'span': [model.offset, model.end],
-            'ports': [
-                {
-                    'name': port.attributes.get('name', ''),
-                    'direction': _DIRECTIONS[port.tag],
-                    'default': port.attributes.get('default'),
-                    'description': unescape(self.text[port.open_end : port.close]).strip(),
-                    'type': port.attributes.get('type', ''),
-                    'span': [port.offset, port.end],
-                }
-                for port in ports
-            ],
-        }
+        shown = [
+            {
+                **_values(port, name='name', type='type'),
+                'direction': _DIRECTIONS[port.tag],
+                'default': port.attributes.get('default'),
+                'description': unescape(self.text[port.open_end : port.close]).strip(),
+                'span': [port.offset, port.end],
+            }
+            for port in ports
+        ]
+        return {**_values(model, id='ID'), 'kind': model.tag, 'span': [model.offset, model.end], 'ports': shown}
 
     def _value_span(self, element: XmlElement, name: str) -> Span:
         part = element.parts.get(name)
@@ -324,6 +313,11 @@ def nodes_of(element: XmlElement) -> list[XmlElement]:
     if element.tag not in SUBTREES:
         return element.children
     return [child for child in element.children if child.tag != 'remap']
+
+
+def _values(element: XmlElement, **names: str) -> dict[str, str]:
+    """Return the values of attributes under other names; '' for absent ones."""
+    return {name: element.attributes.get(attribute, '') for name, attribute in names.items()}
 
 
 def _is_true(text: str) -> bool:

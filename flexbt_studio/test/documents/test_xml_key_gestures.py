@@ -31,7 +31,7 @@ class Maker:
         one = self.tree('One', ['Two'])
         main = self.tree('Main', ['One', 'Two'])
         model = ''
-        if self.random.random() < 0.3:
+        if self.random.random() < 0.6:
             default = self.random.choice(['{b}', '7'])
             port = f'<inout_port name="a" default="{default}"/>'
             model = f'<TreeNodesModel><SubTree ID="Two">{port}</SubTree></TreeNodesModel>'
