@@ -11,6 +11,7 @@ import json
 import os
 import sys
 from dataclasses import asdict
+from typing import Any
 
 from flexbt_core.behavior_tree.engine.registry import node_skills
 from flexbt_core.errors import FlexbtError
@@ -32,7 +33,7 @@ def main() -> None:
         try:
             project.adopt(asked['file'], asked['text'])
             found = Checker(project, registry, skills).findings(asked['file'])
-            answer = {'findings': [asdict(one) for one in found]}
+            answer: dict[str, Any] = {'findings': [asdict(one) for one in found]}
         except FlexbtError as error:
             answer = {'error': str(error)}
         print(json.dumps(answer), file=answers, flush=True)

@@ -248,7 +248,8 @@ class Workbench:
         """Return what may stand at an offset of an open file, the likeliest first."""
         document = self.project.open(file).document
         page = PageText(document.text)
-        helper = {'xml': self._help, 'yaml': self._machine_help}.get(document.language)
+        helpers: dict[str, TreeHelp | MachineHelp] = {'xml': self._help, 'yaml': self._machine_help}
+        helper = helpers.get(document.language)
         found = [] if helper is None else helper.completions(file, page.from_page(offset))
         return [{**one._asdict(), 'span': [page.to_page(one.span.start), page.to_page(one.span.end)]} for one in found]
 
