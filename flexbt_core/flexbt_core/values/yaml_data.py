@@ -70,6 +70,10 @@ def compose_yaml(text: str, *, aliases: bool = False) -> yaml.Node | None:
             if len(text) > RESCANNED:
                 raise
             return _Composer(text, aliases=aliases).get_single_node()
+    except UnicodeEncodeError as error:
+        before = text[: error.start]
+        mark = yaml.Mark('', error.start, before.count('\n'), error.start - before.rfind('\n') - 1, None, 0)
+        raise YamlError(mark, f'no YAML: {short_repr(text[error.start])} is half of a character') from error
     except (yaml.YAMLError, RecursionError) as error:
         raise YamlError(getattr(error, 'problem_mark', None), f'no YAML: {_problem(error)}') from error
 

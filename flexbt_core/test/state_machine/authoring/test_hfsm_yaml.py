@@ -591,6 +591,13 @@ def test_a_hostile_value_is_refused_in_time(around: str, text: str) -> None:
     assert time.process_time() - began < 10.0
 
 
+def test_a_text_that_cannot_be_encoded_is_refused_at_its_place() -> None:
+    text = only("state: Do, parameters: {value: '\ud800'}")
+    (record,) = problems(text)
+    assert (record['line'], record['column']) == (4, 41)
+    assert record['message'] == "no YAML: '\\ud800' is half of a character"
+
+
 def many(count: int, text: str) -> str:
     return ', '.join(text.replace('#', str(number)) for number in range(count))
 
