@@ -9,10 +9,12 @@ import pytest
 
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_msgs.action import BtExecute
-from flexbt_msgs.msg import ExecutiveCommand, TreeBreakpoint
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus, TreeBreakpoint
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
-from flexbt_testing.nodes.executive_bench import ExecutiveBench
+from flexbt_states import BtExecuteState
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.operator import Operator
 from flexbt_testing.nodes.server_world import ServerWorld, open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -25,6 +27,14 @@ TREE = '<Sequence name="all"><Script code="x := 1" name="one"/><Spin name="turn"
 def world() -> Iterator[ServerWorld]:
     with open_server_world() as opened:
         yield opened
+
+
+def machine() -> OperatableStateMachine:
+    made = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with made:
+        transitions = {'done': 'finished', 'failed': 'failed', 'canceled': 'failed'}
+        OperatableStateMachine.add('Tree', BtExecuteState(bt_file='Main'), transitions)
+    return made
 
 
 @pytest.fixture
@@ -105,3 +115,34 @@ def test_the_end_of_the_server_ends_its_breakpoints(world: ServerWorld, bench: E
     world.server_runtime.close()
     bench.wait_for(lambda status: not status.tree_holds and not status.tree_breakpoints, 'nothing held')
     assert 'control_tree' in bench.refused(C.TREE_BREAK, path='turn', behavior='Main')
+
+
+def test_a_stop_of_the_behavior_ends_a_tree_that_a_breakpoint_holds(world: ServerWorld) -> None:
+    world.client.load_tree(TREE, 'Main')
+    bench = ExecutiveBench(behavior_of(machine))
+    bench.applied(C.TREE_BREAK, path='turn', behavior='Main')
+    bench.start()
+    held_at(bench, 'turn')
+    bench.applied(C.PAUSE)  # of the machine, whose state pauses its tree: that stands already
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'paused')
+    bench.applied(C.RESUME)
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.RUNNING, 'running')
+    held_at(bench, 'turn')  # a resume of the machine is no continue of the tree
+    bench.applied(C.STOP)
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.IDLE, 'idle')
+    assert bench.status.outcome == 'preempted'
+    bench.wait_for(lambda status: not status.tree_holds, 'nothing held')
+    assert world.navigation.count(names.SPIN) == 0
+    bench.close()
+
+
+def test_wrong_commands_in_a_flood_are_refused_and_the_tree_goes_on(world: ServerWorld, bench: ExecutiveBench) -> None:
+    world.client.load_tree(TREE, 'Main')
+    for number in range(100):
+        bench.applied(C.TREE_DUMMY, path='turn', behavior='Main', outcome='SUCCESS', id=f'same-{number}')
+    assert len(bench.status.tree_breakpoints) == 1
+    for field, length in {'path': 4097, 'behavior': 257, 'text': 1001, 'outcome': 257, 'tree_run_id': 129}.items():
+        fields = {'path': 'turn', 'behavior': 'Main', 'outcome': 'SUCCESS'} | {field: 'x' * length}
+        assert field in bench.refused(C.TREE_DUMMY, **fields)
+    assert world.client.execute('Main').result.code == BtExecute.Result.SUCCESS
+    bench.applied(C.TREE_CLEAR, behavior='Main')

@@ -30,7 +30,8 @@ class TreeExpanded:
 
 @dataclass(frozen=True, slots=True)
 class RoundEnded:
-    """A round of a tick has ended. The log of each reader has a mark for each status change in it."""
+    """A round of a tick has ended. The log of each reader has a mark for each status change in it. Readers without a
+    log do not get it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,10 +131,13 @@ class RunEvents:
         self.run_id = run_id
         self.blackboard = blackboard
         self._readers: list[RunReader] = []
+        self._readers_of_rounds: list[RunReader] = []
 
     def add(self, reader: RunReader) -> None:
         """Add a reader. Call this before the run starts."""
         self._readers.append(reader)
+        if reader.log is not None:
+            self._readers_of_rounds.append(reader)
 
     @property
     def log(self) -> Log | None:
@@ -143,7 +147,7 @@ class RunEvents:
 
     def emit(self, event: RunEvent) -> None:
         """Send an event to every reader."""
-        for reader in self._readers:
+        for reader in self._readers_of_rounds if event.__class__ is RoundEnded else self._readers:
             reader.read(event)
 
     def end(self, outcome: RunOutcome) -> None:
