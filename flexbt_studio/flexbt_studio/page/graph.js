@@ -9,7 +9,7 @@ const SLOP = 5;        // pixels that the pointer moves before it drags an item
 
 // An item is {path, parent, name, label, level, span, element, box: [x, y, width, height], isFolded, count}. They come parents
 // first, in the order of the keys. on.select(path), on.fold(path), on.open(path), on.drop(from, to, zone), on.zones(from, to)
-// with the zones at which it may be dropped, on.problem(path) → text.
+// with the zones at which it may be dropped, on.problem(path) → text, on.drawn().
 export class Graph {
   constructor(on) {
     this.on = on;
@@ -68,6 +68,7 @@ export class Graph {
     this.picture.replaceChildren(...parts);
     this.view.content(box);
     this.marks();
+    this.on.drawn();
     this.mark(this.selected);
     if (hadFocus) this.focus();
   }

@@ -6,16 +6,19 @@ import {difference, mapOffset} from './changes.js';
 import {byId, choose, html} from './choice.js';
 import {Form} from './form.js';
 import {Graph} from './graph.js';
+import {Jobs} from './jobs.js';
+import {Live} from './live.js';
 import {drawMachine, outcomePath} from './machine_drawing.js';
 import {OpenFile} from './open_file.js';
 import {Palette} from './palette.js';
 import {panels} from './panels.js';
 import {plainPane} from './plain_text.js';
+import {Player} from './player.js';
 import {SessionLink} from './session_link.js';
 import {conflictSheet, keySheet, sheet, shownKeys, unifiedDifference} from './sheets.js';
 import {drawTrees} from './tree_drawing.js';
 
-const PANES = ['files-pane', 'palette-pane', 'graph-pane', 'text-pane', 'form-pane', 'problems-pane'];
+const PANES = ['files-pane', 'palette-pane', 'graph-pane', 'text-pane', 'form-pane', 'problems-pane', 'runs-pane'];
 const KEY = /\{(@?[A-Za-z_][\w./-]*)\}/g;
 
 const remembered = (key, usual) => { try { return JSON.parse(localStorage.getItem(`studio-${key}`)) ?? usual; } catch { return usual; } };
@@ -38,7 +41,12 @@ class Studio {
     this.graph = new Graph({
       select: (path) => this.select(path), fold: (path) => this.fold(path), open: (path) => this.enter(path), problem: (path, isFolded) => this.problemAt(path, isFolded),
       drop: (from, to, zone, what) => this.actions.drop(from, to, zone, what), zones: (from, to) => (this.file ? this.actions.zones(from, to) : []),
+      drawn: () => { if (this.file) this.player.paint(this.graph, this.file.name, this.jobs.tint(this.file)); },
     });
+    Object.assign(this, {remembered, remember});
+    this.player = new Player({follow: (file, path) => this.follow(file, path), paint: () => this.graph.on.drawn(), name: (file, path) => this.open.get(file)?.parts.get(path)?.title ?? path});
+    this.jobs = new Jobs(this, this.player);
+    this.live = new Live(this, this.player);
     this.form = new Form({
       gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
       trees: () => Object.keys(this.treeFiles), rename: (label) => this.actions.renameState(this.part(this.file.selected), label), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
@@ -59,6 +67,7 @@ class Studio {
   // The server.
 
   connected(isOpen, text) {
+    if (!isOpen) this.jobs.lost();
     byId('link').textContent = isOpen ? 'CONNECTED' : 'NO SERVER';
     byId('link').className = `badge ${isOpen ? 'good' : 'error'}`;
     byId('alarm').textContent = isOpen ? '' : `Not connected: ${text}. You can go on editing; it is sent when the studio is back.`;
@@ -72,10 +81,13 @@ class Studio {
     else if (event.event === 'edited' && file) { file.takeEdited(event.version, event.edits); this.told(`${event.file} was edited in another page`); }
     else if (event.event === 'files_changed') this.filesChanged(event, file);
     else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';
+    else if (event.event === 'job') this.jobs.take(event);
+    else if (event.event === 'live') this.live.take(event);
     else if (event.event === 'note') this.told(event.message, 'warning');
   }
 
-  async welcome({page, instance}) {
+  async welcome({page, instance, robots}) {
+    this.live.welcome(robots);
     const isNew = this.instance !== undefined && this.instance !== instance;
     Object.assign(this, {page, instance});
     try {
@@ -131,7 +143,7 @@ class Studio {
   added(model) {
     const buffer = this.pane.buffer(model.text, model.file, model.language);
     const file = new OpenFile(this.link, model, buffer, {
-      changed: (one) => { if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
+      changed: (one) => { this.jobs.edited(one); this.live.edited(); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
     });
     this.open.set(model.file, file);
     return file;
@@ -292,6 +304,19 @@ class Studio {
   rememberFolded() { remember(`folded-${this.file.name}`, [...this.file.folded]); }
 
   // Enter or a double click: the target of an outcome, or the properties.
+  // Bring a node that runs into view, in another file, too; a robot's only in this one.
+  async follow(name, path) {
+    if (name !== this.file?.name && !this.player.isLive) {
+      const before = document.activeElement;
+      await this.go(name);
+      before?.focus();
+    }
+    if (name !== this.file?.name) return;
+    let item = null;
+    for (let part = this.part(path); part && !item; part = part.parent) item = this.graph.byPath.get(part.path);
+    if (item) this.graph.bring(item);
+  }
+
   enter(path) {
     const part = this.part(path);
     if (part?.kind === 'outcome') this.actions.target(part.data.path, part.way.outcome);
@@ -370,6 +395,7 @@ class Studio {
   showHead() {
     const {file} = this, isChanged = Boolean(file?.isChanged);
     byId('save').disabled = !isChanged;
+    this.jobs.show();
     byId('difference').disabled = !isChanged;
     byId('difference').textContent = isChanged ? 'Unsaved changes' : 'No changes';
     byId('difference').classList.toggle('changed', isChanged);
@@ -384,7 +410,7 @@ class Studio {
     try {
       await this.file.settled();
       const lines = await this.link.request('difference', {file: this.file.name});
-      const isSaving = await sheet(`${this.file.name}: what Save writes`, lines.length ? [unifiedDifference(lines)] : [html('p', {}, 'The text is as it is on disk.')], lines.length ? [['Save', true, 'primary'], ['Close', null, '']] : [['Close', null, 'primary']]);
+      const isSaving = await sheet(`${this.file.name}: what Save writes`, lines.length ? [unifiedDifference(lines), this.jobs.sheetPart(this.file, () => byId('sheet-buttons').lastElementChild.click())] : [html('p', {}, 'The text is as it is on disk.')], lines.length ? [['Save', true, 'primary'], ['Close', null, '']] : [['Close', null, 'primary']]);
       if (isSaving) await this.save();
     } catch (refusal) {
       this.told(refusal.message, 'error');
@@ -403,6 +429,7 @@ class Studio {
       this.showHead();
       this.told(`${file.name} saved`, 'good');
     } catch (refusal) {
+      this.jobs.saved(file);
       if (refusal.kind === 'conflict') await this.resolve(file);
       else this.told(refusal.message, 'error');
     }
@@ -440,6 +467,7 @@ class Studio {
       page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], () => this.fixNow()),
       page('next_pane', 'Next pane', ['F6'], () => this.nextPane(1)), page('previous_pane', 'Previous pane', ['Shift+F6'], () => this.nextPane(-1)), page('keys', 'Keys of this place', ['?'], () => this.showKeys()),
       page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),
+      ...this.jobs.commands(page), page('live', 'What the robot does now: show or hide', null, () => byId('live').click()),
       page('link', 'Copy a link to the selected item', null, () => { navigator.clipboard?.writeText(location.href.replace(/token=[^&]*&?/, '')); this.told('Link copied, without the token'); }), page('reset', 'Reset the panels', null, () => this.panels.reset()),
     ];
   }
@@ -531,6 +559,6 @@ class Studio {
 let studio = null;
 const events = {cursor: (offset) => studio.cursor(offset), complete: (...words) => studio.complete(...words), fix: (one, fix) => studio.fix(one, fix)};
 const made = document.querySelector('script[type="importmap"]') ? (await import('./code_text.js')).codePane : plainPane;
-const panelsMade = panels(byId('panels'), 'studio', {wide: [['files-pane', 'palette-pane'], ['graph-pane', 'text-pane'], ['form-pane', 'problems-pane']], narrow: [['files-pane', 'graph-pane', 'form-pane', 'problems-pane', 'text-pane', 'palette-pane']]}, '(max-width: 900px)');
+const panelsMade = panels(byId('panels'), 'studio', {wide: [['files-pane', 'palette-pane'], ['graph-pane', 'text-pane'], ['form-pane', 'problems-pane', 'runs-pane']], narrow: [['files-pane', 'graph-pane', 'form-pane', 'problems-pane', 'runs-pane', 'text-pane', 'palette-pane']]}, '(max-width: 900px)');
 studio = new Studio(made(byId('text'), events));
 studio.panels = panelsMade;

@@ -105,12 +105,14 @@ class Jobs:
 
     async def _run(self, event: dict[str, Any], copy: JobCopy) -> None:
         command = [sys.executable, '-P', '-c', _CALL.format(copy.tool), *copy.words]
-        process: asyncio.subprocess.Process | None = None
-        try:
-            pipe = asyncio.subprocess.PIPE
-            process = await asyncio.create_subprocess_exec(
+        pipe = asyncio.subprocess.PIPE
+        starting = asyncio.create_task(
+            asyncio.create_subprocess_exec(
                 *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe, cwd=copy.folder.name
             )
+        )
+        try:
+            process = await asyncio.shield(starting)  # one that is cancelled while it starts is ended below
             async with asyncio.timeout(JOB_SECONDS):
                 out, error = await asyncio.gather(_read(process.stdout), _read(process.stderr))
                 code = await process.wait()
@@ -127,10 +129,12 @@ class Jobs:
         except (OSError, ValueError, StudioError) as error:
             self._tell({**event, 'state': 'failed', 'message': str(error)})
         finally:
-            if process is not None and process.returncode is None:
-                with contextlib.suppress(ProcessLookupError):
-                    process.kill()
-                await process.wait()
+            with contextlib.suppress(OSError):
+                process = await starting
+                if process.returncode is None:
+                    with contextlib.suppress(ProcessLookupError):
+                        process.kill()
+                    await process.wait()
             copy.folder.cleanup()
 
 

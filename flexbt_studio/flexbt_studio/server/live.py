@@ -27,6 +27,7 @@ class LiveRobots:
         self._robots = robots
         self._tell = tell
         self._watched: set[str] = set()
+        self._shown: dict[str, dict[str, Any]] = {}
         self._changed = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._robots.fleet.add_listener(self._wake)
@@ -48,6 +49,7 @@ class LiveRobots:
         if name not in self._watched:
             self._watched.add(name)
             await asyncio.to_thread(self._robots.open, name)
+        self._shown.pop(name, None)  # the page that asks has not seen it
         self._changed.set()
         return name
 
@@ -57,14 +59,13 @@ class LiveRobots:
             self._loop.call_soon_threadsafe(self._changed.set)
 
     async def _show(self) -> None:
-        shown: dict[str, dict[str, Any]] = {}
         while True:
             await self._changed.wait()
             self._changed.clear()
             for name in self._watched:
                 event = live_event(name, self._robots.robot(name)[0].view())
-                if event != shown.get(name):
-                    shown[name] = event
+                if event != self._shown.get(name):
+                    self._shown[name] = event
                     self._tell(event)
             await asyncio.sleep(PERIOD)
 
@@ -85,7 +86,7 @@ def live_event(name: str, view: View) -> dict[str, Any]:
                 'run': tree.run_id,
                 'tree': tree.tree,
                 'running': tree.is_running,
-                'nodes': len({node.path for node in tree.nodes}),
+                'nodes': len({node.path for node in tree.nodes}) + tree.left_out,
                 'statuses': {
                     node.path: tree.shown_status(node.uid).name for node in tree.nodes if tree.shown_status(node.uid)
                 },

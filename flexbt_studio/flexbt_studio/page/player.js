@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: BSD-3-Clause
+// The player: moments of a way, of a dry run or of a robot, one after the other, and the statuses of the nodes at each on the graph.
+
+import {byId, html, svg} from './choice.js';
+import {widthOf} from './graph.js';
+
+const SIGNS = {RUNNING: '▶', SUCCESS: '✓', FAILURE: '✗', SKIPPED: '»', IDLE: '■', NEVER: '∅'};
+const WORDS = {IDLE: 'HALTED', NEVER: 'never'};
+const FONT = '600 11px system-ui, sans-serif';
+const STEP_MS = 900, LEAST_MS = 60, PACE = 0.1;  // while it plays: for a moment without a time; at least; for each second of a run
+const RING_S = 300;                              // how much of a robot's past is kept
+
+export const placeOf = (file, path) => `${file}\n${path}`;
+
+// Statuses by place, from those by the path of a node in a run. places(path) → [file, path in the view], or nothing. Where one
+// sub-tree is used several times, what runs counts; of a state that is active the containers are, too.
+export function statusesAt(entries, places) {
+  const found = new Map();
+  for (const [run, status] of entries) {
+    const place = places(run);
+    if (!place) continue;
+    const key = placeOf(...place);
+    if (found.get(key) !== 'RUNNING') found.set(key, status);
+    if (run.startsWith('/')) for (let path = place[1]; path !== '/'; ) { path = path.slice(0, path.lastIndexOf('/')) || '/'; found.set(placeOf(place[0], path), status); }
+  }
+  return found;
+}
+
+// A moment is {title, lines, time, statuses()}: time in seconds, or null where only the order counts; statuses() returns a map by
+// placeOf. on.follow(file, path) brings a node into view, on.paint() draws the statuses, on.name(file, path) → name of a node.
+export class Player {
+  constructor(on) {
+    this.on = on;
+    this.moments = [];
+    this.at = 0;
+    this.statuses = new Map();
+    const button = (id, mark, title, act) => html('button', {type: 'button', id: `player-${id}`, title, 'aria-label': title, onclick: act}, mark);
+    this.line = html('input', {id: 'player-line', type: 'range', min: '0', step: 'any'});
+    this.pause = button('play', '▶', 'Play or pause (Space)', () => this.toggle());
+    this.count = html('span', {id: 'player-count', class: 'hint'});
+    this.title = html('strong', {id: 'player-title'});
+    this.told = html('p', {id: 'player-told', 'aria-live': 'polite'});
+    this.isFollowing = html('input', {id: 'player-follow', type: 'checkbox', checked: true});
+    this.bar = html('div', {id: 'player', role: 'group', 'aria-label': 'player', hidden: true},
+      html('div', {}, this.title, html('label', {}, this.isFollowing, ' Follow'), button('end', '×', 'End (Esc)', () => this.end())),
+      html('div', {}, html('span', {class: 'seg'}, button('first', '⇤', 'First moment (Home)', () => this.go(0)), button('back', '‹', 'Step back (, or ←)', () => this.step(-1)), this.pause, button('next', '›', 'Step (. or →)', () => this.step(1)), button('last', '⇥', 'Last moment, or now (End)', () => this.go(Infinity))), this.line, this.count), this.told);
+    byId('graph-body').after(this.bar);
+    this.line.addEventListener('input', () => { const value = Number(this.line.value); this.go(this.isTimed ? this.moments.findLastIndex((one) => one.time - this.moments[0].time <= value + 1e-9) : Math.round(value)); });
+    addEventListener('keydown', (event) => this.key(event), {capture: true});
+  }
+
+  get isOpen() { return !this.bar.hidden; }
+  // Whether the line is of seconds; one that takes no time is of moments.
+  get isTimed() { return this.moments.length > 0 && this.moments.at(-1).time > this.moments[0].time; }
+  get isAtEnd() { return this.at === this.moments.length - 1; }
+
+  key(event) {
+    if (!this.isOpen || document.querySelector('dialog[open]') || event.ctrlKey || event.altKey || event.metaKey) return;
+    const inBar = this.bar.contains(event.target), isField = event.target.closest?.('input, textarea, select, .cm-editor, #text');
+    const act = (inBar ? {ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), ArrowDown: () => this.step(-1), ArrowUp: () => this.step(1), Home: () => this.go(0), End: () => this.go(Infinity), ' ': event.target === this.line ? () => this.toggle() : null}[event.key] : null)
+      ?? (inBar || !isField ? {',': () => this.step(-1), '.': () => this.step(1), Escape: () => this.end()}[event.key] : null);
+    if (!act) return;
+    event.preventDefault();
+    event.stopPropagation();
+    act();
+  }
+
+  // Show moments. For those of a robot, which go on, isLive is true. owner is what they are of.
+  play(title, moments, {isLive = false, owner = null, at = 0, ended = () => {}} = {}) {
+    this.stop();
+    if (!this.isOpen) this.before = document.activeElement;
+    else this.ended();
+    Object.assign(this, {moments, isLive, owner, ended, at: 0, statuses: new Map()});
+    this.title.textContent = title;
+    this.bar.hidden = false;
+    this.line.focus();
+    this.go(at);
+  }
+
+  // Add a moment of a robot. Whoever looks at an earlier one goes on to do so.
+  push(moment) {
+    const wasAtEnd = this.isAtEnd || !this.moments.length;
+    this.moments.push(moment);
+    const old = this.moments.findIndex((one) => one.time >= moment.time - RING_S);
+    this.moments.splice(0, old);
+    this.at = Math.max(0, this.at - old);
+    if (wasAtEnd || old > this.at) this.go(wasAtEnd ? Infinity : 0); else this.showLine();
+  }
+
+  end() {
+    if (!this.isOpen) return;
+    this.stop();
+    const hadFocus = this.bar.contains(document.activeElement);
+    this.bar.hidden = true;
+    Object.assign(this, {moments: [], statuses: new Map(), owner: null, isLive: false});
+    this.ended();
+    this.on.paint();
+    if (hadFocus) if (this.before?.isConnected && this.before.getClientRects().length) this.before.focus(); else byId('picture').querySelector('[tabindex="0"]')?.focus();
+  }
+
+  stop() {
+    clearTimeout(this.timer);
+    this.timer = null;
+    this.pause.textContent = '▶';
+  }
+
+  step(count) { this.stop(); this.go(this.at + count); }
+
+  toggle() {
+    if (this.isLive) { this.go(this.isAtEnd ? this.at - 1 : Infinity); return; }
+    if (this.timer) { this.stop(); return; }
+    if (this.isAtEnd) this.go(0);
+    const next = () => {
+      if (this.isAtEnd) { this.stop(); return; }
+      const wait = this.isTimed ? Math.min(STEP_MS, Math.max(LEAST_MS, 1000 * PACE * (this.moments[this.at + 1].time - this.moments[this.at].time))) : STEP_MS;
+      this.timer = setTimeout(() => { this.go(this.at + 1); next(); }, wait);
+    };
+    next();
+    if (this.timer) this.pause.textContent = '‖';
+  }
+
+  go(index) {
+    if (!this.moments.length) return;
+    this.at = Math.max(0, Math.min(index, this.moments.length - 1));
+    const moment = this.moments[this.at], before = this.statuses;
+    this.statuses = moment.statuses();
+    this.told.setAttribute('aria-live', (this.isLive && this.isAtEnd) || this.timer ? 'off' : 'polite');
+    this.told.replaceChildren(html('b', {}, moment.title), ...moment.lines.map((line) => html('span', {class: line.startsWith('✗') ? 'error' : null}, line)));
+    this.showLine();
+    this.on.paint();
+    if (!this.isFollowing.checked) return;
+    const changed = [...this.statuses].filter(([place, status]) => before.get(place) !== status && status !== 'IDLE');
+    const [place] = changed.findLast(([, status]) => status === 'RUNNING') ?? changed.at(-1) ?? [];
+    if (place) this.on.follow(...place.split('\n'));
+  }
+
+  // Statuses that are known only now, such as after the places of the nodes have arrived.
+  again() { if (this.isOpen && this.moments.length) this.go(this.at); }
+
+  showLine() {
+    const {moments, at} = this, first = moments[0], last = moments.at(-1), moment = moments[at];
+    this.line.max = this.isTimed ? last.time - first.time : moments.length - 1;
+    this.line.value = this.isTimed ? moment.time - first.time : at;
+    const when = this.isLive ? (this.isAtEnd ? 'now' : `${(last.time - moment.time).toFixed(1)} s ago`) : moment.time === null ? '' : `${moment.time.toFixed(3)} s`;
+    this.count.textContent = this.isLive ? when : [when, `${at + 1} of ${moments.length}`].filter(Boolean).join(' · ');
+    this.line.setAttribute('aria-label', `moments of ${this.title.textContent}`);
+    this.line.setAttribute('aria-valuetext', this.count.textContent);
+    if (this.isLive) this.pause.textContent = this.isAtEnd ? '‖' : '▶';
+    this.on.moved?.(at);
+  }
+
+  // Draw on each item of a graph its status, and on what is folded also what is in it. tint has places that are never reached.
+  paint(graph, file, tint) {
+    for (const item of graph.items) {
+      const place = placeOf(file, item.path), status = this.statuses.get(place) ?? (tint.has(place) ? 'NEVER' : '');
+      const text = [status && `${SIGNS[status] ?? '•'} ${WORDS[status] ?? status}`, item.isFolded ? this.sum(file, item.path) : ''].filter(Boolean).join(' · ');
+      if ((item.shown ?? '') === text) continue;
+      item.shown = text;
+      const {element, box: [x, y]} = item;
+      element.querySelector(':scope > .run-status')?.remove();
+      element.classList.remove(...[...element.classList].filter((one) => one.startsWith('st-')));
+      if (!text) { element.removeAttribute('aria-description'); continue; }
+      element.setAttribute('aria-description', text.replace(/[▶✓✗»■∅•] ?/gu, ''));
+      if (status) element.classList.add(`st-${status.toLowerCase()}`);
+      element.append(svg('g', {class: 'run-status'}, svg('rect', {x: x + 10, y: y - 10, width: widthOf(text, FONT) + 12, height: 17, rx: 4}), svg('text', {x: x + 16, y: y + 2.5}, text)));
+    }
+  }
+
+  // What is in a folded item: what runs there, or else how many ended how.
+  sum(file, path) {
+    const within = placeOf(file, path === '/' ? '' : path) + (path === '/' ? '' : '/');
+    const inside = [...this.statuses].filter(([place]) => place.startsWith(within) && place !== placeOf(file, path));
+    const running = inside.filter(([place, status]) => status === 'RUNNING' && !inside.some(([other, its]) => its === 'RUNNING' && other.startsWith(`${place}/`)));
+    if (running.length) return `inside RUNNING: ${running.map(([place]) => this.on.name(...place.split('\n'))).join(', ')}`;
+    const counts = ['SUCCESS', 'FAILURE'].map((status) => [SIGNS[status], inside.filter(([, one]) => one === status).length]).filter(([, count]) => count);
+    return counts.length ? `inside ${counts.map(([sign, count]) => `${count} ${sign}`).join(' ')}` : '';
+  }
+}

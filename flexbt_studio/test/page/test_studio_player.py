@@ -1,0 +1,385 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The player of the studio in a real browser: proofs, comparisons, dry runs, and what a robot does."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from studio_page import StudioPage, served
+
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.records import ActiveState, ExecutiveSnapshot, ExecutiveState
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, MirroredTree
+from flexbt_console.mirror.view import View
+from flexbt_studio.server.web_server import StudioServer
+from flexbt_testing.browser import NEEDS_BROWSER
+
+pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
+
+ESCAPE, END, HOME, LEFT, RIGHT, DOWN = '\ue00c', '\ue010', '\ue011', '\ue012', '\ue014', '\ue015'
+F9, F10, CONTROL, SHIFT, ALT = '\ue039', '\ue03a', '\ue009', '\ue008', '\ue00a'
+
+pytestmark = NEEDS_BROWSER
+
+INSPECT = """\
+<root BTCPP_format="4" main_tree_to_execute="Inspect">
+  <BehaviorTree ID="Inspect">
+    <Sequence>
+      <Fallback>
+        <ComputePathToPose goal="{goal}" path="{path}"/>
+        <Wait wait_duration="2.0"/>
+      </Fallback>
+      <Parallel success_count="2">
+        <FollowPath path="{path}"/>
+        <Spin spin_dist="6.28"/>
+      </Parallel>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+MENDED = INSPECT.replace('Parallel success_count="2"', 'Sequence').replace('Parallel', 'Sequence')
+MENDED = MENDED.replace('        <Wait wait_duration="2.0"/>\n', '')
+LONG = '\n'.join(
+    [
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel success_count="7">',
+        *(f'<RetryUntilSuccessful num_attempts="9"><Wait name="w{one}"/></RetryUntilSuccessful>' for one in range(7)),
+        '</Parallel></BehaviorTree></root>\n',
+    ]
+)
+NEVER = """\
+<root BTCPP_format="4" main_tree_to_execute="A">
+  <BehaviorTree ID="A">
+    <Fallback>
+      <AlwaysSuccess/>
+      <Wait name="late"/>
+      <SubTree ID="B"/>
+    </Fallback>
+  </BehaviorTree>
+  <BehaviorTree ID="B">
+    <Sequence>
+      <Wait/>
+      <Spin/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+MACHINE = """\
+machine:
+  outcomes: [finished, failed]
+  states:
+    Drive:
+      machine:
+        outcomes: [done]
+        states:
+          Go: {state: WaitState, parameters: {wait_time: 1.0}, transitions: {done: done}}
+      transitions: {done: Rest}
+    Rest: {state: WaitState, parameters: {wait_time: 2.0}, transitions: {done: finished}}
+"""
+_STATUSES = (
+    'return Object.fromEntries([...document.querySelectorAll("#picture [data-path]")].flatMap((one) => '
+    '[...one.classList].filter((name) => name.startsWith("st-")).map((name) => [one.dataset.path, name.slice(3)])))'
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    texts = {'inspect.xml': INSPECT, 'long.xml': LONG, 'never.xml': NEVER, 'drive.yaml': MACHINE}
+    for file, text in texts.items():
+        (tmp_path / file).write_text(text)
+    return tmp_path
+
+
+def tool(*words: str, name: str = 'bt_tool') -> list[str]:
+    """Return the lines that a command of the tools prints."""
+    call = f'import sys; from flexbt_tools.executables import {name}; sys.exit({name}())'
+    command = [sys.executable, '-P', '-c', call, *words]
+    return subprocess.run(command, check=False, capture_output=True, text=True).stdout.splitlines()
+
+
+def shown(page: StudioPage) -> dict[str, str]:
+    """Return the statuses on the graph by path."""
+    found: dict[str, str] = page.run(_STATUSES)
+    return found
+
+
+def expected(page: StudioPage, statuses: dict[str, str]) -> dict[str, str]:
+    """Return the statuses of a run by the paths of the graph: the engine numbers the nodes as the graph orders them."""
+    paths = page.run('return [...document.querySelectorAll("#picture .node")].map((one) => one.dataset.path)')
+    nodes = [path for path in paths if '/' in path]
+    return {nodes[int(path.partition('::')[2]) - 1]: status.lower() for path, status in statuses.items()}
+
+
+def rewrite(page: StudioPage, text: str) -> None:
+    """Put another text into the plain text pane, as if it was pasted."""
+    page.run(
+        'const field = document.querySelector("#text textarea"); field.value = arguments[0];'
+        'field.dispatchEvent(new Event("input", {bubbles: true}))',
+        text,
+    )
+
+
+def set_field(page: StudioPage, id: str, value: str, event: str = 'change') -> None:
+    """Fill in a field."""
+    page.run(
+        'const [id, value, kind] = arguments, field = document.getElementById(id);'
+        'field.value = value; field.dispatchEvent(new Event(kind))',
+        id,
+        value,
+        event,
+    )
+
+
+def play(page: StudioPage, text: str) -> None:
+    """Press the button with this text in the panel of proofs and runs, and wait for the player."""
+    page.run(
+        '[...document.querySelectorAll("#runs button")].find((one) => one.textContent.includes(arguments[0])).click()',
+        text,
+    )
+    page.until(lambda: page.focused == 'player-line')
+
+
+def children() -> list[str]:
+    """Return the processes of jobs that this process has started and that are still there."""
+    found = []
+    for tasks in Path('/proc/self/task').glob('*/children'):
+        with contextlib.suppress(OSError):  # a thread or a process that has just ended
+            for child in tasks.read_text().split():
+                found += [child] if b'flexbt_tools' in Path('/proc', child, 'cmdline').read_bytes() else []
+    return found
+
+
+def test_a_proof_is_told_played_and_repeated_on_save(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        page.press(F9)
+        page.until_text('proof', 'not proven: 2 wrong')
+        proof = json.loads(tool('prove', str(folder / 'inspect.xml'), '--json')[0])['proofs'][0]
+        for one in proof['wrong']:
+            play(page, one['text'])
+            for number, step in enumerate(one['steps']):
+                page.until_text('player-told', step['step'])
+                assert shown(page) == expected(page, step['statuses']), number
+                assert all(line in page.text('player-told') for line in step['lines'])
+                page.press(RIGHT)
+            assert one['text'] in page.text('player-told')
+            first = 'return document.querySelector("#picture [class*=st-]").getAttribute("aria-description")'
+            assert page.run(first) == one['steps'][-1]['statuses']['Sequence::1'].replace('IDLE', 'HALTED')
+            page.press(HOME, '.', ',', '.')
+            page.until_text('player-count', '2 of')
+            page.press(ESCAPE)
+            assert shown(page) == {}
+        play(page, proof['wrong'][0]['text'])
+        rewrite(page, MENDED)  # what is played is not of this text any more
+        page.until_text('proof', 'not proved since the change')
+        assert shown(page) == {} and page.run('return document.getElementById("player").hidden')
+        page.chord(CONTROL, 's')
+        page.until_text('proof', 'proved: nothing wrong (')
+        assert '(6 of 6 reached)' in page.text('proof')
+
+
+def test_an_edit_ends_a_proof_with_its_process(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'long.xml')
+        for _ in range(2):  # the second proof replaces the first
+            page.press(F9)
+            page.until(lambda: len(children()) == 1)
+        assert page.text('proof') == 'proving…'
+        rewrite(page, LONG + '<!-- more -->')
+        page.until(lambda: page.text('proof') == 'Prove')
+        page.until(lambda: children() == [])
+        page.press(F9)
+        page.until(lambda: len(children()) == 1)
+        page.run('document.getElementById("proof-cancel").click()')
+        page.until(lambda: page.text('proof') == 'Prove')
+        page.until(lambda: children() == [])
+
+
+def test_a_requirement_of_a_machine_is_proved_and_played(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'drive.yaml')
+        set_field(page, 'requirements', 'never =finished')
+        page.press(F9)
+        page.until_text('proof', 'not proven: 1 wrong')
+        play(page, '=finished')
+        page.press(RIGHT)
+        page.until_text('player-count', '2 of')
+        page.until(lambda: shown(page) == {'/': 'running', '/Drive': 'running', '/Drive/Go': 'running'})
+        page.press(ESCAPE)
+        page.driver.refresh()
+        page.until(lambda: page.run('return document.getElementById("requirements").value') == 'never =finished')
+
+
+def test_what_is_never_reached_is_tinted_and_folded_parts_show_what_is_in_them(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'never.xml')
+        page.press(F9)
+        page.until_text('proof-told', 'never: 5')
+        never = dict.fromkeys(('A/0/1', 'A/0/2', 'B/0', 'B/0/0', 'B/0/1'), 'never')
+        assert shown(page) == never
+        page.run('document.getElementById("tint-never").click()')
+        assert shown(page) == {}
+        page.press(F10)
+        page.until(lambda: page.focused == 'player-line')
+        page.until_text('run-told', '1 dry run reached 2 of 7 nodes')
+        page.press(ESCAPE)
+        page.run('document.getElementById("tint-dry").click()')
+        assert shown(page) == never
+        page.click('A/0')
+        page.press(' ', F10)
+        page.until(lambda: page.focused == 'player-line')
+        page.press(END)
+        description = 'return document.querySelector("#picture [data-path=\'A/0\']").getAttribute("aria-description")'
+        page.until(lambda: page.run(description) == 'SUCCESS · inside 1 ')
+
+
+def test_a_dry_run_is_that_of_the_tool_and_its_time_is_a_line(page: StudioPage, folder: Path) -> None:
+    plan = folder / 'plan.yaml'
+    fails = '{gives: FAILURE, after: 1.5, reason: ""}'
+    plan.write_text(
+        f'mocks:\n  ComputePathToPose: [{fails}]\n  Wait: [{{gives: SUCCESS, after: 0.25}}]\n'
+        '  Spin: [{gives: SUCCESS, after: 60}]\n  FollowPath: FAILURE\nblackboard: {speed: 0.5}\n'
+    )
+    printed = tool('run', str(folder / 'inspect.xml'), '--mock', str(plan))
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        page.run('document.getElementById("run-job").open = true')
+        page.until(lambda: page.run('return document.querySelectorAll(".mock").length') == 4)
+        for row, does, seconds in ((0, 'fails', 1.5), (1, 'succeeds', 0.25), (2, 'fails', 0), (3, 'succeeds', 60)):
+            page.run(
+                'const [row, does, seconds] = arguments, line = document.querySelectorAll(".mock")[row];'
+                'const set = (one, value) => { one.value = value; one.dispatchEvent(new Event("change")); };'
+                'set(line.querySelector("select"), does); set(line.querySelector("span > input"), seconds)',
+                row,
+                does,
+                seconds,
+            )
+        set_field(page, 'board', 'speed: 0.5')
+        page.press(F10)
+        page.until(lambda: page.focused == 'player-line')
+        lines = page.run('return [...document.querySelectorAll("#run-lines > li")].map((one) => one.textContent)')
+        end = next(number for number, line in enumerate(printed) if line.startswith('blackboard'))
+        assert lines == printed[:end] and end > 10
+        # The line is of seconds: a place on it is the last moment before.
+        set_field(page, 'player-line', '1.6', 'input')
+        page.until_text('player-count', '1.500 s')
+        assert shown(page)['Inspect/0/0/0'] == 'failure' and shown(page)['Inspect/0/0/1'] == 'running'
+        page.press(END)
+        page.until_text('player-told', 'speed = 0.5')
+        assert printed[end - 1].strip() in page.text('player-told')
+        assert shown(page)['Inspect/0/0'] == 'success' and shown(page)['Inspect/0'] == 'failure'
+        set_field(page, 'board', '[wrong')
+        page.press(F10)
+        page.until_text('run-told', 'mocks.yaml')
+
+
+def test_a_comparison_tells_what_a_change_does(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        page.click('Inspect/0/0')
+        page.press('w')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('Sequence', '\ue007')
+        page.until_told('wrapped in')
+        page.chord(CONTROL, SHIFT, 'S')
+        page.until_text('sheet', 'tree Inspect: behaves the same')
+        page.press(ESCAPE)
+        page.press('u')
+        page.until_told('its children took its place')
+        page.click('Inspect/0/0/0')
+        page.chord(ALT, DOWN)
+        page.until_selected('Inspect/0/0/1')
+        page.chord(SHIFT, F9)
+        page.until_text('compare-told', 'difference')
+        page.chord(CONTROL, SHIFT, 'S')
+        page.until_text('sheet-change', 'Wait begins')
+        page.run('document.querySelector("#sheet-change button").click()')
+        page.until(lambda: page.focused == 'player-line')
+        page.press(END)
+        page.until_text('player-told', '✗ on disk: ComputePathToPose begins')
+        assert shown(page) == {'Inspect/0': 'running', 'Inspect/0/0': 'running', 'Inspect/0/0/0': 'running'}
+
+
+class Robots:
+    """One robot, whose picture is set by the test; what LiveRobots uses of FleetLink."""
+
+    def __init__(self) -> None:
+        self.fleet = SimpleNamespace(names=('base',), add_listener=self._listen)
+        self.own = 'base'
+        self._view = View(LinkState.LIVE, 0.0)
+
+    def _listen(self, listener: Any) -> None:
+        self._heard = listener
+
+    def open(self, name: str) -> None:
+        """Watch the robot."""
+
+    close = open
+
+    def robot(self, name: str) -> list[Any]:
+        return [SimpleNamespace(view=lambda: self._view)]
+
+    def show(self, statuses: dict[str, int], *, link: LinkState = LinkState.LIVE, active: str = '/Rest') -> None:
+        """Show a tree with these nodes, and an active state of the machine."""
+        nodes = tuple(MirroredNode(uid, 0, path, '', path) for uid, path in enumerate(statuses, 1))
+        values = tuple(map(MirroredStatus, statuses.values()))
+        tree = MirroredTree('run', 'Inspect', nodes, values, values, sequence=1)
+        state = (ActiveState(active),)
+        snapshot = ExecutiveSnapshot('id', 1, state=ExecutiveState.RUNNING, behavior='drive', active_states=state)
+        self._view = View(link, 0.0, snapshot=snapshot, trees=(tree,))
+        self._heard()
+
+
+def test_a_robot_is_watched_and_its_past_is_kept(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robots = Robots()
+    monkeypatch.setattr('studio_page.StudioServer', partial(StudioServer, robots=cast(Any, robots)))
+    names = (
+        *('Sequence::1', 'Fallback::2', 'ComputePathToPose::3', 'Wait::4'),
+        *('Parallel::5', 'FollowPath::6', 'Spin::7'),
+    )
+    begin = dict(zip(names, (1, 1, 1, 0, 0, 0, 0), strict=True))
+    later = dict(zip(names, (1, 1, 3, 1, 0, 0, 0), strict=True))
+    with served(folder, None) as port:
+        page.open(port, 'drive.yaml')
+        page.run('document.getElementById("live").click()')
+        page.until_text('player-title', 'Robot base')
+        robots.show(begin, active='/Drive/Go')
+        page.until(lambda: shown(page) == {'/': 'running', '/Drive': 'running', '/Drive/Go': 'running'})
+        page.run(
+            '[...document.querySelectorAll("#files button")].find((one) => one.textContent === "inspect.xml").click()'
+        )
+        page.until(lambda: shown(page) == dict.fromkeys(('Inspect/0', 'Inspect/0/0', 'Inspect/0/0/0'), 'running'))
+        robots.show(later)
+        page.until(lambda: shown(page).get('Inspect/0/0/1') == 'running' and shown(page)['Inspect/0/0/0'] == 'failure')
+        # Back in time, while the robot goes on.
+        page.run('document.getElementById("player-line").focus()')
+        page.press(LEFT)
+        page.until_text('player-count', 's ago')
+        assert shown(page)['Inspect/0/0/0'] == 'running'
+        robots.show({**later, 'Wait::4': 2})
+        page.until(lambda: page.run('return document.getElementById("live").className') == 'good')
+        robots.show({**later, 'Wait::4': 2}, link=LinkState.LOST)
+        page.until(lambda: page.run('return document.getElementById("live").className') == 'warning')
+        assert shown(page)['Inspect/0/0/0'] == 'running'
+        page.press(END)
+        page.until_text('player-told', 'NO LINK')
+        assert shown(page)['Inspect/0/0/1'] == 'success'
+        # Another version of the tree is shown nowhere.
+        robots.show({**later, 'Spin::8': 1})
+        page.until_text('player-told', 'the robot runs another version of the tree Inspect')
+        assert shown(page) == {}
+        robots.show(later)
+        page.until(lambda: shown(page).get('Inspect/0/0/1') == 'running')
+        rewrite(page, MENDED)
+        page.until_text('player-told', 'another version of the tree')
+        page.press(ESCAPE)
+        page.until(lambda: page.run('return document.getElementById("live").getAttribute("aria-pressed")') == 'false')
