@@ -185,7 +185,7 @@ def _entry(name: str, x: float, y: float) -> str:
             f'stroke-dasharray="{line.dashes}" d="M{x},{y + 6}h26"/></g>'
         )
         text = line.text
-    return f'{sample}<text x="{x + 34}" y="{y + 10}" font-size="11">{html.escape(text)}</text>'
+    return f'{sample}<text x="{x + 34}" y="{y + 10}" font-size="12">{html.escape(text)}</text>'
 
 
 def _box(x: float, y: float) -> str:

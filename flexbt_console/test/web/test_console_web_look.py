@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import itertools
+import json
+import math
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from web_support import OTHER, PLAN, WebRobot, WebRobots, served
+from web_support import OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
 from flexbt_console.mirror.records import (
     CommandKind,
@@ -96,6 +98,26 @@ return [...document.querySelectorAll('button, input, select, canvas, [tabindex],
   .filter((one) => one.checkVisibility() && !named(one) && !one.textContent.trim()).map((one) => one.outerHTML);
 """
 
+# Nodes of a tree that are not whole in their pane, if it has room for two of them below each other.
+OUTSIDE = """
+const pane = document.querySelector('#trees .drawing').getBoundingClientRect(), bad = [];
+for (const node of document.querySelectorAll(pane.height < 120 ? ':not(*)' : '#trees .node')) {
+  const {left, top, right, bottom} = node.firstElementChild.getBoundingClientRect();
+  if (left < pane.left || right > pane.right || top < pane.top || bottom > pane.bottom) {
+    bad.push([node.id, left, top, right, bottom, pane.left, pane.top, pane.right, pane.bottom]);
+  }
+}
+return bad;
+"""
+
+COUNT_WALLS = """
+const canvas = document.getElementById('map');
+const {data} = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+let count = 0;
+for (let at = 0; at < data.length; at += 4) count += data[at] === 48 && data[at + 1] === 52 && data[at + 2] === 60;
+return count;
+"""
+
 COLUMNS = """
 const panels = (column) => [...column.querySelectorAll('.panel')].map((panel) => panel.id.slice(0, 3));
 return [...document.querySelectorAll('.column')].map(panels);
@@ -121,12 +143,14 @@ def test_nothing_is_cut_off_or_small_and_stop_is_seen(browser: Browser, size: st
         width, height = SIZES[size]
         browser.driver.get(f'http://127.0.0.1:{port}/')
         until_drawn(browser)
+        browser.run('for (const one of document.querySelectorAll("details")) one.open = arguments[0]', height > 1000)
         for media in ({}, {'prefers_color_scheme': 'dark'}, {'forced_colors': 'active'}, {'prefers_contrast': 'more'}):
             with browser.emulated(width, height, mobile=size in MOBILE, **media):
                 browser.until(lambda: browser.run('return innerWidth') == width)
                 browser.run('return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))')
                 assert browser.run(CUT_OFF) == [], media
                 assert browser.run(SMALL) == [], media
+                assert browser.run(OUTSIDE) == [], media
                 for y in (0, 10_000):
                     stop = browser.run(
                         'scrollTo(0, arguments[0]);'
@@ -428,3 +452,49 @@ def test_what_is_empty_says_what_to_do_and_what_was_sent_is_told_once(browser: B
         browser.until_text('told', 'again')
         browser.until_text('log', 'note hello')
         assert browser.run(seen) == 1
+
+
+def test_the_map_is_zoomed_and_moved_and_a_pose_is_pointed_at_there(browser: Browser) -> None:
+    robot = WebRobot()
+    wheel = (
+        'const map = document.getElementById("map"), box = map.getBoundingClientRect();'
+        'map.dispatchEvent(new WheelEvent("wheel", {deltaY: -400, clientX: box.left + box.width / 2,'
+        ' clientY: box.top + box.height / 2, bubbles: true, cancelable: true}))'
+    )
+    with served({'robot': robot.station()}) as port, browser.emulated(1400, 800):
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until(lambda: browser.run(COUNT_WALLS) > 100)
+        whole = browser.run(COUNT_WALLS)
+        browser.press('g', '+', '+', '+', '+')
+        browser.until(lambda: browser.run(COUNT_WALLS) != whole)
+        browser.press('0')
+        browser.until(lambda: browser.run(COUNT_WALLS) == whole)
+        browser.run(wheel)
+        canvas = browser.driver.find_element(By.ID, 'map')
+        ActionChains(browser.driver).move_to_element(canvas).click_and_hold().move_by_offset(60, 0).release().perform()
+        robot.show(WHERE)
+        browser.until_text('map-keys', 'Click')
+        browser.until_it_may_be_answered()
+        scale = browser.run(
+            'const {clientWidth: w, clientHeight: h} = document.getElementById("map"); return Math.min(w / 4, h / 3)'
+        )
+        ActionChains(browser.driver).move_to_element(canvas).click().perform()
+        where = json.loads(robot.wait_sent(1)[0].inputs[0].text)['pose']['position']
+        assert where['x'] == pytest.approx(2.0 - 60 / (scale * math.e), abs=0.1)
+        assert where['y'] == pytest.approx(1.5, abs=0.1)
+
+
+def test_the_log_is_filtered(browser: Browser) -> None:
+    robot = WebRobot()
+    for number in range(3):
+        robot.mirror.receive_log(LogLine('e', 2 + number, LogSeverity.INFO, f'line {number}', '', 'r1', 5.0))
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_text('log', 'line 2')
+        browser.driver.find_element(By.ID, 'log-filter').send_keys('LINE 1')
+        browser.until(lambda: 'line 1' in browser.text('log') and 'line 2' not in browser.text('log'))
+        robot.mirror.receive_log(LogLine('e', 9, LogSeverity.INFO, 'late', '', 'r1', 5.0))
+        robot.mirror.receive_log(LogLine('e', 10, LogSeverity.INFO, 'late line 1', '', 'r1', 5.0))
+        browser.until_text('log', 'late line 1')
+        assert [one.split('  ')[-1] for one in browser.text('log').split('\n') if one] == ['line 1', 'late line 1']

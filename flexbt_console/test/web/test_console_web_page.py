@@ -341,6 +341,10 @@ def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_p
         for selector in ('#stop', '[data-choice="done"]', '#line', '[data-robot="r2"]'):
             assert browser.run(seen, browser.driver.find_element(By.CSS_SELECTOR, selector)), selector
         assert browser.run('return document.documentElement.scrollWidth <= innerWidth')
+        with browser.emulated(390, 844, mobile=True):
+            browser.until(lambda: browser.run('return innerWidth') == 390)  # and not more, to show what is beside
+            assert browser.run('return document.documentElement.scrollWidth') == 390
+            assert browser.run(seen, browser.driver.find_element(By.ID, 'stop'))
         assert browser.run(hidden) is None
         for keys in ('f', 's', (Keys.DOWN, Keys.ENTER)):  # the last opens the form of the behavior
             browser.press(*keys)

@@ -38,6 +38,7 @@ const map = new RobotMap(byId('map'), byId('map-keys'), {
 });
 let mapDecision = null;
 let dropping = false;
+for (const [id, by] of [['map-out', 0.8], ['map-in', 1.25], ['map-fit', 0]]) byId(id).addEventListener('click', () => map.zoomBy(by));
 const commands = new Commands({send, tell, bar, now: () => known});
 byId('waiting').addEventListener('change', () => drawPlan());
 byId('drop').addEventListener('click', () => { dropping = !dropping; choose(); });
@@ -57,10 +58,15 @@ function goTo(robot) {
   if (address.href === location.href) location.reload();
 }
 
+const isWanted = (text) => byId('log-filter').value.toLowerCase().split(/\s+/).every((word) => text.toLowerCase().includes(word));
+byId('log-filter').addEventListener('input', () => { for (const line of byId('log').children) line.hidden = !isWanted(line.textContent); });
+
 function addLog(text, tone) {
   const log = byId('log');
   const atEnd = log.scrollHeight - log.scrollTop - log.clientHeight < 30;
-  log.append(element('div', {class: tone}, text));
+  const line = element('div', {class: tone}, text);
+  line.hidden = !isWanted(text);
+  log.append(line);
   while (log.childElementCount > MOST_LOG) log.firstElementChild.remove();
   if (atEnd) log.scrollTop = log.scrollHeight;
 }

@@ -142,7 +142,7 @@ export function statuses(svg, current, last) {
 
 // Trees: children beside each other in their order, each parent in the middle above its children (Reingold and Tilford 1981), or to the left of them.
 
-const FONT = 13, LINE = 16, GAP = 14, LEVEL = 30;
+const FONT = 13, LINE = 16, GAP = 14, LEVEL = 24;
 export const LEAST = 12 / FONT;  // the scale at which labels of a tree have 12 pixels
 const measure = document.createElement('canvas').getContext('2d');
 
@@ -212,8 +212,8 @@ export function drawTree(svg, nodes, folded, fold) {
       Object.assign(box, {left: Math.min(box.left, x - w / 2), right: Math.max(box.right, x + w / 2), top: Math.min(box.top, y - h / 2), bottom: Math.max(box.bottom, y + h / 2)});
     });
     const {clientWidth: width, clientHeight: height} = svg.parentElement;
-    return {form, isRight, places, x: box.left - 12, y: box.top - 8, width: box.right - box.left + 24, height: box.bottom - box.top + 16,
-      scale: Math.min(width / (box.right - box.left + 42), height / (box.bottom - box.top + 34))};
+    return {form, isRight, places, x: box.left - 12, y: box.top - 14, width: box.right - box.left + 24, height: box.bottom - box.top + 22,
+      scale: Math.min(width / (box.right - box.left + 42), height / (box.bottom - box.top + 40))};
   });
   const best = layouts.find(({scale}) => scale >= LEAST) ?? layouts.reduce((a, b) => b.scale > a.scale ? b : a), {form, places, isRight} = best;
   const group = svgElement('g', {class: 'graph'});

@@ -15,11 +15,19 @@ export class RobotMap {
     this.mode = '';          // '', 'pose' or 'obstacle'
     this.cursor = null;      // {x, y, yaw}
     this.planned = false;
+    this.zoom = 1;           // against the scale at which all of it fits
+    this.middle = null;      // what is in the middle of the canvas, m; null: of all of it
     new ResizeObserver(() => this.redraw()).observe(canvas);
     for (const query of ['(prefers-color-scheme: dark)', '(forced-colors: active)']) matchMedia(query).addEventListener('change', () => { this.paint(); this.redraw(); });
     canvas.addEventListener('pointerdown', (event) => this.press(event));
     canvas.addEventListener('pointermove', (event) => this.drag(event));
     canvas.addEventListener('pointerup', (event) => this.release(event));
+    canvas.addEventListener('pointercancel', () => { this.grabbed = null; this.pressed = false; });
+    canvas.addEventListener('wheel', (event) => {
+      if (!event.ctrlKey && document.scrollingElement.scrollHeight > document.scrollingElement.clientHeight) return;  // it scrolls the page
+      event.preventDefault();
+      this.zoomBy(Math.exp(-event.deltaY * (event.deltaMode ? 16 : 1) / 400), event.offsetX, event.offsetY);
+    }, {passive: false});
     canvas.addEventListener('keydown', (event) => this.key(event));
   }
 
@@ -47,6 +55,7 @@ export class RobotMap {
   setMode(mode) {
     if (this.mode === mode) return;
     this.mode = mode;
+    this.canvas.classList.toggle('aims', mode !== '');
     this.canvas.setAttribute('role', mode ? 'application' : 'img');  // with keys of its own, or a picture
     const to = {pose: 'answer', obstacle: 'drop it there'}[mode];
     this.hint.textContent = mode ? `Click${mode === 'pose' ? ' (drag for the heading)' : ''}, or g: arrows move${mode === 'pose' ? ', < > turn' : ''}, Enter: ${to}, Esc leaves` : '';
@@ -120,8 +129,9 @@ export class RobotMap {
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, width, height);
     const [x0, y0, x1, y1] = this.bounds();
-    const scale = Math.min(width / (x1 - x0), height / (y1 - y0));
-    const left = (width - (x1 - x0) * scale) / 2, top = (height - (y1 - y0) * scale) / 2;
+    const scale = this.zoom * Math.min(width / (x1 - x0), height / (y1 - y0));
+    const [cx, cy] = this.middle ?? [(x0 + x1) / 2, (y0 + y1) / 2];
+    const left = width / 2 - (cx - x0) * scale, top = height / 2 - (y1 - cy) * scale;
     this.view = {scale, left, top, x0, y1};
     const at = ([x, y]) => [left + (x - x0) * scale, top + (y1 - y) * scale];
     if (this.image) {
@@ -216,13 +226,26 @@ export class RobotMap {
     context.restore();
   }
 
+  // Zoom with the world point at a place of the canvas kept where it is; 0 fits all of it.
+  zoomBy(by, px = this.canvas.clientWidth / 2, py = this.canvas.clientHeight / 2) {
+    if (!this.view) return;
+    const to = Math.min(Math.max(by * this.zoom, 1), 40), kept = this.world({offsetX: px, offsetY: py});
+    const scale = this.view.scale * to / this.zoom;
+    this.zoom = to;
+    this.middle = to === 1 ? null : [kept[0] + (this.canvas.clientWidth / 2 - px) / scale, kept[1] - (this.canvas.clientHeight / 2 - py) / scale];
+    this.draw();
+  }
+
   world(event) {
     const {scale, left, top, x0, y1} = this.view;
     return [x0 + (event.offsetX - left) / scale, y1 - (event.offsetY - top) / scale];
   }
 
   press(event) {
-    if (!this.mode || !this.view) return;
+    if (!this.view) return;
+    if (!this.mode && this.zoom > 1) this.grabbed = this.world(event);
+    if (this.grabbed) this.canvas.setPointerCapture(event.pointerId);
+    if (!this.mode) return;
     const [x, y] = this.world(event);
     this.point({x, y, yaw: this.pose ? Math.atan2(y - this.pose.y, x - this.pose.x) : 0});
     this.pressed = true;
@@ -230,19 +253,33 @@ export class RobotMap {
   }
 
   drag(event) {
+    if (this.grabbed) {
+      const [x, y] = this.world(event), {scale, left, top, x0, y1} = this.view;
+      const {clientWidth: width, clientHeight: height} = this.canvas;
+      this.middle = [x0 + (width / 2 - left) / scale + this.grabbed[0] - x, y1 - (height / 2 - top) / scale + this.grabbed[1] - y];
+      this.draw();
+    }
     if (!this.pressed || this.mode !== 'pose' || !this.cursor) return;
     const [x, y] = this.world(event), from = this.cursor;
     if (Math.hypot(x - from.x, y - from.y) * this.view.scale > 10) this.point({...from, yaw: Math.atan2(y - from.y, x - from.x)});
   }
 
   release() {
+    this.grabbed = null;
     if (!this.pressed) return;
     this.pressed = false;
     this.send();
   }
 
   key(event) {
-    if (!this.mode || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
+    const by = {'+': 1.25, '=': 1.25, '-': 0.8, 0: 0}[event.key];
+    if (by !== undefined) {
+      this.zoomBy(by);
+      event.preventDefault();
+      event.stopPropagation();
+    }
+    if (by !== undefined || !this.mode) return;
     const step = STEP_PX / (this.view?.scale || 40);
     const move = {ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, step], ArrowDown: [0, -step]}[event.key] ?? [0, 0];
     const turn = {'<': TURN, '>': -TURN}[event.key] ?? 0;
