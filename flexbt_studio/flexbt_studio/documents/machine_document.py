@@ -17,7 +17,7 @@ import itertools
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final, TypeVar
 
@@ -117,10 +117,10 @@ class State:
         return self.tables[table].items if table in self.tables else []
 
 
-def need(condition: object, message: str) -> None:
-    """Raise GestureError unless the condition holds."""
+def need(condition: object, message: str, name: str | None = None, known: Collection[str] = ()) -> None:
+    """Raise GestureError unless the condition holds; the message suggests what is like ``name``."""
     if not condition:
-        raise GestureError(message)
+        raise GestureError(message if name is None else f'{message}{did_you_mean(name, known)}')
 
 
 def edit(method: _Method) -> _Method:
@@ -285,8 +285,8 @@ class MachineDocument(Document):
         if target is not None:
             self._check_target(parent, target)
             own = one.outcomes or ()
-            near = did_you_mean(outcome, own)
-            need(one.outcomes is None or outcome in own, f'{state} has no outcome {short_repr(outcome)}{near}')
+            is_own = one.outcomes is None or outcome in own
+            need(is_own, f'{state} has no outcome {short_repr(outcome)}', outcome, own)
         return self.put(one, 'transitions', outcome, target, self.name)
 
     @edit
@@ -388,7 +388,7 @@ class MachineDocument(Document):
 
     def state(self, path: str) -> State:
         """Return the state with a path that can be edited."""
-        need(path in self.states, f'there is no state {short_repr(path)}{did_you_mean(path, self.states)}')
+        need(path in self.states, f'there is no state {short_repr(path)}', path, self.states)
         one = self.states[path]
         need(not one.locked, f'{path} cannot be edited: {one.locked}')
         return one
@@ -425,11 +425,8 @@ class MachineDocument(Document):
     def _check_target(self, parent: State, target: str) -> None:
         self.check_name(target, 'a target')
         known = self.targets(parent)
-        near = did_you_mean(target, known)
-        message = (
-            f'{short_repr(target)} is not a state or an outcome of {parent.path} to which a transition leads{near}'
-        )
-        need(target in known or parent.outcomes is None, message)
+        fits = target in known or parent.outcomes is None
+        need(fits, f'a transition in {parent.path} does not lead to {short_repr(target)}', target, known)
 
     def transitions_to(self, parent: State, target: str) -> Iterator[tuple[State, Item]]:
         """Yield the transitions of the children that lead to a target, with their states."""

@@ -577,12 +577,14 @@ class PythonDocument(MachineDocument):
         """Return the edits that import a name; from the module of the container classes if none is given."""
         if name in self._names:
             return []
+        region = self.text.find('[MANUAL_IMPORT]')  # FlexBE's editor reads one name a line, and only before this region
         found = [one for one in self._module.body if isinstance(one, ast.ImportFrom) and one.module != '__future__']
+        found = [one for one in found if region < 0 or self._span(one).start < region]
         if not module and name == 'Autonomy':
             module = next((str(one.module) for one in found if any(part.name in _CONTAINERS for part in one.names)), '')
         need(module and found, f'{name} is not imported; give its module too, as in flexbt_states.{name}')
         same = next((one for one in found if one.module == module and one.level == 0), None)
-        if same is not None and '[MANUAL_IMPORT]' not in self.text:  # FlexBE's editor reads one name a line
+        if same is not None and region < 0:
             names = [part.name for part in same.names]
             spans = [self._span(part) for part in same.names]
             open_at = self.text.find('(', self._span(same).start, spans[0].start) + 1

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Final
 
 import yaml
 
-from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import MAX_YAML_DEPTH, YamlError, construct_yaml
 from flexbt_studio.errors import GestureError
 
@@ -423,7 +423,7 @@ class YamlDocument(MachineDocument):
         if fields is None:
             return self._remove_entry(owner, key)
         for name in fields:
-            need(name in known, f'{key} has no {short_repr(name)}{did_you_mean(name, known)}')
+            need(name in known, f'{key} has no {short_repr(name)}', name, known)
         if item is None:
             text = self._json(fields)
             entry = f'{self.name(key)}: {text}'
@@ -529,18 +529,20 @@ class YamlDocument(MachineDocument):
         parent = pairs[0][1]
         is_machine = all(one is parent for _, one in pairs) and parent.kind != 'concurrency'
         need(is_machine, 'only states of one machine can be grouped')
-        members = sorted((one for one, _ in pairs), key=parent.children.index)
-        labels = [one.label for one in members]
+        labels = {one.label for one, _ in pairs}
+        members = [one for one in parent.children if one.label in labels]
         if label not in labels:
             self._check_label(parent, label)
-        for child in parent.children:
-            self._refuse_hidden_names(child)
-        ways = [(child, item) for child in parent.children for item in child.items('transitions')]
-        outcomes = list(
-            dict.fromkeys(str(item.value) for child, item in ways if child in members and item.value not in labels)
-        )
-        into = [item for child, item in ways if child not in members and item.value in labels]
-        entries = list(dict.fromkeys([*(str(item.value) for item in into), *labels[: parent.children[0] in members]]))
+        ways = [(one, item) for one in parent.children for item in one.items('transitions')]
+        for one, item in ways:
+            locked = one.locked or one.tables['transitions'].locked
+            is_concerned = one.label in labels or item.value in labels
+            need(not locked or not is_concerned, f'{one.path} cannot be edited: {locked}')
+        out = (item for one, item in ways if one.label in labels and item.value not in labels)
+        outcomes = list(dict.fromkeys(str(item.value) for item in out))
+        into = [item for one, item in ways if one.label not in labels and item.value in labels]
+        first = [parent.children[0].label] if parent.children[0].label in labels else []
+        entries = list(dict.fromkeys([*(str(item.value) for item in into), *first]))
         need(len(entries) <= 1, f'a machine begins with one state, but several are entered: {", ".join(entries)}')
         need(outcomes and label not in outcomes, 'a group needs a transition that leads out of it, and another label')
         is_block = parent.rows.inner is None and not any(one.tables['entries'].locked for one in members)
@@ -550,9 +552,8 @@ class YamlDocument(MachineDocument):
             all(key in known and isinstance(names, list) for key, names in (keys or {}).items()),
             f'keys: lists of {known}',
         )
-        places = sorted(
-            (parent.children.index(one) for one in members), key=lambda n: parent.children[n].label not in entries
-        )
+        places = [place for place, one in enumerate(parent.children) if one.label in labels]
+        places.sort(key=lambda place: parent.children[place].label not in entries)
         spans = [self.row(parent.rows, place) for place in places]
         step, indent = self._step(), self._line_begin(parent.rows.items[0].span.start)
         content = [
@@ -669,7 +670,7 @@ class YamlDocument(MachineDocument):
         """Return a container, the place of an outcome in its list, what leads to it, and what needs it."""
         one = self.container(container)
         known = one.outcomes or []
-        need(outcome in known, f'{container} has no outcome {short_repr(outcome)}{did_you_mean(outcome, known)}')
+        need(outcome in known, f'{container} has no outcome {short_repr(outcome)}', outcome, known)
         for child, _ in self.transitions_to(one, outcome):
             locked = child.tables['transitions'].locked
             need(not locked, f'{child.path} leads to {outcome} and cannot be edited: {locked}')
@@ -689,7 +690,7 @@ class YamlDocument(MachineDocument):
     @edit
     def set_behavior(self, key: str, text: str | None) -> list[TextEdit]:
         """Set an entry of the behavior's head: name, description, author, operator_gone; None removes it."""
-        need(key in _TEXTS, f'the head has no text {short_repr(key)}{did_you_mean(key, _TEXTS)}')
+        need(key in _TEXTS, f'the head has no text {short_repr(key)}', key, _TEXTS)
         item = self._head.find(key)
         if text is None:
             need(item, f'the behavior has no {key}')
@@ -704,7 +705,7 @@ class YamlDocument(MachineDocument):
         table, declared = self._parameters(), self._head.find('parameters')
         known = [item.key for item in table.items]
         if fields is None:
-            need(name in known, f'the behavior has no parameter {short_repr(name)}{did_you_mean(name, known)}')
+            need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
             used = ', '.join(self.where(one.start) for one in self._references(name))
             need(not used, f'${name} is used in {used}; replace it there before')
             return self._remove_from_head('parameters') if len(known) == 1 else self._remove_entry(table, name)

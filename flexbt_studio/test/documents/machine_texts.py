@@ -183,7 +183,7 @@ from flexbe_core import OperatableStateMachine
 from my_states.drive_state import DriveState
 from my_states.watch_state import WatchState
 # [MANUAL_IMPORT]
-import os
+from zz import path
 
 # [/MANUAL_IMPORT]
 
