@@ -250,7 +250,8 @@ def userdata(line: CommandLine, inquiry: Inquiry) -> Reading:
 
 
 def tree(line: CommandLine, inquiry: Inquiry) -> Reading:
-    from flexbt_console.present.style import glyphs  # what only this needs
+    from flexbt_console.present.debugging import marks_of_nodes  # what only this needs
+    from flexbt_console.present.style import glyphs
     from flexbt_console.present.tree_lines import chains_of_failures, whole_tree_lines
 
     def told(view: View) -> list[MirroredTree]:
@@ -269,7 +270,9 @@ def tree(line: CommandLine, inquiry: Inquiry) -> Reading:
     if not told(view):
         raise RefusedError('no tree has run yet, or the BT server is gone')
     runs = view.running_trees or told(view)[:1]
-    shown = [line for run in runs for line in ('', *whole_tree_lines(run, glyphs()))][1:]
+    snapshot = view.snapshot
+    trees = (whole_tree_lines(run, glyphs(), marks_of_nodes(snapshot, run)) for run in runs)
+    shown = [line for lines in trees for line in ('', *lines)][1:]
     return Reading([tree_json(run, chains_of_failures(run)) for run in runs], shown)
 
 

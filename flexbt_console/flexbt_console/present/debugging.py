@@ -79,13 +79,15 @@ def marks_of_nodes(snapshot: ExecutiveSnapshot | None, run: MirroredTree) -> dic
     return marks
 
 
-def debug_lines(run: MirroredTree, node: MirroredNode, *, has_marks: bool) -> list[str]:
-    """Return the commands of the debugger for a node, as lines that can be typed."""
+def debug_lines(run: MirroredTree, node: MirroredNode, *, has_marks: bool) -> dict[str, str]:
+    """Return the commands of the debugger for a node, as lines that can be typed, by short names."""
     path, of_run = shlex.quote(node.path), f'--run {shlex.quote(run.run_id)}'
-    results = [f'tree {verb} {path} {result} {of_run}' for verb in ('force', 'dummy') for result in _RESULTS.values()]
-    cleared = [f'tree clear {path} {of_run}'] if has_marks else []
-    questions = [f'tree why {path} {of_run}', f'tree blackboard {of_run}']
-    return [f'break {path} {of_run}', *cleared, f'tree run-to {path} {of_run}', *results, *questions]
+    lines = {'break': f'break {path} {of_run}', 'run-to': f'tree run-to {path} {of_run}'}
+    if has_marks:
+        lines['clear'] = f'tree clear {path} {of_run}'
+    for verb in ('force', 'dummy'):
+        lines |= {f'{verb} {result}': f'tree {verb} {path} {result} {of_run}' for result in _RESULTS.values()}
+    return {**lines, 'why': f'tree why {path} {of_run}', 'blackboard': f'tree blackboard {of_run}'}
 
 
 def blackboard_lines(board: TreeBlackboard) -> list[str]:

@@ -59,10 +59,7 @@ def tree_lines(
         ]
     if len(nodes) > rows - 1:
         nodes = [(node, depth) for node, depth in nodes if _acts(run, node) or node.path in marks]
-    lines = [
-        toned(f'{line}{marks.get(node.path, "")}', line)
-        for node, line in ((node, _node_line(run, node, depth, signs)) for node, depth in nodes)
-    ]
+    lines = [_node_line(run, node, depth, signs, marks) for node, depth in nodes]
     acting = set(run.running_leaves)
     held = [place for place, (node, _) in enumerate(nodes) if node.path in marks]
     marked = held or [place for place, (node, _) in enumerate(nodes) if node.uid in acting]
@@ -72,9 +69,10 @@ def tree_lines(
     return [cut(title, columns), *(_cut_line(line, columns) for line in shown)]
 
 
-def whole_tree_lines(run: MirroredTree, signs: Glyphs) -> list[str]:
+def whole_tree_lines(run: MirroredTree, signs: Glyphs, marks: Mapping[str, str] = NO_MARKS) -> list[str]:
     """Return the whole tree, of any length, then each failed node with the nodes that failed because of it."""
-    shown = [_title(run), *(_node_line(run, node, depth, signs) for node, depth in _in_order(run, lambda node: True))]
+    nodes = _in_order(run, lambda node: True)
+    shown = [_title(run), *(_node_line(run, node, depth, signs, marks) for node, depth in nodes)]
     for leaf, *above in chains_of_failures(run):
         by_it = f', and so {", ".join(one_line(node.name) for node in above)}' if above else ''
         shown.append(Line(f'failed: {one_line(leaf.name)}{by_it}', Tone.ERROR))
@@ -189,7 +187,7 @@ def _in_order(
     return ordered
 
 
-def _node_line(run: MirroredTree, node: MirroredNode, depth: int, signs: Glyphs) -> str:
+def _node_line(run: MirroredTree, node: MirroredNode, depth: int, signs: Glyphs, marks: Mapping[str, str]) -> str:
     status = run.status(node.uid)
     shown = run.shown_status(node.uid)
     seconds = run.seconds(node.uid)
@@ -206,7 +204,7 @@ def _node_line(run: MirroredTree, node: MirroredNode, depth: int, signs: Glyphs)
         else Tone.DIM
     )
     tone = Tone.DIM if run.server_gone else tone
-    return Line(f'{"  " * depth}{signs.status[shown]} {name}{kind}{word}{time}', tone)
+    return Line(f'{"  " * depth}{signs.status[shown]} {name}{kind}{word}{time}{marks.get(node.path, "")}', tone)
 
 
 def _cut_line(line: str, columns: int) -> str:

@@ -176,7 +176,7 @@ def test_keys_step_and_go_on_where_something_is_held_and_offer_what_can_be_typed
     lines = debug_lines(tree, tree.nodes[0], has_marks=True)
     assert not by_action['debug'].blocked(view_of(SNAPSHOT, tree))
     commands = []
-    for line in lines:
+    for line in lines.values():
         parsed = parse(shlex.split(line))
         check(parsed)
         if isinstance(parsed.spec.action, Send):

@@ -44,6 +44,7 @@ from flexbt_console.mirror.records import (
     BehaviorInput,
     BehaviorList,
     BehaviorParameter,
+    BreakpointKind,
     CommandKind,
     CommandResult,
     Decision,
@@ -65,6 +66,8 @@ from flexbt_console.mirror.records import (
     Subject,
     Subjects,
     SubjectValue,
+    TreeBreakpoint,
+    TreeHold,
 )
 from flexbt_console.mirror.trees import (
     GONE_SECONDS,
@@ -516,6 +519,42 @@ def test_keys_give_the_commands_of_the_registry() -> None:
             assert 'c authority' in text_of(app).splitlines()[-1]
             await pilot.press('c', 'enter')
             assert robot.link.kinds[-1] is expected_kind
+
+    on_screen(robot, steps)
+
+
+def test_a_node_is_selected_and_debugged_and_a_held_tree_steps_and_goes_on() -> None:
+    robot = Robot()
+    nodes = [MirroredNode(1, 0, 'Main', 'Sequence', 'Main'), MirroredNode(2, 1, 'Turn', 'Spin', 'Main/Turn')]
+    robot.mirror.receive_tree_structure(TreeNodes('t', 'Drive', nodes, 5.0, 2))
+    report = TreeReport('t', 2, [MirroredStatus.RUNNING] * 2, [], 5.0, finished=False, paused=False, structure=2)
+    robot.mirror.receive_tree_status(report)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('t', *'Turn', 'enter')  # the node
+        await pilot.pause()
+        await pilot.press(*'break', 'enter')  # what to do there
+        await pilot.pause()
+        (sent,) = robot.link.sent
+        assert (sent.kind, sent.path, sent.tree_run_id) == (CommandKind.TREE_BREAK, 'Main/Turn', 't')
+        robot.show()
+        await seen(robot, pilot)  # a while later: letters in a row are a word
+        await pilot.press('e')
+        await pilot.pause()
+        app.draw()
+        await pilot.pause()
+        assert 'no tree is held or paused' in text_of(app)
+        hold = TreeHold('t', 'Drive', 'Main/Turn', 'bob', 1.0, 'breakpoint')
+        point = TreeBreakpoint(BreakpointKind.BREAK, 'Drive', 'Main/Turn', operator='bob')
+        robot.show(tree_holds=(hold,), tree_breakpoints=(point,))
+        await seen(robot, pilot)
+        shown = text_of(app)
+        assert 'tree Drive HELD before Main/Turn for 4 s (breakpoint of bob)' in shown and 'HELD HERE' in shown
+        assert 'e tree step' in shown.splitlines()[-1]
+        await pilot.press('e')
+        assert app.query_one('#line', Input).value == 'tree step --run t' and len(robot.link.sent) == 1
+        await pilot.press('enter', 'v', 'enter')
+        assert robot.link.kinds[1:] == [CommandKind.TREE_STEP, CommandKind.TREE_CONTINUE]
 
     on_screen(robot, steps)
 

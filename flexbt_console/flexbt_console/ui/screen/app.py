@@ -601,8 +601,8 @@ class OperatorScreen(OrderedApp):
         def chosen(number: int) -> None:
             run, node, marks = marked[number]
             lines = debug_lines(run, node, has_marks=node.path in marks)
-            offered = [Entry(line, (line, *line.split()[1:2])) for line in lines]
-            self.open(ChoiceList(node.path, offered), lambda which: self.do(lines[which]))
+            offered = [Entry(f'{name}: {line}', (name, line)) for name, line in lines.items()]
+            self.open(ChoiceList(node.path, offered), lambda which: self.do([*lines.values()][which]))
 
         self.open(ChoiceList(key.help, entries), chosen)
 
