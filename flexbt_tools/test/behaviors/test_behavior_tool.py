@@ -90,7 +90,7 @@ def test_svg_nests_the_trees_and_keeps_the_order_of_their_nodes() -> None:
 
 def test_a_transition_into_a_container_ends_at_its_title_and_crosses_none() -> None:
     dot = tool('draw', 'Night Watch', '--format', 'dot', '--no-trees').out
-    titles = dict(re.findall(r'(\w+) \[shape=plaintext, class=entry, .*label="● ([^"]+)"', dot))
+    titles = dict(re.findall(r'(\w+) \[shape=plaintext, id=\1, class=entry, .*label="● ([^"]+)"', dot))
     assert len(titles) == dot.count('subgraph cluster_m') > 1 and 'label=""; style=rounded' in dot
     begins = re.findall(r'(\w+) -> (\w+) \[id=\w+begin', dot)
     assert {start for start, _ in begins} == titles.keys()
