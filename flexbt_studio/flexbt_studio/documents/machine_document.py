@@ -476,6 +476,8 @@ class MachineDocument(Document):
         need(not table.locked, table.locked)
         items, last, inner = table.items, len(table.items), table.inner
         index = last if index is None else index
+        if inner is None and not items:  # nothing is written yet
+            return [TextEdit(*table.span, f' {{{new}}}' if not table.mark else f' [{new}]')]
         if inner is None:
             return self._insert_row(table, new, index)
         if not items:

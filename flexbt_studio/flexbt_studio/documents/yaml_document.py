@@ -633,6 +633,7 @@ class YamlDocument(MachineDocument):
         self._check_outcome(one, outcome)
         if 'outcomes' not in one.tables:
             return self._insert_entry(one.tables['content'], 'outcomes', f' [{self.name(outcome)}]', _CONTENT)
+        one.tables['outcomes'].mark = one.tables['outcomes'].mark or '- '
         return self.insert_item(one.tables['outcomes'], self.name(outcome))
 
     @edit

@@ -6,6 +6,7 @@ The expected model is edited as plain data, which PyYAML reads, independent of t
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import inspect
 import itertools
@@ -390,6 +391,51 @@ def test_the_last_state_and_the_first() -> None:
     states = data_of(text)['machine']['states']
     assert states['B'] == {'behavior': {'use': 'Inner', 'parameters': {'x': 'yes'}}} and "'yes'" in text
     assert states['C'] == {'machine': {'outcomes': ['ok'], 'states': {}}, 'transitions': {'ok': 'A'}}
+
+
+def test_what_is_empty_is_filled() -> None:
+    text = 'machine:\n  outcomes:\n  states:\n    A:\n      state: X\n      parameters:  # none\n      transitions:\n'
+    for name, arguments in (
+        ('add_outcome', {'container': '/', 'outcome': 'done'}),
+        ('add_outcome', {'container': '/', 'outcome': 'off'}),
+        ('set_parameter', {'state': '/A', 'name': 'x', 'text': '1'}),
+        ('set_target', {'state': '/A', 'outcome': 'ok', 'target': 'done'}),
+        ('set_userdata', {'container': '/', 'key': 'place', 'text': 'dock'}),
+    ):
+        text = done(text, name, **arguments)
+    state = {'state': 'X', 'parameters': {'x': '1'}, 'transitions': {'ok': 'done'}}
+    content = {'outcomes': ['done', 'off'], 'userdata': {'place': 'dock'}, 'states': {'A': state}}
+    assert ordered(data_of(text)) == ordered({'machine': content}) and '{x: 1}  # none' in text
+    text = 'machine:\n  outcomes: [a]\n  states:\n'
+    assert data_of(done(text, 'add_state', parent='/', label='B', type='X', parameters={}, transitions={}))
+    for text in (
+        'machine:',
+        'machine: {}',
+        'machine:\n  states: 3\n',
+        'machine:\n  states: [a]\n',
+        'machine: {states: {A: }}',
+    ):
+        document = YamlDocument(text)
+        for state in document.view()['states']:
+            for name in document.gestures():
+                parameters = inspect.signature(getattr(document, name)).parameters
+                values = {
+                    'state': state['path'],
+                    'container': state['path'],
+                    'parent': state['path'],
+                    'states': [state['path']],
+                }
+                values |= {
+                    'parameters': {},
+                    'transitions': {},
+                    'index': 0,
+                    'keys': None,
+                    'fields': None,
+                    'kind': 'state',
+                }
+                given = {one: values.get(one, 'done') for one in parameters}
+                with contextlib.suppress(GestureError):
+                    assert not YamlDocument(applied(text, document.gesture(name, given))).unreadable
 
 
 def test_comments_are_set_and_removed() -> None:
