@@ -13,7 +13,7 @@ from flexbt_core.behavior_tree.model.definition import (
     tree_name_problem,
 )
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError
-from flexbt_core.behavior_tree.model.ports import pointer_key
+from flexbt_core.behavior_tree.model.ports import KEYS, pointer_key
 from flexbt_core.behavior_tree.xml.node_elements import EXPLICIT_TAGS
 from flexbt_core.behavior_tree.xml.parser import NAME
 from flexbt_core.values.text import did_you_mean, short_repr, xml_text
@@ -406,10 +406,12 @@ class XmlDocument(TreesInXml):
         try:
             return [*self.keys.uses(element)]
         except BehaviorTreeError as error:
-            raise GestureError(f'a script of {element} cannot be read: {error}; mend it first') from error
+            raise GestureError(f'a script of {element} cannot be read: {error}; fix it first') from error
 
     def _renamed(self, use: KeyUse, key: str) -> list[TextEdit]:
         """Return the edits that name another key at a place."""
+        if use.port is not None and use.port.literal is KEYS:
+            raise GestureError(f'{use.element} hands [{use.key}] over by this name; rename it there too, in the text')
         if use.form == 'script' and (problem := script_name_problem(key, self.types)):
             raise GestureError(problem)
         edit = use.edit(key)

@@ -16,12 +16,11 @@ from typing import Any, Final
 from flexbt_core.behavior_tree.model.definition import tree_name_problem
 from flexbt_core.behavior_tree.model.errors import ConversionError
 from flexbt_core.behavior_tree.model.ports import bool_from_text, pointer_key
-from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
-from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
 from flexbt_core.behavior_tree.xml.format3 import is_format_3
 from flexbt_core.behavior_tree.xml.node_elements import NodeTypes
 from flexbt_core.behavior_tree.xml.parser import unescape
 from flexbt_core.values.text import did_you_mean, pluralize, short_repr
+from flexbt_server.node_types import node_registry
 from flexbt_studio.errors import GestureError
 
 from .document import Document, Problem
@@ -36,23 +35,27 @@ _DIRECTIONS: Final = {tag: direction for direction, tag in PORT_TAGS.items()}
 
 
 @lru_cache(maxsize=1)
-def _known_types() -> NodeTypes:
-    registry = builtin_registry()
-    register_nav2(registry)
-    return registry
+def _installed_types() -> NodeTypes:
+    return node_registry(lambda nodes, error: None)
 
 
 class TreesInXml(Document):
     """The trees of an XML text as a graph, with what the edits of it need.
 
-    ``types`` are the node types that are known: how many children they have, which ports are scripts or keys.
+    ``types`` tells how many children nodes have, and which ports are scripts or keys; None for the installed node
+    types.
     """
 
     language = 'xml'
 
     def __init__(self, text: str, file: str = '', types: NodeTypes | None = None) -> None:
         super().__init__(text, file)
-        self.types = _known_types() if types is None else types
+        self._types = types
+
+    @cached_property
+    def types(self) -> NodeTypes:
+        """The node types that are known."""
+        return _installed_types() if self._types is None else self._types
 
     @cached_property
     def layout(self) -> Layout:
@@ -215,7 +218,7 @@ class TreesInXml(Document):
         reason = element.fault or self.layout.problem_in(element.offset, element.end if wholly else element.open_end)
         if reason:
             line, _ = self.layout.position(element.offset)
-            raise GestureError(f'{element} of line {line} cannot be edited here: {reason}; mend the text first')
+            raise GestureError(f'{element} of line {line} cannot be edited here: {reason}; fix the text first')
 
     def _node(self, path: str, *, wholly: bool = True) -> XmlElement:
         """Return the node at a path, which is neither a tree nor <root>."""

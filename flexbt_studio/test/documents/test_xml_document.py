@@ -260,9 +260,9 @@ def test_the_rest_of_a_broken_text_is_viewed_and_edited() -> None:
     edits = document.gesture('set_value', {'node': 'T/0/2', 'name': 'z', 'value': '4'})
     assert applied(BROKEN, edits) == BROKEN.replace('z="3"', 'z="4"')
     for node in ('T/0/1', 'T/0/3'):
-        with pytest.raises(GestureError, match='mend the text first'):
+        with pytest.raises(GestureError, match='fix the text first'):
             document.gesture('remove', {'node': node})
-    with pytest.raises(GestureError, match='mend the text first'):
+    with pytest.raises(GestureError, match='fix the text first'):
         document.gesture('add_node', {'parent': 'T/0', 'index': 2, 'xml': '<X/>'})
 
 

@@ -9,9 +9,12 @@ from typing import Any
 
 import pytest
 
-from flexbt_core import ManualClock, Tree, TreeLibrary, builtin_registry, load_xml
+from flexbt_core import ManualClock, SyncAction, Tree, TreeLibrary, builtin_registry, input_port, load_xml
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, TreeLoadError
+from flexbt_core.behavior_tree.model.ports import KEYS as KEYS_OF_OTHERS
+from flexbt_core.behavior_tree.model.ports import STRING
+from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_studio.documents.text import applied
 from flexbt_studio.documents.xml_document import XmlDocument
 from flexbt_studio.errors import GestureError
@@ -96,6 +99,27 @@ def run(text: str, values: dict[str, Any]) -> tuple[list[str], dict[str, Any]] |
             statuses.append(type(error).__name__)
             tree.halt()
     return statuses, {key: value for key, value in board.snapshot().items() if not key.startswith('_')}
+
+
+class HandOver(SyncAction):
+    """Give entries to somebody who knows them by their keys."""
+
+    ports = {'keys': input_port(STRING, literal=KEYS_OF_OTHERS)}
+
+    def tick(self) -> NodeStatus:
+        return NodeStatus.SUCCESS
+
+
+def test_a_key_that_others_know_is_not_renamed() -> None:
+    registry = builtin_registry()
+    registry.register_class(HandOver)
+    nodes = '<HandOver keys="a; b"/><Script code="a := b"/>'
+    text = f'<root><BehaviorTree ID="T"><Sequence>{nodes}</Sequence></BehaviorTree></root>'
+    document = XmlDocument(text, '', registry)
+    with pytest.raises(GestureError, match=r'hands \[b\] over by this name'):
+        document.gesture('rename_key', {'tree': 'T', 'old': 'b', 'new': 'c'})
+    extracted = applied(text, document.gesture('extract', {'node': 'T/0/0', 'id': 'New'}))
+    assert '<SubTree ID="New" a="{a}" b="{b}"/>' in extracted
 
 
 def given(text: str) -> dict[str, Any]:
