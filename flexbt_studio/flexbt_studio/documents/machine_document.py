@@ -38,6 +38,7 @@ CONTAINERS: Final = ('machine', 'concurrency', 'priority')
 
 _NOWHERE: Final = Span(0, 0)
 _LINE_BREAK: Final = re.compile(r'\r\n?|\n')
+_LONG: Final = 1000  # characters before a state in its line: such a line is data, and has no comments of states
 _COMMA: Final = re.compile(r'[ \t]*,')
 
 _Method = TypeVar('_Method', bound=Callable[..., list[TextEdit]])
@@ -223,6 +224,8 @@ class MachineDocument(Document):
 
     def comments_of(self, state: State) -> list[str]:
         """Return the texts of the comments that belong to a state."""
+        if state.span.start - self._starts[self._line(state.span.start)] > _LONG:
+            return []
         behind = self._comment_on_line(state.label_span.end)
         spans = [*self._comments_above(state.span.start), *([behind] if behind else [])]
         return [self.source(span).lstrip('#').strip() for span in spans]

@@ -13,6 +13,7 @@ import ast
 import itertools
 import keyword
 import re
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -82,6 +83,7 @@ class PythonDocument(MachineDocument):
         self.comments = {one.start(): one.end() for one in comments if not _REGION.match(one.group())}
         self._base = int(self.text.startswith('\ufeff'))
         self._statements: dict[State, list[ast.stmt]] = {}
+        self._widths: dict[int, list[int]] = {}
         try:
             self._module = ast.parse(self.text[self._base :])
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -209,22 +211,22 @@ class PythonDocument(MachineDocument):
         arguments = self._arguments(container.call, _CONTENT)
         for item in arguments.items:
             if item.key in ('outcomes', 'conditions'):
-                state.tables[item.key] = self._list(item.node)
-        for item in state.tables['conditions'].items if 'conditions' in state.tables else ():
-            outcome = self._list(item.node)
+                state.tables[item.key] = self._literal(item.node)
+        for item in state.items('conditions'):
+            outcome = self._literal(item.node)
             if len(outcome.items) == 2:
-                pairs = self._list(outcome.items[1].node)
+                pairs = self._literal(outcome.items[1].node)
                 for pair in pairs.items:
-                    both = self._list(pair.node).items
+                    both = self._literal(pair.node).items
                     if len(both) == 2:
                         pair.key, pair.key_span = both[0].key, both[0].span
                         pair.value, pair.value_span = both[1].value, both[1].span
                 state.conditions.append(Condition(item, outcome.items[0], pairs))
         children = arguments.find('children')
         if children is not None:
-            values = scope.values.get(ast.unparse(children.node), []) if _is_name(children.node) else []
-            is_own = len(values) == 1 and scope.uses[ast.unparse(children.node)] == 1
-            state.rows = self._list(values[0][0] if is_own else children.node)
+            given, locked = self._resolved(children.node, scope, [])
+            state.rows = self._literal(given)
+            state.rows.locked = state.rows.locked or locked
             for item in state.rows.items:
                 lock = state.rows.locked
                 if not isinstance(item.node, ast.Call) or self._name_of(item.node.func) != 'Child':
@@ -245,7 +247,7 @@ class PythonDocument(MachineDocument):
         label = arguments.find('label')
         text = label.value if label is not None else None
         if text is None:
-            text = self.text[slice(*(label.value_span if label else item.span))].split('\n')[0][:40]
+            text = self.source(label.value_span if label else item.span).split('\n')[0][:40]
             lock = lock or 'its label is computed'
         if any(one.key in ('*', '**') for one in arguments.items):
             lock = lock or 'its arguments are computed'
@@ -257,8 +259,8 @@ class PythonDocument(MachineDocument):
         for table in ('transitions', 'autonomy', 'remapping'):
             found = arguments.find(table)
             if found is not None:
-                state.tables[table] = self._mapping(found.node, state, scope)
-        for one in state.tables['autonomy'].items if 'autonomy' in state.tables else ():
+                state.tables[table] = self._mapping(found.node, scope, self._statements[state])
+        for one in state.items('autonomy'):
             level = self.source(one.value_span).rpartition('.')[2].lower()
             one.value = LEVELS[int(level)] if level in ('0', '1', '2', '3') else level
         made = arguments.find('state')
@@ -266,12 +268,12 @@ class PythonDocument(MachineDocument):
             self._read_state(state, made.node, scope)
 
     def _read_state(self, state: State, made: ast.expr, scope: _Scope) -> None:
-        made, locked = self._resolved(made, state, scope)
+        made, locked = self._resolved(made, scope, self._statements[state])
         while isinstance(made, ast.Call) and self._name_of(made.func) in _WRAPPERS and made.args:
             kind, names = _WRAPPERS[self._name_of(made.func)]
             fields = {one.key: self.value(one)[0] for one in self._arguments(made, names).items[1:]}
             state.wrappers.append({**fields, 'kind': kind, 'span': self._span(made)})
-            made, why = self._resolved(made.args[0], state, scope)
+            made, why = self._resolved(made.args[0], scope, self._statements[state])
             locked = locked or why
         container = self._container_of(made, scope)
         if container is not None and not container.is_used:
@@ -290,53 +292,47 @@ class PythonDocument(MachineDocument):
         if isinstance(made.func, ast.Attribute) and made.func.attr == 'use_behavior' and made.args:
             state.kind, state.type = 'behavior', self.source(self._span(made.args[0]))
             parameters = table.find('parameters')
-            table = self._mapping(parameters.node, state, scope) if parameters else Table(locked='it has no parameters')
+            table = self._mapping(parameters.node, scope, []) if parameters else Table(locked='it has no parameters')
         table.locked = table.locked or locked
         if container is None:
             state.tables['parameters'] = table
 
-    def _resolved(self, expression: ast.expr, state: State, scope: _Scope) -> tuple[ast.expr, str]:
-        """Return the expression that a variable stands for, and the reason for which it cannot be edited here."""
+    def _resolved(self, expression: ast.expr, scope: _Scope, made: list[ast.stmt]) -> tuple[ast.expr, str]:
+        """Return the expression that a variable stands for, and the reason for which it cannot be edited here.
+
+        The statement that sets the variable is appended to ``made`` if only this expression uses it.
+        """
         values = scope.values.get(ast.unparse(expression), []) if _is_name(expression) else []
         if len(values) != 1 or self._container_of(expression, scope) is not None:
             return expression, ''
         value, statement, lock = values[0]
-        uses = scope.uses[ast.unparse(expression)]
-        if uses == 1 and not lock:
-            self._statements[state].append(statement)
-        return value, lock or ('' if uses == 1 else f'{ast.unparse(expression)} is used in several places')
+        if scope.uses[ast.unparse(expression)] > 1:
+            lock = lock or f'{ast.unparse(expression)} is used in several places'
+        made += [] if lock else [statement]
+        return value, lock
 
-    def _mapping(self, expression: ast.expr, state: State, scope: _Scope) -> Table:
-        expression, locked = self._resolved(expression, state, scope)
-        if not isinstance(expression, ast.Dict):
-            return Table(locked='it is computed; edit the text')
-        span = self._span(expression)
-        inner = Span(span.start + 1, span.end - 1)
-        table = Table(inner=inner, span=span, locked=locked)
-        for key, value in zip(expression.keys, expression.values, strict=True):
-            if key is None or not isinstance(key, ast.Constant) or not isinstance(key.value, str):
-                table.locked = locked or 'it has computed keys; edit the text'
-                continue
-            key_span, value_span = self._wide(key, inner), self._wide(value, inner)
-            whole = Span(key_span.start, value_span.end)
-            table.items.append(Item(whole, key.value, key_span, _text(value), value_span, value))
+    def _mapping(self, expression: ast.expr, scope: _Scope, made: list[ast.stmt]) -> Table:
+        expression, locked = self._resolved(expression, scope, made)
+        table = self._literal(expression, ast.Dict)
+        table.locked = table.locked or locked
         return table
 
-    def _list(self, expression: ast.expr) -> Table:
-        if not isinstance(expression, ast.List | ast.Tuple):
+    def _literal(self, expression: ast.expr | None, kinds: type | tuple[type, ...] = (ast.List, ast.Tuple)) -> Table:
+        """Return a list, a tuple or a mapping with constant keys as a table; other expressions are locked."""
+        if not isinstance(expression, kinds):
             return Table(locked='it is computed; edit the text')
         span = self._span(expression)
         inner = Span(span.start + 1, span.end - 1)
         table = Table(inner=inner, span=span)
-        for one in expression.elts:
-            text = one.value if isinstance(one, ast.Constant) and isinstance(one.value, str) else None
-            table.items.append(
-                Item(self._wide(one, inner), text or '', self._wide(one, inner), text, self._wide(one, inner), one)
-            )
-        if inner.start < inner.end and any(
-            item.value is None and isinstance(item.node, ast.Starred) for item in table.items
-        ):
-            table.locked = 'it is computed; edit the text'
+        keys = getattr(expression, 'keys', None)
+        values = getattr(expression, 'values', None) or getattr(expression, 'elts', [])
+        for key, value in zip(keys or values, values, strict=True):
+            if key is None or isinstance(value, ast.Starred) or (keys and _text(key) is None):
+                table.locked = 'a part of it is computed; edit the text'
+                continue
+            key_span, value_span = self._wide(key, inner), self._wide(value, inner)
+            whole = Span(key_span.start, value_span.end)
+            table.items.append(Item(whole, _text(key) or '', key_span, _text(value), value_span, value))
         return table
 
     def _arguments(self, call: ast.Call, names: Sequence[str] = ()) -> Table:
@@ -358,12 +354,8 @@ class PythonDocument(MachineDocument):
 
     def _behavior(self, owner: ast.ClassDef, root: str) -> dict[str, Any]:
         """Return name, description and parameters of a behavior, from its manifest or its constructor."""
-        found: dict[str, Any] = {
-            'name': owner.name,
-            'description': ast.get_docstring(owner) or '',
-            'span': self._span(owner),
-        }
-        found |= {'name_span': None, 'root': root, 'parameters': []}
+        found: dict[str, Any] = {'name': owner.name, 'description': ast.get_docstring(owner) or '', 'parameters': []}
+        found |= {'span': self._span(owner), 'name_span': None, 'root': root}
         for node in ast.walk(owner):
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'self.name' and _text(node.value):
                 found['name'], found['name_span'] = _text(node.value), self._span(node.value)
@@ -397,8 +389,12 @@ class PythonDocument(MachineDocument):
     def _at(self, line: int, column: int) -> int:
         """Return an offset; Python's columns count bytes."""
         start = self._starts[line - 1] + (self._base if line == 1 else 0)
-        text = self.text[start : start + column]
-        return start + (column if text.isascii() else len(text.encode()[:column].decode(errors='ignore')))
+        if line not in self._widths:
+            text = self.text[start : self._line_end(start)]
+            sizes = itertools.accumulate((len(letter.encode()) for letter in text), initial=0)
+            self._widths[line] = [] if text.isascii() else list(sizes)
+        widths = self._widths[line]
+        return start + (bisect_left(widths, column) if widths else column)
 
     def _wide(self, node: Any, inner: Span) -> Span:
         """Return the span of an expression with the parentheses around it."""
@@ -415,13 +411,7 @@ class PythonDocument(MachineDocument):
             start, end = before - 1, behind + 1
 
     def _name_of(self, function: ast.expr) -> str:
-        name = (
-            function.attr
-            if isinstance(function, ast.Attribute)
-            else function.id
-            if isinstance(function, ast.Name)
-            else ''
-        )
+        name = ast.unparse(function).rpartition('.')[2] if _is_name(function) else ''
         return self._names.get(name, name)
 
     # -- writing -----------------------------------------------------------------------------------------------------
