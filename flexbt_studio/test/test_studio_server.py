@@ -212,6 +212,15 @@ def test_a_proof_has_steps_at_nodes_and_a_cancelled_one_leaves_no_process(folder
         await page.ask('cancel_job', number=number)
         assert (await page.event('job', number=number))['state'] == 'canceled'
         assert children('flexbt_tools') == []
+        # Also while its process is being started, and at the end of the page that has started it.
+        numbers = [await page.ask('start_job', job='prove', **asked) for _ in range(3)]
+        await page.ask('cancel_job', number=numbers[0])
+        while not children('flexbt_tools'):
+            await asyncio.sleep(0)
+        await page.ask('cancel_job', number=numbers[1])
+        await page.socket.close()
+        while children('flexbt_tools'):
+            await asyncio.sleep(0)
 
     with_pages(folder, story)
 

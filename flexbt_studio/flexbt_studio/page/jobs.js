@@ -72,7 +72,7 @@ export class Jobs {
     if (entry.state !== 'running') return null;
     const refused = entry.event.result?.[0]?.findings && !entry.event.result[0].proofs ? entry.event.result[0].findings : null;
     entry.state = refused ? 'failed' : entry.event.state;
-    entry.message = refused ? refused.map((one) => `${one.file}:${one.line}: ${one.message}`).join('\n') : entry.event.message;
+    entry.message = refused ? refused.map((one) => `${one.line ? `${one.file}:${one.line}: ` : ''}${one.message}`).join('\n') : entry.event.message;
     for (const [owner] of Object.values(entry.event.nodes ?? {})) entry.files.add(owner);
     if (entry.state === 'canceled') entries.delete(file.name);
     return entry.state === 'done' ? entry : null;
@@ -167,7 +167,7 @@ export class Jobs {
     byId('prove-job-state').textContent = text;
     byId('proof-told').textContent = !entry ? 'A proof tries everything that can happen: any result of each leaf, at any time.' : entry.state === 'failed' ? entry.message
       : isDone ? [`${entry.covered} of ${entry.coverable} reached${entry.never.size ? `; never: ${entry.never.size}` : ''}`, entry.cut ? `stopped by ${entry.cut}` : '', ...entry.notes].filter(Boolean).join('. ') : isOld ? 'Of the text before the change:' : '';
-    byId('proof-list').replaceChildren(...(entry?.wrong ?? []).map((one) => html('li', {}, html('button', {type: 'button', class: 'error', disabled: isOld, onclick: () => this.choose(entry, one)}, `✗ ${one.text}${one.steps.length > 1 ? ` – play ${counted(one.steps.length - 1, 'step')}` : ''}`), html('span', {class: 'hint'}, one.fix))));
+    byId('proof-list').replaceChildren(...(entry?.wrong ?? []).map((one) => html('li', {}, html('button', {type: 'button', class: 'error', disabled: isOld, onclick: () => this.choose(entry, one)}, `✗ ${one.text}${one.steps.length > 1 ? ` – play ${counted(one.steps.length - 1, 'step')}` : ''}`), html('span', {class: 'hint'}, one.text.includes(one.fix) ? '' : one.fix))));
   }
 
   // What a change does.
@@ -264,7 +264,7 @@ export class Jobs {
       const does = html('select', {'aria-label': `what ${row.run} does`, onchange: (event) => { set(row, 'does', event.target.value); number.hidden = !['recovers', 'nth'].includes(row.does); }}, ...choices.map((one) => html('option', {value: one, selected: one === row.does}, DOES[one][0])));
       return html('div', {class: 'mock'}, html('button', {type: 'button', title: row.run, onclick: () => this.studio.go(row.file, () => row.path)}, row.name || row.type), does, number, html('span', {}, seconds, row.instant || row.passes ? '' : ' s'));
     }));
-    if (!needs.length) byId('mocks').replaceChildren(html('p', {class: 'hint'}, 'No leaf of this tree needs a robot; what it does is real.'));
+    if (!needs.length) byId('mocks').replaceChildren(html('p', {class: 'hint'}, file.problem ? 'The text cannot be read; mend it first.' : 'No leaf of this tree needs a robot; what it does is real.'));
   }
 
   showRun(file, entry) {

@@ -87,6 +87,8 @@ class Sessions:
             await self._hear(page)
         finally:
             self._pages.discard(page)
+            for number in page.jobs:
+                self._jobs.cancel(number)
             self.tell({'event': 'pages', 'count': len(self._pages)})
 
     async def _hear(self, page: Page) -> None:
@@ -120,6 +122,7 @@ class Sessions:
                 raise StudioError('a request is {"id": …, "method": "…", "arguments": {…}}') from error
             if method == 'start_job':
                 result: Any = await self._start_job(arguments)
+                page.jobs.append(result)
             elif method == 'layout':
                 result = await self._layout(arguments)
             elif method == 'watch':
@@ -238,6 +241,8 @@ class Page:
     def __init__(self, socket: web.WebSocketResponse, number: int) -> None:
         self.socket = socket
         self.number = number
+        self.jobs: list[int] = []
+        """Numbers of the jobs that it has started; they end with it."""
         self._sending = asyncio.Lock()
         self._posted: set[asyncio.Task[None]] = set()
 

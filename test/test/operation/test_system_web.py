@@ -102,6 +102,9 @@ async def lit(studio: ClientWebSocketResponse, type: str) -> None:
                 ]
                 if type in running:
                     assert '/FollowPath' in message['active']
+                    # By this a page knows that the robot runs the tree of the file.
+                    (tree,) = [one for one in message['trees'] if one['statuses'].keys() <= answers[2].keys()]
+                    assert tree['nodes'] == len(answers[2])
                     return
 
 
