@@ -321,6 +321,7 @@ class Bench(RunReader):
     unlock = partialmethod(answer_to, operator_commands.unlock)
     set_breakpoint = partialmethod(answer_to, operator_commands.set_breakpoint)
     clear_breakpoint = partialmethod(answer_to, operator_commands.clear_breakpoint)
+    step_by = partialmethod(answer_to, operator_commands.step)
     pause = partialmethod(answer_to, operator_commands.pause)
     resume = partialmethod(answer_to, operator_commands.resume)
 

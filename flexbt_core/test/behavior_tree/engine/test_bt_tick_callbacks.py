@@ -313,3 +313,24 @@ def test_a_deep_tree_has_room_for_callbacks() -> None:
         tree.callbacks.set_post_tick(node, lambda node, status: status)
     assert tree.tick_once() is S
     assert count == len(tree.nodes) == depth * trees + trees + 1
+
+
+def test_each_owner_has_a_callback_of_its_own_and_the_first_result_counts() -> None:
+    tree = build('<Sequence><AlwaysSuccess name="a"/></Sequence>')
+    node = named(tree, 'a')
+    told: list[str] = []
+
+    def teller(name: str, result: NodeStatus) -> Callable[[TreeNode], NodeStatus]:
+        return lambda node: told.append(name) or result
+
+    for name, result in (('one', K), ('two', F), ('three', S)):
+        tree.callbacks.set_pre_tick(node, teller(name, result), name)
+    assert tree.tick_exactly_once() is F and told == ['one', 'two']
+    told.clear()
+    tree.callbacks.set_pre_tick(node, None, 'two')
+    tree.callbacks.set_pre_tick(node, None, 'nobody')
+    assert tree.tick_exactly_once() is S and told == ['one', 'three']
+    tree.callbacks.set_pre_tick(node, None, 'one')
+    assert tree.callbacks.active
+    tree.callbacks.set_pre_tick(node, None, 'three')
+    assert not tree.callbacks.active

@@ -341,3 +341,69 @@ def test_a_state_that_takes_longer_than_its_period_is_left_all_the_same() -> Non
     slow = Stubborn(do={'execute': take_long}, rate=10.0)
     bench = Bench(machine(Child('Slow', slow, {'done': 'ended'})))
     assert (bench.outcome, slow.calls('execute')) == ('ended', 1)
+
+
+# -- steps -----------------------------------------------------------------------------------------------------------
+
+
+def stepped() -> Bench:
+    """Return a run of /A, then /M with /M/B and /M/N with /M/N/C, then /Z, held at /A; each is done at once."""
+    deepest = machine(Child('C', passing(), {'done': 'done'}), outcomes=['done'])
+    inner = machine(Child('B', passing(), {'done': 'N'}), Child('N', deepest, {'done': 'done'}), outcomes=['done'])
+    first = Scripted('done')
+    bench = Bench(
+        machine(
+            Child('A', first, {'done': 'M'}), Child('M', inner, {'done': 'Z'}), Child('Z', passing(), {'done': 'done'}),
+            outcomes=['done'],
+        )
+    )  # fmt: skip
+    bench.set_autonomy(Autonomy.Full)
+    bench.set_breakpoint('/A')
+    first.end('done')
+    bench.settle()
+    return bench
+
+
+def walk(bench: Bench, *steps: str) -> list[str]:
+    """Return where the run is held after each step; '' where it has ended."""
+    places = []
+    for how in steps:
+        assert bench.step_by(how, bench.decision.id) is None
+        places.append(bench.decision.path if bench.outcome is None else '')
+    return places
+
+
+def test_steps_hold_the_next_transition_at_their_depth() -> None:
+    everywhere = ['/M/B', '/M/N/C', '/M/N', '/M', '/Z', '']
+    assert walk(stepped(), *['into'] * 6) == everywhere
+    assert walk(stepped(), *['over'] * 3) == ['/M', '/Z', '']
+    assert walk(stepped(), 'into', 'over', 'out') == ['/M/B', '/M/N', '/M']
+    assert walk(stepped(), 'into', 'into', 'out', 'over') == ['/M/B', '/M/N/C', '/M/N', '/M']
+
+
+def test_a_step_is_over_with_the_next_answer_and_a_breakpoint_on_its_way_holds() -> None:
+    bench = stepped()
+    bench.set_breakpoint('/M/N/C')
+    assert walk(bench, 'over') == ['/M/N/C']
+    assert str(bench.run.controls.step) == 'over /A'
+    assert bench.confirm() is None
+    assert (bench.run.controls.step, bench.outcome) == (None, 'done')
+    bench = stepped()
+    assert walk(bench, 'over') == ['/M']
+    assert bench.force('/M', 'done') is None and bench.outcome == 'done'
+
+
+def test_steps_that_cannot_be_are_refused_and_change_nothing() -> None:
+    bench = stepped()
+    first = bench.decision.id
+    assert 'in no container' in str(bench.step_by('out', first))
+    assert "no step 'sideways'" in str(bench.step_by('sideways', first))
+    assert 'not pending' in str(bench.step_by('over', '99'))
+    assert bench.run.controls.step is None and bench.decision.path == '/A'
+    bench.pause()
+    assert 'paused' in str(bench.step_by('into', first))
+    bench.resume()
+    assert walk(bench, 'into') == ['/M/B']
+    assert bench.clear_breakpoint('/A') is None  # the breakpoint, and then the step
+    assert bench.clear_breakpoint('/A') is None
+    assert bench.outcome == 'done'
