@@ -64,7 +64,7 @@ class Debugger:
         self.shown = message
 
     def send(self, command: int, node: str = '', **fields: Any) -> Any:
-        request = Request(command=command, node=node, operator_id=self._operator, **fields)
+        request = Request(command=command, node=node, **{'operator_id': self._operator} | fields)
         return self._runtime.call(lambda: self._control.client.call_async(request))
 
     def ask(self, command: int, node: str = '', **fields: Any) -> str:
@@ -303,3 +303,37 @@ def test_panels_of_foxglove_get_the_xml_and_the_changes_by_the_same_uids(world: 
     assert (told.uid, told.current_status) == (uids['turn'], 'RUNNING')
     again.call.cancel(DEADLINE)
     assert again.result.code == Result.CANCELED
+
+
+def test_a_flood_and_long_fields_leave_the_server_and_its_breakpoints_as_they_are(
+    world: ServerWorld, debugger: Debugger
+) -> None:
+    world.client.load_tree(STEPS, 'Steps')
+    other = Debugger(world.navigation_runtime, 'bob')
+    for field in ('node', 'condition', 'behavior_tree', 'run_id', 'operator_id', 'owner'):
+        long: dict[str, Any] = {'node': 'two', 'behavior_tree': 'Steps', field: 'x' * 10_000_000}
+        assert field in debugger.ask(Request.BREAK, **long)
+    assert debugger.ask(Request.BREAK, 'two', behavior_tree='Steps') == ''
+    goal = world.client.execute('Steps')
+    debugger.held_at('two')
+    flood = [
+        one.send(command, 'two', behavior_tree='Steps', status=SUCCESS)
+        for _ in range(50)
+        for one in (debugger, other)
+        for command in (Request.PAUSE, Request.RESUME, Request.BREAK, Request.DUMMY, Request.RECORD)
+    ]
+    wait_until(lambda: all(future.done() for future in flood))
+    assert all(future.result().success for future in flood)
+    debugger.held_at('two')  # none of them is a continue
+    assert len(debugger.points) == 3
+    assert debugger.ask(Request.CONTINUE) == ''
+    assert goal.result.code == Result.SUCCESS
+    assert value(world, 'y') is None  # the dummy
+    names_of = [f'n{number}' for number in range(120)]
+    world.client.load_tree(
+        f'<Sequence>{"".join(f"<AlwaysSuccess name={name!r}/>" for name in names_of)}</Sequence>', 'Many'
+    )
+    answers = [debugger.ask(Request.BREAK, name, behavior_tree='Many') for name in names_of]
+    assert answers.count('') == 97 and 'clear one first' in answers[-1]
+    assert debugger.ask(Request.CLEAR, behavior_tree='Many') == ''
+    wait_until(lambda: len(debugger.points) == 3)
