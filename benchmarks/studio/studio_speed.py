@@ -71,10 +71,10 @@ until(() => document.activeElement.dataset.path && document.activeElement.datase
 _TYPED: Final = """
 const begin = performance.now(), letter = arguments[0];
 const place = document.getElementById('text'), at = place.querySelector('textarea');
-const where = at.value.indexOf('name="n2') + 6;
+const where = /name="[^"]*n2"/.exec(at.value).index + 6;
 at.setRangeText(letter, where, where, 'end');
 at.dispatchEvent(new InputEvent('input', {bubbles: true}));
-const name = at.value.slice(where, where + 3);
+const name = at.value.slice(where, where + letter.length + 2);
 until(() => [...document.querySelectorAll('#picture .detail')].some((one) => one.textContent.includes(name)), begin);
 """
 _PAN: Final = """
@@ -121,7 +121,7 @@ def measure(browser: Browser, address: str, nodes: int, trials: int) -> dict[str
     """Return the medians for a file of this many nodes."""
     found: dict[str, list[float]] = {name: [] for name in ('open', 'draw', 'move', 'typed', 'frame')}
     file = f'tree_{nodes}.xml'
-    for _ in range(trials):
+    for trial in range(trials):
         browser.driver.get('about:blank')
         browser.driver.get(address)
         browser.until(lambda: file in browser.text('files'))
@@ -138,7 +138,7 @@ def measure(browser: Browser, address: str, nodes: int, trials: int) -> dict[str
         browser.run(_CLICK, 'Big/0/0')
         found['move'].append(browser.driver.execute_async_script(_WAIT + _MOVE))
         if browser.run('return document.querySelector("#text > textarea") !== null'):
-            found['typed'].append(browser.driver.execute_async_script(_WAIT + _TYPED, 'x'))
+            found['typed'].append(browser.driver.execute_async_script(_WAIT + _TYPED, f't{trial}_'))
         found['frame'].append(statistics.median(browser.driver.execute_async_script(_PAN)))
         browser.driver.get('about:blank')
     return {name: round(statistics.median(times), 1) for name, times in found.items() if times}

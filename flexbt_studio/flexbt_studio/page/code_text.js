@@ -26,7 +26,7 @@ const COLORS = HighlightStyle.define([
   {tag: tags.invalid, color: 'var(--error)'},
 ]);
 const THEME = EditorView.theme({
-  '&': {height: '100%', color: 'var(--text)', backgroundColor: 'var(--back)', fontSize: '13px'},
+  '&': {flex: '1', minWidth: '0', height: '100%', color: 'var(--text)', backgroundColor: 'var(--back)', fontSize: '13px'},
   '&.cm-focused': {outline: 'none'},
   '.cm-scroller': {fontFamily: 'var(--mono)', lineHeight: '1.5'},
   '.cm-content': {caretColor: 'var(--text)'},
@@ -62,7 +62,7 @@ export function codePane(parent, on) {
       const words = async (context) => {
         const found = await on.complete(file, context.pos, context.explicit);
         if (!found?.length || context.aborted) return null;
-        const options = found.map((one) => ({label: one.label, apply: one.text, detail: one.detail, info: one.documentation || undefined, type: {node: 'class', tree: 'class', key: 'variable'}[one.kind] ?? 'property'}));
+        const options = found.map((one, index) => ({label: one.label, apply: one.text, boost: Math.max(99 - index, -99), detail: one.detail, info: one.documentation || undefined, type: {node: 'class', tree: 'class', key: 'variable'}[one.kind] ?? 'property'}));
         return {from: found[0].span[0], to: found[0].span[1], options, validFor: /^[\w:.@-]*$/};
       };
       this.state = EditorState.create({
@@ -70,8 +70,8 @@ export function codePane(parent, on) {
         extensions: [
           lineNumbers(), foldGutter(), lintGutter(), history(), drawSelection(), highlightActiveLine(), highlightActiveLineGutter(), bracketMatching(), closeBrackets(),
           search({top: true}), autocompletion({override: [words]}), indentUnit.of(/^\t/m.test(text) ? '\t' : /\n {4}(?=\S)/.test(text) && !/\n {2}(?=\S)/.test(text) ? '    ' : '  '),
-          LANGUAGES[language]?.() ?? [], syntaxHighlighting(COLORS), THEME, EditorState.readOnly.of(false),
-          EditorView.contentAttributes.of({'aria-label': `text of ${file}`}),
+          LANGUAGES[language]?.() ?? [], syntaxHighlighting(COLORS), THEME,
+          EditorView.contentAttributes.of({'aria-label': `text of ${file}`, tabindex: '0'}),
           keymap.of([...completionKeymap, ...searchKeymap.filter((one) => one.key !== 'Mod-Alt-\\'), ...historyKeymap, ...foldKeymap, ...defaultKeymap.filter((one) => !['Alt-ArrowLeft', 'Alt-ArrowRight'].includes(one.key))]),
         ],
       });

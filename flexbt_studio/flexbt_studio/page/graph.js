@@ -5,6 +5,8 @@ import {byId, html, likeness, svg} from './choice.js';
 import {viewport} from './viewport.js';
 
 const FIND_MS = 900;   // letters that follow within this time search for one name
+const MARGIN = 80;     // units of the picture around the pane in which texts are kept
+const TINY = 0.4;      // pixels for a unit below which the second line of a node is left out
 const SLOP = 5;        // pixels that the pointer moves before it drags an item
 
 // An item is {path, parent, name, label, level, span, element, box: [x, y, width, height], isFolded, count}. They come parents
@@ -15,8 +17,8 @@ export class Graph {
     this.on = on;
     this.pane = byId('graph-body');
     this.picture = byId('picture');
-    this.view = viewport(this.picture);
     this.items = [];
+    this.view = viewport(this.picture, () => this.cull());
     this.byPath = new Map();
     this.selected = null;
     this.found = '';
@@ -65,10 +67,11 @@ export class Graph {
       set('aria-setsize', one.row.length);
       if (one.count) set('aria-expanded', String(!one.isFolded));
     }
-    this.picture.replaceChildren(...parts);
-    this.view.content(box);
     this.marks();
     this.on.drawn();
+    this.picture.replaceChildren(...parts);  // when nothing of it changes any more: it is laid out once
+    this.view.content(box);
+    this.cull();
     this.mark(this.selected);
     if (hadFocus) this.focus();
   }
@@ -97,19 +100,26 @@ export class Graph {
     item.element.setAttribute('tabindex', '0');
     if (item.path === path) {
       item.element.setAttribute('aria-selected', 'true');
-      const target = item.element.querySelector('.type') ?? item.element;
-      this.view.reveal(target);
-      this.show(target);
+      this.bring(item);
     }
   }
 
-  // Bring an item into the pane, even if somebody has moved the picture.
-  show(element) {
-    const outer = this.pane.getBoundingClientRect(), inner = element.getBoundingClientRect();
-    if (this.view.moved && outer.width && (inner.right < outer.left + 8 || inner.left > outer.right - 8 || inner.bottom < outer.top + 8 || inner.top > outer.bottom - 8)) {
-      this.view.zoomTo(this.view.scale);
-      this.view.fit();
+  // Bring an item into the pane; a container by its title.
+  bring({element}) {
+    const target = element.matches('.container') ? element.querySelector('.type') : element;
+    this.view.reveal(target);
+    const outer = this.pane.getBoundingClientRect(), inner = target.getBoundingClientRect();
+    if (this.view.moved && outer.width && (inner.right < outer.left + 8 || inner.left > outer.right - 8 || inner.bottom < outer.top + 8 || inner.top > outer.bottom - 8)) this.view.fit();
+  }
+
+  // Leave out the texts that are not in the pane, or too small to be read: to lay them out is most of the cost of a move.
+  cull() {
+    const [x, y, width, height] = this.picture.getAttribute('viewBox').split(' ').map(Number);
+    for (const one of this.items) {
+      const [left, top, wide, high] = one.box, isAway = left > x + width + MARGIN || left + wide < x - MARGIN || top > y + height + MARGIN || top + high < y - MARGIN;
+      if (isAway !== one.isAway) { one.isAway = isAway; one.element.classList.toggle('away', isAway); }
     }
+    this.picture.classList.toggle('tiny', this.pane.clientWidth < TINY * width);
   }
 
   focus() { (this.byPath.get(this.selected) ?? this.items[0])?.element.focus({preventScroll: true}); }

@@ -119,7 +119,7 @@ class Studio {
   showFiles(files) {
     this.files = files;
     const wanted = byId('files-filter').value.toLowerCase(), shown = files.filter((one) => one.file.toLowerCase().includes(wanted));
-    byId('files').replaceChildren(...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', onclick: () => this.go(one.file)}, `${one.changed ? '● ' : ''}${one.file}`), html('span', {class: 'hint'}, one.kind))));
+    byId('files').replaceChildren(...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', onclick: () => this.go(one.file)}, `${this.open.get(one.file)?.isChanged ?? one.changed ? '● ' : ''}${one.file}`), html('span', {class: 'hint'}, one.kind))));
     byId('files-count').textContent = shown.length === files.length ? `${files.length}` : `${shown.length} of ${files.length}`;
     if (!files.length) byId('files').append(html('li', {class: 'empty'}, 'No trees or machines are in this folder yet. Make one with New.'));
   }
@@ -166,6 +166,7 @@ class Studio {
       this.pane.mark(file.buffer, file.findings);
       byId('text-hint').textContent = this.pane.isPlain ? 'plain: studio --get-editor installs CodeMirror' : file.language;
       this.palette.show(this.entries());
+      this.showFiles(this.files);
       this.viewed(file);
       this.found(file);
       this.link.request('trees', {file: file.name}).then((trees) => { this.treeFiles = trees; this.palette.show(this.entries()); }).catch(() => {});
@@ -286,7 +287,7 @@ class Studio {
 
   async openLink() {
     const words = new URLSearchParams(location.hash.slice(1)), file = words.get('file'), node = words.get('node');
-    if (!file) return;
+    if (!file) { if (document.activeElement === document.body) byId('files-filter').focus(); return; }
     const opened = await this.go(file, () => node);
     if (opened && node && !opened.parts.has(node)) this.told(`${file} has no ${node} now; it was renamed, moved or removed`, 'warning');
   }
@@ -303,7 +304,6 @@ class Studio {
 
   rememberFolded() { remember(`folded-${this.file.name}`, [...this.file.folded]); }
 
-  // Enter or a double click: the target of an outcome, or the properties.
   // Bring a node that runs into view, in another file, too; a robot's only in this one.
   async follow(name, path) {
     if (name !== this.file?.name && !this.player.isLive) {
@@ -317,6 +317,7 @@ class Studio {
     if (item) this.graph.bring(item);
   }
 
+  // Enter or a double click: the target of an outcome, or the properties.
   enter(path) {
     const part = this.part(path);
     if (part?.kind === 'outcome') this.actions.target(part.data.path, part.way.outcome);
@@ -394,15 +395,15 @@ class Studio {
 
   showHead() {
     const {file} = this, isChanged = Boolean(file?.isChanged);
-    byId('save').disabled = !isChanged;
     this.jobs.show();
+    byId('save').disabled = !isChanged;
     byId('difference').disabled = !isChanged;
     byId('difference').textContent = isChanged ? 'Unsaved changes' : 'No changes';
     byId('difference').classList.toggle('changed', isChanged);
-    byId('tabs').replaceChildren(...[...this.open.values()].map((one) => html('span', {class: 'tab', role: 'presentation'},
-      html('button', {type: 'button', role: 'tab', id: `tab-${one.name}`, 'aria-selected': String(one === file), title: one.name, onclick: () => this.show(one)}, `${one.isChanged ? '● ' : ''}${one.name.split('/').at(-1)}`),
+    byId('tabs').replaceChildren(...[...this.open.values()].map((one) => html('span', {class: 'tab'},
+      html('button', {type: 'button', 'aria-current': one === file ? 'page' : null, title: one.name, onclick: () => this.show(one)}, `${one.isChanged ? '● ' : ''}${one.name.split('/').at(-1)}`),
       html('button', {type: 'button', 'aria-label': `Close ${one.name}`, onclick: () => this.close(one.name)}, '×'))));
-    byId('tabs').querySelector('[aria-selected="true"]')?.scrollIntoView({block: 'nearest', inline: 'nearest'});
+    byId('tabs').querySelector('[aria-current]')?.scrollIntoView({block: 'nearest', inline: 'nearest'});
   }
 
   async showDifference() {
@@ -428,8 +429,8 @@ class Studio {
       file.changed = false;
       this.showHead();
       this.told(`${file.name} saved`, 'good');
-    } catch (refusal) {
       this.jobs.saved(file);
+    } catch (refusal) {
       if (refusal.kind === 'conflict') await this.resolve(file);
       else this.told(refusal.message, 'error');
     }
@@ -466,8 +467,8 @@ class Studio {
       page('commands', 'All commands', ['Ctrl+k'], () => this.chooseCommand()), page('open', 'Open a file', ['Ctrl+p'], () => this.chooseFile()), page('new', 'New file', ['Alt+n'], () => at.create()), page('back', 'Back to where F12 was pressed', ['Ctrl+Alt+ArrowLeft'], () => this.goBack()),
       page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], () => this.fixNow()),
       page('next_pane', 'Next pane', ['F6'], () => this.nextPane(1)), page('previous_pane', 'Previous pane', ['Shift+F6'], () => this.nextPane(-1)), page('keys', 'Keys of this place', ['?'], () => this.showKeys()),
-      page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),
       ...this.jobs.commands(page), page('live', 'What the robot does now: show or hide', null, () => byId('live').click()),
+      page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),
       page('link', 'Copy a link to the selected item', null, () => { navigator.clipboard?.writeText(location.href.replace(/token=[^&]*&?/, '')); this.told('Link copied, without the token'); }), page('reset', 'Reset the panels', null, () => this.panels.reset()),
     ];
   }
