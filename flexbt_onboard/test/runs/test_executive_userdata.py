@@ -166,3 +166,18 @@ def test_who_forces_an_outcome_is_told_what_is_read_and_was_not_written() -> Non
         assert len([line for line in bench.logs if 'nobody has written' in line.text]) == 1
     finally:
         bench.close()
+
+
+def test_each_value_has_the_state_that_has_written_it_in_every_machine_that_it_reaches(bench: UserdataBench) -> None:
+    bench.start()
+    wait_until(bench.worker.at_work.is_set)
+    told = bench.told()
+    assert told.code == Result.SUCCESS
+    writers = {
+        (scope.path, entry.key): (writer, written.sec)
+        for scope in told.scopes
+        for entry, writer, written in zip(scope.entries, scope.writers, scope.written, strict=True)
+    }
+    assert writers['/Inner', 'count'][0] == '/Inner/Work' and writers['/Inner', 'count'][1] > 0
+    assert writers['/', 'count'] == writers['/Inner', 'count']  # it is an output
+    assert writers['/', 'start'] == writers['/Inner', 'own'] == ('', 0)  # defaults
