@@ -28,6 +28,7 @@ export class Jobs {
   // studio has link, file, treeFiles, told, select, part, remembered and remember.
   constructor(studio, player) {
     Object.assign(this, {studio, player, waiting: new Map(), proofs: new Map(), changes: new Map(), runs: new Map(), rows: [], coverage: new Map()});
+    player.on.moved = (at) => this.showLines(player.owner, at);
     this.isOnSave = studio.remembered('prove-on-save', true);
     const option = (id, text, isOn, set) => html('label', {}, html('input', {type: 'checkbox', id, checked: isOn, onchange: (event) => { set(event.target.checked); studio.graph.on.drawn(); this.show(); }}), ` ${text}`);
     const field = (id, label, hint, name) => html('div', {}, html('label', {for: id}, label), html('textarea', {id, rows: 2, spellcheck: 'false', placeholder: hint, onchange: (event) => studio.remember(`${name}-${studio.file.name}`, event.target.value)}));
@@ -52,9 +53,9 @@ export class Jobs {
     byId(id).scrollIntoView({block: 'nearest'});
   }
 
-  // Jobs of the server. Each is an entry {job, file, version, state, number, event, ...}.
-
-  async start(entries, job, file, more) {
+  // Start a job of the server for the text as it is now. Resolves to its entry {job, file, version, state, number, event, ...} when
+  // read(entry) has read its result, or to null if it has failed or was cancelled.
+  async start(entries, job, file, more, read = () => {}) {
     this.cancel(entries.get(file.name));
     const entry = {job, file, state: 'running', number: null, files: new Set([file.name])};
     entries.set(file.name, entry);
@@ -71,10 +72,13 @@ export class Jobs {
     }
     if (entry.state !== 'running') return null;
     const refused = entry.event.result?.[0]?.findings && !entry.event.result[0].proofs ? entry.event.result[0].findings : null;
-    entry.state = refused ? 'failed' : entry.event.state;
+    const state = refused ? 'failed' : entry.event.state;
     entry.message = refused ? refused.map((one) => `${one.line ? `${one.file}:${one.line}: ` : ''}${one.message}`).join('\n') : entry.event.message;
     for (const [owner] of Object.values(entry.event.nodes ?? {})) entry.files.add(owner);
-    if (entry.state === 'canceled') entries.delete(file.name);
+    if (state === 'done') await read(entry);
+    if (entry.state !== 'running') return null;
+    entry.state = state;
+    if (state === 'canceled') entries.delete(file.name);
     return entry.state === 'done' ? entry : null;
   }
 
@@ -125,8 +129,7 @@ export class Jobs {
     if (!file) return;
     if (!isQuiet) this.open('prove-job');
     const require = this.studio.remembered(`require-${file.name}`, '').split('\n').map((line) => line.trim()).filter(Boolean);
-    const entry = await this.start(this.proofs, 'prove', file, {require});
-    if (entry) {
+    const read = async (entry) => {
       const [{proofs, findings}] = entry.event.result, places = await Promise.all(proofs.map((one) => this.placesOf(file, treeOf(one))));
       // One sub-tree may be used by several trees: never reached is what none of them reaches.
       const reached = new Set(proofs.flatMap((one, at) => Object.entries(places[at].all ?? {}).filter(([run]) => !one.never.includes(run)).map(([, place]) => placeOf(...place))));
@@ -137,8 +140,9 @@ export class Jobs {
       entry.coverable = proofs.reduce((sum, one) => sum + one.coverable, 0);
       entry.cut = proofs.find((one) => !one.complete)?.stopped_by;
       entry.notes = proofs.flatMap((one) => one.notes).filter((one) => !one.includes('--anew'));
-      this.studio.told(`${file.name}: ${this.verdict(entry)[0]}`, this.verdict(entry)[1]);
-    }
+    };
+    const entry = await this.start(this.proofs, 'prove', file, {require}, read);
+    if (entry) this.studio.told(`${file.name}: ${this.verdict(entry)[0]}`, this.verdict(entry)[1]);
     this.studio.graph.on.drawn();
     this.show();
   }
@@ -167,6 +171,9 @@ export class Jobs {
     byId('prove-job-state').textContent = text;
     byId('proof-told').textContent = !entry ? 'A proof tries everything that can happen: any result of each leaf, at any time.' : entry.state === 'failed' ? entry.message
       : isDone ? [`${entry.covered} of ${entry.coverable} reached${entry.never.size ? `; never: ${entry.never.size}` : ''}`, entry.cut ? `stopped by ${entry.cut}` : '', ...entry.notes].filter(Boolean).join('. ') : isOld ? 'Of the text before the change:' : '';
+    const key = [file?.name, entry?.number, entry?.state].join();
+    if (this.listed === key) return;  // the focus may be there
+    this.listed = key;
     byId('proof-list').replaceChildren(...(entry?.wrong ?? []).map((one) => html('li', {}, html('button', {type: 'button', class: 'error', disabled: isOld, onclick: () => this.choose(entry, one)}, `✗ ${one.text}${one.steps.length > 1 ? ` – play ${counted(one.steps.length - 1, 'step')}` : ''}`), html('span', {class: 'hint'}, one.text.includes(one.fix) ? '' : one.fix))));
   }
 
@@ -211,13 +218,14 @@ export class Jobs {
     this.open('run-job');
     const tree = byId('run-tree').value || file.view.main || file.view.trees[0]?.id;
     if (this.rowsOf !== this.rowsKey(file, tree)) await this.loadRows(file, tree);
-    const entry = await this.start(this.runs, 'run', file, {tree, plan: this.plan()});
-    if (entry) {
+    const read = (entry) => {
       entry.events = entry.event.result.filter((one) => one.event === 'transition');
       entry.end = entry.event.result.find((one) => one.event === 'result');
       entry.lines = [...entry.events.map(lineOf), `${entry.end.result} after ${entry.end.time.toFixed(3)} s and ${counted(entry.end.ticks, 'tick')}`, ...(entry.end.reason ? [`  reason: ${entry.end.reason}`] : []), ...entry.end.reasons.slice(1).map((one) => `  so ${one}`)];
+    };
+    const entry = await this.start(this.runs, 'run', file, {tree, plan: this.plan()}, read);
+    if (entry) {
       this.cover(file, entry);
-      this.player.on.moved = (at) => this.showLines(this.player.owner, at);
       this.player.play(`Dry run of ${tree}`, this.momentsOf(entry), {owner: entry});
     }
     this.show();
@@ -283,7 +291,7 @@ export class Jobs {
   }
 
   showLines(entry, at) {
-    if (entry && !entry.lines) return;
+    if (entry && !entry.events) return;
     const from = Math.max(0, at - SHOWN), lines = entry?.lines.slice(from, at + SHOWN) ?? [];
     byId('run-lines').replaceChildren(...lines.map((line, row) => html('li', {'aria-current': from + row === at && this.player.owner === entry ? 'true' : null, onclick: () => { const to = Math.min(from + row, entry.events.length); if (this.player.owner === entry) this.player.go(to); else this.player.play('Dry run', this.momentsOf(entry), {owner: entry, at: to}); }}, line)));
     const list = byId('run-lines'), row = list.querySelector('[aria-current]');
@@ -305,8 +313,9 @@ export class Jobs {
     }
     this.showProof(file, this.proofs.get(file?.name));
     byId('compare').disabled = byId('prove').disabled = !file;
-    byId('compare-told').replaceChildren(...(file ? this.difference(file) : []));
-    const change = this.changes.get(file?.name);
+    const change = this.changes.get(file?.name), key = [file?.name, change?.number, change?.state].join();
+    if (this.compared !== key) byId('compare-told').replaceChildren(...(file ? this.difference(file) : []));
+    this.compared = key;
     byId('compare-job-state').textContent = change?.state === 'done' ? (change.event.result[0].comparisons.some((one) => one.only || one.differences.length) ? 'differs' : 'the same') : change?.state === 'running' ? 'comparing…' : '';
     this.showRun(file, this.runs.get(file?.name));
     if (byId('sheet-change')?.isConnected) this.sheet?.();

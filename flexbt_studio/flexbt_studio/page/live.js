@@ -35,8 +35,11 @@ export class Live {
     if (!isOn) byId('live').className = '';
   }
 
-  // A text has changed: the nodes of the trees are at other places.
-  edited() { this.trees.clear(); this.player.isLive && this.player.again(); }
+  // A graph has changed: the nodes of the trees are at other places.
+  viewed() {
+    this.trees.clear();
+    if (this.player.isLive) this.player.again();
+  }
 
   take(event) {
     this.last = event;

@@ -143,7 +143,7 @@ class Studio {
   added(model) {
     const buffer = this.pane.buffer(model.text, model.file, model.language);
     const file = new OpenFile(this.link, model, buffer, {
-      changed: (one) => { this.jobs.edited(one); this.live.edited(); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
+      changed: (one) => { this.jobs.edited(one); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
     });
     this.open.set(model.file, file);
     return file;
@@ -188,6 +188,7 @@ class Studio {
   // The graph.
 
   viewed(file) {
+    this.live.viewed();
     for (const node of file.view.nodes ?? []) lowered(node);
     this.outline(file);
     if (file.folded === null) {
