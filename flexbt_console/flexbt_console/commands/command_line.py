@@ -21,7 +21,7 @@ COMMON_OPTIONS: Final = (
     Option('--timeout', 'how long to wait for the executive and its answer (default 5)', 'SECONDS', read=seconds),
     Option(
         '--operator',
-        'who gives the command (default: FLEXBT_OPERATOR, or user@host/terminal, of the page user@host/page)',
+        'who gives the command (default: FLEXBT_OPERATOR, or user@host/terminal; a page asks for a name)',
         'NAME',
     ),
     Option('--observer', 'only see: give no commands, and be nobody to the executive (a role of its own in a policy)'),

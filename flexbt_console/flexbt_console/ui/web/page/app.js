@@ -122,7 +122,7 @@ function drawMachine() {
     return;
   }
   if (!key || !has(key)) {
-    if (!key || !machineSvg.dataset.key) told(...machine.lines.map((line) => element('div', {}, line)));
+    if (!key || !machineSvg.dataset.key) told(element('p', {class: 'hint'}, key ? 'The diagram is being drawn.' : 'It is too large for a diagram.'), ...machine.lines.map((line) => element('div', {}, line)));
     return;
   }
   lines.replaceChildren();
