@@ -106,6 +106,13 @@ def _sent(
     return CommandSpec(name, summary, action, arguments, (*options, _REASON), **more)
 
 
+def _gives_result(name: str, summary: str, kind: CommandKind, how_often: str) -> CommandSpec:
+    """Return a command that gives a node of a tree a result."""
+    arguments = (Argument('NODE', values=spec.tree_nodes), Argument('RESULT', values=spec.results, read=node_result))
+    details = (_NODE_DETAILS, f'RESULT is SUCCESS or FAILURE. A node that runs is halted. {how_often}')
+    return _sent(name, summary, effects.of_tree(kind), arguments, (_TREE, _RUN), details=details)
+
+
 COMMANDS: Final = (
     CommandSpec(
         'status',
@@ -199,21 +206,17 @@ COMMANDS: Final = (
         (Argument('NODE', values=spec.tree_nodes),),
         (_IF, _RUN),
     ),
-    _sent(
+    _gives_result(
         'tree force',
         'give a node a result at its next tick, without ticking it',
-        effects.of_tree(CommandKind.TREE_FORCE),
-        (Argument('NODE', values=spec.tree_nodes), Argument('RESULT', values=spec.results, read=node_result)),
-        (_TREE, _RUN),
-        details=(_NODE_DETAILS, 'RESULT is SUCCESS or FAILURE. A node that runs is halted. It happens once.'),
+        CommandKind.TREE_FORCE,
+        'It happens once.',
     ),
-    _sent(
+    _gives_result(
         'tree dummy',
         'replace a node by a dummy that always gives a result',
-        effects.of_tree(CommandKind.TREE_DUMMY),
-        (Argument('NODE', values=spec.tree_nodes), Argument('RESULT', values=spec.results, read=node_result)),
-        (_TREE, _RUN),
-        details=(_NODE_DETAILS, 'RESULT is SUCCESS or FAILURE. A node that runs is halted.'),
+        CommandKind.TREE_DUMMY,
+        'Until it is cleared.',
     ),
     _sent(
         'tree record',

@@ -15,7 +15,8 @@ from .view import View
 
 class Urgency(IntEnum):
     """The needs of a robot, the most urgent first. UNREACHABLE: it is not heard any more, or was never;
-    LATE: a heartbeat was missed. DEGRADED: a node that it depends on is not there, late or not ready."""
+    LATE: a heartbeat was missed. DEGRADED: a node that it depends on is not there, late or not ready, or a tree is held
+    by a breakpoint or a pause."""
 
     ALARM = 0
     DECISION = 1
@@ -63,7 +64,7 @@ def overview_of(name: str, view: View) -> RobotOverview:
         return RobotOverview(name, view, Urgency.DECISION, max(0.0, snapshot.stamp - view.decision.since))
     if not view.running and snapshot.outcome in ('error', 'failed'):
         return RobotOverview(name, view, Urgency.FAILED, 0.0)
-    if snapshot.missed_peers:
+    if snapshot.missed_peers or snapshot.tree_holds:
         return RobotOverview(name, view, Urgency.DEGRADED, 0.0)
     return RobotOverview(name, view, Urgency.RUNS if view.running else Urgency.IDLE, 0.0)
 

@@ -413,6 +413,8 @@ def robot_line(robot: RobotOverview) -> str:
     where = '  '.join(one_line(path) for path in view.active_paths)
     asked = asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
     missed = '; '.join(peer_line(peer) for peer in view.snapshot.missed_peers) if view.live and view.snapshot else ''
+    if view.snapshot is not None and view.snapshot.tree_holds:
+        missed = '; '.join(filter(None, (missed, 'a tree is held: "status" tells where')))
     what = '  '.join(filter(None, (asked, what_runs(view), '' if asked else where, missed)))
     text = f'{one_line(robot.name):<12} {word:<8} {waited:>8}  {what}'
     return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))

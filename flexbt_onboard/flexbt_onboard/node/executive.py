@@ -357,6 +357,11 @@ class ExecutiveDiagnostics:
         elif status.decisions:
             level = DiagnosticStatus.WARN
             message += f'; waits for the operator: {", ".join(one.path for one in status.decisions)}'
+        if status.tree_holds and level != DiagnosticStatus.ERROR:
+            level = DiagnosticStatus.WARN
+            message += (
+                f'; held: {", ".join(f"tree {one.behavior_tree} {one.path}".rstrip() for one in status.tree_holds)}'
+            )
         values = {
             'run': status.run_id,
             'active states': ', '.join(one.path for one in status.active_states),

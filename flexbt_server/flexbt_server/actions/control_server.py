@@ -18,7 +18,7 @@ from flexbt_core.values.text import did_you_mean, sanitize_for_message, short_re
 from flexbt_msgs.msg import TreeBreakpoint
 from flexbt_msgs.srv import ControlTree, GetTreeBlackboard
 from flexbt_server.errors import BreakpointError
-from flexbt_server.runs.tree_debugger import NodesOfTree, TreeDebugger, blackboard_writes
+from flexbt_server.runs.tree_debugger import DebuggedRun, NodesOfTree, TreeDebugger, blackboard_writes
 from flexbt_server.trees.tree_store import TreeStore
 
 from .tree_goals import RunningTree, TreeGoals
@@ -101,14 +101,13 @@ class ControlServer:
 
     async def _tick(self, request: Any, response: Any) -> str:
         command = _TICKS[request.command]
-        running = self._goals.running.find(request.run_id)
-        debugged = self._debugger.run(running.id)
-        is_held = debugged is not None and debugged.is_held_in_tick
+        running, debugged = self._find(request.run_id)
         if request.command == Request.CONTINUE:
             self._held(request.run_id)
+        is_held = debugged.is_held_in_tick
         if is_held and command is TickCommand.STEP:
             command = TickCommand.PAUSE  # after the tick that is under way
-        if debugged is not None and command is TickCommand.PAUSE:
+        if command is TickCommand.PAUSE:
             debugged.paused_by = sanitize_for_message(request.operator_id or request.owner)
         answered = Future(executor=self._runtime.node.executor)
         run = self._goals.control(
@@ -117,33 +116,32 @@ class ControlServer:
             request.owner,
             lambda reason: self._runtime.post(lambda: answered.set_result(reason)),
         )
-        if debugged is not None and is_held and request.command in (Request.STEP, Request.CONTINUE):
+        if is_held and request.command in (Request.STEP, Request.CONTINUE):
             debugged.go_on()
         refusal = str(await answered)
         if command is not TickCommand.RESUME and not refusal:
             response.not_paused = [sanitize_for_message(line) for line in run.not_paused]
         return refusal
 
+    def _find(self, run_id: str) -> tuple[RunningTree, DebuggedRun]:
+        """Return a run and its part in the debugger. Raises FlexbtError: there is none."""
+        running = self._goals.running.find(run_id)
+        return running, self._debugger.run(running.id)
+
     def _held(self, run_id: str) -> RunningTree:
         """Return a run that is held or paused. Raises FlexbtError: it is not."""
-        running = self._goals.running.find(run_id)
-        debugged = self._debugger.run(running.id)
-        if debugged is None or debugged.hold is None:
+        running, debugged = self._find(run_id)
+        if debugged.hold is None:
             raise BreakpointError(f'{running.description} is neither held at a breakpoint nor paused')
         return running
 
     async def _tree(self, request: Any) -> NodesOfTree:
         """Return the tree at which the request sets something: one that runs, or the tree of a file."""
-        for running in self._goals.running.all():
-            debugged = self._debugger.run(running.id)
-            if debugged is not None and running.key.id == request.behavior_tree:
-                return debugged.nodes
-        if not request.behavior_tree:
-            debugged = self._debugger.run(self._goals.running.find(request.run_id).id)
-            if debugged is None:
-                raise BreakpointError('the tree is being started; try again')
-            return debugged.nodes
-        return NodesOfTree.of_definition(await self._read(lambda: self._store.find(request.behavior_tree)))
+        named = request.behavior_tree
+        for running in self._goals.running.all() if named else [self._goals.running.find(request.run_id)]:
+            if not named or running.key.id == named:
+                return self._debugger.run(running.id).nodes
+        return NodesOfTree.of_definition(await self._read(lambda: self._store.find(named)))
 
     async def _read(self, read: Callable[[], Any]) -> Any:
         """Return what ``read`` returns on the thread that reads files. Raises its FlexbtError."""
@@ -175,10 +173,8 @@ class ControlServer:
     def _show(self, request: Any, response: Any) -> Any:
         try:
             check_limits(request)
-            running = self._goals.running.find(request.run_id)
-            debugged = self._debugger.run(running.id)
-            if debugged is None:
-                raise BreakpointError('the tree is being started; try again')
+            running, debugged = self._find(request.run_id)
+            tree = debugged.tree
             response.run_id, response.behavior_tree = running.id, running.key.id
             response.recorded = self._debugger.watch.is_watching(debugged)
             entries = blackboard_writes(debugged, self._debugger.watch, request.keys)
@@ -186,7 +182,7 @@ class ControlServer:
             known = {entry.key for entry in entries}
             missing = [key for key in request.keys if key not in known]
             if missing:
-                keys = {key for subtree in debugged.tree.subtrees for key in subtree.blackboard}
+                keys = {key for subtree in tree.subtrees for key in subtree.blackboard}
                 response.message = f'there is no entry {short_repr(missing[0])}{did_you_mean(missing[0], keys)}'
             elif len(entries) > MOST_ENTRIES:
                 response.message = f'there are {len(entries)} entries; name keys: {MOST_ENTRIES} are shown at most'

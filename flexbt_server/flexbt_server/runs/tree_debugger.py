@@ -68,11 +68,16 @@ class TreeDebugger:
 
     def open(self, events: RunEvents) -> RunReader:
         """Return the reader that debugs one run."""
-        return DebuggedRun(self, events.run_id, self._runtime)
+        with self._lock:
+            run = self._runs[events.run_id] = DebuggedRun(self, events.run_id, self._runtime)
+        return run
 
-    def run(self, run_id: str) -> DebuggedRun | None:
-        """Return a run that has begun and not ended."""
-        return self._runs.get(run_id)
+    def run(self, run_id: str) -> DebuggedRun:
+        """Return a run that has not ended."""
+        with self._lock:
+            if run_id not in self._runs:
+                raise BreakpointError('the tree has just ended')
+            return self._runs[run_id]
 
     def place(self, point: TreeBreakpoint, tree: NodesOfTree) -> None:
         """Set a breakpoint at the node that ``point.path`` names; it replaces one of the same kind.
@@ -124,7 +129,6 @@ class TreeDebugger:
     def begin(self, run: DebuggedRun) -> None:
         """Set the breakpoints of its tree in a run whose nodes are new."""
         with self._lock:
-            self._runs[run.run_id] = run
             found = self._attach(run.tree_id)
         if found:
             self.changed()
@@ -206,12 +210,14 @@ class DebuggedRun(RunReader):
 
     @property
     def nodes(self) -> NodesOfTree:
-        """The nodes that the run has now."""
-        return NodesOfTree(self.tree_id, tuple(self._nodes), self._tree.context.scripts)
+        """The nodes that the run has now. Raises BreakpointError: as :attr:`tree`."""
+        return NodesOfTree(self.tree_id, tuple(self._nodes), self.tree.context.scripts)
 
     @property
     def tree(self) -> Tree:
-        """The running tree."""
+        """The running tree. Raises BreakpointError: it has not begun yet."""
+        if not self._nodes:
+            raise BreakpointError('the tree is being started; try again')
         return self._tree
 
     def go_on(self) -> None:

@@ -321,7 +321,11 @@ def test_each_owner_has_a_callback_of_its_own_and_the_first_result_counts() -> N
     told: list[str] = []
 
     def teller(name: str, result: NodeStatus) -> Callable[[TreeNode], NodeStatus]:
-        return lambda node: told.append(name) or result
+        def tell(node: TreeNode) -> NodeStatus:
+            told.append(name)
+            return result
+
+        return tell
 
     for name, result in (('one', K), ('two', F), ('three', S)):
         tree.callbacks.set_pre_tick(node, teller(name, result), name)
