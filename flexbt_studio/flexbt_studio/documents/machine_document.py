@@ -39,6 +39,7 @@ CONTAINERS: Final = ('machine', 'concurrency', 'priority')
 _NOWHERE: Final = Span(0, 0)
 _LINE_BREAK: Final = re.compile(r'\r\n?|\n')
 _LONG: Final = 1000  # characters before a state in its line: such a line is data, and has no comments of states
+_MOST_SUGGESTED: Final = 1000  # names among which a similar one is looked for: it takes long
 _COMMA: Final = re.compile(r'[ \t]*,')
 
 _Method = TypeVar('_Method', bound=Callable[..., list[TextEdit]])
@@ -121,7 +122,8 @@ class State:
 def need(condition: object, message: str, name: str | None = None, known: Collection[str] = ()) -> None:
     """Raise GestureError unless the condition holds; the message suggests what is like ``name``."""
     if not condition:
-        raise GestureError(message if name is None else f'{message}{did_you_mean(name, known)}')
+        near = did_you_mean(name, known) if name is not None and len(known) < _MOST_SUGGESTED else ''
+        raise GestureError(message + near)
 
 
 def edit(method: _Method) -> _Method:
@@ -567,7 +569,7 @@ class MachineDocument(Document):
         indent = first[: len(first) - len(first.lstrip())] if table.mark else re.sub(r'\S', ' ', first)
         at = self.row(table, index).start if index < last else spans[-1].end
         gap = Span(spans[0].end, spans[1].start) if len(spans) == 2 else _NOWHERE
-        blank = '' if self.source(gap).strip() else self.source(gap)
+        blank = '' if self.source(gap).strip() else self.nl * min(len(self.source(gap).splitlines()), 2)
         row = f'{indent}{table.mark}{new}'
         if at == len(self.text) and not self.text.endswith(('\n', '\r')):
             return [TextEdit(at, at, f'{self.nl}{blank}{row}')]
