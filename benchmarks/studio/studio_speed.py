@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import asyncio
 import statistics
+import sys
 import tempfile
 import threading
 from pathlib import Path
@@ -24,7 +25,7 @@ from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.server import serving
 from flexbt_studio.server.web_server import StudioServer, editor_folder
 from flexbt_studio.server.workbench import Workbench
-from flexbt_testing.browser import Browser, started_browser
+from flexbt_testing.browser import CHROMIUM, DRIVER, Browser, started_browser
 
 _WAIT: Final = """
 const done = arguments[arguments.length - 1], until = (condition, begin) => {
@@ -151,6 +152,8 @@ def main() -> None:
     parser.add_argument('--trials', type=int, default=7, help='times that each is done')
     parser.add_argument('--output', type=Path, help='file for the figures')
     options = parser.parse_args()
+    if not (CHROMIUM and DRIVER):
+        sys.exit('no Chromium with its driver: apt install chromium chromium-driver')
     figures: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, 'mission')

@@ -5,6 +5,7 @@ import {byId, html, likeness, svg} from './choice.js';
 import {viewport} from './viewport.js';
 
 const FIND_MS = 900;   // letters that follow within this time search for one name
+const SMALLEST = 1.3;  // a picture that fits is drawn at most so much smaller
 const MARGIN = 80;     // units of the picture around the pane in which texts are kept
 const TINY = 0.4;      // pixels for a unit below which the second line of a node is left out
 const SLOP = 5;        // pixels that the pointer moves before it drags an item
@@ -18,7 +19,7 @@ export class Graph {
     this.pane = byId('graph-body');
     this.picture = byId('picture');
     this.items = [];
-    this.view = viewport(this.picture, () => this.cull());
+    this.view = viewport(this.picture, {grows: SMALLEST, changed: () => this.cull()});
     this.byPath = new Map();
     this.selected = null;
     this.found = '';
@@ -66,6 +67,7 @@ export class Graph {
       set('aria-posinset', one.index + 1);
       set('aria-setsize', one.row.length);
       if (one.count) set('aria-expanded', String(!one.isFolded));
+      one.element.classList.toggle('away', one.isAway = true);  // until it is known what is in the pane
     }
     this.marks();
     this.on.drawn();

@@ -36,13 +36,13 @@ export function textDifference(before, after) {
   return html('div', {class: 'difference', tabindex: '0', role: 'group', 'aria-label': 'difference'}, ...shown);
 }
 
-// The file was changed on disk. Resolves to {text, over} to save, to {theirs: true}, or to null.
+// The file was changed on disk. Resolves to {text} to save, or to null.
 export async function conflictSheet(file, mine, theirs, merge) {
   const place = html('div', {class: 'merge'});
   const made = merge?.(place, theirs, mine);
   const parts = [html('p', {}, `${file} was changed on disk by another program. Nothing is written until you choose.`), html('p', {class: 'hint'}, made ? 'Left: on disk. Right: yours, which you can edit; the arrows take a part from disk.' : 'Removed lines are on disk only; added lines are yours.'), made ? place : textDifference(theirs, mine)];
   const value = await sheet(`${file}: changed on disk`, parts, [[made ? 'Save the Right Side' : 'Save Mine', 'mine', 'primary'], ['Take the Version on Disk', 'theirs', ''], ['Cancel', null, '']]);
-  return value === 'mine' ? {text: made ? made.text() : mine} : value === 'theirs' ? {text: theirs, isTheirs: true} : null;
+  return value === 'mine' ? {text: made ? made.text() : mine} : value === 'theirs' ? {text: theirs} : null;
 }
 
 export function keySheet(commands, place) {

@@ -552,7 +552,7 @@ class Studio {
 
   async complete(name, offset, isExplicit) {
     const file = this.open.get(name);
-    if (file?.language !== 'xml' || (!isExplicit && !/[<\w{"@]/.test(file.text[offset - 1] ?? ''))) return [];
+    if (!file || file.language === 'python' || (!isExplicit && !/[<\w{"@]/.test(file.text[offset - 1] ?? ''))) return [];
     await file.synced();
     return this.link.request('completions', {file: name, offset}).catch(() => []);
   }

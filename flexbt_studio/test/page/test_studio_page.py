@@ -71,6 +71,16 @@ def folder(tmp_path: Path) -> Path:
     return project
 
 
+TEXTS = """
+const pane = document.getElementById('graph-body').getBoundingClientRect(), wrong = [], shown = [];
+for (const one of document.querySelectorAll('#picture .node')) {
+  const box = one.querySelector('.box').getBoundingClientRect();
+  const text = getComputedStyle(one.querySelector('.type')).display !== 'none';
+  const isIn = box.right > pane.left && box.left < pane.right && box.bottom > pane.top && box.top < pane.bottom;
+  if (text) shown.push(one.dataset.path); else if (isIn) wrong.push(one.dataset.path);
+}
+return [wrong, shown];
+"""
 PANE = 'return document.activeElement.closest(".panel").id'
 
 
@@ -384,6 +394,25 @@ def test_a_link_opens_the_node_and_an_idle_page_asks_nothing(page: StudioPage, f
         shown = page.run('return performance.now()')
         page.until(lambda: page.run('return performance.now()') > shown + 300.0)
         assert page.run('return window.sent') == 0
+
+
+def test_all_nodes_in_the_pane_have_their_texts(page: StudioPage, folder: Path) -> None:
+    wide = '\n'.join(f'<Wait name="n{number}"/>' for number in range(60))
+    (folder / 'wide.xml').write_text(
+        f'<root BTCPP_format="4"><BehaviorTree ID="Wide"><Sequence>{wide}</Sequence></BehaviorTree></root>'
+    )
+    with served(folder, None) as port:
+        page.open(port, 'wide.xml')
+        shown = set()
+        for key in (Keys.ARROW_DOWN, Keys.ARROW_RIGHT, Keys.END, Keys.ARROW_UP, Keys.HOME):
+            page.press(key)
+            wrong, names = page.run(TEXTS)
+            assert wrong == []
+            shown |= set(names)
+            assert 0 < len(names) < 40
+        assert {'Wide/0/0', 'Wide/0/59'} <= shown
+        page.run('document.querySelector(".zoom > button:nth-child(2)").click()')  # all of it
+        page.until(lambda: page.run(TEXTS)[0] == [] and len(page.run(TEXTS)[1]) == 62)
 
 
 @pytest.mark.parametrize('scheme', ['light', 'dark'])
