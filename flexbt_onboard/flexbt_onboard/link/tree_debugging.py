@@ -99,7 +99,8 @@ class TreeDebuggingLink:
 
         def done(outcome: ServiceOutcome) -> None:
             response = outcome.response
-            reason = outcome.reason if response is None else response.message
+            late = f'{outcome.reason}; if the BT server has received it, it may have its effect later'
+            reason = late if response is None else response.message
             is_done = response is not None and response.success
             decided(CommandDecided(sent.id, None if is_done else reason or 'the BT server has refused it'))
 
