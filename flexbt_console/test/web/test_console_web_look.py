@@ -498,3 +498,42 @@ def test_the_log_is_filtered(browser: Browser) -> None:
         robot.mirror.receive_log(LogLine('e', 10, LogSeverity.INFO, 'late line 1', '', 'r1', 5.0))
         browser.until_text('log', 'late line 1')
         assert [one.split('  ')[-1] for one in browser.text('log').split('\n') if one] == ['line 1', 'late line 1']
+
+
+def test_on_a_phone_fingers_zoom_and_move_a_diagram_scroll_the_page_and_choose(browser: Browser) -> None:
+    robot = drawn_robot()
+    view = 'return document.querySelector("#machine svg").getAttribute("viewBox").split(" ").map(Number)'
+    middle = (
+        'arguments[0].scrollIntoView({block: "center"}); const box = arguments[0].getBoundingClientRect();'
+        'return [box.left + box.width / 2, box.top + box.height / 2]'
+    )
+
+    def touch(kind: str, *points: tuple[float, float]) -> None:
+        fingers = [{'x': x, 'y': y, 'id': number} for number, (x, y) in enumerate(points)]
+        browser.driver.execute_cdp_cmd('Input.dispatchTouchEvent', {'type': kind, 'touchPoints': fingers})
+
+    def slide(*ways: tuple[tuple[float, float], tuple[float, float]]) -> None:
+        touch('touchStart', *(start for start, _ in ways))
+        for part in range(1, 9):
+            touch('touchMove', *((x + dx * part / 8, y + dy * part / 8) for (x, y), (dx, dy) in ways))
+        touch('touchEnd')
+
+    with served({'robot': robot.station()}) as port, browser.emulated(390, 844, mobile=True):
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        until_drawn(browser)
+        x, y = browser.run(middle, browser.driver.find_element(By.ID, 'machine'))
+        before = browser.run(view)
+        slide(((x - 40, y), (-60, 0)), ((x + 40, y), (60, 0)))
+        browser.until(lambda: browser.run(view)[2] < before[2] / 2)
+        closer = browser.run(view)
+        slide(((x, y), (-60, 0)))
+        browser.until(lambda: browser.run(view)[0] > closer[0] + 1)
+        scrolled = browser.run('return scrollY')
+        slide(((x, y), (0, -100)))
+        browser.until(lambda: browser.run('return scrollY') > scrolled + 20)
+        assert robot.sent == []
+        browser.run('document.querySelector("#machine .zoom button:nth-child(2)").click()')
+        pill = browser.run(middle, browser.driver.find_element(By.CSS_SELECTOR, '#machine [id="s1o1"] rect'))
+        touch('touchStart', tuple(pill))
+        touch('touchEnd')
+        assert [(one.kind, one.outcome) for one in robot.wait_sent(1)] == [(CommandKind.FORCE, 'failed')]

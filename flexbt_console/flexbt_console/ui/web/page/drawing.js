@@ -113,7 +113,7 @@ export function spread(svg) {
   const grow = Number(svg.style.getPropertyValue('--grow')) || 1;
   if (svg.dataset.spread === String(grow)) return;
   svg.dataset.spread = String(grow);
-  const taken = [...svg.querySelectorAll('.State')].map((state) => state.getBBox()).map(({x, y, width, height}) => ({left: x, top: y, w: width, h: height}));
+  const taken = [...svg.querySelectorAll('.State, .Outcome')].map((state) => state.getBBox()).map(({x, y, width, height}) => ({left: x, top: y, w: width, h: height}));
   const pills = [...svg.querySelectorAll('.choice > rect')].map((rect) => [rect.parentNode, rect.getBBox()]).sort(([, a], [, b]) => a.y - b.y);
   for (const [edge, {x, y, width, height}] of pills) {
     const [w, h] = [width * grow, height * grow];
