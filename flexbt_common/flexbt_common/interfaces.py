@@ -153,6 +153,8 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         to=(ONBOARD_EXECUTIVE,),
     ),
     *_services(names.CONTROL_TREE, by=(BT_SERVER,), to=(ONBOARD_EXECUTIVE,)),
+    *_services(names.GET_TREE_BLACKBOARD, by=(BT_SERVER,), to=CONSOLES),
+    *_topics(names.TREE_DEBUGGING, by=(BT_SERVER,), to=(ONBOARD_EXECUTIVE,)),
     *_topics(names.TREE_STRUCTURE, names.TREE_STATUS, by=(BT_SERVER,), to=(*CONSOLES, RECORDER)),
     *_topics('/diagnostics', by=(BT_SERVER, ONBOARD_EXECUTIVE)),
     # Interfaces of the BT server for Nav2's clients
@@ -164,7 +166,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         to=(BT_SERVER, ONBOARD_EXECUTIVE, STOP_GUARD),
     ),
     *_topics(names.GOAL_POSE, to=(BT_SERVER,)),
-    *_topics(names.BEHAVIOR_TREE_LOG, by=(BT_SERVER,)),
+    *_topics(names.BEHAVIOR_TREE_LOG, names.BEHAVIOR_TREE_XML, by=(BT_SERVER,)),
     # Navigation
     *_actions(
         names.COMPUTE_PATH_TO_POSE,

@@ -206,7 +206,9 @@ class ServerParameters:
         is_fixed=True,
     )
     publish_statuses: bool = parameter(
-        'publish_statuses', True, f'whether {names.TREE_STRUCTURE} and {names.TREE_STATUS} are published'
+        'publish_statuses',
+        True,
+        f'whether {names.TREE_STRUCTURE}, {names.TREE_STATUS} and {names.BEHAVIOR_TREE_XML} are published',
     )
     navigators: NavigatorParameters
 
