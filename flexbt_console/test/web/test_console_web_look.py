@@ -424,6 +424,13 @@ def test_two_browsers_are_two_operators_and_each_is_asked_once(browser: Browser)
         browser.until_text('holder', 'you: ann')
         assert not browser.driver.find_element(By.ID, 'name-form').is_displayed()
         browser.until(lambda: [one for _, one in robots.present] == ['ann@desk/page'])
+    browser.until_text('link', 'NO SERVER')  # a name that is given now is used when the server is back
+    browser.run('document.getElementById("rename").click()')
+    browser.driver.find_element(By.ID, 'your-name').send_keys('ie', Keys.ENTER)
+    with served(robots, operator=lambda name: f'{name}@desk/page', port=port):
+        browser.until_text('holder', 'you: annie')
+        browser.until_live()
+        browser.until(lambda: [one for _, one in robots.present] == ['annie@desk/page'])
     with served({'robot': robot.station()}) as port:  # all are the operator of the server
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()

@@ -31,7 +31,7 @@ function copy(source) {
   return made;
 }
 
-export function svgElement(name, attributes, ...children) {
+function svgElement(name, attributes, ...children) {
   const made = document.createElementNS(SVG, name);
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   made.append(...children);

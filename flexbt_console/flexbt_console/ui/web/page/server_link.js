@@ -24,6 +24,7 @@ export class ServerLink {
   }
 
   open() {
+    clearTimeout(this.again);  // one connection, whoever opens it
     const address = new URL('link', location.href);
     address.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';
     address.search = location.search;
@@ -78,7 +79,7 @@ export class ServerLink {
     this.welcome = false;
     const {word, text} = this.refused ?? {word: 'NO SERVER', text: reason || 'the server of this page is gone'};
     this.on.state(false, word, text);
-    setTimeout(() => this.open(), this.refused ? REFUSED_WAIT_MS : this.wait);
+    this.again = setTimeout(() => this.open(), this.refused ? REFUSED_WAIT_MS : this.wait);
     this.refused = null;
     this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
   }
