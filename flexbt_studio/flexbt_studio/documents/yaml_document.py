@@ -378,15 +378,23 @@ class YamlDocument(MachineDocument):
     def _remove_entry(self, owner: Table, key: str) -> list[TextEdit]:
         return self.remove_items(owner, [next(n for n, one in enumerate(owner.items) if one.key == key)])
 
+    def remove_items(self, table: Table, indices: list[int]) -> list[TextEdit]:
+        edits = super().remove_items(table, indices)
+        if table.inner is None and len(indices) == len(table.items):  # the key of the table stays, and needs a value
+            line, written = self._line(self.row(table, 0).start), ''
+            while not written:
+                line -= 1
+                comment = self._comment_on_line(self._starts[line])
+                end = comment.start if comment else self._line_end(self._starts[line])
+                written = self.text[self._starts[line] : end].rstrip()
+            at = self._starts[line] + len(written)
+            edits.append(TextEdit(at, at, ' []' if table.mark else ' {}'))
+        return edits
+
     def removed(self, state: State) -> list[TextEdit]:
         parent = state.parent
         assert parent is not None
-        if len(parent.rows.items) > 1 or parent.rows.inner is not None:
-            return self.remove_items(parent.rows, [parent.children.index(state)])
-        states = parent.tables['content'].find('states')
-        assert states is not None
-        colon = self.text.index(':', states.key_span.end) + 1
-        return [TextEdit(colon, colon, ' {}'), TextEdit(*self.row(parent.rows, 0), '')]
+        return self.remove_items(parent.rows, [parent.children.index(state)])
 
     def _set_value(self, state: State, table: str, key: str, text: str | None) -> list[TextEdit]:
         """Set, add or (None) remove a value in a table of a state."""

@@ -343,6 +343,16 @@ def test_outcomes_are_removed_with_what_leads_to_them() -> None:
         done(PLAIN, 'remove_outcome', container='/Both', outcome='failed')
 
 
+def test_a_list_that_loses_all_its_rows_is_an_empty_list() -> None:
+    text = done(TEXTS['columns'], 'remove_state', state='/B')
+    assert data_of(text)['concurrency']['conditions'] == [{'outcome': 'done', 'when': {'A': 'done'}}]
+    text = done(TEXTS['columns'].replace('      A: done\n', ''), 'remove_state', state='/B')
+    assert data_of(text)['concurrency']['conditions'] == [] and '\n  conditions: []\n  states:\n' in text
+    text = 'machine:\n  outcomes:  # none: x\n\n    # one\n    - done\n  states: {}\n'
+    after = done(text, 'remove_outcome', container='/', outcome='done')
+    assert after == 'machine:\n  outcomes: []  # none: x\n  states: {}\n'
+
+
 def test_the_head_of_a_behavior() -> None:
     text = done(PLAIN, 'set_behavior', key='name', text='Yes: 1')
     assert text == "behavior:\n  name: 'Yes: 1'\n" + PLAIN
