@@ -37,8 +37,8 @@ export class Jobs {
     byId('runs').append(
       section('prove-job', 'Proof', html('div', {class: 'buttons'}, button('prove', 'Prove', () => this.prove()), option('prove-on-save', 'on each save', this.isOnSave, (isOn) => { this.isOnSave = isOn; studio.remember('prove-on-save', isOn); }), option('tint-never', 'tint what is never reached', this.tintsNever = true, (isOn) => { this.tintsNever = isOn; })),
         html('p', {id: 'proof-told', class: 'hint'}), html('ul', {id: 'proof-list', class: 'list'}), field('requirements', 'Requirements, one a line', 'never =FAILURE', 'require')),
-      section('compare-job', 'What This Change Does', html('div', {class: 'buttons'}, button('compare', 'Compare with the Disk', () => this.compare())), html('div', {id: 'compare-told'})),
-      section('run-job', 'Dry Run', html('div', {class: 'buttons'}, html('select', {id: 'run-tree', 'aria-label': 'tree', onchange: () => { this.rowsOf = null; this.show(); }}), button('run', 'Run', () => this.dryRun()), button('copy-plan', 'Copy the Plan', () => { navigator.clipboard?.writeText(this.plan()); studio.told('Plan copied: bt_tool run FILE --mock mocks.yaml does the same'); }), option('tint-dry', 'tint what no run has reached', this.tintsDry = false, (isOn) => { this.tintsDry = isOn; })),
+      section('compare-job', 'What This Change Does', html('div', {class: 'buttons'}, button('compare', 'Compare with Disk', () => this.compare())), html('div', {id: 'compare-told'})),
+      section('run-job', 'Dry Run', html('div', {class: 'buttons'}, html('select', {id: 'run-tree', 'aria-label': 'tree', onchange: () => { this.rowsOf = null; this.show(); }}), button('run', 'Run', () => this.dryRun()), button('copy-plan', 'Copy Plan', () => { navigator.clipboard?.writeText(this.plan()); studio.told('Plan copied: bt_tool run FILE --mock mocks.yaml does the same'); }), option('tint-dry', 'tint what no run has reached', this.tintsDry = false, (isOn) => { this.tintsDry = isOn; })),
         html('div', {id: 'mocks'}), field('board', 'Blackboard, one KEY: VALUE a line', 'speed: 0.5', 'board'), html('p', {id: 'run-told', class: 'hint'}), html('ol', {id: 'run-lines', class: 'list mono'})));
     for (const one of byId('runs').querySelectorAll('details')) one.addEventListener('toggle', () => this.show());
     byId('proof').addEventListener('click', () => (this.proofs.has(studio.file?.name) ? this.open('prove-job') : this.prove()));
@@ -128,7 +128,8 @@ export class Jobs {
   async prove(file = this.studio.file, isQuiet = false) {
     if (!file) return;
     if (!isQuiet) this.open('prove-job');
-    const require = this.studio.remembered(`require-${file.name}`, '').split('\n').map((line) => line.trim()).filter(Boolean);
+    const text = file === this.studio.file ? byId('requirements').value : this.studio.remembered(`require-${file.name}`, '');
+    const require = text.split('\n').map((line) => line.trim()).filter(Boolean);
     const read = async (entry) => {
       const [{proofs, findings}] = entry.event.result, places = await Promise.all(proofs.map((one) => this.placesOf(file, treeOf(one))));
       // One sub-tree may be used by several trees: never reached is what none of them reaches.
