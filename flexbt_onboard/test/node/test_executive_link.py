@@ -47,6 +47,9 @@ from flexbt_msgs.msg import (
     ExecutiveLog,
     ExecutiveStatus,
     PlaceList,
+    TreeBreakpoint,
+    TreeDebugging,
+    TreeHold,
 )
 from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.link.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
@@ -408,9 +411,18 @@ def test_every_field_of_the_status_is_told() -> None:
         bench.wait_for(lambda status: status.robot_pose == pose, 'pose')
         bench.start(autonomy=2)
         bench.wait_for(lambda status: status.decisions, 'the decision')
+        bench.applied(ExecutiveCommand.STEP_INTO, decision_id=bench.status.decisions[0].id)
+        bench.wait_for(lambda status: status.step, 'the step')
         bench.applied(ExecutiveCommand.LOCK, path='/Inner/A')
         bench.applied(ExecutiveCommand.BREAKPOINT, path='/Inner/A')
         bench.applied(ExecutiveCommand.AUTONOMY, path='/Inner', autonomy=1)
+        debugging = TreeDebugging(breakpoints=[TreeBreakpoint(path='a')], holds=[TreeHold(path='a')])
+        qos = names.transient_local_qos()
+        debugger = bench.console.call(
+            lambda: bench.console.node.create_publisher(TreeDebugging, names.TREE_DEBUGGING, qos)
+        )
+        debugger.publish(debugging)
+        bench.wait_for(lambda status: status.tree_breakpoints and status.tree_holds, 'what was set at trees')
         for operator in ('ann', 'bob'):
             bench.applied(ExecutiveCommand.CLAIM_AUTHORITY, operator_id=operator)
         bench.wait_for(lambda status: status.authority_requests, 'the request')
