@@ -129,14 +129,19 @@ export class Actions {
 
   async wrap() {
     const part = this.now();
-    if (!this.isTree || part?.kind !== 'node') { this.studio.told('Select a node to wrap it', 'warning'); return; }
+    if (!this.isTree) { await this.group(part); return; }
+    if (part?.kind !== 'node') { this.studio.told('Select a node to wrap it', 'warning'); return; }
     const chosen = await choose(`Wrap ${part.title} in`, this.studio.entries().filter((one) => ['control', 'decorator'].includes(one.kind)));
     if (!chosen) return;
     const values = Object.fromEntries((chosen.ports ?? []).filter((port) => port.required).map((port) => [port.name, '']));
     await this.run(() => ['wrap', {node: part.path, xml_type: chosen.label, values}], () => part.path, `${part.title} wrapped in ${chosen.label}`);
   }
 
-  unwrap() { const part = this.now(); return this.run(() => ['unwrap', {node: this.file.selected}], () => this.file.selected, `${part?.title}: its children took its place`); }
+  unwrap() {
+    const part = this.now();
+    if (!this.isTree) return this.run(() => ['ungroup', {state: part.path}], () => part.parent.path, `${part.title}: its states took its place`);
+    return this.run(() => ['unwrap', {node: this.file.selected}], () => this.file.selected, `${part?.title}: its children took its place`);
+  }
 
   async setType() {
     const part = this.now();
@@ -254,6 +259,12 @@ export class Actions {
     const pointing = part.parent?.children.some((one) => one.kind === 'state' && one !== part && one.data.transitions.some((way) => way.target === part.data.label));
     const instead = pointing ? await choose(`Transitions lead to ${part.title}. Where do they lead instead?`, this.targets(part)) : null;
     if (!pointing || instead) await this.run(() => ['remove_state', {state: part.path, instead: instead?.label ?? null}], () => part.parent.path, `${part.title} removed`);
+  }
+
+  async group(part) {
+    if (part?.kind !== 'state' || !part.parent) { this.studio.told('Select a state to put it into a machine of its own', 'warning'); return; }
+    const label = await ask(`Put ${part.title} into a machine`, '', 'Label of the new machine, which takes the place of the state.');
+    if (label) await this.run(() => ['group', {states: [part.path], label}], () => `${part.parent.path.replace(/\/$/, '')}/${label}`, `${part.title} is in ${label} now`);
   }
 
   renameState(part, label) { return this.run(() => ['rename_state', {state: part.path, label}], () => `${part.parent.path.replace(/\/$/, '')}/${label}`, `renamed to ${label}`); }
