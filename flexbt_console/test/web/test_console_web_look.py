@@ -427,6 +427,7 @@ def test_two_browsers_are_two_operators_and_each_is_asked_once(browser: Browser)
     browser.until_text('link', 'NO SERVER')  # a name that is given now is used when the server is back
     browser.run('document.getElementById("rename").click()')
     browser.driver.find_element(By.ID, 'your-name').send_keys('ie', Keys.ENTER)
+    robots = WebRobots({'robot': robot.station()})
     with served(robots, operator=lambda name: f'{name}@desk/page', port=port):
         browser.until_text('holder', 'you: annie')
         browser.until_live()
@@ -535,9 +536,9 @@ def test_on_a_phone_fingers_zoom_and_move_a_diagram_scroll_the_page_and_choose(b
         closer = browser.run(view)
         slide(((x, y), (-60, 0)))
         browser.until(lambda: browser.run(view)[0] > closer[0] + 1)
-        scrolled = browser.run('return scrollY')
+        scrolled = browser.run('addEventListener("scrollend", () => { window.rests = true; }); return scrollY')
         slide(((x, y), (0, -100)))
-        browser.until(lambda: browser.run('return scrollY') > scrolled + 20)
+        browser.until(lambda: browser.run('return window.rests === true && scrollY') > scrolled + 20)
         assert robot.sent == []
         browser.run('document.querySelector("#machine .zoom button:nth-child(2)").click()')
         pill = browser.run(middle, browser.driver.find_element(By.CSS_SELECTOR, '#machine [id="s1o1"] rect'))

@@ -90,6 +90,7 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
   }, {passive: false});
   svg.addEventListener('pointerdown', (event) => {
     if (event.button) return;
+    if (event.isPrimary) pointers.clear();  // the end of one that left the diagram at once was not seen
     pointers.set(event.pointerId, event);
     dragged = pointers.size > 1;
     if (pointers.size === 2) pinched = scale / spread();
