@@ -136,7 +136,7 @@ def test_nodes_of_users_that_cannot_be_destroyed_keep_nothing_from_its_end(capfd
     assert runtime.is_at_rest and not rclpy.ok()
     told = capfd.readouterr().err
     assert "Stubborn was not destroyed: ValueError('never')" in told
-    assert "PartlyMade was not destroyed: AttributeError(" in told
+    assert 'PartlyMade was not destroyed: AttributeError(' in told
     Node.destroy_node(kept[0])
 
 
