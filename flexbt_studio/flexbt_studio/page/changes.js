@@ -6,21 +6,25 @@
 
 const MOST_LINES = 2000;  // of each side of a difference that is compared line by line; beyond, it is one replacement
 
+// A text such as '5' is no number here, whatever JavaScript says of '5' > 0.
+const keeps = (step) => typeof step === 'number' && step > 0;
+const removes = (step) => typeof step === 'number' && step < 0;
+
 function builder() {
   const steps = [];
   return {
     steps,
-    keep(count) { if (count > 0) { if (steps.at(-1) > 0) steps[steps.length - 1] += count; else steps.push(count); } },
+    keep(count) { if (count > 0) { if (keeps(steps.at(-1))) steps[steps.length - 1] += count; else steps.push(count); } },
     insert(text) {
       if (!text) return;
       const last = steps.length - 1;
       if (typeof steps[last] === 'string') steps[last] += text;
-      else if (steps[last] < 0) {  // insertions come before removals, so that equal changes look equal
+      else if (removes(steps[last])) {  // insertions come before removals, so that equal changes look equal
         if (typeof steps[last - 1] === 'string') steps[last - 1] += text; else steps.splice(last, 0, text);
       } else steps.push(text);
     },
-    remove(count) { if (count > 0) { if (steps.at(-1) < 0) steps[steps.length - 1] -= count; else steps.push(-count); } },
-    done() { while (steps.at(-1) > 0) steps.pop(); return steps; },
+    remove(count) { if (count > 0) { if (removes(steps.at(-1))) steps[steps.length - 1] -= count; else steps.push(-count); } },
+    done() { while (keeps(steps.at(-1))) steps.pop(); return steps; },
   };
 }
 
@@ -55,7 +59,7 @@ export function toEdits(change) {
   let at = 0;
   for (const step of change) {
     const last = edits.at(-1);
-    if (step > 0) at += step;
+    if (keeps(step)) at += step;
     else if (typeof step === 'string') edits.push([at, at, step]);
     else { if (last?.[1] === at) last[1] -= step; else edits.push([at, at - step, '']); at -= step; }
   }
@@ -88,12 +92,12 @@ export function compose(first, second) {
   const made = builder(), a = reader(first), b = reader(second);
   let text = '';  // what is left of an insertion of the first
   for (;;) {
-    if (!text && a.step < 0) { made.remove(a.left); a.skip(); }
+    if (!text && removes(a.step)) { made.remove(a.left); a.skip(); }
     else if (typeof b.step === 'string') { made.insert(b.step); b.skip(); }
     else if (!text && typeof a.step === 'string') { text = a.step; a.skip(); }
     else if (!text && !a.more && !b.more) return made.done();
     else {
-      const count = Math.min(text ? text.length : a.left, b.left), isKept = b.step > 0;
+      const count = Math.min(text ? text.length : a.left, b.left), isKept = keeps(b.step);
       if (count === Infinity) return made.done();
       if (text) { if (isKept) made.insert(text.slice(0, count)); text = text.slice(count); }
       else { if (isKept) made.keep(count); else made.remove(count); if (a.more) a.take(count); }
@@ -112,9 +116,9 @@ export function transform(first, second) {
     else {
       const count = Math.min(a.left, b.left);
       if (count === Infinity) return [one.done(), two.done()];
-      if (a.step > 0 && b.step > 0) { one.keep(count); two.keep(count); }
-      else if (a.step < 0 && b.step > 0) one.remove(count);
-      else if (a.step > 0 && b.step < 0) two.remove(count);
+      if (keeps(a.step) && keeps(b.step)) { one.keep(count); two.keep(count); }
+      else if (removes(a.step) && keeps(b.step)) one.remove(count);
+      else if (keeps(a.step) && removes(b.step)) two.remove(count);
       if (a.more) a.take(count);
       if (b.more) b.take(count);
     }

@@ -3,7 +3,7 @@
 const c = await import('./changes.js');
 let seed = 7;
 const random = (most) => { seed = (seed * 1103515245 + 12345) % 2147483648; return Math.floor(seed / 65536) % most; };
-const word = () => Array.from({length: random(4)}, () => ['a', 'b', '\n', '🙂'][random(4)]).join('');
+const word = () => Array.from({length: random(4)}, () => ['a', '5', '-', '\n', '🙂'][random(5)]).join('');
 const edits = (text) => {
   const made = [];
   for (let at = 0; at <= text.length && random(4); ) {
