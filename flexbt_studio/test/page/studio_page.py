@@ -109,6 +109,14 @@ class StudioPage(Browser):
         )
         self.until_selected(path)
 
+    def tab_to(self, id: str) -> None:
+        """Press Tab until an element has the focus. Raises AssertionError if it never gets it."""
+        for _ in range(60):
+            if self.focused == id:
+                return
+            self.press('\ue004')
+        raise AssertionError(f'Tab does not lead to {id!r}, but to {self.focused!r}')
+
     def has_changes(self) -> bool:
         """Return whether the head shows unsaved changes."""
         return self.text('difference') == 'Unsaved changes'

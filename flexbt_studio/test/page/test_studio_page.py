@@ -122,8 +122,7 @@ def test_a_tree_is_written_with_keys_alone(page: StudioPage, folder: Path, edito
         page.press(Keys.ENTER)
         page.until(lambda: page.focused.startswith('field-'))
         page.until(lambda: page.run('return document.getElementById("field-goal") !== null'))
-        while page.focused != 'field-goal':
-            page.press(Keys.TAB)
+        page.tab_to('field-goal')
         page.chord(Keys.CONTROL, ' ')
         page.until(lambda: page.focused == 'choice-field')
         page.press('goal', Keys.ENTER)
