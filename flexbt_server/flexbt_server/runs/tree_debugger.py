@@ -76,7 +76,7 @@ class TreeDebugger:
         """Return a run that has not ended."""
         with self._lock:
             if run_id not in self._runs:
-                raise BreakpointError('the tree has just ended')
+                raise BreakpointError('the run has ended')
             return self._runs[run_id]
 
     def place(self, point: TreeBreakpoint, tree: NodesOfTree) -> None:

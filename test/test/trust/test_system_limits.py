@@ -47,6 +47,7 @@ CUTS_OFF = frozenset(
         names.EXECUTIVE_PRESENCE,
         names.EXECUTIVE_PING,
         names.EXECUTIVE_STATUS,
+        names.TREE_DEBUGGING,
         *map(names.alive_topic, NODES),
     )
 )
