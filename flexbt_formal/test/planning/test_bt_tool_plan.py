@@ -175,7 +175,7 @@ def test_a_goal_may_be_nested(mission: Path) -> None:
         ('robot_at(office)', 'robotatoffice', 'cup.yaml:3:1: start: robotatoffice: there is no predicate'),
         ('[not open(kitchen_door)]', '[not opn(kitchen_door)]', 'cup.yaml:12:1: disturbance: not opn(kitchen_door)'),
         ('[not open(kitchen_door)]', '[]', 'cup.yaml:12:1: disturbance without literals'),
-        ('start:', 'begin:', "cup.yaml:3:1: a mission cannot have 'begin'"),
+        ('start:', 'begin:', "cup.yaml:2:1: a mission cannot have 'begin'"),
         ('[cup_skills.yaml]', '[cup_skill.yaml]', 'cup.yaml:1:1: skills: there is no file '),
         ('[cup_skills.yaml]', 'cup_skills.yaml', 'cup.yaml:1:1: skills has to be a list'),
         (MISSION, '', 'cup.yaml:1:1: the text is empty'),
