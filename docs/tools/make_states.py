@@ -7,7 +7,6 @@ In a shell with the environment of the workspace.
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -19,6 +18,7 @@ from target import target
 import flexbt_flexbe.states
 import flexbt_states
 from flexbt_core.skills.skill import usual_outcome_class
+from flexbt_studio.documents.palette import declared
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'states.md'
 HEAD: Final = """\
@@ -40,9 +40,6 @@ OVERVIEW: Final = """\
 | State | Parameters | Reads | Writes | Outcomes |
 |---|---|---|---|---|"""
 
-_MARKS: Final = {'--': 'parameters', '>#': 'inputs', '#>': 'outputs', '<=': 'outcomes'}
-_ENTRY: Final = re.compile(r'^(--|>#|#>|<=)\s+(\S+)\s*(.*)$')
-
 
 @dataclass(frozen=True)
 class Declaration:
@@ -54,14 +51,7 @@ class Declaration:
 
 def declaration(state: type[Any]) -> Declaration:
     """Read the docstring of a state, in FlexBE's form."""
-    text: list[str] = []
-    entries: dict[str, list[tuple[str, str]]] = {kind: [] for kind in _MARKS.values()}
-    for line in inspect.cleandoc(state.__doc__ or '').splitlines():
-        found = _ENTRY.match(line.strip())
-        if found:
-            entries[_MARKS[found[1]]].append((found[2], found[3]))
-        else:
-            text.append(line)
+    text, entries = declared(state)
     return Declaration(' '.join(' '.join(text).split()).replace('``', '`'), entries)
 
 
@@ -87,7 +77,7 @@ def overview(module: Any, without: Any = None) -> Iterator[str]:
     yield OVERVIEW
     for state in states_of(module, without):
         entries = declaration(state).entries
-        cells = (', '.join(f'`{name}`' for name, _ in entries[kind]) for kind in _MARKS.values())
+        cells = (', '.join(f'`{name}`' for name, _ in entries[kind]) for kind in entries)
         names = sorted(name for name in module.__all__ if getattr(module, name) is state)
         yield f'| {", ".join(f"`{name}`" for name in names)} | {" | ".join(cells)} |'
 

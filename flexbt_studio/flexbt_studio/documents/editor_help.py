@@ -17,6 +17,7 @@ from flexbt_core.behavior_tree.model.definition import NodeManifest
 from flexbt_studio.errors import StudioError
 
 from .diagnostics import TREE_ID
+from .machine_document import LEVELS
 from .palette import node_type
 from .project import Project
 from .text import Span, TextEdit
@@ -362,9 +363,6 @@ class MachineHelp:
             return None
         default = '' if parameter['required'] else f', default `{parameter["default"]}`'
         return Help(word, f'**{name}** ({parameter["type"]}{default})\n\n{parameter["description"]}')
-
-
-LEVELS: Final = ('off', 'low', 'high', 'full')
 
 
 def _outer_keys(text: str, start: int) -> list[str]:

@@ -62,7 +62,11 @@ def states(installed: Mapping[str, Callable[..., EventState]]) -> list[dict[str,
     return [_state(name, one) for one, name in sorted(names.items(), key=lambda entry: entry[1])]
 
 
-def _state(name: str, state: type[EventState]) -> dict[str, Any]:
+def declared(state: type[Any]) -> tuple[list[str], dict[str, list[tuple[str, str]]]]:
+    """Return what the docstring of a state declares: the lines of its text, and pairs of name and text by kind.
+
+    The kinds are parameters, inputs, outputs and outcomes. The form is FlexBE's.
+    """
     text: list[str] = []
     entries: dict[str, list[tuple[str, str]]] = {kind: [] for kind in _MARKS.values()}
     for line in inspect.cleandoc(state.__doc__ or '').splitlines():
@@ -70,6 +74,11 @@ def _state(name: str, state: type[EventState]) -> dict[str, Any]:
             entries[_MARKS[found[1]]].append((found[2], found[3]))
         else:
             text.append(line)
+    return text, entries
+
+
+def _state(name: str, state: type[EventState]) -> dict[str, Any]:
+    text, entries = declared(state)
     described = dict(entries['parameters'])
     return {
         'id': name,

@@ -53,11 +53,11 @@ class Workbench:
         self._registry = node_registry(lambda nodes, error: self.notes.append(f'without {nodes}: {error}'))
         self._skills: SkillLibrary = node_skills(self._registry, self.notes.append)
         classes, broken = installed_states()
-        self._states = classes
+        self._states = states(classes)
         self.notes += broken
         self._checker = Checker(self.project, self._registry, self._skills)
         self._help = TreeHelp(self.project, self._registry)
-        self._machine_help = MachineHelp(self.project, states(self._states))
+        self._machine_help = MachineHelp(self.project, self._states)
 
     def job_copy(
         self,
@@ -136,7 +136,7 @@ class Workbench:
             'project': self.project.root.name,
             'files': self.files(),
             'node_types': node_types(self._registry),
-            'states': states(self._states),
+            'states': self._states,
             'notes': self.notes,
         }
 
