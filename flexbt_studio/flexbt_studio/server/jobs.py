@@ -111,6 +111,7 @@ class Jobs:
                 *command, stdin=asyncio.subprocess.DEVNULL, stdout=pipe, stderr=pipe, cwd=copy.folder.name
             )
         )
+        ended: dict[str, Any] = {'state': 'canceled'}
         try:
             process = await asyncio.shield(starting)  # one that is cancelled while it starts is ended below
             async with asyncio.timeout(JOB_SECONDS):
@@ -120,14 +121,11 @@ class Jobs:
             if not result:
                 told = error.strip().splitlines()[-1:] or [f'the tool ended with code {code}']
                 raise StudioError(copy.shown(told[0]))
-            self._tell({**event, 'state': 'done', 'result': result})
-        except asyncio.CancelledError:
-            self._tell({**event, 'state': 'canceled'})
-            raise
+            ended = {'state': 'done', 'result': result}
         except TimeoutError:
-            self._tell({**event, 'state': 'failed', 'message': f'it took more than {JOB_SECONDS:g} s and was ended'})
+            ended = {'state': 'failed', 'message': f'it took more than {JOB_SECONDS:g} s and was ended'}
         except (OSError, ValueError, StudioError) as error:
-            self._tell({**event, 'state': 'failed', 'message': str(error)})
+            ended = {'state': 'failed', 'message': str(error)}
         finally:
             with contextlib.suppress(OSError):
                 process = await starting
@@ -136,6 +134,7 @@ class Jobs:
                         process.kill()
                     await process.wait()
             copy.folder.cleanup()
+            self._tell({**event, **ended})  # only now: its process is gone
 
 
 async def _read(stream: asyncio.StreamReader | None) -> str:
