@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from flexbt_console.ui.web.access import Access, WrongTokens
 from flexbt_core.values.text import one_line
 from flexbt_studio.errors import ConflictError, GestureError, StudioError
 
@@ -39,7 +38,6 @@ MESSAGE_BYTES: Final = 8 << 20
 MOST_WAITING: Final = 64
 """Maximum number of requests of one page that wait; more are refused."""
 SEND_SECONDS: Final = 20.0
-HELLO_SECONDS: Final = 10.0
 MACHINE_SECONDS: Final = 10.0
 """Time for the check of a machine, s; it makes the states."""
 CHECK_SECONDS: Final = 0.08
@@ -266,16 +264,3 @@ class Page:
 
 def _kind(error: StudioError) -> str:
     return {ConflictError: 'conflict', GestureError: 'gesture'}.get(type(error), 'refused')
-
-
-async def is_welcome(socket: web.WebSocketResponse, access: Access, wrong: WrongTokens, source: str) -> bool:
-    """Return whether the first message of a page has the token. Nothing is sent before that."""
-    with contextlib.suppress(asyncio.TimeoutError, TypeError, ValueError, AttributeError):
-        hello = json.loads(await socket.receive_str(timeout=HELLO_SECONDS))
-        while wait := wrong.wait(source):
-            await asyncio.sleep(wait)
-        if 'hello' in hello and access.knows_token(hello['hello']):
-            return True
-        wrong.note(source)
-    await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
-    return False

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, Final
 from aiohttp import web
 
 from flexbt_console.errors import UsageError
-from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
+from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, WrongTokens, greeting, guard, source_of
 
-from .session import MESSAGE_BYTES, Sessions, is_welcome
+from .session import MESSAGE_BYTES, Sessions
 from .workbench import Workbench
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class StudioServer:
     async def _open(self, request: web.Request) -> web.StreamResponse:
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         await socket.prepare(request)
-        if await is_welcome(socket, self._access, self._wrong, source_of(request.remote)):
+        if await greeting(socket, self._access, self._wrong, source_of(request.remote)) is not None:
             await self._sessions.serve(socket)
         return socket
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import hmac
 import ipaddress
 import secrets
@@ -11,13 +13,14 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 from urllib.parse import urlsplit
 
-from aiohttp import web
+from aiohttp import WSCloseCode, web
 from aiohttp.typedefs import Handler, Middleware
 
 from flexbt_console.errors import UsageError
+from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import short_repr
 
 CLOSED_HEADERS: Final = {
@@ -118,6 +121,30 @@ class Access:
         host = {'0.0.0.0': socket.gethostname(), '::': socket.gethostname()}.get(self.address, self.address)  # noqa: S104
         shown = f'[{host}]' if ':' in host else host
         return f'http://{shown}:{port}/' + (f'#token={self.token}' if self.token else '')
+
+
+HELLO_SECONDS: Final = 10.0
+"""Time for the first message of a page, s."""
+
+
+async def greeting(
+    socket: web.WebSocketResponse, access: Access, wrong: WrongTokens, source: str
+) -> dict[str, Any] | None:
+    """Return the first message of a page if it has the token; else close the WebSocket and return None.
+
+    Nothing is sent before that.
+    """
+    with contextlib.suppress(TimeoutError, TypeError, ValueError, RecursionError):
+        hello = load_json(await socket.receive_str(timeout=HELLO_SECONDS))
+        if not isinstance(hello, dict):
+            raise TypeError
+        while wait := wrong.wait(source):
+            await asyncio.sleep(wait)
+        if 'hello' in hello and access.knows_token(hello['hello']):
+            return hello
+        wrong.note(source)
+    await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
+    return None
 
 
 def guard(access: Access) -> Middleware:

@@ -25,7 +25,7 @@ from flexbt_core.clock.clock import SteadyClock
 from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import escape_lines, one_line
 
-from .access import Access, WrongTokens
+from .access import Access, WrongTokens, greeting
 from .drawings import NO_DRAWING, Drawings, machine_drawing
 from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
 from .requests import BURST, RATE, PageRequest, Told, answered, folded_paths, operator_name, read
@@ -33,7 +33,6 @@ from .requests import BURST, RATE, PageRequest, Told, answered, folded_paths, op
 PULSE: Final = 1.0
 """Seconds after which a page gets a message in any case: without it, it takes the server for lost."""
 
-HELLO_SECONDS: Final = 10.0
 SEND_SECONDS: Final = 10.0
 MOST_AT_ONCE: Final = 4
 """Requests of a page that wait for the robot or the simulator at the same time; more are refused."""
@@ -97,16 +96,10 @@ class PageLink:
 
     async def is_welcome(self, access: Access, wrong: WrongTokens) -> bool:
         """Return whether the first message has the token. Nothing is sent before that."""
-        with contextlib.suppress(asyncio.TimeoutError, TypeError, ConsoleError):
-            hello = read(await self._socket.receive_str(timeout=HELLO_SECONDS))
-            while wait := wrong.wait(self.source):
-                await asyncio.sleep(wait)
-            if 'hello' in hello and access.knows_token(hello['hello']):
-                self.operator = operator_name(hello)
-                return True
-            wrong.note(self.source)
-        await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
-        return False
+        hello = await greeting(self._socket, access, wrong, self.source)
+        if hello is not None:
+            self.operator = operator_name(hello)
+        return hello is not None
 
     async def refuse(self, word: str, text: str, robots: Sequence[RobotOverview] = ()) -> None:
         """Send an accepted page the reason why it shows no robot, and the list of robots. The page retries."""
