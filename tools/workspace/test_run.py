@@ -9,7 +9,7 @@ import sys
 import time
 import xml.etree.ElementTree as ElementTree  # of files that our own pytest runs wrote
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,6 +33,9 @@ LONGEST = (
 """The packages whose tests take longest, in the order in which they begin: first those that mostly wait (for processes,
 deadlines, other nodes), last those that only compute, so that the processors are busy up to the end."""
 SPREAD = LONGEST[0]  # takes far longer than any other: a worker of pytest for each processor
+MOST_UNSTEADY = 8
+"""Maximum number of failed tests that get a second try, one package at a time: on a busy machine even a generous
+deadline may pass, but not those of many tests. One that passes then is told as UNSTEADY, with its first failure."""
 SKIPPED_IN_CI = {
     'clone of ros-navigation/navigation2': 'the sources of Nav2 are not a dependency',
     'empty parameter set for (branch)': 'the same, for each branch of Nav2',
@@ -90,14 +93,17 @@ VARIANTS = (
 
 @dataclass
 class Tally:
-    """The numbers of checks that passed and were skipped, and what failed (one line each)."""
+    """The numbers of checks that passed and were skipped, and what failed, or passed in a second try only (one line
+    each)."""
 
     passed: int = 0
     skipped: int = 0
     failures: list[str] = field(default_factory=list)
+    unsteady: list[str] = field(default_factory=list)
 
     def summary(self) -> str:
-        return f'{self.passed} passed, {len(self.failures)} failed, {self.skipped} skipped'
+        second = f', {len(self.unsteady)} of them in a second try' if self.unsteady else ''
+        return f'{self.passed} passed{second}, {len(self.failures)} failed, {self.skipped} skipped'
 
 
 def run(workspace: Workspace) -> int:
@@ -106,15 +112,17 @@ def run(workspace: Workspace) -> int:
     runs = [_Run(workspace, package) for package in packages.values()]
     runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
     runs.sort(key=lambda run: run.rank)
-    failed_checks = _finish(runs, time.monotonic() + DEADLINE, lambda: failing_checks(workspace, alone=False))
+    deadline = time.monotonic() + DEADLINE
+    failed_checks = _finish(runs, deadline, lambda: failing_checks(workspace, alone=False))
+    _try_again(runs, deadline)
     tally = Tally(passed=len(all_checks(workspace)) - len(failed_checks))
     tally.failures += [f'FAILED lint: {name}' for name in failed_checks]
     _show_results(workspace)
     for one in runs:
         one.count(tally)
 
-    for failure in tally.failures:
-        print(failure)
+    for line in (*tally.unsteady, *tally.failures):
+        print(line)
     print(tally.summary(), flush=True)
     return 1 if tally.failures else 0
 
@@ -146,6 +154,21 @@ def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) ->
     return failed_checks
 
 
+def _try_again(runs: list[_Run], deadline: float) -> None:
+    """Give the tests that failed, if they are few, a second try: one package at a time, with the machine to itself."""
+    failed = [(one, one.failed()) for one in runs]
+    if sum(number for _, number in failed) > MOST_UNSTEADY:
+        return
+    for one, number in failed:
+        if number and time.monotonic() < deadline:
+            one.start(again=True)
+            try:
+                while not one.ended() and time.monotonic() < deadline:
+                    time.sleep(_POLL_SECONDS)
+            finally:
+                one.stop()
+
+
 class _Run:
     """The tests of one package. How each ended is in the result file; that they all did, in pytest's exit code."""
 
@@ -173,20 +196,28 @@ class _Run:
 
     def forget(self) -> None:
         """Remove the results of an earlier one."""
-        self._result_file.unlink(missing_ok=True)
+        for file in (self._result_file, self._second_file):
+            file.unlink(missing_ok=True)
 
-    def start(self) -> None:
-        """As `colcon test` starts it, without colcon, which takes longer than the tests of many a package."""
-        workspace, variant, results = self._workspace, self._variant, self._result_file
+    def start(self, again: bool = False) -> None:
+        """As `colcon test` starts it, without colcon, which takes longer than the tests of many a package.
+
+        `again`: only the tests that failed.
+        """
+        workspace, variant = self._workspace, self._variant
+        results = self._second_file if again else self._result_file
         command: list[str | Path] = ['python3', '-m', 'pytest', '--tb=short', f'--junit-xml={results}']
         command += [f'--junit-prefix={self._package.name}', '-o', f'cache_dir={results.with_name(".pytest_cache")}']
-        command += _in_parallel(workspace) if self.is_spread else []
+        if again:
+            command += ['--last-failed', '--last-failed-no-failures', 'none']
+        elif self.is_spread:
+            command += _in_parallel(workspace)
         command += [variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)] if variant else ['test']
         environment = {**workspace.environment, **(variant.environment if variant else {})}
         environment.pop('PYTHONDONTWRITEBYTECODE', None)  # or each pytest would rewrite the plug-ins that it loads anew
         self._log.parent.mkdir(parents=True, exist_ok=True)
         self._start = time.monotonic()
-        with self._log.open('wb') as output:
+        with self._log.open('ab' if again else 'wb') as output:
             self._process = subprocess.Popen(
                 [str(word) for word in workspace.inside(command)],
                 stdin=subprocess.DEVNULL,
@@ -196,7 +227,13 @@ class _Run:
                 cwd=self._package.path,
                 start_new_session=True,
             )
-        print(f'tests of {self}: begun', flush=True)
+        print(f'tests of {self}: {"those that failed, once more" if again else "begun"}', flush=True)
+
+    def failed(self) -> int:
+        """Return how many of its tests failed; 0 if it did not end as pytest does after the last test."""
+        own = Tally()
+        _count(self._result_file, self._package.name, '', own)
+        return 0 if self._bad_ending(own) else len(own.failures)
 
     def ended(self) -> bool:
         """Return whether it has; when it is seen for the first time, that is told."""
@@ -217,12 +254,13 @@ class _Run:
         """Add the results to the tally, and an end that leaves open what other tests there are."""
         label = f' [{self._variant}]' if self._variant else ''
         own = Tally()
-        _count(self._result_file, self._package.name, label, own)
+        _count(self._result_file, self._package.name, label, own, _passed(self._second_file))
         if ending := self._bad_ending(own):
             own.failures.append(f'FAILED {self._package.name}{label}: pytest {ending}, see {self._log}')
         tally.passed += own.passed
         tally.skipped += own.skipped
         tally.failures += own.failures
+        tally.unsteady += own.unsteady
 
     def _bad_ending(self, results: Tally) -> str:
         """Return how pytest ended, unless the results say so, too: 1 is that of failures, 5 that of nothing but
@@ -239,6 +277,10 @@ class _Run:
     @property
     def _result_file(self) -> Path:
         return self._results / self._package.name / 'pytest.xml'
+
+    @property
+    def _second_file(self) -> Path:
+        return self._result_file.with_name('pytest-second-try.xml')
 
     @property
     def _log(self) -> Path:
@@ -269,29 +311,50 @@ def _show_results(workspace: Workspace) -> None:
     )
 
 
-def _count(file: Path, package: str, label: str, tally: Tally) -> None:
+def _count(file: Path, package: str, label: str, tally: Tally, passed_later: Collection[str] = ()) -> None:
     """Add the results in a JUnit file to the tally. A file that is missing or damaged is a failure of the package.
 
-    The `label` tells the names of tests that run more than once apart.
+    The `label` tells the names of tests that run more than once apart. Tests in `passed_later` passed in a second try.
     """
     try:
-        cases = list(ElementTree.parse(file).iter('testcase'))  # noqa: S314
+        cases = _cases(file)
     except (OSError, ElementTree.ParseError) as error:
         tally.failures.append(f'FAILED {package}{label}: no result of its tests ({error})')
         return
-    for case in cases:
-        name = f'{case.get("classname", package)}.{case.get("name", "?")}'
-        problem = next((found for found in case if found.tag in ('failure', 'error')), None)
-        skipped = case.find('skipped')
+    for name, problem, skipped in cases:
         if problem is not None:
-            message = ' '.join(problem.get('message', '').split())[:_MESSAGE_WIDTH]
-            tally.failures.append(f'FAILED {name}{label}: {message}')
+            told = f'{name}{label}: {" ".join(problem.get("message", "").split())[:_MESSAGE_WIDTH]}'
+            if name in passed_later:
+                tally.passed += 1
+                tally.unsteady.append(f'UNSTEADY {told}')
+            else:
+                tally.failures.append(f'FAILED {told}')
         elif skipped is None:
             tally.passed += 1
         elif 'CI' not in os.environ or any(part in _reason(skipped) for part in SKIPPED_IN_CI):
             tally.skipped += 1
         else:
             tally.failures.append(f'FAILED {name}{label}: skipped in continuous integration: {_reason(skipped)}')
+
+
+def _passed(file: Path) -> set[str]:
+    """Return the names of the tests that passed, by a JUnit file; none if it is missing or damaged."""
+    try:
+        return {name for name, problem, skipped in _cases(file) if problem is None and skipped is None}
+    except (OSError, ElementTree.ParseError):
+        return set()
+
+
+def _cases(file: Path) -> list[tuple[str, ElementTree.Element | None, ElementTree.Element | None]]:
+    """Return each test in a JUnit file: its name, its failure or error, and its element `skipped`."""
+    return [
+        (
+            f'{case.get("classname")}.{case.get("name")}',
+            next((found for found in case if found.tag in ('failure', 'error')), None),
+            case.find('skipped'),
+        )
+        for case in ElementTree.parse(file).iter('testcase')  # noqa: S314
+    ]
 
 
 def _reason(skipped: ElementTree.Element) -> str:

@@ -223,6 +223,7 @@ class Navigators:
             NavigateToPose.Goal(pose=pose),
             on_done=self._goal_pose_ended,
             server_timeout=self._services.first_timeout,
+            accept_timeout=self._services.server_timeout,
         )
 
     def _goal_pose_ended(self, outcome: GoalOutcome) -> None:

@@ -127,6 +127,7 @@ class _Tour:
             on_done=arrived,
             on_feedback=lambda _: self.served.publish_feedback(FollowWaypoints.Feedback(current_waypoint=self._index)),
             server_timeout=self._follower.services.first_timeout,
+            accept_timeout=self._follower.services.server_timeout,
         )
 
     def _arrived(self, outcome: GoalOutcome) -> None:

@@ -282,6 +282,35 @@ def test_runs_of_tests_that_were_not_done_have_not_passed(tmp_path: Path, monkey
         assert f'FAILED {name}: pytest {ending}, see {tmp_path}/log/test-{name}.log' in said
 
 
+@pytest.mark.parametrize('most', [2, 1])
+def test_few_tests_that_fail_get_a_second_try_and_what_failed_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    (tmp_path / 'a' / 'test').mkdir(parents=True)
+    (tmp_path / 'a' / 'test' / 'test_a.py').write_text(
+        'from pathlib import Path\n'
+        'def run(name): Path(name).open("a").write("x"); return Path(name).read_text()\n'
+        'def test_passes(): assert run("passes") == "x"\n'
+        'def test_busy(): assert run("busy") == "xx"\n'
+        'def test_fails(): assert run("fails") == ""\n'
+    )
+    environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
+    workspace = cast(Workspace, SimpleNamespace(layout=Layout(tmp_path), inside=list, environment=environment))
+    monkeypatch.setattr(test_run, 'MOST_UNSTEADY', most)
+    runs = [test_run._Run(workspace, Package('a', tmp_path / 'a', 'ament_python'))]
+    test_run._finish(runs, time.monotonic() + TIMEOUT_S, list)
+    test_run._try_again(runs, time.monotonic() + TIMEOUT_S)
+    tally = test_run.Tally()
+    runs[0].count(tally)
+    told = [line.split(': ')[0].replace('a.test.test_a.test_', '') for line in (*tally.unsteady, *tally.failures)]
+    if most == 1:
+        assert told == ['FAILED busy', 'FAILED fails']
+    else:
+        assert told == ['UNSTEADY busy', 'FAILED fails']
+        assert tally.summary() == '2 passed, 1 of them in a second try, 1 failed, 0 skipped'
+    assert (tmp_path / 'a' / 'passes').read_text() == 'x', 'what passed is not run again'
+
+
 @pytest.mark.parametrize('is_ci', [False, True])
 def test_in_continuous_integration_only_known_reasons_skip_a_test(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_ci: bool
