@@ -54,7 +54,8 @@ def test_leaving_the_console_is_told_to_end_the_demonstration() -> None:
     file, *words = console_command()
     assert Path(file).is_file()
     assert words[:3] == ['screen', '--leaving', 'the demonstration ends']
-    assert page_command(8465)[1:4] == ['web', '--port', '8465']
+    folder = str(Path(__file__).parents[1] / 'flexbt_demo_behaviors')
+    assert page_command(8465)[1:6] == ['web', '--port', '8465', '--studio', folder]
 
 
 def test_a_places_file_without_places_is_refused(tmp_path: Path) -> None:

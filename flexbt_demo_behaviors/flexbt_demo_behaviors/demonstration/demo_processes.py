@@ -94,11 +94,16 @@ def console_command(leaving: str = 'the demonstration ends', namespace: str = ''
 
 
 def page_command(port: int) -> list[str]:
-    """Return the command line that serves the operator's page for a browser; empty if its library is missing."""
+    """Return the command line that serves the operator's page for a browser; empty if its library is missing.
+
+    With the package flexbt_studio, the studio has the files of the demonstrations.
+    """
     if importlib.util.find_spec('aiohttp') is None:
         return []
     executable, *parameters = Process('flexbt_console', 'console').command()
-    return [executable, 'web', '--port', str(port), *parameters]
+    folder = Path(__file__).resolve().parents[1]  # the sources, where the build only links to them
+    studio = ['--studio', str(folder)] if importlib.util.find_spec('flexbt_studio') else []
+    return [executable, 'web', '--port', str(port), *studio, *parameters]
 
 
 def demo_processes(settings: DemoSettings) -> tuple[Process, ...]:

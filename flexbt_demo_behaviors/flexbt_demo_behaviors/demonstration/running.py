@@ -12,6 +12,7 @@ import contextlib
 import math
 import os
 import random
+import secrets
 import signal
 import socket
 import subprocess
@@ -307,15 +308,19 @@ def _ignore_signals() -> None:
 
 
 def serve_page(group: ProcessGroup) -> str:
-    """Serve the operator's page of all robots and return its address; '' if aiohttp is missing."""
+    """Serve the operator's page of all robots, with the studio for the demonstrations if it is installed.
+
+    Return the address of the page, with its token; '' if aiohttp is missing.
+    """
     with socket.socket() as free:
         free.bind(('127.0.0.1', 0))
         port = free.getsockname()[1]
     command = page_command(port)
     if not command:
         return ''
-    group.start('web', command)
-    return f'http://127.0.0.1:{port}/'
+    token = secrets.token_urlsafe(9)
+    group.start('web', command, {**os.environ, 'FLEXBT_WEB_TOKEN': token})
+    return f'http://127.0.0.1:{port}/#token={token}'
 
 
 def page_line(page: str) -> str:
