@@ -14,10 +14,8 @@ const SLOP = 5;        // pixels that the pointer moves before it drags an item
 // first, in the order of the keys. on.select(path), on.fold(path), on.open(path), on.drop(from, to, zone), on.zones(from, to)
 // with the zones at which it may be dropped, on.problem(path) → text, on.drawn().
 export class Graph {
-  constructor(on) {
-    this.on = on;
-    this.pane = byId('graph-body');
-    this.picture = byId('picture');
+  constructor(on, pane = byId('graph-body'), picture = byId('picture')) {
+    Object.assign(this, {on, pane, picture});
     this.items = [];
     this.view = viewport(this.picture, {grows: SMALLEST, changed: () => this.cull()});
     this.byPath = new Map();
