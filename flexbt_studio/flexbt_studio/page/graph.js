@@ -5,7 +5,6 @@ import {byId, html, likeness, svg} from './choice.js';
 import {viewport} from './viewport.js';
 
 const FIND_MS = 900;   // letters that follow within this time search for one name
-const SMALLEST = 1.3;  // a picture that fits is drawn at most so much smaller
 const MARGIN = 80;     // units of the picture around the pane in which texts are kept
 const TINY = 0.4;      // pixels for a unit below which the second line of a node is left out
 const SLOP = 5;        // pixels that the pointer moves before it drags an item
@@ -17,7 +16,7 @@ export class Graph {
   constructor(on, pane = byId('graph-body'), picture = byId('picture')) {
     Object.assign(this, {on, pane, picture});
     this.items = [];
-    this.view = viewport(this.picture, {grows: SMALLEST, changed: () => this.cull()});
+    this.view = viewport(this.picture, {changed: () => this.cull()});
     this.byPath = new Map();
     this.selected = null;
     this.found = '';
@@ -104,9 +103,11 @@ export class Graph {
     }
   }
 
-  // Bring an item into the pane; a container by its title.
-  bring({element}) {
-    const target = element.matches('.container') ? element.querySelector('.type') : element;
+  // Bring an item into the pane; a container by its title, the outermost by where it begins.
+  bring(item) {
+    let first = item;
+    while (item.parent === null && first.element.matches('.container')) first = first.children.find((one) => one.state.initial && !one.way) ?? {element: first.element.querySelector('.type')};
+    const target = first.element.matches('.container') ? first.element.querySelector('.type') : first.element;
     this.view.reveal(target);
     const outer = this.pane.getBoundingClientRect(), inner = target.getBoundingClientRect();
     if (this.view.moved && outer.width && (inner.right < outer.left + 8 || inner.left > outer.right - 8 || inner.bottom < outer.top + 8 || inner.top > outer.bottom - 8)) this.view.fit();
@@ -216,5 +217,5 @@ export function widthOf(text, font) {
   }
   return width;
 }
-export const BOLD = '600 13px system-ui, sans-serif', SMALL = '11px system-ui, sans-serif';
+export const BOLD = '600 13px system-ui, sans-serif', SMALL = '12px system-ui, sans-serif';
 export const shortened = (text, most) => text.length > most ? `${text.slice(0, most - 1)}…` : text;

@@ -73,6 +73,6 @@ export function drawMachine(view, layout, folded) {
       lines.push(svg('g', {class: 'end', 'data-end': outcome, 'data-of': one.path}, svg('rect', {x: left, y: top, width: wide, height: high, rx: high / 2}), svg('text', {x: left + wide / 2, y: top + high / 2 + 4, 'text-anchor': 'middle'}, outcome)));
     }
   }
-  const arrow = svg('defs', {}, svg('marker', {id: 'arrow', viewBox: '0 0 8 8', refX: 7, refY: 4, markerWidth: 7, markerHeight: 7, orient: 'auto'}, svg('path', {d: 'M0 0L8 4L0 8z'})));
+  const arrow = svg('defs', {}, svg('marker', {id: 'arrow', viewBox: '0 0 8 8', refX: 7, refY: 4, markerWidth: 10, markerHeight: 10, markerUnits: 'userSpaceOnUse', orient: 'auto'}, svg('path', {d: 'M0 0L8 4L0 8z'})));
   return {items, parts: [arrow, ...backs, ...lines, ...fronts], box: {x: -8, y: -12, width: layout.width + 16, height: layout.height + 24}};
 }

@@ -6,7 +6,7 @@ import {widthOf} from './graph.js';
 
 const SIGNS = {RUNNING: '▶', SUCCESS: '✓', FAILURE: '✗', SKIPPED: '»', IDLE: '■', NEVER: '∅'};
 const WORDS = {IDLE: 'HALTED', NEVER: 'never'};
-const FONT = '600 11px system-ui, sans-serif';
+const FONT = '600 12px system-ui, sans-serif';
 const STEP_MS = 900, LEAST_MS = 60, PACE = 0.1;  // while it plays: for a moment without a time; at least; for each second of a run
 const RING_S = 300;                              // how much of a robot's past is kept
 
