@@ -21,6 +21,7 @@ setup(
     license='BSD-3-Clause',
     entry_points={
         'console_scripts': [],
+        'flexbt.behavior_hosts': ['flexbe = flexbt_flexbe.discovery:host'],
         'flexbt.behavior_sources': ['flexbe = flexbt_flexbe.discovery:entries'],
     },
 )

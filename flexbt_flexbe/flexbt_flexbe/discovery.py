@@ -14,6 +14,7 @@ import sys
 import textwrap
 import xml.etree.ElementTree as ElementTree  # of files of installed packages
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import ModuleType
@@ -79,6 +80,20 @@ def _entry(source: FlexbeManifest) -> BehaviorEntry:
         return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters, None, reason)
     make = partial(HostedBehavior, source, of_code)
     return BehaviorEntry(source.manifest.name, source.package, source.manifest, parameters + of_code, make)
+
+
+def host() -> Callable[[type[Any], Path], BehaviorEntry | None]:
+    """Install the shim. Return a function that makes the entry of a class of FlexBE in a file, without a manifest."""
+    shim.install()
+
+    def entry(found: type[Any], file: Path) -> BehaviorEntry | None:
+        if not issubclass(found, Behavior) or found is Behavior or found.create is Behavior.create:
+            return None
+        manifest = BehaviorManifest(found.__name__)
+        source = FlexbeManifest(file, found.__module__, found.__name__, manifest, frozenset(), ())
+        return replace(_entry(source), file=str(file))
+
+    return entry
 
 
 def _remedy(error: BaseException) -> str:

@@ -30,7 +30,7 @@ from . import proof_arguments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of a machine')
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml, .py, .py:CLASS) of one')
     add_parameters(parser)
     add_tree_files(parser)
     arguments.add_list(parser, '--given', 'KEY', 'key that is set on the blackboards from outside')
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--against',
         metavar='OLD',
-        help='previous version, an installed behavior or a file (.yaml): report how the behavior differs from it',
+        help='previous version, an installed behavior or a file (.yaml, .py): report how the behavior differs from it',
     )
     of_old = '--trees of the previous version (default: those of --trees)'
     arguments.add_list(parser, '--against-trees', 'FILE', of_old)

@@ -191,6 +191,7 @@ def test_wrong_calls_say_what_to_do(tmp_path: Path) -> None:
                 ('run_tree', {'files': ['deliver.xml'], 'mocks': {huge: ['SUCCESS']}}, 'at most 500 characters'),
                 ('draw_tree', {'file': 'deliver.xml', 'tree': 'Man'}, 'Main'),
                 ('check_behavior', {'behavior': '--help'}, 'not the name of a behavior'),
+                ('check_behavior', {'behavior': 'below/code.py'}, 'not the name of a behavior'),
                 ('prove_tree', {'files': ['deliver.xml'], 'faults': 4}, 'less than or equal to 3'),
             ]
             for tool, arguments, words in calls:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib.resources
+import inspect
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -40,7 +41,7 @@ class BehaviorEntry:
     """One installed behavior, usable when ``error`` is empty.
 
     ``name`` is the name in the manifest, or ``package/name`` if several entries use the same name. ``make`` makes a
-    new behavior. ``machine`` is the YAML text of a synthesized behavior.
+    new behavior. ``machine`` is the YAML text of a synthesized behavior. ``file`` is the Python file of its class.
     """
 
     name: str
@@ -50,6 +51,7 @@ class BehaviorEntry:
     make: Callable[[], Behavior] | None
     error: str = ''
     machine: str = ''
+    file: str = ''
 
     def instantiate(self) -> Behavior:
         """Make a new behavior.
@@ -177,9 +179,8 @@ def load_entry(point: EntryPoint) -> BehaviorEntry:
         behavior = loaded()
         if loaded.create is Behavior.create:
             raise TypeError(f'{point.value} does not implement create()')
-        return BehaviorEntry(
-            loaded.manifest.name, package, loaded.manifest, tuple(behavior.parameters.values()), loaded
-        )
+        parameters, file = tuple(behavior.parameters.values()), inspect.getfile(loaded)
+        return BehaviorEntry(loaded.manifest.name, package, loaded.manifest, parameters, loaded, file=file)
     except (Exception, SystemExit) as error:  # importing foreign code may raise anything
         name = point.name.replace('/', '_')
         text = str(error) if isinstance(error, MachineError) else described(error)
@@ -227,10 +228,14 @@ def _entries_of_source(point: EntryPoint) -> Iterator[BehaviorEntry]:
         yield BehaviorEntry(point.name, package, BehaviorManifest(point.name), (), None, described(error))
 
 
-def described(error: BaseException) -> str:
-    """Return the error on one line, with file and line if the code of the behavior raised it."""
+def described(error: BaseException, file: str = '') -> str:
+    """Return the error on one line, with its place in the code of the behavior: in ``file`` if it passed through it."""
     text = ' '.join(f'{type(error).__name__}: {error}'.split())
     frames = [frame for frame in traceback.extract_tb(error.__traceback__) if 'importlib' not in frame.filename]
-    if len(frames) <= 1:  # the code of the behavior did not raise it
+    own = [frame for frame in frames if frame.filename == file]
+    if isinstance(error, SyntaxError) and error.filename:
+        return f'{type(error).__name__}: {error.msg} ({error.filename}:{error.lineno})'
+    if len(frames) <= 1 and not own:  # the code of the behavior did not raise it
         return text
-    return f'{text} ({frames[-1].filename}:{frames[-1].lineno})'
+    place = (own or frames)[-1]
+    return f'{text} ({place.filename}:{place.lineno})'

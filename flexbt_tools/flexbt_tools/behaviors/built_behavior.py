@@ -3,11 +3,17 @@
 
 from __future__ import annotations
 
-import traceback
+import importlib
+import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
 from flexbt_common.files import resolve_file
@@ -19,7 +25,15 @@ from flexbt_core.state_machine.model.userdata import MachineError
 from flexbt_core.values.findings import FindingRecord
 from flexbt_core.values.text import did_you_mean
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
-from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary, machine_entry, new_behavior
+from flexbt_onboard.behaviors.behavior_library import (
+    ENTRY_POINT_GROUP,
+    BehaviorEntry,
+    BehaviorLibrary,
+    described,
+    load_entry,
+    machine_entry,
+    new_behavior,
+)
 from flexbt_onboard.behaviors.machine_behavior import installed_states
 from flexbt_onboard.behaviors.run_building import definition_of
 from flexbt_onboard.behaviors.run_context import building
@@ -32,6 +46,10 @@ from flexbt_tools.trees.files import read_library, shown_name
 
 from .findings import BROKEN_TREE, NO_TREE, Finding
 
+HOSTS_GROUP: Final = 'flexbt.behavior_hosts'
+"""Entry point group of functions that make another interface of behaviors importable. They return a function that takes
+a class and its file, and returns the entry of a behavior with that interface, or None."""
+_PYTHON_FILE: Final = re.compile(r'(.+\.py)(?::(\w+))?')
 _MAX_BYTES: Final = 4_000_000
 """Maximum size of the file of a machine, bytes."""
 
@@ -50,7 +68,7 @@ class BuiltBehavior:
 def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBehavior:
     """Build the machine of an installed behavior, as the executive does at a start."""
     try:
-        with building():
+        with building(), redirect_stdout(sys.stderr):  # what the code prints is no result of a tool
             behavior = entry.instantiate()
             behavior.set_arguments(arguments)
             return BuiltBehavior(entry.name, definition_of(behavior))
@@ -59,9 +77,7 @@ def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBe
     except OnboardError as error:
         return BuiltBehavior(entry.name, None, [str(error)])
     except Exception as error:  # code of the behavior
-        frame = traceback.extract_tb(error.__traceback__)[-1]
-        text = f'create() raised {type(error).__name__}: {error} ({frame.filename}:{frame.lineno})'
-        return BuiltBehavior(entry.name, None, [text])
+        return BuiltBehavior(entry.name, None, [f'create() raised {described(error, entry.file)}'])
 
 
 def machine_file(name: str) -> Path | None:
@@ -71,11 +87,67 @@ def machine_file(name: str) -> Path | None:
 
 
 def behavior_entry(name: str) -> BehaviorEntry:
-    """Return the installed behavior with this name, or the machine in this file. Raises UsageError."""
-    if machine_file(name) is None:
-        (entry,) = installed([name])
-        return entry
-    return machine_file_entry(name, read_text_file(name, _MAX_BYTES))
+    """Return the only behavior of :func:`behavior_entries`. Raises UsageError also if there are several."""
+    entry, *others = behavior_entries(name)
+    if others:
+        classes = ', '.join(one.name for one in (entry, *others))
+        raise UsageError(f'{name} has several behaviors: {classes}; name a class: {name}:CLASS')
+    return entry
+
+
+def behavior_entries(name: str) -> list[BehaviorEntry]:
+    """Return the installed behavior with this name, the machine in this file, or the behaviors of this Python file.
+
+    ``FILE.py:CLASS`` is one behavior of a Python file. Such a file is imported. Raises UsageError.
+    """
+    if machine_file(name) is not None:
+        return [machine_file_entry(name, read_text_file(name, _MAX_BYTES))]
+    found = _PYTHON_FILE.fullmatch(name)
+    return installed([name]) if found is None else _python_entries(Path(found[1]).resolve(), found[2] or '')
+
+
+def _python_entries(file: Path, wanted: str) -> list[BehaviorEntry]:
+    """Return the behaviors of a Python file, or that of its class ``wanted``. Raises UsageError."""
+    if not file.is_file():
+        raise UsageError(f'{file}: there is no such file')
+    hosts = [point.load()() for point in entry_points(group=HOSTS_GROUP)]
+    try:
+        with redirect_stdout(sys.stderr):
+            module = _imported(file)
+    except (Exception, SystemExit) as error:  # foreign code may raise anything
+        raise UsageError(f'it cannot be imported: {described(error, str(file))}') from error
+    found = []
+    for name, one in vars(module).items():
+        if not isinstance(one, type) or one.__module__ != module.__name__ or wanted not in ('', name):
+            continue
+        if issubclass(one, Behavior) and one.create is not Behavior.create:
+            found.append(load_entry(EntryPoint(name, f'{module.__name__}:{name}', ENTRY_POINT_GROUP)))
+        found += [entry for host in hosts if (entry := host(one, file)) is not None]
+    if not found:
+        raise UsageError(f'{file} has no class {wanted or "with create()"} that is derived from Behavior')
+    return found
+
+
+def _imported(file: Path) -> ModuleType:
+    """Import a file as a module of the packages around it, anew. Its package is before one that is installed."""
+    root, name = file.parent, file.stem
+    while (root / '__init__.py').is_file():
+        root, name = root.parent, f'{root.name}.{name}'
+    package = name.partition('.')[0]
+    others = set() if package != name else {one.name for one in root.glob('*.py')}
+    for known, module in list(sys.modules.items()):
+        is_other = Path(getattr(module, '__file__', None) or '').name in others and known not in sys.stdlib_module_names
+        if (package != name and known.partition('.')[0] == package) or (is_other and '.' not in known):
+            del sys.modules[known]
+    sys.path.insert(0, str(root))
+    importlib.invalidate_caches()
+    if package != name:
+        return importlib.import_module(name)
+    spec = spec_from_file_location(f'{name}_behavior' if name in sys.stdlib_module_names else name, file)
+    assert spec is not None and spec.loader is not None
+    sys.modules[spec.name] = module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def machine_file_entry(name: str, text: str) -> BehaviorEntry:

@@ -17,6 +17,7 @@ from flexbt_core.values.text_files import read_text
 from flexbt_tools.behaviors.built_behavior import (
     BuiltBehavior,
     UsedTrees,
+    behavior_entries,
     behavior_entry,
     build,
     installed,
@@ -87,7 +88,7 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
         'names',
         metavar='NAME',
         nargs='*',
-        help='installed behavior, or file (.yaml) of one (default: all installed)',
+        help='installed behavior, or file (.yaml, .py) of one (default: all installed); a Python file is imported',
     )
     add_parameters(parser)
     add_tree_files(parser)
@@ -100,7 +101,7 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
 def run_check(options: argparse.Namespace) -> ExitCode:
     registry = arguments.registry(options, allow_unknown=options.allow_unknown)
     skills = arguments.skill_library(options.skills, registry)
-    entries = [behavior_entry(name) for name in options.names] or installed([])
+    entries = [one for name in options.names for one in behavior_entries(name)] or installed([])
     arguments_of = parameters(options)
     reported = [
         Reported(one.rule, one.text(entry.name), one.to_json(entry.name))
@@ -114,7 +115,7 @@ def run_check(options: argparse.Namespace) -> ExitCode:
 
 
 def add_show_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of one')
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml, .py, .py:CLASS) of one')
     add_parameters(parser)
     arguments.add_json(parser)
 
@@ -162,7 +163,7 @@ def run_skills(options: argparse.Namespace) -> ExitCode:
 
 
 def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml) of one')
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml, .py, .py:CLASS) of one')
     add_parameters(parser)
     add_picture_arguments(parser)
     parser.add_argument('--no-trees', action='store_true', help='draw only the state machine')

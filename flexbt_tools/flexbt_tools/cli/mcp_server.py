@@ -344,7 +344,7 @@ class MissionTools:
     def _behavior(self, behavior: str) -> str:
         if behavior.endswith(_SUFFIXES):
             return self._files([behavior])[0]
-        if behavior.startswith('-'):
+        if behavior.startswith('-') or re.search(r'\.py(:\w*)?$', behavior):  # no code of the folder is run
             raise RefusedCall(f'{truncate_middle(behavior)!r} is not the name of a behavior')
         return behavior
 
