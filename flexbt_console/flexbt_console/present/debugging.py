@@ -24,19 +24,24 @@ def held_lines(snapshot: ExecutiveSnapshot) -> list[str]:
 
 
 def _held_text(hold: TreeHold, snapshot: ExecutiveSnapshot) -> str:
+    seconds = max(0.0, snapshot.stamp - hold.since)
+    goes_on = f'; still active: {", ".join(map(one_line, hold.not_paused))}' if hold.not_paused else ''
+    return held_text(hold, f'for {seconds:.0f} s', f'; "tree continue" goes on{goes_on}')
+
+
+def held_text(hold: TreeHold, since: str, goes_on: str = '') -> str:
+    """Return where a tree is held, ``since`` when and why, and how it ``goes_on``."""
     where = f'HELD before {one_line(hold.path)}' if hold.path else 'PAUSED'
     who = f' of {one_line(hold.operator)}' if hold.operator else ''
-    seconds = max(0.0, snapshot.stamp - hold.since)
     reason = '' if hold.reason == 'paused' else f' ({one_line(hold.reason)}{who})'
     who = f' by {one_line(hold.operator)}' if not reason and hold.operator else ''
-    goes_on = f'; still active: {", ".join(map(one_line, hold.not_paused))}' if hold.not_paused else ''
-    return f'tree {one_line(hold.tree)} {where} for {seconds:.0f} s{reason}{who}; "tree continue" goes on{goes_on}'
+    return f'tree {one_line(hold.tree)} {where} {since}{reason}{who}{goes_on}'
 
 
 def breakpoint_lines(snapshot: ExecutiveSnapshot) -> list[str]:
     """Return a line for each breakpoint, forced result and dummy in trees."""
     return [
-        Line(_breakpoint_text(point), Tone.WARNING if point.problem else Tone.PLAIN)
+        Line(breakpoint_text(point), Tone.WARNING if point.problem else Tone.PLAIN)
         for point in snapshot.tree_breakpoints
     ]
 
@@ -49,7 +54,8 @@ def breakpoint_summary(snapshot: ExecutiveSnapshot) -> list[str]:
     return [Line(text, Tone.WARNING if problems else Tone.DIM)] if count else []
 
 
-def _breakpoint_text(point: TreeBreakpoint) -> str:
+def breakpoint_text(point: TreeBreakpoint) -> str:
+    """Return what was set at a node of a tree, by whom and when."""
     where, tree = one_line(point.path), one_line(point.tree)
     result = _RESULTS.get(point.status, '?')
     condition = f' if {one_line(point.condition)}' if point.condition else ''
@@ -70,13 +76,18 @@ def marks_of_nodes(snapshot: ExecutiveSnapshot | None, run: MirroredTree) -> dic
     marks: dict[str, str] = {}
     for point in snapshot.tree_breakpoints if snapshot is not None else ():
         if point.tree == run.tree and point.path:
-            is_break = point.kind is BreakpointKind.BREAK
-            mark = 'breakpoint' if is_break else f'{point.kind.name.lower()} {_RESULTS.get(point.status, "?")}'
-            marks[point.path] = f'{marks.get(point.path, "")}  {mark}'
+            marks[point.path] = f'{marks.get(point.path, "")}  {mark_of(point)}'
     for hold in _holds(run, snapshot):
         if hold.path:
             marks[hold.path] = f'  HELD HERE{marks.get(hold.path, "")}'
     return marks
+
+
+def mark_of(point: TreeBreakpoint) -> str:
+    """Return what was set at a node, in two words at most."""
+    if point.kind is BreakpointKind.BREAK:
+        return 'breakpoint'
+    return f'{point.kind.name.lower()} {_RESULTS.get(point.status, "?")}'
 
 
 def debug_lines(run: MirroredTree, node: MirroredNode, *, has_marks: bool) -> dict[str, str]:

@@ -195,6 +195,19 @@ def test_everything_of_now_is_told() -> None:
     with_page(robot, look)
 
 
+def test_an_answer_is_a_value_for_a_page_that_wants_it() -> None:
+    async def look(opened: Page) -> None:
+        for more in ({}, {'data': 1}, {'data': True}):
+            await opened.socket.send_json({'do': 'structure', **more})
+        await opened.until(lambda: len([one for one in opened.messages if 'read' in one]) == 3)
+        read = [one['read'] for one in opened.messages if 'read' in one]
+        assert [sorted(one) for one in read] == [['text', 'title'], ['text', 'title'], ['data', 'text', 'title']]
+        drive = read[2]['data']['states'][1]
+        assert (drive['path'], drive['kind'], drive['transitions'][0]['target']) == ('/Drive', 'state', '/Ask')
+
+    with_page(WebRobot(is_drawn=True), look)
+
+
 def test_an_answer_tells_why_the_decision_has_waited() -> None:
     robot = WebRobot()
     robot.show(PLAN, OTHER)

@@ -208,7 +208,8 @@ class PageLink:
             elif isinstance(answer, dict):
                 await self._send(answer)
             elif answer is not None and answer.title:
-                await self._send({'read': {'title': answer.title, 'text': '\n'.join(answer.text)}})
+                data = {'data': answer.value} if message.get('data') is True else {}
+                await self._send({'read': {'title': answer.title, 'text': '\n'.join(answer.text), **data}})
             elif answer is not None:
                 await self._tell(answer.text, 'plain')
         except ConsoleError as error:

@@ -6,7 +6,7 @@ import {DecisionBar, element, plain} from './decision.js';
 import {LEAST, drawTree, has, keep, mark, offer, part, press, show, spread, statuses} from './drawing.js';
 import {RobotMap} from './map.js';
 import {panels} from './panels.js';
-import {ServerLink} from './server_link.js';
+import {operator, remember, remembered, ServerLink} from './server_link.js';
 import {viewport} from './viewport.js';
 
 const MOST_LOG = 500;
@@ -90,10 +90,6 @@ function drawPlan() {
   map.set('goal', goal ?? plan[plan.length - 1] ?? null);
   byId('map').hidden = !(byId('map-empty').hidden = map.hasContent());
 }
-
-// What the browser remembers of this page, if it does.
-const remembered = (key, usual) => { try { return JSON.parse(localStorage.getItem(`flexbt-${key}`)) ?? usual; } catch { return usual; } };
-const remember = (key, value) => { try { localStorage.setItem(`flexbt-${key}`, JSON.stringify(value)); } catch { /* not beyond this page then */ } };
 
 // Containers and sub-trees that are folded, by behavior or tree.
 const foldedOf = (key) => new Set([remembered('folded', {})[key] ?? []].flat());
@@ -316,11 +312,6 @@ function takeParts(parts) {
   choose();
 }
 
-// Who uses this browser is asked once; until then it has a name of its own, so that two browsers are two operators.
-const guest = remembered('guest', `guest-${Math.random().toString(36).slice(2, 6)}`);
-remember('guest', guest);
-const operator = () => remembered('operator', '') || guest;
-
 function askName(asks) {
   byId('name-form').hidden = !asks;
   byId('your-name').value = remembered('operator', '');
@@ -370,7 +361,7 @@ const link = new ServerLink({
     drawHead();
     choose();
   },
-}, operator);
+});
 byId('reset').addEventListener('click', panels(byId('panels'), 'flexbt', {
   wide: [['machine-pane'], ['map-pane', 'trees-pane', 'log-pane']],
   narrow: [['map-pane', 'machine-pane', 'trees-pane', 'log-pane']],

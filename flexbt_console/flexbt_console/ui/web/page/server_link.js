@@ -5,13 +5,21 @@ const SILENT_MS = 3500;
 const LONGEST_WAIT_MS = 5000;
 const REFUSED_WAIT_MS = 1000;  // the server is there: what it waits for is shown soon when it comes
 
+// What the browser remembers of the operator's page, if it does.
+export const remembered = (key, usual) => { try { return JSON.parse(localStorage.getItem(`flexbt-${key}`)) ?? usual; } catch { return usual; } };
+export const remember = (key, value) => { try { localStorage.setItem(`flexbt-${key}`, JSON.stringify(value)); } catch { /* not beyond this page then */ } };
+
+// Who uses this browser is asked once; until then it has a name of its own, so that two browsers are two operators.
+const guest = remembered('guest', `guest-${Math.random().toString(36).slice(2, 6)}`);
+remember('guest', guest);
+export const operator = () => remembered('operator', '') || guest;
+
 export class ServerLink {
   // on.parts(parts), on.message(message), on.map(head, cells), on.state(isOpen, word, text): while it is not open, what
   // is wrong, in a word and in a line.
-  // operator() is the name of who uses the page.
-  constructor(on, operator) {
-    this.on = on;
-    this.operator = operator;
+  // search() names the robot, path is that of the server's link for the page.
+  constructor(on, search = () => location.search, path = 'link') {
+    Object.assign(this, {on, search, path});
     this.wait = 250;
     this.socket = null;
     this.heard = 0;
@@ -25,9 +33,9 @@ export class ServerLink {
 
   open() {
     clearTimeout(this.again);  // one connection, whoever opens it
-    const address = new URL('link', location.href);
+    const address = new URL(this.path, location.href);
     address.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';
-    address.search = location.search;
+    address.search = this.search();
     address.hash = '';
     const socket = new WebSocket(address);
     socket.binaryType = 'arraybuffer';
@@ -35,7 +43,7 @@ export class ServerLink {
     this.welcome = false;
     this.heard = performance.now();
     const token = new URLSearchParams(location.hash.slice(1)).get('token');
-    socket.onopen = () => socket.send(JSON.stringify({hello: token, operator: this.operator()}));
+    socket.onopen = () => socket.send(JSON.stringify({hello: token, operator: operator()}));
     socket.onmessage = (event) => { if (this.socket === socket) this.take(event.data); };
     socket.onclose = (event) => { if (this.socket === socket) this.lost(event.reason); };
   }
