@@ -22,9 +22,10 @@ from flexbt_core.behavior_tree.engine.registry import node_skills
 from flexbt_onboard.behaviors.machine_behavior import installed_states
 from flexbt_server.node_types import node_registry
 from flexbt_studio.documents.diagnostics import Checker, Finding
-from flexbt_studio.documents.editor_help import Completion, MachineHelp, Place, TreeHelp
+from flexbt_studio.documents.editor_help import Completion, MachineHelp, TreeHelp
+from flexbt_studio.documents.names import Named, Names
 from flexbt_studio.documents.palette import states
-from flexbt_studio.documents.project import Project
+from flexbt_studio.documents.project import Place, Project
 from flexbt_studio.documents.text import Lines, Span, TextEdit
 from flexbt_studio.errors import StudioError
 
@@ -65,6 +66,7 @@ class FlexbtLanguageServer(LanguageServer):
     def _use(self, root: Path) -> None:
         self.project = Project(root)
         self.checker = Checker(self.project, self._registry, self._skills)
+        self.names = Names(self.project, self._registry, self.checker.trees, self._palette)
         self.trees = TreeHelp(self.project, self._registry)
         self.machines = MachineHelp(self.project, self._palette)
 
@@ -99,6 +101,11 @@ class FlexbtLanguageServer(LanguageServer):
     def offset(self, file: str, position: lsp.Position) -> int:
         """Return the offset of a position."""
         return Lines(self.project.text(file)).offset(position.line, position.character)
+
+    def named(self, document: lsp.TextDocumentIdentifier, position: lsp.Position) -> Named:
+        """Return what the name at a position means. Raises StudioError if there is none."""
+        file = self.file(document.uri)
+        return self.names.at(file, self.offset(file, position))
 
     def helper(self, file: str) -> TreeHelp | MachineHelp | None:
         """Return what helps in a file; None if nothing does."""
@@ -202,14 +209,23 @@ def make_server() -> FlexbtLanguageServer:
 
     @feature(lsp.TEXT_DOCUMENT_REFERENCES)
     def references(ls: FlexbtLanguageServer, asked: lsp.ReferenceParams) -> list[lsp.Location]:
-        file = ls.file(asked.text_document.uri)
-        return [ls.location(one) for one in ls.trees.uses(file, ls.offset(file, asked.position))]
+        return [
+            ls.location(Place(one.file, one.span))
+            for one in ls.names.uses(ls.named(asked.text_document, asked.position))
+        ]
 
-    @feature(lsp.TEXT_DOCUMENT_RENAME)
+    @feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
+    def prepare(ls: FlexbtLanguageServer, asked: lsp.PrepareRenameParams) -> lsp.PrepareRenameDefaultBehavior:
+        ls.named(asked.text_document, asked.position)
+        return lsp.PrepareRenameDefaultBehavior(default_behavior=True)
+
+    @feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
     def rename(ls: FlexbtLanguageServer, asked: lsp.RenameParams) -> lsp.WorkspaceEdit:
-        file = ls.file(asked.text_document.uri)
-        edits = ls.trees.rename(file, ls.offset(file, asked.position), asked.new_name)
-        return lsp.WorkspaceEdit({ls.uri(one): ls.edits(one, changes) for one, changes in edits.items()})
+        made = ls.names.rename(ls.named(asked.text_document, asked.position), asked.new_name)
+        for one in made.notes:
+            place = f'{one.file}:{Lines(ls.project.text(one.file)).position(one.span.start)[0] + 1}'
+            ls.window_log_message(lsp.LogMessageParams(lsp.MessageType.Info, f'not renamed: {place}: {one.text}'))
+        return lsp.WorkspaceEdit({ls.uri(one): ls.edits(one, edits) for one, edits in made.edits.items()})
 
     @feature(lsp.TEXT_DOCUMENT_CODE_ACTION, lsp.CodeActionOptions([lsp.CodeActionKind.QuickFix]))
     def fixes(ls: FlexbtLanguageServer, asked: lsp.CodeActionParams) -> list[lsp.CodeAction]:

@@ -191,7 +191,11 @@ def _file_entry(point: EntryPoint, package: str) -> BehaviorEntry:
     file = importlib.resources.files(point.module) / point.attr
     if not file.is_file():
         raise FileNotFoundError(f'{point.module} has no file {point.attr}; name it in package_data of setup.py')
-    return machine_entry(point.name, file.read_text('utf-8'), package, str(file))
+
+    def read() -> BehaviorEntry:
+        return machine_entry(point.name, file.read_text('utf-8'), package, str(file))
+
+    return replace(read(), make=lambda: read().instantiate())  # as the file is then, for a start or a switch
 
 
 def machine_entry(

@@ -122,6 +122,19 @@ def test_a_file_is_a_behavior_like_any_other(install: Install) -> None:
     assert definition_of(behavior).input_keys == ('start',)
 
 
+def test_a_changed_file_counts_from_the_next_start_or_switch(install: Install) -> None:
+    file = install('counts', {'count.yaml': COUNT, 'states.py': STATES}) / 'count.yaml'
+    entry = BehaviorLibrary.discover().find('Count')
+    file.write_text(COUNT.replace('[end, failed]', '[end, failed, given_up]'))
+    assert definition_of(entry.instantiate()).outcomes == ('end', 'failed', 'given_up')
+    file.write_text(COUNT.replace('AddState', 'AdState'))
+    with pytest.raises(MachineError, match=r"count\.yaml:21:14: /Add: there is no state 'AdState'"):
+        definition_of(entry.instantiate())
+    file.unlink()
+    with pytest.raises(FileNotFoundError):
+        entry.instantiate()
+
+
 def test_a_file_is_run_with_its_parameters_and_embedded(install: Install) -> None:
     install('counts', {'count.yaml': COUNT, 'twice.yaml': TWICE, 'states.py': STATES})
     library = BehaviorLibrary.discover()

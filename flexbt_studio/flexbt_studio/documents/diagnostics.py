@@ -7,7 +7,6 @@ import difflib
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Final
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
@@ -36,10 +35,10 @@ from flexbt_tools.trees.outline import Item, run_items
 from flexbt_tools.trees.stand_ins import OpenRegistry
 
 from .document import Document, Problem
-from .project import Project, document_for
+from .project import Place, Project, tree_places
 from .text import Span, TextEdit
+from .xml_document import XmlDocument
 
-TREE_ID: Final = re.compile(r'<BehaviorTree\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
 _MEANT: Final = re.compile(r"did you mean (?:\[([^\]]+)\]|'([^']+)')\?")
 _WORD: Final = re.compile(r'[\w.:/-]+')
 _LIKENESS: Final = 0.5
@@ -94,8 +93,6 @@ class TreeChecker:
         self._project = project
         self._registry = registry
         self._skills = skills
-        self._defined: dict[str, tuple[object, frozenset[str]]] = {}
-        """IDs of the trees of each file, with what tells whether the file has changed since."""
 
     def findings(self, file: str) -> list[Finding]:
         """Return the findings for an open file, in the order of their places. Raises StudioError if it is not open."""
@@ -146,9 +143,9 @@ class TreeChecker:
             library = read_library(list(files), OpenRegistry(self._registry), texts)
         except RefusedError:
             return
-        document = library.documents[shown_name(next(iter(files)))]
-        id = tree or document.main or next(iter(document.trees), '')
-        key = library.find(id, document.file)
+        read = library.documents[shown_name(next(iter(files)))]
+        id = tree or read.main or next(iter(read.trees), '')
+        key = library.find(id, read.file)
         if key is None:
             return
         views: dict[str, tuple[Places, list[dict[str, Any]]]] = {}
@@ -158,8 +155,8 @@ class TreeChecker:
             if name is None:
                 continue
             if name not in views:
-                text = self._project.text(name)
-                views[name] = Places(text), document_for(name, text).view()['nodes']
+                document = self._project.document(name)
+                views[name] = Places(document.text), document.view()['nodes']
             places, nodes = views[name]
             yield path, (name, _innermost(nodes, places.span(place).start)), item
 
@@ -202,46 +199,16 @@ class TreeChecker:
     def files(self, file: str) -> list[str]:
         """Return the file, then the files that define sub-trees of it and of one another; those nearest to it first."""
         wanted = [file]
-        owners: dict[str, str] | None = None
+        owners: dict[str, Place] | None = None
         for one in wanted:
-            missing = sub_trees(self._project.text(one)) - self._ids(one)
+            document = self._project.document(one)
+            assert isinstance(document, XmlDocument)
+            missing = {id for call in document.subtrees if document.definition(id := call.attributes.get('ID')) is None}
             if missing and owners is None:
-                owners = self._owners(file)
-            for id in sorted(missing):
-                owner = (owners or {}).get(id)
-                if owner is not None and owner not in wanted:
-                    wanted.append(owner)
+                owners = tree_places(self._project, file)
+            found = (owners[id].file for id in sorted(filter(None, missing)) if owners and id in owners)
+            wanted += [owner for owner in dict.fromkeys(found) if owner not in wanted]
         return wanted
-
-    def _owners(self, file: str) -> dict[str, str]:
-        """Return the file of each tree ID. If several have it, the one in the nearest folder counts."""
-        near = Path(file).parent
-        others = [one['file'] for one in self._project.files() if one['kind'] == 'trees']
-        owners: dict[str, str] = {}
-        for other in sorted(others, key=lambda one: (-len(_common(near, Path(one).parent)), one)):
-            for id in self._ids(other):
-                owners.setdefault(id, other)
-        return owners
-
-    def _ids(self, file: str) -> frozenset[str]:
-        opened = self._project.open_files.get(file)
-        if opened is not None:
-            stamp: object = opened.document
-        else:
-            status = self._project.path(file).stat()
-            stamp = status.st_mtime_ns, status.st_size
-        known = self._defined.get(file)
-        if known is None or known[0] != stamp:
-            known = self._defined[file] = stamp, frozenset(TREE_ID.findall(self._project.text(file)))
-        return known[1]
-
-
-_SUB_TREE: Final = re.compile(r'<SubTree(?:Plus)?\b[^>]*?\bID\s*=\s*["\']([^"\'<>&]+)["\']')
-
-
-def sub_trees(text: str) -> frozenset[str]:
-    """Return the IDs of the trees that a text uses as sub-trees."""
-    return frozenset(_SUB_TREE.findall(text))
 
 
 _ATTEMPTS: Final = 4
@@ -301,15 +268,6 @@ def without(text: str, view: Mapping[str, Any], refused: Collection[int]) -> tup
     close('')
     put('</BehaviorTree></root>' if tree is not None else '</root>')
     return ''.join(parts), origins
-
-
-def _common(one: Path, other: Path) -> list[str]:
-    shared = []
-    for left, right in zip(one.parts, other.parts, strict=False):
-        if left != right:
-            break
-        shared.append(left)
-    return shared
 
 
 class MachineChecker:

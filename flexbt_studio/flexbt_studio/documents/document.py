@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar, Final, TypeVar
 
 from flexbt_core.values.text import did_you_mean, short_repr
@@ -58,7 +59,11 @@ class Document:
         raise NotImplementedError
 
     def view(self) -> dict[str, Any]:
-        """Return the graph as JSON values, with the span of each part as ``[start, end]``."""
+        """Return the graph as JSON values, with the span of each part as ``[start, end]``. It is made once."""
+        return self._view
+
+    @cached_property
+    def _view(self) -> dict[str, Any]:
         raise NotImplementedError
 
     def gestures(self) -> Iterator[str]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an editor asks about a place in a text: completions, help, definitions, uses of a name, and new names.
+"""What an editor asks about a place in a text: completions, help and definitions.
 
 It works on the text around the place, so that it also helps in a text that cannot be read yet.
 """
@@ -9,21 +9,18 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import NodeManifest
-from flexbt_studio.errors import StudioError
 
-from .diagnostics import TREE_ID
 from .machine_document import LEVELS
 from .palette import node_type
-from .project import Project
-from .text import Span, TextEdit
+from .project import Place, Project, tree_places
+from .text import Span
+from .xml_document import XmlDocument
 
 _NAME: Final = re.compile(r'[\w:.-]*$')
-_KEY: Final = re.compile(r'\{([@\w][\w/.-]*)\}')
 _OPEN_ATTRIBUTE: Final = re.compile(r'([\w:.-]+)\s*=\s*(["\'])([^"\']*)$')
 _GIVEN: Final = re.compile(r'([\w:.-]+)\s*=\s*["\']')
 _CONDITIONS: Final = {
@@ -54,13 +51,6 @@ class Help(NamedTuple):
 
     span: Span
     text: str
-
-
-class Place(NamedTuple):
-    """A place in a file of the project."""
-
-    file: str
-    span: Span
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +144,7 @@ class TreeHelp:
 
     def _values(self, file: str, text: str, tag: _Tag, offset: int) -> Iterator[Completion]:
         if tag.name.startswith('SubTree') and tag.attribute == 'ID':
-            for id, place in sorted(self.trees().items()):
+            for id, place in sorted(tree_places(self._project, file).items()):
                 yield Completion(id, 'tree', place.file, '', tag.value, id)
             return
         written = text[tag.value.start : offset]
@@ -165,7 +155,9 @@ class TreeHelp:
             form = '{}' if closed >= 0 else '{}}}'
         else:
             span, form = tag.value, '{{{}}}'
-        for key in sorted(keys_of(text)):
+        document = self._project.open(file).document
+        assert isinstance(document, XmlDocument)
+        for key in sorted({use.key for tree in document.trees.values() for use in document.keys.readable(tree)}):
             yield Completion(f'{{{key}}}', 'key', 'key of the blackboard', '', span, form.format(key))
         manifest = self._manifest(text, tag)
         port = None if manifest is None else manifest.ports.get(tag.attribute)
@@ -203,58 +195,7 @@ class TreeHelp:
         if tag is None or not tag.name.startswith('SubTree'):
             return None
         id = re.compile(r'<[^<>]*?\bID\s*=\s*["\']([^"\'<>]+)').match(text, tag.start)
-        return None if id is None else self.trees(file).get(id[1])
-
-    def trees(self, near: str = '') -> dict[str, Place]:
-        """Return where each tree of the project is defined. If several have an ID, that in the file ``near`` counts."""
-        found: dict[str, Place] = {}
-        files = [one['file'] for one in self._project.files() if one['kind'] == 'trees']
-        nearest = Path(near).parent
-        for file in sorted(files, key=lambda one: (one != near, Path(one).parent != nearest, one)):
-            for match in TREE_ID.finditer(self._project.text(file)):
-                found.setdefault(match[1], Place(file, Span(*match.span(1))))
-        return found
-
-    def uses(self, file: str, offset: int) -> list[Place]:
-        """Return where the key or the tree at an offset is used: a key in its file, a tree in the whole project."""
-        text = self._project.open(file).document.text
-        word = _word_at(text, offset)
-        name = text[word.start : word.end]
-        if not name:
-            return []
-        if self._is_tree(text, word):
-            files = [one['file'] for one in self._project.files() if one['kind'] == 'trees']
-            return [Place(one, span) for one in files for span in tree_uses(self._project.text(one), name)]
-        return [Place(file, span) for span in key_uses(text, name)]
-
-    def rename(self, file: str, offset: int, new: str) -> dict[str, list[TextEdit]]:
-        """Return the edits of each file that give the key or tree at an offset another name.
-
-        Raises:
-            StudioError: there is nothing to rename there, or the name is not allowed or taken.
-        """
-        text = self._project.open(file).document.text
-        word = _word_at(text, offset)
-        is_tree = self._is_tree(text, word)
-        if not re.fullmatch(r'[\w.-]+' if is_tree else r'@?[A-Za-z_][\w/.-]*', new):
-            raise StudioError(f'{new!r} cannot be a name here; use letters, digits, _ , - and .')
-        if is_tree and new in self.trees():
-            raise StudioError(f'there is a tree {new} already, in {self.trees()[new].file}; choose another name')
-        if not is_tree and new in keys_of(text):
-            raise StudioError(f'the key {new} is used in {file} already; choose another name')
-        edits: dict[str, list[TextEdit]] = {}
-        for place in self.uses(file, offset):
-            edits.setdefault(place.file, []).append(TextEdit(*place.span, new))
-        if not edits:
-            raise StudioError('there is no key and no tree at this place')
-        return edits
-
-    def _is_tree(self, text: str, word: Span) -> bool:
-        tag = _tag_at(text, word.end)
-        if tag is None:
-            return False
-        is_id = tag.attribute == 'ID' and (tag.name == 'BehaviorTree' or tag.name.startswith('SubTree'))
-        return is_id or tag.attribute == 'main_tree_to_execute'
+        return None if id is None else tree_places(self._project, file).get(id[1])
 
     def _manifest(self, text: str, tag: _Tag) -> NodeManifest | None:
         name = re.compile(r'[\w:.-]*').match(text, tag.start + 1)
@@ -273,34 +214,6 @@ def type_help(manifest: NodeManifest) -> str:
     lines += ['\n'.join(ports)] if ports else []
     lines += [f'```xml\n{described["example"].strip()}\n```'] if described['example'] else []
     return '\n\n'.join(line for line in lines if line)
-
-
-def keys_of(text: str) -> frozenset[str]:
-    """Return the blackboard keys that a text of trees names as ``{key}``."""
-    return frozenset(_KEY.findall(text))
-
-
-def key_uses(text: str, key: str) -> list[Span]:
-    """Return where a text of trees names a key: as ``{key}``, and as a word in scripts."""
-    found = [Span(match.start(1), match.end(1)) for match in _KEY.finditer(text) if match[1] == key]
-    word = re.compile(rf'(?<![\w.@{{]){re.escape(key)}(?![\w}}])')
-    for script in _SCRIPT.finditer(text):
-        bare = re.sub(r"'[^']*'", lambda quoted: ' ' * len(quoted[0]), script[2])
-        found += [Span(script.start(2) + match.start(), script.start(2) + match.end()) for match in word.finditer(bare)]
-    return sorted(set(found))
-
-
-_SCRIPT: Final = re.compile(rf'\b(code|if|{"|".join(_CONDITIONS)})\s*=\s*"([^"]*)"')
-
-
-def tree_uses(text: str, id: str) -> list[Span]:
-    """Return where a text defines a tree, runs it as a sub-tree, and names it as its main tree."""
-    name = re.escape(id)
-    pattern = re.compile(
-        rf'<(?:BehaviorTree|SubTree\w*)\b[^<>]*?\bID\s*=\s*["\']({name})["\']|'
-        rf'\bmain_tree_to_execute\s*=\s*["\']({name})["\']'
-    )
-    return [Span(*match.span(match.lastindex or 0)) for match in pattern.finditer(text)]
 
 
 def _word_at(text: str, offset: int) -> Span:

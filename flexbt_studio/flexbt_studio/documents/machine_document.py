@@ -37,7 +37,6 @@ CONTAINERS: Final = ('machine', 'concurrency', 'priority')
 """Kinds of states that contain others."""
 
 _NOWHERE: Final = Span(0, 0)
-_LINE_BREAK: Final = re.compile(r'\r\n?|\n')
 _LONG: Final = 1000  # characters before a state in its line: such a line is data, and has no comments of states
 _MOST_SUGGESTED: Final = 1000  # names among which a similar one is looked for: it takes long
 _COMMA: Final = re.compile(r'[ \t]*,')
@@ -97,6 +96,8 @@ class State:
     label_span: Span
     path: str = ''
     type: str = ''
+    type_span: Span = _NOWHERE
+    """Where its class or behavior is named."""
     children: list[State] = field(default_factory=list)
     rows: Table = field(default_factory=Table)
     """The items of the children; one for each that can be edited."""
@@ -143,8 +144,8 @@ class MachineDocument(Document):
 
     def __init__(self, text: str, file: str = '') -> None:
         super().__init__(text, file)
-        self._starts = [0, *(match.end() for match in _LINE_BREAK.finditer(text))]
-        self.nl = Lines(text).line_break()
+        self.lines = Lines(text)
+        self.nl = self.lines.line_break()
         self.comments: dict[int, int] = {}
         """Begin and end of each comment."""
         self.fixed: list[tuple[Span, str]] = [(_NOWHERE, '')]
@@ -210,13 +211,14 @@ class MachineDocument(Document):
 
     def where(self, offset: int) -> str:
         """Return the place of an offset for a message."""
-        return f'{self.file or self.language} line {self._line(offset) + 1}'
+        return f'{self.file or self.language} line {self.lines.line(offset) + 1}'
 
     def source(self, span: Span) -> str:
         """Return the text of a span."""
         return self.text[span.start : span.end]
 
-    def view(self) -> dict[str, Any]:
+    @functools.cached_property
+    def _view(self) -> dict[str, Any]:
         return {
             'language': self.language,
             'behavior': self.behaviors[0] if self.behaviors else None,
@@ -226,7 +228,7 @@ class MachineDocument(Document):
 
     def comments_of(self, state: State) -> list[str]:
         """Return the texts of the comments that belong to a state."""
-        if state.span.start - self._starts[self._line(state.span.start)] > _LONG:
+        if state.span.start - self.lines.start(state.span.start) > _LONG:
             return []
         behind = self._comment_on_line(state.label_span.end)
         spans = [*self._comments_above(state.span.start), *([behind] if behind else [])]
@@ -319,6 +321,36 @@ class MachineDocument(Document):
         return [*(self.renamed(span, label) for span in spans), *self.other_names(one, label)]
 
     @edit
+    def rename_outcome(self, container: str, outcome: str, name: str) -> list[TextEdit]:
+        """Rename an outcome of a container, and all that names it."""
+        one, place, spans, pairs = self.uses_of_outcome(container, outcome)
+        if name == outcome:
+            return []
+        self.check_outcome(one, name)
+        tables = (item for table in ('transitions', 'autonomy') for item in one.items(table))
+        spans += [item.key_span for item in tables if item.key == outcome]
+        return [self.renamed(span, name) for span in [one.tables['outcomes'].items[place].span, *spans, *pairs]]
+
+    def uses_of_outcome(self, container: str, outcome: str) -> tuple[State, int, list[Span], list[Span]]:
+        """Return a container, the place of an outcome in its list, what leads to it, and what needs it."""
+        one = self.container(container)
+        known = one.outcomes or []
+        need(outcome in known, f'{container} has no outcome {short_repr(outcome)}', outcome, known)
+        for child, _ in self.transitions_to(one, outcome):
+            locked = child.tables['transitions'].locked
+            need(not locked, f'{child.path} leads to {outcome} and cannot be edited: {locked}')
+        spans = [item.value_span for _, item in self.transitions_to(one, outcome)]
+        spans += [each.outcome.value_span for each in one.conditions if each.outcome.value == outcome]
+        around = one.parent.conditions if one.parent else []
+        pairs = [pair for condition in around for pair in condition.pairs.items if pair.key == one.label]
+        return one, known.index(outcome), spans, [pair.value_span for pair in pairs if pair.value == outcome]
+
+    def check_outcome(self, container: State, outcome: str) -> None:
+        self.check_name(outcome, 'an outcome')
+        taken = [*(container.outcomes or ()), *(child.label for child in container.children)]
+        need(outcome not in taken, f'{container.path} has an outcome or a state {short_repr(outcome)} already')
+
+    @edit
     def remove_state(self, state: str, instead: str | None = None) -> list[TextEdit]:
         """Remove a state with its comments. Transitions that lead to it lead to ``instead``, if it is given."""
         one, parent = self._child(state)
@@ -359,9 +391,9 @@ class MachineDocument(Document):
         need(all(line.isprintable() for line in text.replace('\t', ' ').splitlines()), 'a comment needs printable text')
         indent = self._line_begin(one.span.start)
         need(not indent.strip(), f'{state} does not begin its line; write the comment in the text')
-        start = self._starts[self._line(one.span.start)]
+        start = self.lines.start(one.span.start)
         above = self._comments_above(one.span.start)
-        begin = self._starts[self._line(above[0].start)] if above else start
+        begin = self.lines.start(above[0].start) if above else start
         lines = [f'{indent}# {line}'.rstrip() + self.nl for line in text.splitlines()] if text.strip() else []
         return [TextEdit(begin, start - self._kept_above(one), ''.join(lines))]
 
@@ -532,7 +564,7 @@ class MachineDocument(Document):
         if comments:  # it belongs to the item before; the line break behind it has to stay
             ended = self.comments[comments[-1]]
             comma_before = self.text.find(',', ended, span.start)
-            start = comma_before if comma_before >= 0 else self._line_end(ended)
+            start = comma_before if comma_before >= 0 else self.lines.end(ended)
         behind = self._comment_on_line(span.end, inner.end) if comma is None else None
         return [TextEdit(start, behind.end if behind is not None else span.end, '')]
 
@@ -578,32 +610,24 @@ class MachineDocument(Document):
     def _remove_row(self, table: Table, index: int) -> list[TextEdit]:
         start, end = span = self.row(table, index)
         if index or len(table.items) == 1:
-            while start > 0 and not self.text[self._starts[self._line(start - 1)] : start].strip():
-                start = self._starts[self._line(start - 1)]
+            while start > 0 and not self.text[self.lines.start(start - 1) : start].strip():
+                start = self.lines.start(start - 1)
         else:
-            while end < len(self.text) and not self.text[end : self._line_end(end)].strip():
-                end = self._line_end(end)
+            while end < len(self.text) and not self.text[end : self.lines.end(end)].strip():
+                end = self.lines.end(end)
         if span.end == len(self.text) and not self.text.endswith(('\n', '\r')) and start:
             start = len(self.text[:start].removesuffix('\n').removesuffix('\r'))
         return [TextEdit(start, end, '')]
 
     # -- lines and comments ------------------------------------------------------------------------------------------
 
-    def _line(self, offset: int) -> int:
-        return bisect_right(self._starts, offset) - 1
-
-    def _line_end(self, offset: int) -> int:
-        """Return the end of the line of an offset, with its line break."""
-        line = self._line(offset) + 1
-        return self._starts[line] if line < len(self._starts) else len(self.text)
-
     def _line_begin(self, offset: int) -> str:
         """Return what is before an offset in its line."""
-        return self.text[self._starts[self._line(offset)] : offset].lstrip('\ufeff')
+        return self.text[self.lines.start(offset) : offset].lstrip('\ufeff')
 
     def _comment_on_line(self, offset: int, limit: int | None = None) -> Span | None:
         """Return the comment behind an offset in its line; None also if it ends behind ``limit``."""
-        line_end = self._line_end(offset)
+        line_end = self.lines.end(offset)
         start = self.text.find('#', offset, line_end)
         while start >= 0 and start not in self.comments:
             start = self.text.find('#', start + 1, line_end)
@@ -615,9 +639,9 @@ class MachineDocument(Document):
         begin = self._line_begin(offset)
         column = len(begin) - len(begin.lstrip())
         found: list[Span] = []
-        for line in range(self._line(offset) - 1, -1, -1):
-            start = self._starts[line] + column
-            if start not in self.comments or self.text[self._starts[line] : start].strip():
+        for line in range(self.lines.line(offset) - 1, -1, -1):
+            start = self.lines.starts[line] + column
+            if start not in self.comments or self.text[self.lines.starts[line] : start].strip():
                 break
             found.append(Span(start, self.comments[start]))
         return found[::-1]
@@ -638,19 +662,19 @@ class MachineDocument(Document):
         comma = self._comma_behind(table, index) if table.inner is not None else None
         end = end if comma is None else comma + 1
         comment = self._comment_on_line(end)
-        if self.text[end : comment.start if comment else self._line_end(end)].strip():
+        if self.text[end : comment.start if comment else self.lines.end(end)].strip():
             return None
         above = self._comments_above(start)
-        last = position = self._line_end(end)
+        last = position = self.lines.end(end)
         while table.inner is None and position < len(self.text):  # comments that are indented more belong to the row
-            line = self.text[position : self._line_end(position)]
+            line = self.text[position : self.lines.end(position)]
             column = len(line) - len(line.lstrip())
             deeper = position + column in self.comments and column > len(begin) - len(begin.lstrip())
             if line.strip() and not deeper:
                 break
-            position = self._line_end(position)
+            position = self.lines.end(position)
             last = position if line.strip() else last
-        return Span(self._starts[self._line(above[0].start if above else start)], last)
+        return Span(self.lines.start(above[0].start if above else start), last)
 
     def _comma_behind(self, table: Table, index: int) -> int | None:
         """Return the place of the comma directly behind an item of a table in brackets."""

@@ -7,7 +7,9 @@ as in the language server protocol. A file that somebody else has changed on dis
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import itertools
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +23,7 @@ from flexbt_studio.errors import ConflictError, StudioError
 
 from .document import Document
 from .python_document import PythonDocument
-from .text import TextEdit, applied
+from .text import Span, TextEdit, applied
 from .xml_document import XmlDocument
 from .yaml_document import YamlDocument
 
@@ -29,6 +31,8 @@ MOST_FILES: Final = 5000
 """Maximum number of files that a project looks into."""
 MOST_BYTES: Final = 4_000_000
 """Maximum size of a file that is opened, bytes."""
+MOST_KEPT: Final = 1000
+"""Maximum number of documents that are kept of files that are not open."""
 _BEGINNING: Final = 65_536
 """Characters of a file in which its kind is looked for."""
 
@@ -74,6 +78,13 @@ def document_for(file: str, text: str) -> Document:
     raise StudioError(f'{file}: files of this kind are not edited here; rename it to one of {known}')
 
 
+class Place(NamedTuple):
+    """A place in a file of the project."""
+
+    file: str
+    span: Span
+
+
 @dataclass(slots=True)
 class OpenFile:
     """An open file. ``disk`` identifies the text on disk when it was read or saved; '' if there was none."""
@@ -99,6 +110,8 @@ class Project:
         self._open: dict[str, OpenFile] = {}
         self._kinds: dict[Path, tuple[tuple[int, int], Kind | None]] = {}
         """Kinds of the files on disk, with time and size of each when it was looked into."""
+        self._closed: dict[str, tuple[tuple[int, int], Document]] = {}
+        """Documents of files that are not open, with time and size of each when it was read."""
 
     def files(self) -> list[dict[str, str]]:
         """Return name and kind of each file that the studio opens, in order of names."""
@@ -113,6 +126,10 @@ class Project:
                 found.append({'file': name, 'kind': kind.name})
         return sorted(found, key=lambda one: one['file'])
 
+        for name, opened in self._open.items():
+            kind = kind_of(name, opened.document.text)
+            if kind is not None and opened.is_changed and not opened.disk:  # it is new
+                found.append({'file': name, 'kind': kind.name})
     def _kind_on_disk(self, path: Path) -> Kind | None:
         try:
             status = path.stat()
@@ -126,6 +143,38 @@ class Project:
 
     def _walk(self, suffixes: set[str]) -> Iterator[Path]:
         for folder, folders, names in os.walk(self.root):
+    def document(self, file: str) -> Document:
+        """Return the document of a file, which is not opened: as edited, else as on disk. Raises StudioError."""
+        opened = self._open.get(file)
+        if opened is not None:
+            return opened.document
+        try:
+            status = self.path(file).stat()
+        except OSError as error:
+            raise StudioError(f'{file} cannot be read: {error.strerror}') from error
+        stamp = status.st_mtime_ns, status.st_size
+        known = self._closed.pop(file, None)
+        if known is None or known[0] != stamp:
+            known = stamp, document_for(file, self.text_on_disk(file)[0])
+        self._closed[file] = known
+        if len(self._closed) > MOST_KEPT:
+            del self._closed[next(iter(self._closed))]
+        return known[1]
+
+    def documents(self, kind: str = '') -> Iterator[tuple[str, Document]]:
+        """Yield the files of a kind, or of all kinds, with their documents. Those that cannot be read are left out."""
+        for one in self.files():
+            if not kind or one['kind'] == kind:
+                with contextlib.suppress(StudioError):
+                    yield one['file'], self.document(one['file'])
+
+    def texts_with(self, suffixes: set[str]) -> Iterator[tuple[str, str]]:
+        """Yield the files with these suffixes and their texts. Those that cannot be read are left out."""
+        for path in itertools.islice(self._walk(suffixes), MOST_FILES):
+            file = path.relative_to(self.root).as_posix()
+            with contextlib.suppress(StudioError):
+                yield file, self.text(file)
+
             folders[:] = sorted(one for one in folders if one not in _SKIPPED_FOLDERS and not one.startswith('.'))
             yield from (Path(folder, name) for name in sorted(names) if Path(name).suffix in suffixes)
 
@@ -276,3 +325,22 @@ def _beginning(path: Path) -> str:
             return content.read(_BEGINNING).decode('utf-8', 'replace')
     except OSError:
         return ''
+def tree_places(project: Project, near: str = '') -> dict[str, Place]:
+    """Return where each tree is defined, by its ID.
+
+    If several trees have one, that in the file ``near`` counts, else that in the nearest folder.
+    """
+
+    def distance(file: str) -> tuple[bool, int, str]:
+        pairs = zip(Path(near).parts[:-1], Path(file).parts[:-1], strict=False)
+        return file != near, -sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs)), file
+
+    found: dict[str, Place] = {}
+    for file, document in sorted(project.documents('trees'), key=lambda one: distance(one[0])):
+        assert isinstance(document, XmlDocument)
+        for tree in reversed(document.trees.values()):
+            if id := tree.attributes.get('ID', ''):
+                found.setdefault(id, Place(file, document.value_span(tree, 'ID')))
+    return found
+
+

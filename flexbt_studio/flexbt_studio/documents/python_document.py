@@ -88,8 +88,8 @@ class PythonDocument(MachineDocument):
             self._module = ast.parse(self.text[self._base :])
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             self.unreadable = True
-            line = min(getattr(error, 'lineno', None) or 1, len(self._starts))
-            start = min(self._starts[line - 1] + max((getattr(error, 'offset', None) or 1) - 1, 0), len(self.text))
+            line = min(getattr(error, 'lineno', None) or 1, len(self.lines.starts))
+            start = min(self.lines.starts[line - 1] + max((getattr(error, 'offset', None) or 1) - 1, 0), len(self.text))
             reason = getattr(error, 'msg', None) or str(error) or type(error).__name__
             self.problem(Span(start, min(start + 1, len(self.text))), f'no Python: {reason}')
             return
@@ -210,8 +210,10 @@ class PythonDocument(MachineDocument):
         container.is_used = True
         arguments = self._arguments(container.call, _CONTENT)
         for item in arguments.items:
-            if item.key in ('outcomes', 'conditions'):
+            if item.key in _CONTENT:
                 state.tables[item.key] = self._literal(item.node)
+            elif item.key == 'userdata':
+                state.tables[item.key] = self._literal(item.node, ast.Dict)
         for item in state.items('conditions'):
             outcome = self._literal(item.node)
             if len(outcome.items) == 2:
@@ -230,7 +232,7 @@ class PythonDocument(MachineDocument):
             for item in state.rows.items:
                 lock = state.rows.locked
                 if not isinstance(item.node, ast.Call) or self._name_of(item.node.func) != 'Child':
-                    lock = f'it is no call of Child (line {self._line(item.span.start) + 1})'
+                    lock = f'it is no call of Child (line {self.lines.line(item.span.start) + 1})'
                 self._read_child(state, item, item.node, lock, scope)
             if state.rows.locked:
                 self._read_child(state, Item(children.value_span), children.node, state.rows.locked, scope)
@@ -288,9 +290,11 @@ class PythonDocument(MachineDocument):
         if not isinstance(made, ast.Call):
             return
         table = self._arguments(made)
-        state.type = self.source(self._span(made.func))
+        state.type_span = self._span(made.func)
+        state.type = self.source(state.type_span)
         if isinstance(made.func, ast.Attribute) and made.func.attr == 'use_behavior' and made.args:
-            state.kind, state.type = 'behavior', self.source(self._span(made.args[0]))
+            state.kind, state.type_span = 'behavior', self._span(made.args[0])
+            state.type = self.source(state.type_span)
             parameters = table.find('parameters')
             table = self._mapping(parameters.node, scope, []) if parameters else Table(locked='it has no parameters')
         table.locked = table.locked or locked
@@ -354,7 +358,12 @@ class PythonDocument(MachineDocument):
 
     def _behavior(self, owner: ast.ClassDef, root: str) -> dict[str, Any]:
         """Return name, description and parameters of a behavior, from its manifest or its constructor."""
-        found: dict[str, Any] = {'name': owner.name, 'description': ast.get_docstring(owner) or '', 'parameters': []}
+        found: dict[str, Any] = {
+            'name': owner.name,
+            'class': owner.name,
+            'description': ast.get_docstring(owner) or '',
+            'parameters': [],
+        }
         found |= {'span': self._span(owner), 'name_span': None, 'root': root}
         for node in ast.walk(owner):
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'self.name' and _text(node.value):
@@ -388,9 +397,9 @@ class PythonDocument(MachineDocument):
 
     def _at(self, line: int, column: int) -> int:
         """Return an offset; Python's columns count bytes."""
-        start = self._starts[line - 1] + (self._base if line == 1 else 0)
+        start = self.lines.starts[line - 1] + (self._base if line == 1 else 0)
         if line not in self._widths:
-            text = self.text[start : self._line_end(start)]
+            text = self.text[start : self.lines.end(start)]
             sizes = itertools.accumulate((len(letter.encode()) for letter in text), initial=0)
             self._widths[line] = [] if text.isascii() else list(sizes)
         widths = self._widths[line]
@@ -483,9 +492,9 @@ class PythonDocument(MachineDocument):
 
     def _kept_above(self, state: State) -> int:
         above = self._comments_above(state.span.start)
-        start = self._starts[self._line(state.span.start)]
+        start = self.lines.start(state.span.start)
         is_position = bool(above) and _POSITION.match(self.text, above[-1].start) is not None
-        return start - self._starts[self._line(above[-1].start)] if is_position else 0
+        return start - self.lines.start(above[-1].start) if is_position else 0
 
     @edit
     def set_autonomy(self, state: str, outcome: str, level: str | None) -> list[TextEdit]:
@@ -584,7 +593,7 @@ class PythonDocument(MachineDocument):
         package = module.partition('.')[0]
         near = [one for one in found if str(one.module).partition('.')[0] == package] or found
         behind = next((one for one in near if str(one.module) > module), None)
-        at = self._starts[behind.lineno - 1] if behind else self._line_end(self._span(near[-1]).end)
+        at = self.lines.starts[behind.lineno - 1] if behind else self.lines.end(self._span(near[-1]).end)
         return [TextEdit(at, at, f'from {module} import {name}{self.nl}')]
 
 

@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
-_LINE_BREAK: Final = re.compile(r'\r\n?|\n')
+LINE_BREAK: Final = re.compile(r'\r\n?|\n')
 
 
 class Span(NamedTuple):
@@ -79,23 +79,36 @@ class Lines:
 
     def __init__(self, text: str) -> None:
         self._text = text
-        breaks = [(match.start(), match.end()) for match in _LINE_BREAK.finditer(text)]
-        self._starts = [0, *(end for _, end in breaks)]
+        breaks = [match.span() for match in LINE_BREAK.finditer(text)]
+        self.starts = [0, *(end for _, end in breaks)]
         self._ends = [*(start for start, _ in breaks), len(text)]
+
+    def line(self, offset: int) -> int:
+        """Return the line of an offset."""
+        return bisect_right(self.starts, offset) - 1
+
+    def start(self, offset: int) -> int:
+        """Return where the line of an offset begins."""
+        return self.starts[self.line(offset)]
+
+    def end(self, offset: int) -> int:
+        """Return the end of the line of an offset, with its line break."""
+        line = self.line(offset) + 1
+        return self.starts[line] if line < len(self.starts) else len(self._text)
 
     def position(self, offset: int) -> tuple[int, int]:
         """Return line and column of an offset; an offset outside of the text counts as its nearest end."""
         offset = max(0, min(offset, len(self._text)))
-        line = bisect_right(self._starts, offset) - 1
-        return line, utf16_length(self._text[self._starts[line] : min(offset, self._ends[line])])
+        line = self.line(offset)
+        return line, utf16_length(self._text[self.starts[line] : min(offset, self._ends[line])])
 
     def offset(self, line: int, column: int) -> int:
         """Return the offset of a position; a position outside of the text counts as its nearest end."""
         if line < 0:
             return 0
-        if line >= len(self._starts):
+        if line >= len(self.starts):
             return len(self._text)
-        start = self._starts[line]
+        start = self.starts[line]
         within = self._text[start : self._ends[line]]
         if within.isascii():
             return start + max(0, min(column, len(within)))
@@ -104,7 +117,7 @@ class Lines:
 
     def line_break(self) -> str:
         """Return the line break of the text; that of its first line if it has several."""
-        found = _LINE_BREAK.search(self._text)
+        found = LINE_BREAK.search(self._text)
         return found.group() if found else '\n'
 
 

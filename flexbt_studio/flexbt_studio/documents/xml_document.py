@@ -20,9 +20,9 @@ from flexbt_core.values.text import did_you_mean, short_repr, xml_text
 from flexbt_studio.errors import GestureError
 
 from .document import gesture
-from .text import Span, TextEdit
+from .text import LINE_BREAK, Span, TextEdit
 from .xml_keys import SUBTREES, KeyUse, arguments, is_autoremapped, script_name_problem
-from .xml_layout import LINE_BREAK, Written
+from .xml_layout import Written
 from .xml_spans import XmlElement
 from .xml_trees import PORT_TAGS, TreesInXml, nodes_of
 
@@ -186,9 +186,9 @@ class XmlDocument(TreesInXml):
         if first is None or last is None or not (layout.begins_line(block.start) and layout.begins_line(element.close)):
             return [TextEdit(block.start, opening_end, ''), TextEdit(element.close, block.end, '')]
         child = layout.block(below[0]).start
-        close = layout.line_start(element.close)
+        close = layout.lines.start(element.close)
         moved = layout.reindented(Span(first - 1, close), layout.indentation(child), layout.indentation(block.start))
-        lines = TextEdit(layout.line_start(block.start), first, ''), TextEdit(close, last, '')
+        lines = TextEdit(layout.lines.start(block.start), first, ''), TextEdit(close, last, '')
         return [lines[0], *(moved if layout.begins_line(child) else ()), lines[1]]
 
     @gesture
@@ -223,7 +223,7 @@ class XmlDocument(TreesInXml):
             return TextEdit(len(self.text[: span.start].rstrip(' \t')), span.end, '')
         if next_line is None:
             return TextEdit(span.start, element.offset, '')
-        return TextEdit(layout.line_start(span.start), next_line, '')
+        return TextEdit(layout.lines.start(span.start), next_line, '')
 
     # Trees, includes and models.
 
@@ -289,9 +289,9 @@ class XmlDocument(TreesInXml):
     @gesture
     def remove_include(self, path: str) -> list[TextEdit]:
         """No longer include a file."""
-        found = [one for one in self._sections('include') if one.attributes.get('path') == path]
+        found = [one for one in self.sections('include') if one.attributes.get('path') == path]
         if not found:
-            known = [one.attributes.get('path', '') for one in self._sections('include')]
+            known = [one.attributes.get('path', '') for one in self.sections('include')]
             raise GestureError(f'{short_repr(path)} is not included{did_you_mean(path, known)}')
         self._check(found[0])
         return self.layout.removal(found[0])
@@ -326,7 +326,7 @@ class XmlDocument(TreesInXml):
             start, end = layout.line_break + deeper, layout.line_break + indentation
             return f'<TreeNodesModel>{start}{model(deeper)}{end}</TreeNodesModel>'
 
-        sections = self._sections('TreeNodesModel')
+        sections = self.sections('TreeNodesModel')
         if sections:
             return self._insertion(sections[0], len(sections[0].children), model)
         return self._insertion(root, len(root.children), section, gap=layout.gap(root))
@@ -368,27 +368,8 @@ class XmlDocument(TreesInXml):
             raise GestureError(f'{short_repr(new)} cannot replace the key [{old}]; use letters, digits and _')
         id, layout = element.attributes.get('ID'), self.layout
         uses = self._uses(element)
-        calls = self._calls(id) if self._definition(id) is element else []
-        is_shared = old[:1] not in ('_', '@') and any(use.key == old for use in uses)
-        models = [port for port in self._model_ports(id) if port.attributes.get('name') == old]
-        edits = [TextEdit(*self._value_span(port, 'name'), new) for port in models]
-        for call in calls:
-            if new in arguments(call, bare=self.is_old):
-                raise GestureError(f'{call} has a port [{new}] already; rename that first')
-            edits += [
-                TextEdit(*self._value_span(remap, 'internal'), new)
-                for remap in call.children
-                if remap.attributes.get('internal') == old
-            ]
-            if old in call.parts and not port_name_problem(old):
-                part = call.parts[old]
-                edits.append(TextEdit(part.start, part.start + len(old), new))
-                if part.value.strip(' {}') == '=':
-                    edits.append(TextEdit(part.value_start, part.value_end, f'{{{old}}}'))
-            elif is_shared and is_autoremapped(call) and old not in arguments(call, bare=self.is_old):
-                edits += layout.value_edits(call, {new: self._argument(call, old)})
-        if edits and (problem := port_name_problem(new)):
-            raise GestureError(problem)
+        is_shared = self.is_shared(tree, old)
+        edits = self.renamed_port(id, old, new, is_shared=is_shared) if self.definition(id) is element else []
         for use in uses:
             if use.key == new:
                 raise GestureError(f'tree [{tree}] uses the key [{new}] too, so the two would become one')
@@ -400,6 +381,36 @@ class XmlDocument(TreesInXml):
                 edits += layout.value_edits(call, {old: self._argument(call, new)})
         if not edits:
             raise GestureError(f'tree [{tree}] has no key [{old}]{did_you_mean(old, {use.key for use in uses})}')
+        return edits
+
+    def is_shared(self, tree: str, key: str) -> bool:
+        """Return whether a tree uses a key that is also that of a tree around it which hands over all keys."""
+        return key[:1] not in ('_', '@') and any(use.key == key for use in self._uses(self.trees[tree]))
+
+    def renamed_port(self, id: str | None, old: str, new: str, *, is_shared: bool) -> list[TextEdit]:
+        """Return the edits where this file hands a key to the tree ``id``, which gets another name in that tree.
+
+        The keys of the trees around it stay. ``is_shared`` is that of the key in the tree.
+        """
+        models = [port for port in self._model_ports(id) if port.attributes.get('name') == old]
+        edits = [TextEdit(*self.value_span(port, 'name'), new) for port in models]
+        for call in self._calls(id):
+            if new in arguments(call, bare=self.is_old):
+                raise GestureError(f'{call} has a port [{new}] already; rename that first')
+            edits += [
+                TextEdit(*self.value_span(remap, 'internal'), new)
+                for remap in call.children
+                if remap.attributes.get('internal') == old
+            ]
+            if old in call.parts and not port_name_problem(old):
+                part = call.parts[old]
+                edits.append(TextEdit(part.start, part.start + len(old), new))
+                if part.value.strip(' {}') == '=':
+                    edits.append(TextEdit(part.value_start, part.value_end, f'{{{old}}}'))
+            elif is_shared and is_autoremapped(call) and old not in arguments(call, bare=self.is_old):
+                edits += self.layout.value_edits(call, {new: self._argument(call, old)})
+        if edits and (problem := port_name_problem(new)):
+            raise GestureError(problem)
         return edits
 
     def _uses(self, element: XmlElement) -> list[KeyUse]:
@@ -429,12 +440,7 @@ class XmlDocument(TreesInXml):
 
     def _calls(self, id: str | None) -> list[XmlElement]:
         """Return the sub-trees of this file that use a tree."""
-        found = (one for tree in self.trees.values() for one in self._subtrees(tree))
-        return [one for one in found if id is not None and one.attributes.get('ID') == id]
-
-    def _definition(self, id: str | None) -> XmlElement | None:
-        """Return the tree that this ID means in this file: the last one."""
-        return next((one for one in reversed(self.trees.values()) if one.attributes.get('ID', '') == id), None)
+        return [one for one in self.subtrees if id is not None and one.attributes.get('ID') == id]
 
     def _model_ports(self, id: str | None) -> list[XmlElement]:
         models = (model for model in self.models if model.tag == 'SubTree' and model.attributes.get('ID') == id)
@@ -444,7 +450,7 @@ class XmlDocument(TreesInXml):
         """Return whether a tree, or a tree that shares its keys, uses a key. A tree of another file may."""
         pending, seen = [id], {id}
         for one in pending:
-            tree = self._definition(one)
+            tree = self.definition(one)
             if tree is None or any(use.key == key for use in self._uses(tree)):
                 return True
             below = {call.attributes.get('ID') for call in self._subtrees(tree) if is_autoremapped(call)} - seen
@@ -494,7 +500,7 @@ class XmlDocument(TreesInXml):
         id = call.attributes.get('ID', '')
         if call.tag not in SUBTREES:
             raise GestureError(f'{call} is no sub-tree')
-        target, around = self._definition(id), self.trees[node.partition('/')[0]]
+        target, around = self.definition(id), self.trees[node.partition('/')[0]]
         if target is None:
             raise GestureError(f'tree [{id}] is not in this file; copy its nodes from its own file')
         self._check(target)

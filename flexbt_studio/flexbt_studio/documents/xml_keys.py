@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
@@ -55,6 +56,19 @@ class KeyUse(NamedTuple):
     span: Span
     port: Port | None = None
     writes: bool = False
+
+    @property
+    def role(self) -> str:
+        """What the node does with the key: reads, writes, both, or hands it over; ``uses`` if that is not known."""
+        if self.form in ('argument', 'default'):
+            return 'hands over'
+        if self.form == 'script':
+            return 'writes' if self.writes else 'reads'
+        if self.form == 'own':
+            return 'removes'
+        if self.port is None:
+            return 'uses'
+        return ' and '.join(['reads'] * self.port.readable + ['writes'] * self.port.writable) or 'uses'
 
     def edit(self, key: str) -> TextEdit | None:
         """Return the edit that names another key here; None for ``absent`` and ``default``."""
@@ -120,13 +134,25 @@ class KeyReader:
             BehaviorTreeError: a script cannot be read.
         """
         for element in root.all():
-            if element.tag in SUBTREES:
-                yield from self._of_subtree(element)
-            elif element.tag == 'remap' and element.parent is not None and element.parent.tag in SUBTREES:
-                if 'external' in element.attributes:
-                    yield self._whole(element, 'external', 'argument')
-            else:
-                yield from self._of_node(element)
+            yield from self._of(element)
+
+    def readable(self, root: XmlElement) -> Iterator[KeyUse]:
+        """Yield the uses of keys by an element and all below it, as far as its scripts can be read."""
+        for element in root.all():
+            yield from self.of(element)
+
+    def of(self, element: XmlElement) -> Iterator[KeyUse]:
+        """Yield the uses of keys by an element itself, as far as its scripts can be read."""
+        with contextlib.suppress(BehaviorTreeError):
+            yield from self._of(element)
+
+    def _of(self, element: XmlElement) -> Iterator[KeyUse]:
+        if element.tag in SUBTREES:
+            yield from self._of_subtree(element)
+        elif element.tag != 'remap' or element.parent is None or element.parent.tag not in SUBTREES:
+            yield from self._of_node(element)
+        elif 'external' in element.attributes:
+            yield self._whole(element, 'external', 'argument')
 
     def _of_subtree(self, element: XmlElement) -> Iterator[KeyUse]:
         known = arguments(element, bare=self._bare)

@@ -19,10 +19,9 @@ from flexbt_core.behavior_tree.xml.parser import BAD_CHARACTER, FOLDED, unescape
 from flexbt_core.values.text import short_repr
 from flexbt_studio.errors import GestureError
 
-from .text import Span, TextEdit, applied, difference
+from .text import LINE_BREAK, Lines, Span, TextEdit, applied, difference
 from .xml_spans import Markup, XmlElement, raw_places
 
-LINE_BREAK: Final = re.compile(r'\r\n?|\n')
 _BLANKS: Final = re.compile(r'[ \t]*')
 _REST_OF_LINE: Final = re.compile(r'[ \t]*(?:\r\n?|\n|\Z)')
 _STRICT: Final = re.compile('&(?:amp|lt);')
@@ -38,22 +37,18 @@ class Layout(Markup):
     # Lines.
 
     @cached_property
-    def _lines(self) -> list[int]:
-        return [0, *(found.end() for found in LINE_BREAK.finditer(self.text))]
+    def lines(self) -> Lines:
+        """The lines of the text."""
+        return Lines(self.text)
 
     @cached_property
     def line_break(self) -> str:
         """The line break of the text; that of its first line if it has several."""
-        found = LINE_BREAK.search(self.text)
-        return found.group() if found else '\n'
-
-    def line_start(self, offset: int) -> int:
-        """Return where the line of this offset begins."""
-        return self._lines[bisect_right(self._lines, offset) - 1]
+        return self.lines.line_break()
 
     def indentation(self, offset: int) -> str:
         """Return the blanks with which the line of this offset begins."""
-        return self.blanks(self.line_start(offset), offset)
+        return self.blanks(self.lines.start(offset), offset)
 
     def blanks(self, offset: int, end: int | None = None) -> str:
         """Return the blanks that follow an offset, up to ``end``."""
@@ -62,7 +57,7 @@ class Layout(Markup):
 
     def begins_line(self, offset: int) -> bool:
         """Return whether only blanks are before this offset on its line."""
-        return self.line_start(offset) + len(self.indentation(offset)) == offset
+        return self.lines.start(offset) + len(self.indentation(offset)) == offset
 
     def rest_of_line(self, offset: int) -> int | None:
         """Return where the next line begins if only blanks are behind this offset on its line; None if not."""
@@ -135,7 +130,7 @@ class Layout(Markup):
         text, block, parent = self.text, self.block(element), element.parent
         if parent is not None and not (text[parent.open_end : block.start] + text[block.end : parent.close]).strip():
             return [self._emptied(parent)]
-        line, next_line = self.line_start(block.start), self.rest_of_line(block.end)
+        line, next_line = self.lines.start(block.start), self.rest_of_line(block.end)
         after = block.end + len(self.blanks(block.end))
         if not self.begins_line(block.start):
             start = block.start - (len(text[line : block.start]) - len(text[line : block.start].rstrip(' \t')))
@@ -150,10 +145,10 @@ class Layout(Markup):
         return [TextEdit(block.start, after, '')]
 
     def _empty_lines_above(self, line: int) -> int:
-        index = bisect_left(self._lines, line)
-        while index and self._is_empty_line(self._lines[index - 1]):
+        index = bisect_left(self.lines.starts, line)
+        while index and self._is_empty_line(self.lines.starts[index - 1]):
             index -= 1
-        return self._lines[index]
+        return self.lines.starts[index]
 
     def _is_empty_line(self, line: int) -> bool:
         return line < len(self.text) and self.rest_of_line(line) is not None
@@ -199,7 +194,7 @@ class Layout(Markup):
 
     def gap(self, parent: XmlElement) -> str:
         """Return a line break if the children of ``parent`` are separated by empty lines, else ''."""
-        starts = (self.line_start(self.block(child).start) for child in parent.children[1:])
+        starts = (self.lines.start(self.block(child).start) for child in parent.children[1:])
         return self.line_break if any(self._empty_lines_above(start) < start for start in starts) else ''
 
     def reindented(self, span: Span, base: str, new: str, units: tuple[str, str] = ('', '')) -> Iterator[TextEdit]:
@@ -209,7 +204,8 @@ class Layout(Markup):
         not begin with ``base``.
         """
         before, after = units
-        for line in self._lines[bisect_right(self._lines, span.start) : bisect_left(self._lines, span.end)]:
+        lines = self.lines.starts
+        for line in lines[bisect_right(lines, span.start) : bisect_left(lines, span.end)]:
             blanks = self.blanks(line)
             if not blanks.startswith(base) or self.rest_of_line(line) is not None:
                 continue
@@ -322,7 +318,7 @@ class Layout(Markup):
             raise GestureError(f'{short_repr(xml)} is no XML of a node; write an element such as <Sequence/>')
         start = len(new.text) - len(new.text.lstrip())
         span = Span(start, len(new.text.rstrip()))
-        last_line = new.line_start(span.end)
+        last_line = new.lines.start(span.end)
         base = new.indentation(start)
         if not base and new.text.startswith('</', last_line + len(new.indentation(span.end))):
             base = new.indentation(span.end)
@@ -331,5 +327,4 @@ class Layout(Markup):
 
     def position(self, offset: int) -> tuple[int, int]:
         """Return line and column of an offset, from 1."""
-        line = bisect_right(self._lines, offset)
-        return line, offset - self._lines[line - 1] + 1
+        return self.lines.line(offset) + 1, offset - self.lines.start(offset) + 1

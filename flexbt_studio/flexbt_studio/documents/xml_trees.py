@@ -24,9 +24,9 @@ from flexbt_server.node_types import node_registry
 from flexbt_studio.errors import GestureError
 
 from .document import Document, Problem
-from .text import Span, TextEdit, applied
+from .text import LINE_BREAK, Span, TextEdit, applied
 from .xml_keys import SUBTREES, KeyReader, node_type
-from .xml_layout import LINE_BREAK, Layout, Written
+from .xml_layout import Layout, Written
 from .xml_spans import XmlElement
 
 _PATH: Final = re.compile(r'([^/]*)((?:/[0-9]{1,7})*)')
@@ -77,18 +77,32 @@ class TreesInXml(Document):
         tops = self.layout.tops
         return tops[0] if tops and tops[0].tag == 'root' else None
 
-    def _sections(self, tag: str) -> list[XmlElement]:
+    def sections(self, tag: str) -> list[XmlElement]:
+        """Return the elements of <root> with this tag."""
         return [] if self._root is None else [child for child in self._root.children if child.tag == tag]
 
     @cached_property
     def trees(self) -> dict[str, XmlElement]:
         """The <BehaviorTree> elements by the first part of the paths of their nodes."""
         found: dict[str, XmlElement] = {}
-        for number, tree in enumerate(self._sections('BehaviorTree'), 1):
+        for number, tree in enumerate(self.sections('BehaviorTree'), 1):
             id = tree.attributes.get('ID', '')
             is_usable = id and not id.startswith('#') and '/' not in id and id not in found
             found[id if is_usable else f'#{number}'] = tree
         return found
+
+    @cached_property
+    def subtrees(self) -> list[XmlElement]:
+        """The sub-trees that the trees of this file use, in document order."""
+        return [one for tree in self.trees.values() for one in tree.all() if one.tag in SUBTREES]
+
+    def definition(self, id: str | None) -> XmlElement | None:
+        """Return the tree that this ID means in this file: the last one; None if none has it."""
+        return next((one for one in reversed(self.trees.values()) if one.attributes.get('ID', '') == id), None)
+
+    def path_of(self, tree: XmlElement) -> str:
+        """Return the path of a tree."""
+        return next(path for path, one in self.trees.items() if one is tree)
 
     @cached_property
     def keys(self) -> KeyReader:
@@ -105,11 +119,12 @@ class TreesInXml(Document):
     @cached_property
     def models(self) -> list[XmlElement]:
         """The elements of <TreeNodesModel>."""
-        return [model for section in self._sections('TreeNodesModel') for model in section.children]
+        return [model for section in self.sections('TreeNodesModel') for model in section.children]
 
     # View.
 
-    def view(self) -> dict[str, Any]:
+    @cached_property
+    def _view(self) -> dict[str, Any]:
         root = self._root
         return {
             'language': self.language,
@@ -117,7 +132,7 @@ class TreesInXml(Document):
             'main': '' if root is None else root.attributes.get('main_tree_to_execute', ''),
             'includes': [
                 {**_values(one, path='path', package='ros_pkg'), 'span': [one.offset, one.end]}
-                for one in self._sections('include')
+                for one in self.sections('include')
             ],
             'models': [self._view_of_model(model) for model in self.models],
             'trees': [
@@ -125,7 +140,7 @@ class TreesInXml(Document):
                     'id': tree.attributes.get('ID', ''),
                     'path': path,
                     'span': [tree.offset, tree.end],
-                    'id_span': [*self._value_span(tree, 'ID')],
+                    'id_span': [*self.value_span(tree, 'ID')],
                     **self._view_of_comments(tree),
                 }
                 for path, tree in self.trees.items()
@@ -188,7 +203,7 @@ class TreesInXml(Document):
         ]
         return {**_values(model, id='ID'), 'kind': model.tag, 'span': [model.offset, model.end], 'ports': shown}
 
-    def _value_span(self, element: XmlElement, name: str) -> Span:
+    def value_span(self, element: XmlElement, name: str) -> Span:
         part = element.parts.get(name)
         return Span(element.open_end, element.open_end) if part is None else Span(part.value_start, part.value_end)
 
@@ -284,12 +299,9 @@ class TreesInXml(Document):
         if root is None:
             return []
         named = [root] if root.attributes.get('main_tree_to_execute') == id else []
-        spans = [self._value_span(one, 'main_tree_to_execute') for one in named]
-        for section in (*self.trees.values(), *self._sections('TreeNodesModel')):
-            for element in section.all():
-                if element.tag in SUBTREES and element.attributes.get('ID') == id:
-                    spans.append(self._value_span(element, 'ID'))
-        return spans
+        spans = [self.value_span(one, 'main_tree_to_execute') for one in named]
+        others = (one for one in (*self.subtrees, *self.models) if one.tag in SUBTREES)
+        return [*spans, *(self.value_span(one, 'ID') for one in others if one.attributes.get('ID') == id)]
 
     def clip(self, node: str) -> str:
         """Return the text of a node with its comments, without its indentation, for a clipboard.

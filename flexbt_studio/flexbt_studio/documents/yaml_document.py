@@ -255,13 +255,14 @@ class YamlDocument(MachineDocument):
         for one in state.items('autonomy'):
             text = (one.value or '').lower()
             one.value = LEVELS[int(text)] if text in ('0', '1', '2', '3') else text
-        state.type = kinds[0].value or '' if kinds else ''
+        state.type, state.type_span = (kinds[0].value or '', kinds[0].value_span) if kinds else ('', state.type_span)
         if kind in CONTAINERS:
             self._read_container(state, kinds[0].node)
         elif kind == 'behavior' and kinds[0].value is None:
             used = state.tables['behavior'] = self._table(kinds[0].node)
             name, parameters = used.find('use'), used.find('parameters')
             state.type = name.value or '' if name else ''
+            state.type_span = name.value_span if name else state.type_span
             if parameters is not None:
                 state.tables['parameters'] = self._table(parameters.node)
 
@@ -276,9 +277,7 @@ class YamlDocument(MachineDocument):
     # -- writing -----------------------------------------------------------------------------------------------------
 
     def name(self, name: str, like: str = '') -> str:
-        quote = like[:1] if like[:1] in ('"', "'") else ''
-        is_plain = not quote and _PLAIN.fullmatch(name) and _tag(name) == 'str'
-        return name if is_plain else _quoted(name, quote or "'")
+        return scalar_text(name, like)
 
     def level(self, level: str, like: str) -> str:
         items = (item for state in self.states.values() for item in state.items('autonomy'))
@@ -381,13 +380,13 @@ class YamlDocument(MachineDocument):
     def remove_items(self, table: Table, indices: list[int]) -> list[TextEdit]:
         edits = super().remove_items(table, indices)
         if table.inner is None and len(indices) == len(table.items):  # the key of the table stays, and needs a value
-            line, written = self._line(self.row(table, 0).start), ''
+            line, written = self.lines.line(self.row(table, 0).start), ''
             while not written:
                 line -= 1
-                comment = self._comment_on_line(self._starts[line])
-                end = comment.start if comment else self._line_end(self._starts[line])
-                written = self.text[self._starts[line] : end].rstrip()
-            at = self._starts[line] + len(written)
+                comment = self._comment_on_line(self.lines.starts[line])
+                end = comment.start if comment else self.lines.end(self.lines.starts[line])
+                written = self.text[self.lines.starts[line] : end].rstrip()
+            at = self.lines.starts[line] + len(written)
             edits.append(TextEdit(at, at, ' []' if table.mark else ' {}'))
         return edits
 
@@ -619,17 +618,17 @@ class YamlDocument(MachineDocument):
                 edits.append(self.renamed(item.value_span, ways[str(item.value)]))
         whole = self.row(parent.rows, parent.children.index(one))
         first, last = self.row(one.rows, 0), self.row(one.rows, len(one.children) - 1)
-        begin = self._starts[self._line(one.label_span.start)]
+        begin = self.lines.start(one.label_span.start)
         deeper = self._column(one.rows) - len(self._line_begin(one.label_span.start))
         for at in self._line_starts(first.start, last.end):
-            line = self.text[at : self._line_end(at)]
+            line = self.text[at : self.lines.end(at)]
             edits.append(TextEdit(at, at + min(deeper, len(line) - len(line.lstrip(' '))), ''))
         return [*edits, TextEdit(begin, first.start, ''), TextEdit(last.end, whole.end, '')]
 
     def _line_starts(self, start: int, end: int) -> Iterator[int]:
         """Yield the begin of each line that is not blank."""
-        for at in self._starts[self._line(start) : self._line(max(start, end - 1)) + 1]:
-            if self.text[at : self._line_end(at)].strip():
+        for at in self.lines.starts[self.lines.line(start) : self.lines.line(max(start, end - 1)) + 1]:
+            if self.text[at : self.lines.end(at)].strip():
                 yield at
 
     # -- gestures of containers --------------------------------------------------------------------------------------
@@ -638,7 +637,7 @@ class YamlDocument(MachineDocument):
     def add_outcome(self, container: str, outcome: str) -> list[TextEdit]:
         """Add an outcome to a container."""
         one = self.container(container)
-        self._check_outcome(one, outcome)
+        self.check_outcome(one, outcome)
         if 'outcomes' not in one.tables:
             return self._insert_entry(one.tables['content'], 'outcomes', f' [{self.name(outcome)}]', _CONTENT)
         one.tables['outcomes'].mark = one.tables['outcomes'].mark or '- '
@@ -647,7 +646,7 @@ class YamlDocument(MachineDocument):
     @edit
     def remove_outcome(self, container: str, outcome: str, instead: str | None = None) -> list[TextEdit]:
         """Remove an outcome of a container. What leads to it leads to ``instead``, if it is given."""
-        one, place, spans, pairs = self._uses(container, outcome)
+        one, place, spans, pairs = self.uses_of_outcome(container, outcome)
         need(
             not spans or instead,
             f'states or conditions lead to {short_repr(outcome)} of {container}; name a replacement',
@@ -663,36 +662,6 @@ class YamlDocument(MachineDocument):
             if any(item.key == outcome for item in one.items(table)):
                 edits += self.put(one, table, outcome, None, self.name)
         return edits
-
-    @edit
-    def rename_outcome(self, container: str, outcome: str, name: str) -> list[TextEdit]:
-        """Rename an outcome of a container, and all that names it."""
-        one, place, spans, pairs = self._uses(container, outcome)
-        if name == outcome:
-            return []
-        self._check_outcome(one, name)
-        tables = (item for table in ('transitions', 'autonomy') for item in one.items(table))
-        spans += [item.key_span for item in tables if item.key == outcome]
-        return [self.renamed(span, name) for span in [one.tables['outcomes'].items[place].span, *spans, *pairs]]
-
-    def _uses(self, container: str, outcome: str) -> tuple[State, int, list[Span], list[Span]]:
-        """Return a container, the place of an outcome in its list, what leads to it, and what needs it."""
-        one = self.container(container)
-        known = one.outcomes or []
-        need(outcome in known, f'{container} has no outcome {short_repr(outcome)}', outcome, known)
-        for child, _ in self.transitions_to(one, outcome):
-            locked = child.tables['transitions'].locked
-            need(not locked, f'{child.path} leads to {outcome} and cannot be edited: {locked}')
-        spans = [item.value_span for _, item in self.transitions_to(one, outcome)]
-        spans += [each.outcome.value_span for each in one.conditions if each.outcome.value == outcome]
-        around = one.parent.conditions if one.parent else []
-        pairs = [pair for condition in around for pair in condition.pairs.items if pair.key == one.label]
-        return one, known.index(outcome), spans, [pair.value_span for pair in pairs if pair.value == outcome]
-
-    def _check_outcome(self, container: State, outcome: str) -> None:
-        self.check_name(outcome, 'an outcome')
-        taken = [*(container.outcomes or ()), *(child.label for child in container.children)]
-        need(outcome not in taken, f'{container.path} has an outcome or a state {short_repr(outcome)} already')
 
     # -- gestures of the head ----------------------------------------------------------------------------------------
 
@@ -737,6 +706,25 @@ class YamlDocument(MachineDocument):
         places = [self.text.index(f'${name}', one.start) + 1 for one in self._references(name)]
         return [self.renamed(item.key_span, new), *(TextEdit(at, at + len(name), new) for at in places)]
 
+    def parameter_at(self, offset: int) -> str:
+        """Return the parameter of the behavior that is declared, or referred to, at an offset; '' if none is."""
+        for item in self._parameters().items:
+            if item.key_span.start <= offset <= item.key_span.end or any(
+                one.start <= offset <= one.end for one in self._references(item.key)
+            ):
+                return item.key
+        return ''
+
+    def default_of(self, reference: str) -> Item | None:
+        """Return the default of the parameter that a value such as ``$name`` refers to; None if it is no reference."""
+        item = self._parameters().find(reference[1:]) if _REFERENCE.fullmatch(reference) else None
+        return None if item is None else self._table(item.node).find('default')
+
+    def input(self, key: str) -> Item | None:
+        """Return the entry of the head that describes an input key."""
+        inputs = self._head.find('inputs')
+        return None if inputs is None else self._table(inputs.node).find(key)
+
     def _check_parameter(self, name: str) -> None:
         fits = name.isidentifier() and not name.startswith('_')
         need(fits, f'{short_repr(name)} cannot be the name of a parameter; use letters, digits and _')
@@ -758,6 +746,13 @@ class YamlDocument(MachineDocument):
         at = self._top.items[0].span.start
         indent = self._line_begin(at)
         return [TextEdit(at, at, self.nl.join(['behavior:', f'{indent}{self._step()}{key}: {written}', indent]))]
+
+
+def scalar_text(text: str, like: str = '') -> str:
+    """Return a text as it is written: plain if all readers read it so, else in quotes, like those of ``like``."""
+    quote = like[:1] if like[:1] in ('"', "'") else ''
+    is_plain = not quote and _PLAIN.fullmatch(text) and _tag(text) == 'str'
+    return text if is_plain else _quoted(text, quote or "'")
 
 
 def _tag(text: str, *, is_plain: bool = True) -> str:

@@ -3,18 +3,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Any
 
-from flexbt_studio.documents.text import Lines, TextEdit, utf16_length
-
-_LINE_BREAK: Final = re.compile(r'\r\n?|\n')
+from flexbt_studio.documents.text import LINE_BREAK, Lines, TextEdit, utf16_length
 
 
 def shown(text: str) -> str:
     """Return a text with ``\\n`` for all line breaks."""
-    return _LINE_BREAK.sub('\n', text) if '\r' in text else text
+    return LINE_BREAK.sub('\n', text) if '\r' in text else text
 
 
 class PageText:
@@ -28,7 +25,7 @@ class PageText:
         """Offset of each line for the page."""
         if not self._same:
             position = 0
-            for line in _LINE_BREAK.split(text):
+            for line in LINE_BREAK.split(text):
                 self._starts.append(position)
                 position += utf16_length(line) + 1
 

@@ -24,10 +24,11 @@ from flexbt_server.node_types import node_registry
 from flexbt_studio.documents.diagnostics import Checker
 from flexbt_studio.documents.document import Document, Problem
 from flexbt_studio.documents.editor_help import MachineHelp, TreeHelp
+from flexbt_studio.documents.names import Mention, Names
 from flexbt_studio.documents.palette import node_types, states
-from flexbt_studio.documents.project import Project
-from flexbt_studio.documents.text import Lines, TextEdit
-from flexbt_studio.errors import StudioError
+from flexbt_studio.documents.project import Project, tree_places
+from flexbt_studio.documents.text import Lines, TextEdit, applied
+from flexbt_studio.errors import ConflictError, StudioError
 
 from .jobs import JobCopy, new_folder
 from .page_text import PageText, shown
@@ -56,6 +57,7 @@ class Workbench:
         self._states = states(classes)
         self.notes += broken
         self._checker = Checker(self.project, self._registry, self._skills)
+        self._names = Names(self.project, self._registry, self._checker.trees, self._states)
         self._help = TreeHelp(self.project, self._registry)
         self._machine_help = MachineHelp(self.project, self._states)
 
@@ -256,7 +258,50 @@ class Workbench:
     @request
     def trees(self, file: str) -> dict[str, str]:
         """Return the file of each tree of the project by its ID. If several have an ID, that near ``file`` counts."""
-        return {id: place.file for id, place in self._help.trees(file).items()}
+        return {id: place.file for id, place in tree_places(self.project, file).items()}
+    @request
+    def uses(self, file: str, offset: int) -> dict[str, Any]:
+        """Return what the name at an offset means (``kind``, ``name``), and where it is used in all files."""
+        named = self._names.at(file, PageText(self.project.text(file)).from_page(offset))
+        return {**named._asdict(), 'uses': [self._mention(one) for one in self._names.uses(named)]}
+
+    @request
+    def rename(self, file: str, offset: int, new: str) -> dict[str, Any]:
+        """Return the edits that rename in all files what the name at an offset means, without applying them.
+
+        They are for the versions that are told with them. ``notes`` are places that may mean it and stay.
+
+        Raises:
+            ConflictError: a file that it concerns was changed on disk.
+            StudioError: there is nothing to rename, or the new name does not fit.
+        """
+        named = self._names.at(file, PageText(self.project.text(file)).from_page(offset))
+        made = self._names.rename(named, new)
+        foreign = set(made.edits) & set(self.project.changed_on_disk())
+        if foreign:
+            raise ConflictError(f'{", ".join(sorted(foreign))} was changed on disk by another program; save it first')
+        files = []
+        for one, edits in made.edits.items():
+            opened = self.project.open_files.get(one)
+            before, after = self.project.text(one), applied(self.project.text(one), edits)
+            lines = difflib.unified_diff(shown(before).splitlines(), shown(after).splitlines(), n=0, lineterm='')
+            edited = PageText(before).edits_to_page(edits)
+            version = opened.version if opened is not None else 1
+            files.append({'file': one, 'version': version, 'edits': edited, 'lines': [*lines]})
+        return {**named._asdict(), 'files': files, 'notes': [self._mention(one) for one in made.notes]}
+
+    def _mention(self, mention: Mention) -> dict[str, Any]:
+        text = self.project.text(mention.file)
+        page, lines = PageText(text), Lines(text)
+        line = lines.line(mention.span.start)
+        return {
+            'file': mention.file,
+            'line': line + 1,
+            'span': [page.to_page(offset) for offset in mention.span],
+            'text': mention.text,
+            'source': text[lines.start(mention.span.start) : lines.end(mention.span.start)].strip(),
+        }
+
 
     @request
     def clip(self, file: str, part: str) -> str:

@@ -1,0 +1,739 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Names in a project: what the name at a place means, where it is used, and the edits that rename it everywhere.
+
+Trees, blackboard keys, nodes, ports, states, outcomes, userdata keys, behaviors and their parameters have names. Other
+files use them too: trees and machines, behaviors in Python, requirements of proofs and plans of mocks. What is certain
+is renamed. What may mean the name, such as a text in Python, is listed as a note and never changed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.model.definition import port_name_problem
+from flexbt_core.monitors.requirement_text import RequirementError, parse_requirement
+from flexbt_core.monitors.requirements import Has
+from flexbt_core.values.text import short_repr
+from flexbt_studio.errors import StudioError
+from flexbt_tools.tree_checks.check import HOST_KEYS
+
+from .diagnostics import TreeChecker
+from .machine_document import CONTAINERS, Item, MachineDocument, State, Table
+from .project import Place, Project, tree_places
+from .python_document import PythonDocument
+from .text import Span, TextEdit, applied
+from .xml_document import XmlDocument
+from .xml_keys import SUBTREES, node_type
+from .xml_spans import XmlElement
+from .yaml_document import Node, Tree, YamlDocument, scalar_text
+
+LONGEST: Final = 200
+"""Maximum length of a new name, characters."""
+MOST_NOTES: Final = 200
+"""Maximum number of places that are listed because they may mean a name."""
+
+_INTERFACE: Final = ('userdata', 'input_keys', 'output_keys', 'io_keys')
+_RUNS_TREE: Final = 'bt_file'
+"""Parameter of states that names a tree, or the file of one."""
+_BOARD_KEYS: Final = ('goal_id', 'request_id')
+"""Parameters of states that name a blackboard key."""
+_OTHER_FILES: Final = {'.py', '.yaml', '.yml', '.sh', '.md', '.json', '.toml', '.cfg'}
+_ANY_KEY: Final = 'KEY'
+"""What docstrings of states call keys that parameters declare."""
+
+
+class Named(NamedTuple):
+    """What a name means: its kind, the file that defines it, and the part of the view that owns it.
+
+    Kinds and their owners: ``tree`` and ``key`` (the tree), ``node``, ``state`` (itself), ``outcome`` and ``userdata``
+    (the container), ``behavior`` and ``parameter`` (none), ``port`` (the node type).
+    """
+
+    kind: str
+    name: str
+    file: str
+    owner: str
+
+
+class Mention(NamedTuple):
+    """A place that uses a name, or may. ``text`` says how, or why it is to be looked at."""
+
+    file: str
+    span: Span
+    text: str
+
+
+@dataclass
+class Renaming:
+    """The edits of each file, and what is to be looked at."""
+
+    edits: dict[str, list[TextEdit]] = field(default_factory=dict)
+    notes: list[Mention] = field(default_factory=list)
+
+    def add(self, file: str, edits: Sequence[TextEdit]) -> None:
+        """Add edits of a file."""
+        if edits:
+            self.edits.setdefault(file, []).extend(edits)
+
+
+class Names:
+    """The names of a project. ``palette`` are the states as :func:`.palette.states` returns them."""
+
+    def __init__(
+        self, project: Project, registry: NodeRegistry, checker: TreeChecker, palette: Sequence[Mapping[str, Any]]
+    ) -> None:
+        self._project = project
+        self._registry = registry
+        self._checker = checker
+        self._states = {one['id']: one for one in palette}
+
+    # What a name means.
+
+    def at(self, file: str, offset: int) -> Named:
+        """Return what the name at an offset means. Raises StudioError if there is none that can be renamed."""
+        document = self._project.document(file)
+        found = (
+            self._in_trees(file, document, offset)
+            if isinstance(document, XmlDocument)
+            else self._in_machine(file, document, offset)
+            if isinstance(document, MachineDocument)
+            else None
+        )
+        if found is None or not found.name:
+            raise StudioError(f'{file}: there is no name here that can be renamed')
+        return found
+
+    def _in_trees(self, file: str, document: XmlDocument, offset: int) -> Named | None:
+        elements = (one for top in document.layout.tops for one in top.all())
+        element = next((one for one in elements if one.offset <= offset < one.open_end), None)
+        parts = element.parts.items() if element else ()
+        name, part = next(((name, one) for name, one in parts if one.start <= offset <= one.value_end), ('', None))
+        if element is None or part is None:
+            return None
+        tree = _tree_around(element)
+        is_value, is_subtree = offset >= part.value_start, element.tag in SUBTREES
+        if is_value and (name == 'main_tree_to_execute' or (name == 'ID' and (is_subtree or element is tree))):
+            return self._tree(part.value, file, element if element is tree else None)
+        if element.tag in ('input_port', 'output_port', 'inout_port') and element.parent is not None and name == 'name':
+            is_tree, id = element.parent.tag in SUBTREES, element.parent.attributes.get('ID', '')
+            return self._key(part.value, id, file) if is_tree else Named('port', part.value, file, id)
+        if tree is None:
+            return None
+        if is_value:
+            for use in document.keys.of(element):
+                if use.span.start <= offset <= use.span.end and use.span.start < use.span.end:
+                    return Named('key', use.key, file, document.path_of(tree))
+            nodes = document.view()['nodes']
+            path = next((node['path'] for node in nodes if node['span'][0] == element.offset), '')
+            return Named('node', part.value, file, path) if name == 'name' and path else None
+        if port_name_problem(name):
+            return None
+        id = node_type(element)
+        return self._key(name, id, file) if is_subtree else Named('port', name, file, id)
+
+    def _tree(self, id: str, near: str, element: XmlElement | None = None) -> Named:
+        place = Place(near, Span(0, 0)) if element is not None else tree_places(self._project, near).get(id)
+        if place is None:
+            raise StudioError(f'no file of the project defines the tree [{id}]')
+        document = self._trees_of(place.file)
+        element = element if element is not None else document.definition(id)
+        assert element is not None
+        return Named('tree', id, place.file, document.path_of(element))
+
+    def _key(self, key: str, tree: str, near: str) -> Named:
+        return self._tree(tree, near)._replace(kind='key', name=key)
+
+    def _in_machine(self, file: str, document: MachineDocument, offset: int) -> Named | None:
+        def here(span: Sequence[int]) -> bool:
+            return span[0] <= offset <= span[1] and span[0] < span[1]
+
+        for head in document.behaviors:
+            if head.get('name_span') and here(head['name_span']):
+                return Named('behavior', head['name'], file, '')
+        if isinstance(document, YamlDocument) and (parameter := document.parameter_at(offset)):
+            return Named('parameter', parameter, file, '')
+        for state in reversed(document.states.values()):
+            if not here(state.span) and state.parent is not None:
+                continue
+            if here(state.label_span) and state.parent is not None:
+                return Named('state', state.label, file, state.path)
+            if state.kind == 'behavior' and here(state.type_span):
+                return self._behavior(state.type, lambda name, one, root: Named('behavior', name, one, ''))
+            if (found := self._in_tables(file, state, here)) is not None:
+                return found
+        return None
+
+    def _in_tables(self, file: str, state: State, here: Callable[[Sequence[int]], bool]) -> Named | None:
+        """Return what the name at a place in the tables of a state means."""
+        parent = state.parent
+        for table in ('outcomes', *_INTERFACE):
+            for item in state.items(table):
+                if here(item.key_span) or (not item.key_span.end and here(item.span)):
+                    return Named('outcome' if table == 'outcomes' else 'userdata', item.key, file, state.path)
+        for condition in state.conditions:
+            if here(condition.outcome.value_span):
+                return Named('outcome', condition.outcome.value or '', file, state.path)
+            for pair in condition.pairs.items:
+                child = next((one for one in state.children if one.label == pair.key), None)
+                if child is not None and here(pair.key_span):
+                    return Named('state', child.label, file, child.path)
+                if child is not None and here(pair.value_span):
+                    return self._outcome(pair.value or '', file, child)
+        for table in ('transitions', 'autonomy', 'remapping') if parent is not None else ():
+            for item in state.items(table):
+                is_key = table == 'remapping'
+                if here(item.key_span):
+                    return self._inner_key(item.key, file, state) if is_key else self._outcome(item.key, file, state)
+                if here(item.value_span) and table != 'autonomy' and parent is not None:
+                    beside = next((one for one in parent.children if one.label == item.value and not is_key), None)
+                    kind = 'userdata' if is_key else 'outcome'
+                    return (
+                        Named(kind, item.value or '', file, parent.path)
+                        if beside is None
+                        else Named('state', beside.label, file, beside.path)
+                    )
+        for item in state.items('parameters'):
+            if here(item.value_span) and item.key == _RUNS_TREE and item.value in tree_places(self._project):
+                return self._tree(item.value, '')
+        return None
+
+    def _outcome(self, name: str, file: str, state: State) -> Named:
+        if state.kind in CONTAINERS:
+            return Named('outcome', name, file, state.path)
+        if state.kind == 'behavior':
+            return self._behavior(state.type, lambda _, one, root: Named('outcome', name, one, root.path))
+        raise StudioError(f'the outcome {name} of {state.path} is one of the class {state.type}; rename it in its code')
+
+    def _inner_key(self, name: str, file: str, state: State) -> Named:
+        if state.kind in CONTAINERS:
+            return Named('userdata', name, file, state.path)
+        if state.kind == 'behavior':
+            return self._behavior(state.type, lambda _, one, root: Named('userdata', name, one, root.path))
+        raise StudioError(f'the key {name} of {state.path} is one of the class {state.type}; rename it in its code')
+
+    def _behavior(self, name: str, made: Callable[[str, str, State], Named]) -> Named:
+        found = [(own[0], file, root) for own, file, root in self._behaviors() if name in own]
+        if not found:
+            raise StudioError(f'the behavior {short_repr(name)} is not one of this project')
+        return made(*found[0])
+
+    # The files of a project.
+
+    def _trees_of(self, file: str) -> XmlDocument:
+        document = self._project.document(file)
+        assert isinstance(document, XmlDocument)
+        return document
+
+    def _tree_files(self) -> Iterator[tuple[str, XmlDocument]]:
+        for file, document in self._project.documents('trees'):
+            if isinstance(document, XmlDocument):
+                yield file, document
+
+    def _machines(self) -> Iterator[tuple[str, MachineDocument]]:
+        for file, document in self._project.documents():
+            if isinstance(document, MachineDocument):
+                yield file, document
+
+    def _behaviors(self) -> Iterator[tuple[tuple[str, ...], str, State]]:
+        """Yield the names of each behavior (that of its class, too), its file, and its outermost container."""
+        for file, document in self._machines():
+            if isinstance(document, YamlDocument) and document.roots:
+                head = document.behaviors[0]['name'] if document.behaviors else ''
+                yield (head or Path(file).stem,), file, document.roots[0][1]
+            for head, (_, root) in zip(document.behaviors, document.roots, strict=False):
+                if isinstance(document, PythonDocument):
+                    yield (head['name'], head['class']), file, root
+
+    def _names_of(self, file: str, container: str) -> tuple[str, ...]:
+        """Return the names of the behavior whose outermost container this is; none for other containers."""
+        own = (names for names, one, root in self._behaviors() if (one, root.path) == (file, container))
+        return next(own, ())
+
+    def _embedding(self, names: Sequence[str]) -> Iterator[tuple[str, MachineDocument, State]]:
+        """Yield the states that run a behavior with one of these names as a part of their machine."""
+        for file, document in self._machines():
+            for state in document.states.values():
+                if state.kind == 'behavior' and state.type in names:
+                    yield file, document, state
+
+    def _callers(self, named: Named, id: str) -> Iterator[tuple[str, XmlDocument]]:
+        """Yield the other files in which this ID means a tree of the file of ``named``."""
+        for file, document in self._tree_files():
+            is_used = file != named.file and document.definition(id) is None and document.tree_uses(id)
+            if is_used and tree_places(self._project, file)[id].file == named.file:
+                yield file, document
+
+    def _parameters(self) -> Iterator[tuple[str, MachineDocument, State, Item, str]]:
+        """Yield the parameters of states that are not in a behavior, with the names that their classes give them."""
+        for file, document in self._machines():
+            for state in document.states.values():
+                known = self._states.get(state.type.rpartition('.')[2], {}).get('parameters', ())
+                for item in state.items('parameters') if state.kind == 'state' else ():
+                    is_place = item.key.isdigit() and int(item.key) < len(known)
+                    yield file, document, state, item, known[int(item.key)]['name'] if is_place else item.key
+
+    # Uses.
+
+    def uses(self, named: Named) -> list[Mention]:
+        """Return where a name is used, with what is to be looked at last."""
+        if named.kind == 'key':
+            return [*self._key_uses(named)]
+        name = f'{named.name}_'
+        found = self.rename(named, name)
+        spans = [(file, Span(edit.start, edit.end)) for file, edits in found.edits.items() for edit in edits]
+        return [*(Mention(file, span, named.kind) for file, span in sorted(set(spans))), *found.notes]
+
+    def _key_uses(self, named: Named) -> Iterator[Mention]:
+        document = self._trees_of(named.file)
+        tree = document.trees[named.owner]
+        for use in document.keys.readable(tree):
+            if use.key == named.name:
+                yield Mention(named.file, use.span, f'{use.role} in {use.element} [{use.attribute}]')
+        id = tree.attributes.get('ID', '')
+        if document.definition(id) is tree:
+            for file, other in [(named.file, document), *self._callers(named, id)]:
+                for call in other.subtrees:
+                    if call.attributes.get('ID') == id and named.name in call.parts:
+                        part = call.parts[named.name]
+                        text = f'handed to the sub-tree as {part.value or "nothing"}'
+                        yield Mention(file, Span(part.start, part.start + len(named.name)), text)
+        yield from self._board_notes(named)
+
+    # Renaming.
+
+    def rename(self, named: Named, new: str) -> Renaming:
+        """Return the edits that give something another name, in all files of the project.
+
+        Raises:
+            StudioError: the name is not allowed or taken, or something that names it cannot be edited.
+        """
+        if len(new) > LONGEST:
+            raise StudioError(f'a name has at most {LONGEST} characters, not {len(new)}')
+        made = Renaming()
+        if new == named.name:
+            return made
+        carry_out: Callable[[Named, str, Renaming], None] = getattr(self, f'_rename_{named.kind}')
+        carry_out(named, new, made)
+        for file, edits in made.edits.items():
+            made.edits[file] = self._checked(file, edits)
+        made.edits = {file: edits for file, edits in sorted(made.edits.items()) if edits}
+        made.notes += self._notes(named, made)
+        return made
+
+    def _checked(self, file: str, edits: list[TextEdit]) -> list[TextEdit]:
+        """Return edits that change something, in order. Raises StudioError if the text could not be read after them."""
+        edits = sorted(dict.fromkeys(edits))
+        try:
+            after = applied(text := self._project.text(file), edits)
+        except ValueError as error:
+            raise StudioError(f'{file}: two edits of this renaming overlap; rename it in the text') from error
+        if Path(file).suffix == '.xml' or file in {one['file'] for one in self._project.files()}:
+            document = self._project.document(file)
+            if len(type(document)(after, file).problems) > len(document.problems):
+                raise StudioError(f'{file} could not be read with this name; choose another one')
+            if isinstance(document, MachineDocument):
+                return document.checked(edits)
+        return [one for one in edits if text[one.start : one.end] != one.text]
+
+    def _rename_tree(self, named: Named, new: str, made: Renaming) -> None:
+        taken = tree_places(self._project, named.file).get(new)
+        if taken is not None:
+            raise StudioError(f'there is a tree [{new}] already, in {taken.file}; choose another ID')
+        document = self._trees_of(named.file)
+        made.add(named.file, document.gesture('rename_tree', {'id': named.owner, 'new': new}))
+        for file, other in self._callers(named, named.name):
+            made.add(file, [TextEdit(*span, new) for span in other.tree_uses(named.name)])
+        defined = [one for one, other in self._tree_files() if other.definition(named.name) is not None]
+        for file, machine, _, item, name in self._parameters():
+            if name != _RUNS_TREE:
+                continue
+            default = machine.default_of(item.value) if isinstance(machine, YamlDocument) and item.value else None
+            item = default or item
+            if item.value == named.name and len(defined) == 1:
+                made.add(file, [machine.renamed(item.value_span, new)])
+            elif item.value == named.name:
+                made.notes.append(Mention(file, item.value_span, f'several files define this tree: {defined}'))
+        self._in_requirements(made, {named.name: {}}, sections={named.name: new})
+
+    def _rename_key(self, named: Named, new: str, made: Renaming) -> None:
+        document, old = self._trees_of(named.file), named.name
+        made.add(named.file, document.gesture('rename_key', {'tree': named.owner, 'old': old, 'new': new}))
+        tree = document.trees[named.owner]
+        id = tree.attributes.get('ID', '')
+        if document.definition(id) is tree:
+            is_shared = document.is_shared(named.owner, old)
+            for file, other in self._callers(named, id):
+                made.add(file, other.renamed_port(id, old, new, is_shared=is_shared))
+        made.notes += self._board_notes(named)
+        if old.removeprefix('@') in HOST_KEYS:
+            text = f'the BT server writes [{old}] before it runs a main tree'
+            made.notes.append(Mention(named.file, document.value_span(tree, 'ID'), text))
+
+    def _board_notes(self, named: Named) -> Iterator[Mention]:
+        """Yield the parameters of states that name a key of a blackboard: it may be that of this tree."""
+        for file, document, state, item, name in self._parameters():
+            value, _ = document.value(item)
+            if (name in _BOARD_KEYS and value == named.name) or (isinstance(value, dict) and named.name in value):
+                yield Mention(file, item.value_span, f'{state.path} [{name}] may mean this key of the blackboard')
+        if named.name.startswith('@'):
+            for file, other in self._tree_files():
+                for path, tree in other.trees.items():
+                    for use in other.keys.readable(tree) if (file, path) != (named.file, named.owner) else ():
+                        if use.key in (named.name, named.name[1:]):
+                            yield Mention(file, use.span, f'{use.element} may mean this key of the topmost tree')
+
+    def _rename_node(self, named: Named, new: str, made: Renaming) -> None:
+        document = self._trees_of(named.file)
+        if not new.strip():
+            raise StudioError('a node needs a name; remove the attribute to have none')
+        edits = document.gesture('set_value', {'node': named.owner, 'name': 'name', 'value': new})
+        made.add(named.file, edits)
+        renamed: dict[str, dict[str, str]] = {}
+        for section in {one for _, text in self._requirement_files() for one, _ in _sections(text)}:
+            place = tree_places(self._project, named.file).get(section.value)
+            runs = self._checker.nodes(place.file, section.value) if place is not None else {}
+            own = {run for run, at in runs.items() if at == (named.file, named.owner)}
+            for run in own:
+                if run.rpartition('/')[2] == named.name:
+                    renamed.setdefault(section.value, {})[run] = f'{run[: -len(named.name)]}{new}'
+        self._in_requirements(made, renamed)
+        nodes = (node for _, one in self._tree_files() for node in one.view()['nodes'])
+        everywhere = [node for node in nodes if named.name in (node['name'], node['type'])]
+        for file, key in self._mock_patterns():
+            if key.value == named.name and len(everywhere) == 1 and named.name not in self._registry:
+                made.add(file, [TextEdit(key.start, key.end, scalar_text(new, self._project.text(file)[key.start]))])
+
+    def _rename_port(self, named: Named, new: str, made: Renaming) -> None:
+        if named.owner in self._registry:
+            raise StudioError(f'[{named.name}] is a port of the class of {named.owner}; rename it in its code')
+        if problem := port_name_problem(new):
+            raise StudioError(problem)
+        for file, document in self._tree_files():
+            for element in (one for tree in document.trees.values() for one in tree.all()):
+                if node_type(element) != named.owner or element.tag in SUBTREES:
+                    continue
+                if new in element.parts:
+                    raise StudioError(f'{file}: {element} has an attribute [{new}] already; choose another name')
+                if (part := element.parts.get(named.name)) is not None:
+                    made.add(file, [TextEdit(part.start, part.start + len(named.name), new)])
+                    if part.value.strip(' {}') == '=':
+                        made.add(file, [TextEdit(part.value_start, part.value_end, f'{{{named.name}}}')])
+            models = (one for one in document.models if one.attributes.get('ID') == named.owner)
+            ports = [port for one in models for port in one.children]
+            if any(port.attributes.get('name') == new for port in ports):
+                raise StudioError(f'{file}: the model of {named.owner} has a port [{new}] already; choose another name')
+            spans = [document.value_span(one, 'name') for one in ports if one.attributes.get('name') == named.name]
+            made.add(file, [TextEdit(*span, new) for span in spans])
+
+    # Machines.
+
+    def _machine(self, file: str) -> MachineDocument:
+        document = self._project.document(file)
+        assert isinstance(document, MachineDocument)
+        return document
+
+    def _rename_state(self, named: Named, new: str, made: Renaming) -> None:
+        document = self._machine(named.file)
+        made.add(named.file, document.gesture('rename_state', {'state': named.owner, 'label': new}))
+        self._in_requirements(
+            made,
+            {
+                behavior: {run: f'{run.rpartition("/")[0]}/{new}' for run in runs}
+                for behavior, runs in self._runs_of(named.file, named.owner).items()
+            },
+        )
+
+    def _runs_of(self, file: str, path: str) -> dict[str, list[str]]:
+        """Return the paths of a state in the runs of each behavior, also of those that embed its behavior."""
+        behaviors = [*self._behaviors()]
+        found: dict[str, list[str]] = {}
+        for names, owner, root in behaviors:
+            pending = [(owner, root, '', 0)]
+            for one, top, prefix, depth in pending:
+                for state in self._machine(one).states.values():
+                    if not _is_below(state, top):
+                        continue
+                    run = f'{prefix}/{state.path.partition("/")[2]}' if state is not top else prefix or '/'
+                    if (one, state.path) == (file, path):
+                        found.setdefault(names[0], []).append(run)
+                    inner = [(f, r) for own, f, r in behaviors if state.kind == 'behavior' and state.type in own]
+                    pending += [(f, r, run, depth + 1) for f, r in inner[:1] if depth < 8]
+        return found
+
+    def _rename_outcome(self, named: Named, new: str, made: Renaming) -> None:
+        document, old = self._machine(named.file), named.name
+        gesture = {'container': named.owner, 'outcome': old, 'name': new}
+        made.add(named.file, document.gesture('rename_outcome', gesture))
+        names = self._names_of(named.file, named.owner)
+        for file, other, state in self._embedding(names):
+            items = [one for table in ('transitions', 'autonomy') for one in state.items(table) if one.key == old]
+            around = state.parent.conditions if state.parent is not None else []
+            pairs = [one for condition in around for one in condition.pairs.items if one.key == state.label]
+            spans = [*(one.key_span for one in items), *(one.value_span for one in pairs if one.value == old)]
+            made.add(file, [other.renamed(span, new) for span in spans])
+        for file, _, state, item, name in self._parameters():
+            if name == 'behavior' and item.value in names:
+                made.notes.append(Mention(file, state.label_span, f'{state.path} runs this behavior; see its outcomes'))
+        self._in_requirements(
+            made,
+            {
+                behavior: {f'={old}' if run == '/' else f'{run} > {old}': f'={new}' if run == '/' else f'{run} > {new}'}
+                for behavior, runs in self._runs_of(named.file, named.owner).items()
+                for run in runs
+            },
+            exact=True,
+        )
+
+    def _rename_userdata(self, named: Named, new: str, made: Renaming) -> None:
+        document, old = self._machine(named.file), named.name
+        document.check_name(new, 'a key')
+        container = document.container(named.owner)
+        edits = [document.renamed(span, new) for span in self._declared(document, container, old, new)]
+        for child in container.children:
+            given = {item.value for item in child.items('remapping')}
+            is_own = child.tables.get('remapping', Table()).find(new) is None
+            if new in given or (is_own and self._uses_key(document, child, new)):
+                raise StudioError(f'{child.path} uses the key {new} too, so the two would become one')
+            mapped = [item for item in child.items('remapping') if item.value == old]
+            edits += [document.renamed(item.value_span, new) for item in mapped]
+            if not mapped and child.tables.get('remapping', Table()).find(old) is None:
+                uses = self._uses_key(document, child, old)
+                if uses:
+                    document.state(child.path)
+                    edits += document.put(child, 'remapping', old, new, document.name)
+                elif uses is None:
+                    text = f'{child.path} ({child.type}) may use the key by this name'
+                    made.notes.append(Mention(named.file, child.label_span, text))
+        if not edits:
+            raise StudioError(f'{named.owner} has no key {old}')
+        made.add(named.file, edits)
+        is_interface = any(container.tables.get(one, Table()).find(old) for one in _INTERFACE[1:])
+        outside = [(named.file, document, container)] if container.parent else []
+        outside += self._embedding(self._names_of(named.file, named.owner))
+        for file, other, state in outside:
+            item = state.tables.get('remapping', Table()).find(old)
+            if item is not None:
+                made.add(file, [other.renamed(item.key_span, new)])
+            elif is_interface:
+                made.add(file, other.put(state, 'remapping', new, old, other.name))
+        self._in_requirements(
+            made,
+            {
+                behavior: {old: new, f'{{{old}}}': f'{{{new}}}'}
+                for behavior, runs in self._runs_of(named.file, named.owner).items()
+                if '/' in runs
+            },
+            exact=True,
+        )
+
+    def _declared(self, document: MachineDocument, container: State, old: str, new: str) -> Iterator[Span]:
+        """Yield where a container declares a userdata key."""
+        for table in _INTERFACE:
+            items = container.tables.get(table, Table())
+            if items.find(new) is not None:
+                raise StudioError(f'{container.path} has a key {new} already; choose another name')
+            item = items.find(old)
+            if item is not None:
+                yield item.key_span if item.key_span.end else item.span
+        if isinstance(document, YamlDocument) and container.parent is None and (item := document.input(old)):
+            yield item.key_span
+
+    def _uses_key(self, document: MachineDocument, child: State, key: str) -> bool | None:
+        """Return whether a state uses a key of its container that it names itself; None if that is not known."""
+        if child.kind in CONTAINERS:
+            return any(child.tables.get(table, Table()).find(key) for table in _INTERFACE[1:])
+        if child.kind == 'behavior':
+            own = next((root for names, _, root in self._behaviors() if child.type in names), None)
+            return None if own is None else any(own.tables.get(one, Table()).find(key) for one in _INTERFACE[1:])
+        described = self._states.get(child.type.rpartition('.')[2])
+        if described is None:
+            return None
+        keys = {one['name'] for one in (*described['inputs'], *described['outputs'])}
+        if key in keys or _ANY_KEY not in keys:
+            return key in keys
+        values = [document.value(item) for item in child.items('parameters')]
+        is_known = all(is_literal for _, is_literal in values) and not child.tables.get('parameters', Table()).locked
+        return any(_names(value, key) for value, _ in values) if is_known else None
+
+    def _rename_behavior(self, named: Named, new: str, made: Renaming) -> None:
+        document = self._machine(named.file)
+        document.check_name(new, 'the name of a behavior')
+        taken = next((file for names, file, _ in self._behaviors() if new in names), None)
+        if taken is not None:
+            raise StudioError(f'{taken} has a behavior {short_repr(new)} already; choose another name')
+        head = next((one for one in document.behaviors if one['name'] == named.name and one.get('name_span')), None)
+        if head is None:
+            raise StudioError(f'{named.file} does not write the name of its behavior; rename the file, or add name:')
+        made.add(named.file, [document.renamed(Span(*head['name_span']), new)])
+        for file, other, state in self._embedding((named.name,)):
+            if isinstance(other, YamlDocument):
+                made.add(file, [other.renamed(state.type_span, new)])
+        for file, other, _, item, name in self._parameters():
+            if name == 'behavior' and item.value == named.name:
+                made.add(file, [other.renamed(item.value_span, new)])
+        self._in_requirements(made, {named.name: {}}, sections={named.name: new})
+
+    def _rename_parameter(self, named: Named, new: str, made: Renaming) -> None:
+        document = self._machine(named.file)
+        gesture = {'name': named.name, 'new': new}
+        made.add(named.file, document.gesture('rename_behavior_parameter', gesture))
+        for file, other, state in self._embedding(self._names_of(named.file, '/')):
+            item = state.tables.get('parameters', Table()).find(named.name)
+            made.add(file, [other.renamed(item.key_span, new)] if item is not None else [])
+
+    # Requirements and plans.
+
+    def _requirement_files(self) -> Iterator[tuple[str, str]]:
+        known = {one['file'] for one in self._project.files()}
+        yield from (pair for pair in self._project.texts_with({'.yaml', '.yml'}) if pair[0] not in known)
+
+    def _mock_patterns(self) -> Iterator[tuple[str, Node]]:
+        for file, text in self._requirement_files():
+            root = Tree(text).root
+            parts = root.parts if root is not None and root.kind == 'mapping' else []
+            for key, value in zip(parts[::2], parts[1::2], strict=True):
+                if key.value == 'mocks' and value.kind == 'mapping':
+                    yield from ((file, one) for one in value.parts[::2] if one.kind == 'scalar')
+
+    def _in_requirements(
+        self,
+        made: Renaming,
+        renamed: Mapping[str, Mapping[str, str]],
+        *,
+        sections: Mapping[str, str] | None = None,
+        exact: bool = False,
+    ) -> None:
+        """Add the edits of files of requirements: names by the section, that of a behavior or tree, and sections.
+
+        A path also stands for what is below it, unless it is ``exact``.
+        """
+        for file, text in self._requirement_files():
+            for section, lines in _sections(text):
+                new = (sections or {}).get(section.value)
+                if new is not None:
+                    made.add(file, [_replaced(text, section, new)])
+                for line in lines if renamed.get(section.value) else ():
+                    names = renamed[section.value]
+                    after = _renamed_requirement(line.value, names, exact)
+                    if after is None:
+                        made.notes.append(Mention(file, Span(line.start, line.end), 'this requirement may mean it'))
+                    elif after != line.value:
+                        made.add(file, [_replaced(text, line, after, is_line=True)])
+
+    # What is to be looked at.
+
+    def _notes(self, named: Named, made: Renaming) -> Iterator[Mention]:
+        """Yield the places that may mean a name: texts of Python, words of other files, what cannot be read."""
+        word = re.escape(named.name)
+        python = re.compile(rf"""(?<=(["']))(?:[^"'\s]*/)?({word})(?=\1)|(?<=userdata\.)({word})\b""")
+        marked = re.compile(rf"""(?<=["'`/{{])()({word})(?=["'`/}}])""")
+        plain = re.compile(rf'(?<![\w.-])()({word})(?![\w.-])')
+        count = 0
+        known = {one['file'] for one in self._project.files()}
+        for file, document in self._project.documents():
+            if file != named.file and document.problems and named.name in document.text:
+                yield Mention(file, document.problems[0].span, 'the file cannot be read wholly; look in its text')
+        for file, text in self._project.texts_with(_OTHER_FILES):
+            suffix = Path(file).suffix
+            is_machine = file in known and suffix != '.py'
+            if named.name not in text or is_machine:
+                continue
+            taken = [Span(one.start, one.end) for one in made.edits.get(file, ())]
+            taken += [one.span for one in made.notes if one.file == file]
+            taken += _known_spans(self._machine(file)) if file in known else []
+            form = python if suffix == '.py' else marked if suffix == '.md' else plain
+            for found in form.finditer(text):
+                span = Span(*found.span(2 if found[2] is not None else 3))
+                if any(one.start <= span.start <= one.end for one in taken):
+                    continue
+                count += 1
+                if count > MOST_NOTES:
+                    yield Mention(file, span, f'and more: only {MOST_NOTES} are listed')
+                    return
+                yield Mention(file, span, 'a text that may mean it')
+
+
+def _known_spans(document: MachineDocument) -> list[Span]:
+    """Return the names in the machines of a file: what they mean is known."""
+    tables = ('outcomes', *_INTERFACE, 'transitions', 'autonomy', 'remapping')
+    items = [item for state in document.states.values() for table in tables for item in state.items(table)]
+    labels = [state.label_span for state in document.states.values()]
+    return [*labels, *(item.key_span for item in items), *(item.value_span for item in items)]
+
+
+def _tree_around(element: XmlElement) -> XmlElement | None:
+    one: XmlElement | None = element
+    while one is not None and one.tag != 'BehaviorTree':
+        one = one.parent
+    return one
+
+
+def _is_below(state: State, top: State) -> bool:
+    one: State | None = state
+    while one is not None and one is not top:
+        one = one.parent
+    return one is top
+
+
+def _names(value: Any, key: str) -> bool:
+    """Return whether a JSON value names a key: as an entry, an item, or in braces."""
+    if isinstance(value, dict):
+        return any(key == name or _names(one, key) for name, one in value.items())
+    if isinstance(value, list):
+        return any(key == one or _names(one, key) for one in value)
+    return isinstance(value, str) and f'{{{key}}}' in value
+
+
+def _sections(text: str) -> Iterator[tuple[Node, list[Node]]]:
+    """Yield names and lines of a text in YAML whose entries are lists of texts."""
+    root = Tree(text).root
+    parts = root.parts if root is not None and root.kind == 'mapping' else []
+    for key, value in zip(parts[::2], parts[1::2], strict=True):
+        if key.kind == 'scalar' and value.kind == 'sequence' and all(one.kind == 'scalar' for one in value.parts):
+            yield key, value.parts
+
+
+def _replaced(text: str, node: Node, new: str, *, is_line: bool = False) -> TextEdit:
+    """Return the edit that replaces a scalar; a plain one in a list may stay plain if it reads the same."""
+    root = Tree(f'- {new}').root if is_line and node.is_plain and text[node.start] not in '\'"' else None
+    parts = root.parts if root is not None else []
+    is_same = [one.value for one in parts if one.is_plain] == [new] and not set(',[]{}') & (set(new) - set(node.value))
+    return TextEdit(node.start, node.end, new if is_same else scalar_text(new, text[node.start]))
+
+
+def _renamed_requirement(line: str, names: Mapping[str, str], exact: bool) -> str | None:
+    """Return a requirement with other names; None if that is not certain."""
+
+    def renamed(text: str) -> str:
+        for old, new in names.items():
+            rest = text.removeprefix(old)
+            if text.startswith(old) and (not rest or (not exact and rest.startswith(('/', ' > ')))):
+                return new + rest
+        return text
+
+    def mapped(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(mapped, value))
+        return renamed(value) if isinstance(value, str) else value
+
+    try:
+        before = parse_requirement(line, '').requirement
+        if isinstance(before, Has):
+            names = {old: new for old, new in names.items() if f'{{{old}}}' not in names}
+        fields = {one.name: mapped(getattr(before, one.name)) for one in dataclasses.fields(before)}
+        wanted = type(before)(**fields)
+        if wanted == before:
+            return line
+        after = line
+        for old, new in names.items():
+            word = re.escape(old).replace(r'\ >\ ', r'\s*>\s*')
+            after = re.sub(rf'(?<![\w/]){word}(?![\w])', lambda _, new=new: new, after)  # type: ignore[misc]
+        return after if parse_requirement(after, '').requirement == wanted else None
+    except RequirementError:
+        return None
