@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from .freshness import LinkState
+from .history import History
+from .lanes import Lanes
 from .mirror import Mirror
 from .view import View
 
@@ -75,6 +77,7 @@ class Fleet:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._mirrors: dict[str, Mirror] = {}
+        self._pasts: dict[str, tuple[History, Lanes]] = {}
         self._listeners: list[Callable[[], None]] = []
         self.left_out = 0
         """Robots that were found and are not among these; see :meth:`note_left_out`."""
@@ -92,7 +95,19 @@ class Fleet:
         """Forget a robot. Harmless when it is not known."""
         with self._lock:
             self._mirrors.pop(name, None)
+            self._pasts.pop(name, None)
         self._tell()
+
+    def past(self, name: str) -> tuple[History, Lanes]:
+        """Return the past of a robot, and the lanes of its time line, which begin when this is called first.
+
+        Raises KeyError if the robot is not known.
+        """
+        with self._lock:
+            if name not in self._pasts:
+                mirror = self._mirrors[name]
+                self._pasts[name] = History(mirror), Lanes(mirror)
+            return self._pasts[name]
 
     def note_left_out(self, count: int, *, is_growing: bool = False) -> None:
         """Note how many robots were found but not added: there are too many, or the fleet is still growing."""

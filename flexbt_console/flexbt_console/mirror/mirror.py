@@ -115,6 +115,7 @@ class Mirror:
         self._places: Mapping[str, FramedPose] | None = None
         self._lock = threading.Lock()
         self._listeners: list[Callable[[Change], None]] = []
+        self._readers: list[Callable[[float, str, tuple[Any, ...]], None]] = []
         self._freshness = Freshness(lost_after)
         self._commands = CommandTracker()
         self._guard = StopGuard()
@@ -136,12 +137,35 @@ class Mirror:
         self._scan_until = math.inf
 
     def copy(self, clock: Clock) -> Mirror:
-        """Return a copy with the same contents that continues independently on ``clock``, without listeners."""
-        other = Mirror(clock)
+        """Return a copy with the same contents that continues independently on ``clock``, without listeners and
+        commands."""
         with self._lock:
-            own = ('_clock', '_lock', '_listeners')
-            vars(other).update({name: _copied(value) for name, value in vars(self).items() if name not in own})
-        return other
+            return Mirror.of({name: _copied(value) for name, value in self.contents().items()}, clock)
+
+    @classmethod
+    def of(cls, contents: Mapping[str, Any], clock: Clock) -> Mirror:
+        """Return a mirror of these :meth:`contents`, which are its own from then on."""
+        mirror = cls(clock)
+        vars(mirror).update(contents)
+        return mirror
+
+    def contents(self) -> dict[str, Any]:
+        """Return all that was received, as the mirror has it. For readers, see :meth:`add_reader`."""
+        return {name: value for name, value in vars(self).items() if name not in _OWN}
+
+    def add_reader(self, read: Callable[[float, str, tuple[Any, ...]], None]) -> None:
+        """Call ``read`` with the time, the name of a method and its arguments after each message that the mirror takes,
+        on the thread that brought it and in their order; first, with no name, for what is there already.
+
+        To show the mirror as it was, call the same methods at the same times. The mirror is locked meanwhile.
+        """
+        with self._lock:
+            self._readers.append(read)
+            read(self._now(), '', ())
+
+    def _read(self, now: float, method: str, *arguments: Any) -> None:
+        for read in self._readers:
+            read(now, method, arguments)
 
     def add_listener(self, listener: Callable[[Change], None]) -> None:
         """Call ``listener`` after each change, on the thread that brought it."""
@@ -171,6 +195,7 @@ class Mirror:
                 self._newest.popitem(last=False)
             self._freshness.arrived(now, snapshot.heartbeat_period, None if transit is None else transit.duration)
             settled = self._commands.answered(snapshot, now)
+            self._read(now, 'receive_snapshot', snapshot, transit)
         self._tell(Change.STATUS)
         if settled:
             self._tell(Change.COMMAND)
@@ -180,8 +205,9 @@ class Mirror:
         """Process a status of the stop guard."""
         with self._lock:
             self._guard = guard
-            self._guard_heard = self._now()
-            settled = self._commands.carried_out(guard, self._now())
+            now = self._guard_heard = self._now()
+            settled = self._commands.carried_out(guard, now)
+            self._read(now, 'receive_guard', guard)
         self._tell(Change.COMMAND if settled else Change.LINK)
 
     def receive_structure(self, structure: Structure) -> None:
@@ -191,24 +217,28 @@ class Mirror:
             self._structures.move_to_end(structure.run_id)
             while len(self._structures) > REMEMBERED_STRUCTURES:
                 self._structures.popitem(last=False)
+            self._read(self._now(), 'receive_structure', structure)
         self._tell(Change.STRUCTURE)
 
     def receive_behaviors(self, behaviors: BehaviorList) -> None:
         """Process the list of behaviors."""
         with self._lock:
             self._behaviors = behaviors
+            self._read(self._now(), 'receive_behaviors', behaviors)
         self._tell(Change.BEHAVIORS)
 
     def receive_places(self, places: Mapping[str, FramedPose]) -> None:
         """Process the places that the robot knows by name."""
         with self._lock:
             self._places = places
+            self._read(self._now(), 'receive_places', places)
         self._tell(Change.PLACES)
 
     def receive_subjects(self, subjects: Subjects) -> None:
         """Process the subjects of the pending decisions."""
         with self._lock:
             self._subjects = subjects
+            self._read(self._now(), 'receive_subjects', subjects)
         self._tell(Change.SUBJECTS)
 
     def receive_log(self, line: LogLine) -> bool:
@@ -217,6 +247,7 @@ class Mirror:
             if not self._log.add(line):
                 return False
             self._reasons = None
+            self._read(self._now(), 'receive_log', line)
         self._tell(Change.LOG)
         return True
 
@@ -225,6 +256,8 @@ class Mirror:
         with self._lock:
             new = [event for event in events if self._events.add(event)]
             self._reasons = None
+            if new:
+                self._read(self._now(), 'receive_events', new)
         if new:
             self._tell(Change.EVENTS)
         return bool(new)
@@ -233,46 +266,56 @@ class Mirror:
         """Process the nodes of a run of a tree."""
         with self._lock:
             self._trees.receive_structure(nodes)
+            self._read(self._now(), 'receive_tree_structure', nodes)
         self._tell(Change.TREE)
 
     def receive_tree_status(self, report: TreeReport) -> None:
         """Process the events of a run of a tree."""
         with self._lock:
-            is_newer = self._trees.receive_status(report, self._now())
+            now = self._now()
+            is_newer = self._trees.receive_status(report, now)
+            if is_newer:
+                self._read(now, 'receive_tree_status', report)
         if is_newer:
             self._tell(Change.TREE)
 
     def tree_servers_left(self, there: Collection[str] = ()) -> None:
         """Note the only nodes that still publish statuses of trees, as the middleware reports."""
         with self._lock:
-            self._trees.servers_left(there, self._now())
+            now = self._now()
+            self._trees.servers_left(there, now)
+            self._read(now, 'tree_servers_left', there)
         self._tell(Change.TREE)
 
     def receive_map(self, map: GridMap) -> None:
         """Process the map."""
-        self._surround(map=map)
+        self._surround('receive_map', map, map=map)
 
     def receive_plan(self, plan: Points) -> None:
         """Process the path that the robot follows, or the latest one that was requested."""
-        self._surround(plan=plan)
+        self._surround('receive_plan', plan, plan=plan)
 
     def receive_scan(self, scan: Points, seconds: float) -> None:
         """Process the points of the lidar, valid for this many seconds. They may be the same as before."""
         with self._lock:
-            self._scan_until = self._now() + seconds
+            now = self._now()
+            self._scan_until = now + seconds
+            self._read(now, 'receive_scan', scan, seconds)
             if scan is self._surroundings.scan:
                 return
-        self._surround(scan=scan)
+            self._surroundings = replace(self._surroundings, scan=scan)
+        self._tell(Change.SURROUNDINGS)
 
     def forget_surroundings(self) -> None:
         """Discard trees, plan and scan, which are not received any more: they must not be shown later. Keep the map."""
         with self._lock:
             self._trees.forget_runs()
-        self._surround(plan=(), scan=())
+        self._surround('forget_surroundings', plan=(), scan=())
 
-    def _surround(self, **parts: Any) -> None:
+    def _surround(self, method: str, *arguments: Any, **parts: Any) -> None:
         with self._lock:
             self._surroundings = replace(self._surroundings, **parts)
+            self._read(self._now(), method, *arguments)
         self._tell(Change.SURROUNDINGS)
 
     def wants_ping(self) -> bool:
@@ -283,7 +326,9 @@ class Mirror:
     def receive_pong(self, ahead: float) -> None:
         """Note an echo that was sent ``ahead`` seconds after the ping, each on its own computer's wall clock."""
         with self._lock:
-            self._freshness.echoed(self._now(), ahead)
+            now = self._now()
+            self._freshness.echoed(now, ahead)
+            self._read(now, 'receive_pong', ahead)
         self._tell(Change.LINK)
 
     def is_silent(self, listened: float = math.inf) -> bool:
@@ -296,6 +341,7 @@ class Mirror:
         """Note that no publisher of snapshots is left, as the middleware reports."""
         with self._lock:
             self._freshness.sender_gone()
+            self._read(self._now(), 'sender_gone')
         self._tell(Change.LINK)
 
     def sender_replaced(self, was_executive: bool) -> None:
@@ -313,11 +359,13 @@ class Mirror:
                 self._structures.clear()
                 self._behaviors = self._places = self._reasons = self._subjects = None
                 self._log, self._events = NumberedList(LOG_LENGTH), NumberedList(LOG_LENGTH)
+            self._read(self._now(), 'sender_replaced', was_executive)
 
     def set_problem(self, problem: str) -> None:
         """Set the problem of the link (empty: none), e.g. that the sides have different versions."""
         with self._lock:
             changed, self._problem = self._problem != problem, problem
+            self._read(self._now(), 'set_problem', problem)
         if changed:
             self._tell(Change.LINK)
 
@@ -468,11 +516,15 @@ class Mirror:
             listener(change)
 
 
+_OWN: Final = frozenset({'_clock', '_lock', '_listeners', '_readers', '_commands', '_seconds_asleep', '_asleep'})
+"""What does not belong to the contents of a mirror."""
+
+
 def _copied(value: Any) -> Any:
     """Return a copy of a mutable value; records are immutable and need none."""
     if isinstance(value, (list, deque)):
         return copy(value)
-    if not isinstance(value, (dict, Freshness, CommandTracker, NumberedList, Trees, UnexpectedMotionDetector)):
+    if not isinstance(value, (dict, Freshness, NumberedList, Trees, UnexpectedMotionDetector)):
         return value
     made = copy(value)
     parts = made if isinstance(made, dict) else vars(made)

@@ -16,7 +16,7 @@ REMEMBERED_TREES: Final = 8
 """Maximum number of remembered runs of trees: current ones, and the latest that have ended."""
 
 GONE_SECONDS: Final = 60.0
-"""Time for which a run is remembered after its server is gone, s."""
+"""Time for which a run is shown after its server is gone, s."""
 
 BT_SERVER: Final = 'bt_server'
 """Name of the node that runs trees (flexbt_common.names); used when a message does not contain the name."""
@@ -255,10 +255,11 @@ class Trees:
 
     def runs(self, now: float = 0.0) -> tuple[MirroredTree, ...]:
         """Return the runs whose nodes are known: running ones first, then the others; the latest of each first."""
-        for run_id, run in list(self._runs.items()):
-            if run.gone_at is not None and now - run.gone_at > GONE_SECONDS:
-                del self._runs[run_id]
-        known = [run for run in reversed(self._runs.values()) if run.nodes]
+        known = [
+            run
+            for run in reversed(self._runs.values())
+            if run.nodes and (run.gone_at is None or now - run.gone_at <= GONE_SECONDS)
+        ]
         return tuple(sorted(known, key=lambda run: not run.is_running))
 
     def _keep(self, run: MirroredTree) -> None:

@@ -1,0 +1,420 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The lanes of the time line: what was active, ran, was asked, commanded, aimed at or wrong, and from when to when."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import OrderedDict, deque
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any, Final
+
+from flexbt_core.values.text import one_line
+
+from .freshness import LOST_PERIODS, LOST_SECONDS
+from .mirror import Mirror
+from .records import (
+    DecisionKind,
+    EventKind,
+    ExecutiveEvent,
+    ExecutiveSnapshot,
+    ExecutiveState,
+    FramedPose,
+    LogLine,
+    LogSeverity,
+)
+from .trees import MirroredNode, MirroredStatus, TreeNodes, TreeReport
+
+MOST_ENTRIES: Final = 3000
+"""Entries of a lane, at most; the oldest are dropped."""
+
+MERGE_SECONDS: Final = 1.0
+"""Time between two equal entries that become one, s: a node that ticks often is one entry with a count."""
+
+LATE_SECONDS: Final = 2.0
+"""Time by which the reason of an end may arrive later than the end, s."""
+
+MOST_RUNS: Final = 16
+MOST_WAITING: Final = 100
+"""Runs of trees that are followed, and reports that wait for the nodes of their run, at most."""
+
+TEXT_LENGTH: Final = 300
+PLACE_RADIUS: Final = 0.5
+"""Metres within which a goal is called by the name of a place."""
+
+ANSWERS: Final = {'CONFIRM': 'confirmed', 'FORCE': 'forced', 'ANSWER': 'answered', 'DECLINE': 'declined'}
+FAILED: Final = frozenset({'failed', 'error', 'failure'})
+
+
+class Lane(StrEnum):
+    """A lane of the time line, in the order from top to bottom."""
+
+    STATES = 'states'
+    NODES = 'nodes'
+    DECISIONS = 'decisions'
+    COMMANDS = 'commands'
+    GOALS = 'goals'
+    FAULTS = 'faults'
+
+
+@dataclass(slots=True)
+class LaneEntry:
+    """A part of a lane.
+
+    ``begin`` and ``end`` are in seconds on the reader's clock; ``end`` is None while it goes on. ``key`` tells what it
+    is of: the path of a state, or the run's tree and the path of a node. ``word``: how it ended. ``tone``: good, error,
+    warning or ''. ``count``: how often it happened. ``revision`` grows with each change of any entry.
+    """
+
+    number: int
+    lane: Lane
+    key: str
+    label: str
+    begin: float
+    end: float | None
+    word: str = ''
+    tone: str = ''
+    text: str = ''
+    count: int = 1
+    revision: int = 0
+
+
+class Lanes:
+    """The lanes of a mirror from now on. Thread-safe."""
+
+    def __init__(self, mirror: Mirror) -> None:
+        self._lock = threading.Lock()
+        self._lanes: dict[Lane, deque[LaneEntry]] = {lane: deque(maxlen=MOST_ENTRIES) for lane in Lane}
+        self._latest: OrderedDict[tuple[Lane, str], LaneEntry] = OrderedDict()
+        self._open: dict[tuple[Lane, str], LaneEntry] = {}
+        self._resumed: dict[int, tuple[float, float]] = {}
+        """Of an entry that goes on after its end: when it went on, and that end."""
+        self._numbers = self.revision = 0
+        self._now = 0.0
+        self._snapshot: ExecutiveSnapshot | None = None
+        self._heard = math.inf
+        self._entered: dict[str, float] = {}
+        self._left: dict[str, float] = {}
+        """When a state was left the last time, on the executive's clock; its status may be older."""
+        self._answers: deque[tuple[float, str]] = deque(maxlen=20)
+        """Answers of operators whose decision has not ended yet: when, and the word for its entry."""
+        self._ran = ''
+        self._places: Mapping[str, FramedPose] = {}
+        self._runs: OrderedDict[str, _Run] = OrderedDict()
+        self._takers: dict[str, Callable[..., None]] = {
+            'receive_snapshot': self._take_snapshot,
+            'receive_events': self._take_events,
+            'receive_log': self._take_log,
+            'receive_places': self._take_places,
+            'receive_tree_structure': self._take_nodes,
+            'receive_tree_status': self._take_report,
+            'tree_servers_left': self._take_servers,
+            'forget_surroundings': lambda: self._end_runs(lambda run: True, ''),
+        }
+        mirror.add_reader(self._take)
+
+    def since(self, revision: int = 0) -> list[LaneEntry]:
+        """Return copies of the entries that are new or have changed since a :attr:`revision`, those of each lane in
+        the order of their beginning."""
+        with self._lock:
+            return [replace(one) for lane in self._lanes.values() for one in lane if one.revision > revision]
+
+    def _take(self, now: float, method: str, arguments: tuple[Any, ...]) -> None:
+        if method in self._takers:
+            with self._lock:
+                self._now = now
+                self._takers[method](*arguments)
+
+    # Entries
+
+    def _add(self, lane: Lane, key: str, label: str, **more: Any) -> LaneEntry:
+        """Begin an entry, or go on with the latest one, if it has ended just now."""
+        entry = self._latest.get((lane, key))
+        if entry is not None and self._is_recent(entry, MERGE_SECONDS) and lane is Lane.NODES:
+            assert entry.end is not None
+            self._resumed[entry.number] = self._now, entry.end
+            entry.end = None
+        else:
+            self._numbers += 1
+            shown = one_line(label, 100), self._now, more.pop('end', None)
+            entry = LaneEntry(self._numbers, lane, key, *shown, **more)
+            self._lanes[lane].append(entry)
+            self._latest[lane, key] = entry
+            self._latest.move_to_end((lane, key))
+            while len(self._latest) > 2 * MOST_ENTRIES:
+                self._latest.popitem(last=False)
+        return self._changed(entry)
+
+    def _happened(self, lane: Lane, key: str, label: str, word: str, tone: str, text: str) -> None:
+        """Add an entry without duration, or count the latest one if it is the same."""
+        text, latest = one_line(text, TEXT_LENGTH), self._latest.get((lane, key))
+        if latest is not None and (latest.word, latest.text) == (word, text) and self._is_recent(latest, MERGE_SECONDS):
+            latest.count, latest.end = latest.count + 1, self._now
+            self._changed(latest)
+        else:
+            self._add(lane, key, label, end=self._now, word=word, tone=tone, text=text)
+
+    def _end(self, entry: LaneEntry, word: str = '', tone: str = '') -> None:
+        began, before = self._resumed.pop(entry.number, (entry.begin, None))
+        if before is not None and entry.word != word:  # it has ended otherwise: that is another entry
+            entry.end = before
+            self._changed(entry)
+            del self._latest[entry.lane, entry.key]
+            entry = self._add(entry.lane, entry.key, entry.label, text=entry.text)
+            entry.begin = began
+        elif before is not None:
+            entry.count += 1
+        entry.end, entry.word, entry.tone = self._now, word or entry.word, tone or entry.tone
+        self._changed(entry)
+
+    def _changed(self, entry: LaneEntry) -> LaneEntry:
+        self.revision += 1
+        entry.revision = self.revision
+        return entry
+
+    def _is_recent(self, entry: LaneEntry, seconds: float) -> bool:
+        return entry.end is not None and self._now - entry.end <= seconds
+
+    def _only(self, lane: Lane, wanted: Mapping[str, Callable[[], LaneEntry]]) -> None:
+        """Let exactly these entries of a lane go on, by what tells them apart."""
+        for one in [one for one in self._open if one[0] is lane and one[1] not in wanted]:
+            self._end(entry := self._open.pop(one))
+            if lane is Lane.DECISIONS:
+                self._explain(entry)
+        for name, make in wanted.items():
+            if (lane, name) not in self._open:
+                self._open[lane, name] = make()
+
+    # Messages of the executive
+
+    def _take_snapshot(self, snapshot: ExecutiveSnapshot, *_: Any) -> None:
+        before, self._snapshot = self._snapshot, snapshot
+        if before is None or before.executive_id != snapshot.executive_id or snapshot.stamp < before.stamp:
+            self._left.clear()  # another clock, or one that was set
+        silent = max(LOST_SECONDS, LOST_PERIODS * snapshot.heartbeat_period)
+        if self._now - self._heard > silent:
+            entry = self._add(Lane.FAULTS, 'link', 'no link', end=self._now, word='no link', tone='error')
+            entry.begin, entry.text = self._heard, f'nothing heard for {self._now - self._heard:.0f} s'
+        self._heard = self._now
+        self._follow_states(snapshot)
+        self._only(
+            Lane.DECISIONS,
+            {
+                one.id: lambda one=one: self._add(  # type: ignore[misc]
+                    Lane.DECISIONS,
+                    one.path,
+                    f'{_leaf(one.path)}: {one.outcome or one.kind.name.lower()}',
+                    text=one_line(one.prompt if one.kind is DecisionKind.INPUT else '', TEXT_LENGTH),
+                )
+                for one in snapshot.decisions
+            },
+        )
+        goals = [(one.path, one.progress.goal) for one in snapshot.active_states if one.progress is not None]
+        self._only(
+            Lane.GOALS,
+            {
+                f'{path} {goal.x:.2f} {goal.y:.2f}': lambda path=path, goal=goal: self._add(  # type: ignore[misc]
+                    Lane.GOALS, path, self._place(goal), text=f'x {goal.x:.2f}  y {goal.y:.2f}  {one_line(path)}'
+                )
+                for path, goal in goals
+                if goal is not None
+            },
+        )
+        gone = [one for one in snapshot.peers if one.expected and not one.alive]
+        self._only(
+            Lane.FAULTS,
+            {
+                one.name: lambda one=one: self._add(  # type: ignore[misc]
+                    Lane.FAULTS, one.name, f'{_leaf(one.name)} gone', tone='error', text=one_line(one.problem)
+                )
+                for one in gone
+            },
+        )
+        self._end_runs(lambda run: run.server in {one.name for one in gone}, 'server gone')
+        is_over = snapshot.state is ExecutiveState.IDLE
+        if is_over and self._ran and self._ran == snapshot.run_id and snapshot.outcome in FAILED:
+            what = f'{snapshot.behavior}: {snapshot.outcome}'
+            self._happened(Lane.FAULTS, snapshot.behavior, what, snapshot.outcome, 'error', snapshot.message or what)
+        self._ran = '' if is_over else snapshot.run_id
+
+    def _follow_states(self, snapshot: ExecutiveSnapshot) -> None:
+        leaves = {one.path: one.entered for one in snapshot.active_states}
+        now = {path: at for path, at in leaves.items() if at >= self._left.get(path, -math.inf)}
+        paths = dict.fromkeys(
+            level for path in (*now, *(one.path for one in snapshot.decisions)) for level in _levels(path)
+        )
+        for path in paths:
+            entry, left = self._open.get((Lane.STATES, path)), self._left.get(path, -math.inf)
+            is_new = (
+                now[path] != self._entered.get(path)
+                if path in now
+                else bool(entry and entry.word and snapshot.stamp > left)
+            )
+            if entry is not None and is_new:  # it was left and entered again
+                self._end(self._open.pop((Lane.STATES, path)))
+        self._entered = now
+        self._only(
+            Lane.STATES,
+            {path: lambda path=path: self._add(Lane.STATES, path, _leaf(path), text=one_line(path)) for path in paths},  # type: ignore[misc]
+        )
+
+    def _take_events(self, events: Sequence[ExecutiveEvent]) -> None:
+        for event in events:
+            if event.kind is EventKind.TRANSITION and event.path.strip('/'):
+                tone = 'error' if event.outcome in FAILED else ''
+                self._left[event.path] = event.stamp
+                entry = self._of(Lane.STATES, event.path)
+                if entry is None:
+                    entry = self._add(
+                        Lane.STATES, event.path, _leaf(event.path), end=self._now, text=one_line(event.path)
+                    )
+                entry.word, entry.tone = one_line(event.outcome, 60), tone
+                self._changed(entry)
+            elif event.kind is EventKind.COMMAND:
+                self._take_command(event)
+
+    def _take_command(self, event: ExecutiveEvent) -> None:
+        who = one_line(event.operator, 60)
+        target = '' if event.command in ANSWERS or event.command == 'STOP' else event.target
+        what = ' '.join(one for one in (event.command.lower().replace('_', ' '), event.outcome, target) if one)
+        word = 'applied' if event.applied else 'refused'
+        text = '  '.join(one for one in (what, word, event.path, event.text, event.reason, who) if one)
+        self._happened(Lane.COMMANDS, who, what, word, '' if event.applied else 'error', text)
+        if not event.applied or event.command not in ANSWERS:
+            return
+        forced = self._of(Lane.DECISIONS, event.path) if event.path else None
+        if forced is not None:
+            forced.word, forced.tone = f'{one_line(event.outcome, 60)} by {who}', 'good'
+            self._changed(forced)
+        elif not event.path:
+            self._answers.append((self._now, f'{ANSWERS[event.command]} by {who}'))
+            ended = [one for one in self._lanes[Lane.DECISIONS] if not one.word and self._is_recent(one, LATE_SECONDS)]
+            for decision in ended:
+                self._explain(decision)
+
+    def _explain(self, decision: LaneEntry) -> None:
+        """Tell by whom a decision that has ended was answered, if that is known: its command may come before or after
+        its end, and does not name it."""
+        while self._answers and not decision.word:
+            at, word = self._answers.popleft()
+            if self._now - at <= LATE_SECONDS:
+                decision.word, decision.tone = word, 'good'
+                self._changed(decision)
+
+    def _of(self, lane: Lane, path: str) -> LaneEntry | None:
+        """Return the latest entry of a path, if its end is not explained yet, and not long ago."""
+        entry = self._latest.get((lane, path))
+        is_it = entry is not None and not entry.word and (entry.end is None or self._is_recent(entry, LATE_SECONDS))
+        return entry if is_it else None
+
+    def _take_log(self, line: LogLine) -> None:
+        if line.severity >= LogSeverity.WARN:
+            tone = 'error' if line.severity is LogSeverity.ERROR else 'warning'
+            text = f'{line.text}  {line.path}'
+            self._happened(
+                Lane.FAULTS, line.path, line.text[:200], line.severity.name.lower(), tone, text[:TEXT_LENGTH]
+            )
+
+    def _take_places(self, places: Mapping[str, FramedPose]) -> None:
+        self._places = places
+
+    def _place(self, goal: FramedPose) -> str:
+        near = [(math.dist((goal.x, goal.y), (one.x, one.y)), name) for name, one in self._places.items()]
+        distance, name = min(near, default=(math.inf, ''))
+        return name if distance <= PLACE_RADIUS else f'{goal.x:.1f}, {goal.y:.1f}'
+
+    # Trees
+
+    def _run(self, run_id: str) -> _Run:
+        run = self._runs.setdefault(run_id, _Run())
+        while len(self._runs) > MOST_RUNS:
+            self._end_nodes(self._runs.popitem(last=False)[1], '')
+        return run
+
+    def _take_nodes(self, nodes: TreeNodes) -> None:
+        run = self._run(nodes.run_id)
+        if nodes.structure < run.structure:
+            return
+        if nodes.structure > run.structure:
+            self._end_nodes(run, '')
+        run.tree, run.structure, run.nodes = one_line(nodes.tree, 100), nodes.structure, nodes.nodes
+        waiting, run.waiting = run.waiting, []
+        for report in waiting:
+            self._take_report(report)
+
+    def _take_report(self, report: TreeReport) -> None:
+        run = self._run(report.run_id)
+        run.server = report.server or run.server
+        if report.structure != run.structure:
+            run.waiting = [*run.waiting[-MOST_WAITING + 1 :], report]
+            return
+        for change in report.changes:
+            self._node_changed(run, change.uid, change.status)
+        for uid in [
+            uid
+            for uid in run.open
+            if uid > len(report.statuses) or report.statuses[uid - 1] is not MirroredStatus.RUNNING
+        ]:
+            self._node_changed(
+                run, uid, report.statuses[uid - 1] if uid <= len(report.statuses) else MirroredStatus.IDLE
+            )
+        for uid, status in enumerate(report.statuses, 1):
+            if status is MirroredStatus.RUNNING and uid not in run.open:
+                self._node_changed(run, uid, status)
+        if report.finished:
+            self._end_nodes(run, 'halted')
+            del self._runs[report.run_id]
+
+    def _node_changed(self, run: _Run, uid: int, status: MirroredStatus) -> None:
+        if status is MirroredStatus.SKIPPED or not 0 < uid <= len(run.nodes):
+            return
+        entry = run.open.pop(uid, None)
+        if status is MirroredStatus.RUNNING:
+            run.open[uid] = entry or self._add(Lane.NODES, *_named(run.tree, run.nodes[uid - 1]))
+            return
+        if status is MirroredStatus.IDLE:
+            if entry is not None:
+                self._end(entry, 'halted')
+            return
+        tone = 'error' if status is MirroredStatus.FAILURE else 'good'
+        self._end(entry or self._add(Lane.NODES, *_named(run.tree, run.nodes[uid - 1])), status.name.lower(), tone)
+
+    def _end_nodes(self, run: _Run, word: str) -> None:
+        for entry in run.open.values():
+            self._end(entry, word)
+        run.open.clear()
+
+    def _end_runs(self, is_over: Callable[[_Run], bool], word: str) -> None:
+        for run in self._runs.values():
+            if run.open and is_over(run):
+                self._end_nodes(run, word)
+
+    def _take_servers(self, there: Collection[str] = ()) -> None:
+        self._end_runs(lambda run: run.server not in there if run.server else not there, 'server gone')
+
+
+class _Run:
+    """A run of a tree: its nodes, those that run as entries, and the reports that came before the nodes."""
+
+    def __init__(self) -> None:
+        self.tree = self.server = ''
+        self.structure = 0
+        self.nodes: Sequence[MirroredNode] = ()
+        self.open: dict[int, LaneEntry] = {}
+        self.waiting: list[TreeReport] = []
+
+
+def _named(tree: str, node: MirroredNode) -> tuple[str, str]:
+    return f'{tree}\n{node.path}', node.name or node.registration
+
+
+def _levels(path: str) -> Iterable[str]:
+    """Return the containers around a state, from the outside in, and the state itself."""
+    labels = path.strip('/').split('/')
+    return ['/' + '/'.join(labels[: n + 1]) for n in range(len(labels))] if path.strip('/') else []
+
+
+def _leaf(path: str) -> str:
+    return one_line(path.rpartition('/')[2] or path, 100)

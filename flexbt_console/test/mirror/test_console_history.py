@@ -1,0 +1,175 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The past of a robot: each moment is shown as it was then, and whatever happens, it takes a bounded memory."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flexbt_console.mirror import history as history_module
+from flexbt_console.mirror.history import History
+from flexbt_console.mirror.lanes import MOST_ENTRIES, Lane, Lanes
+from flexbt_console.mirror.mirror import Mirror, Transit
+from flexbt_console.mirror.records import (
+    ActiveState,
+    BehaviorList,
+    Decision,
+    DecisionKind,
+    DriveProgress,
+    EventKind,
+    ExecutiveEvent,
+    ExecutiveSnapshot,
+    ExecutiveState,
+    FramedPose,
+    GridMap,
+    LogLine,
+    LogSeverity,
+    Peer,
+    StopGuard,
+    Structure,
+    Subject,
+    Subjects,
+)
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange, TreeNodes, TreeReport
+from flexbt_core.clock.clock import ManualClock
+
+NODES = [MirroredNode(1, 0, 'Main', 'Sequence', '/Main'), MirroredNode(2, 1, 'Go', 'FollowPath', '/Main/Go')]
+
+
+class Robot:
+    """A robot whose messages are random."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = random.Random(seed)
+        self.clock = ManualClock()
+        self.mirror = Mirror(self.clock)
+        self.number = 0
+
+    def snapshot(self, **parts: Any) -> None:
+        self.number += 1
+        now = self.clock.now()
+        self.mirror.receive_snapshot(
+            ExecutiveSnapshot('e', self.number, stamp=now, **parts), Transit(now, now + 0.1 * self.random.random())
+        )
+
+    def step(self) -> None:
+        pick, mirror, now = self.random.choice, self.mirror, self.clock.now()
+        self.number += 1
+        match self.random.randrange(17):
+            case 0 | 1 | 2:
+                state = pick(['/A', '/B', '/C/D'])
+                waits = (Decision(f'd{self.number}', DecisionKind.TRANSITION, state, 'done'),)
+                goal = DriveProgress(goal=FramedPose(pick([1.0, 2.0]), 0.0))
+                self.snapshot(
+                    state=ExecutiveState.RUNNING,
+                    run_id=pick(['r1', 'r2']),
+                    active_states=(ActiveState(state, now, progress=goal),),
+                    decisions=pick([(), waits]),
+                    peers=(Peer('/bt_server', pick([True, False]), now),),
+                    robot_pose=FramedPose(self.random.random(), self.random.random()),
+                )
+            case 3:
+                mirror.receive_structure(Structure(pick(['r1', 'r2'])))
+            case 4:
+                mirror.receive_behaviors(BehaviorList('e'))
+            case 5:
+                mirror.receive_places({pick('ab'): FramedPose(0.0, 0.0)})
+            case 6:
+                mirror.receive_subjects(Subjects('e', (Subject('d1', 1),)))
+            case 7:
+                mirror.receive_log(LogLine('e', self.number, pick([*LogSeverity]), 'text', '/A', 'r1', now))
+            case 8:
+                left = ExecutiveEvent(
+                    'e', self.number, EventKind.TRANSITION, '/A', 'done', '/B', run_id='r1', stamp=now
+                )
+                mirror.receive_events([left])
+            case 9:
+                mirror.receive_tree_structure(TreeNodes(pick('xy'), 'Main', NODES, now, pick([1, 2])))
+            case 10 | 11:
+                statuses = [pick([*MirroredStatus]) for _ in NODES]
+                changes = [StatusChange(now, 2, pick([*MirroredStatus]))]
+                report = TreeReport(pick('xy'), self.number, statuses, changes, now, False, False, pick([1, 2]))
+                mirror.receive_tree_status(replace(report, finished=pick([True, False, False])))
+            case 12:
+                mirror.receive_map(GridMap(2, 2, 0.05, 0.0, 0.0, self.random.randbytes(4)))
+            case 13:
+                mirror.receive_plan(((0.0, now),))
+            case 14:
+                mirror.receive_scan(((now, 0.0),), 1.0)
+            case 15:
+                pick([mirror.forget_surroundings, mirror.sender_gone, mirror.tree_servers_left])()
+            case 16:
+                others: list[Callable[[], object]] = [
+                    lambda: mirror.sender_replaced(pick([True, False])),
+                    lambda: mirror.set_problem(pick(['', 'no'])),
+                    lambda: mirror.receive_guard(StopGuard(holding=pick([True, False]))),
+                    lambda: mirror.receive_pong(0.1),
+                ]
+                pick(others)()
+
+
+def shown(mirror: Mirror) -> Any:
+    return mirror.view(), mirror.log(), mirror.events()
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32), calls=st.sampled_from([1, 7, 1000]))
+def test_each_moment_is_shown_as_it_was_then(seed: int, calls: int) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(history_module, 'CHUNK_CALLS', calls)
+        robot = Robot(seed)
+        for _ in range(robot.random.randrange(20)):
+            robot.step()
+        past = History(robot.mirror)
+        was = []
+        for _ in range(120):
+            robot.clock.advance(robot.random.choice([0.01, 0.3, 0.3, 0.3, 8.0]))
+            for _ in range(robot.random.randrange(1, 4)):
+                robot.step()
+            robot.clock.advance(robot.random.choice([0.001, 0.1, 2.0]))
+            was.append((robot.clock.now(), shown(robot.mirror)))
+        robot.random.shuffle(was)
+        for time, then in was:
+            assert shown(past.moment(time)) == then
+        assert shown(past.moment(-1.0)) == shown(past.moment(past.begin))
+
+
+def test_eight_hours_and_a_flood_take_a_bounded_memory_and_the_lanes_keep_what_is_rare() -> None:
+    robot = Robot(1)
+    past, lanes = History(robot.mirror, 200_000), Lanes(robot.mirror)
+    robot.snapshot(active_states=(ActiveState('/A', 0.0),))
+    robot.mirror.receive_log(LogLine('e', 1, LogSeverity.ERROR, 'lost', '/A'))
+    failed = [StatusChange(0.0, 2, MirroredStatus.FAILURE)]
+    running = [MirroredStatus.RUNNING, MirroredStatus.IDLE]
+    robot.mirror.receive_tree_structure(TreeNodes('x', 'Main', NODES, 0.0))
+    robot.mirror.receive_tree_status(TreeReport('x', 1, running, failed, 0.0, finished=False, paused=False))
+    for number in range(20_000):
+        robot.clock.advance(8 * 3600 / 20_000)
+        noise = str(robot.random.random()) * 5
+        robot.mirror.receive_log(LogLine('e', 2 + number, LogSeverity.INFO, noise))
+        robot.snapshot(active_states=(ActiveState('/A', 0.0, (noise,)),))
+        changes = [StatusChange(number, 2, status) for status in (MirroredStatus.RUNNING, MirroredStatus.SUCCESS)]
+        robot.mirror.receive_tree_status(
+            TreeReport('x', number + 2, running, changes * 20, number, finished=False, paused=False)
+        )
+    robot.mirror.receive_log(LogLine('e', 30_000, LogSeverity.ERROR, 'x' * 10_000_000))
+    robot.clock.advance(1.0)
+    assert past.moment(robot.clock.now()).log()[-1].text == 'x' * 10_000_000
+    assert past.bytes < 200_000 + 3 * history_module.CHUNK_BYTES + 10_100_000
+    for number in range(100):
+        robot.mirror.receive_log(LogLine('e', 30_001 + number, LogSeverity.INFO, str(robot.random.random()) * 20_000))
+    assert past.bytes < 200_000 + 50_000_000  # as much as the mirror has in its log, once more
+    assert past.begin > 0.0
+    entries = lanes.since()
+    assert next(one.text for one in entries if one.lane is Lane.FAULTS) == 'lost  /A'
+    assert len([one for one in entries if one.lane is Lane.NODES]) <= MOST_ENTRIES
+    assert all(len(one.text) < 400 and len(one.label) < 400 for one in entries)
+    (state,) = [one for one in entries if one.lane is Lane.STATES]
+    assert (state.key, state.end) == ('/A', None)
+    assert not lanes.since(lanes.revision)
