@@ -284,8 +284,8 @@ class Names:
         """Return where a name is used, with what is to be looked at last."""
         if named.kind == 'key':
             return [*self._key_uses(named)]
-        name = f'{named.name}_'
-        found = self.rename(named, name)
+        begin, end = ('Y' if named.name.startswith('Z') else 'Z'), ('y' if named.name.endswith('z') else 'z')
+        found = self.rename(named, f'{begin}{named.name}{end}')  # differs at both ends: edits replace all of the name
         spans = [(file, Span(edit.start, edit.end)) for file, edits in found.edits.items() for edit in edits]
         return [*(Mention(file, span, named.kind) for file, span in sorted(set(spans))), *found.notes]
 
@@ -395,13 +395,13 @@ class Names:
         edits = document.gesture('set_value', {'node': named.owner, 'name': 'name', 'value': new})
         made.add(named.file, edits)
         renamed: dict[str, dict[str, str]] = {}
-        for section in {one for _, text in self._requirement_files() for one, _ in _sections(text)}:
-            place = tree_places(self._project, named.file).get(section.value)
-            runs = self._checker.nodes(place.file, section.value) if place is not None else {}
+        for section in {one.value for _, text in self._requirement_files() for one, _ in _sections(text)}:
+            place = tree_places(self._project, named.file).get(section)
+            runs = self._checker.nodes(place.file, section) if place is not None else {}
             own = {run for run, at in runs.items() if at == (named.file, named.owner)}
             for run in own:
                 if run.rpartition('/')[2] == named.name:
-                    renamed.setdefault(section.value, {})[run] = f'{run[: -len(named.name)]}{new}'
+                    renamed.setdefault(section, {})[run] = f'{run[: -len(named.name)]}{new}'
         self._in_requirements(made, renamed)
         nodes = (node for _, one in self._tree_files() for node in one.view()['nodes'])
         everywhere = [node for node in nodes if named.name in (node['name'], node['type'])]
@@ -564,7 +564,8 @@ class Names:
     def _rename_behavior(self, named: Named, new: str, made: Renaming) -> None:
         document = self._machine(named.file)
         document.check_name(new, 'the name of a behavior')
-        taken = next((file for names, file, _ in self._behaviors() if new in names), None)
+        others = (one for one in self._behaviors() if named.name not in one[0])
+        taken = next((file for names, file, _ in others if new in names), None)
         if taken is not None:
             raise StudioError(f'{taken} has a behavior {short_repr(new)} already; choose another name')
         head = next((one for one in document.behaviors if one['name'] == named.name and one.get('name_span')), None)
