@@ -83,7 +83,39 @@ class Checker:
                 return self.trees.findings(file)
             case 'yaml':
                 return self.machines.findings(file)
-        return [_of_problem(document, problem) for problem in document.problems]
+        found = [_of_problem(document, problem) for problem in document.problems]
+        return found or [Finding(NOT_RUN, Span(0, 0))]
+
+    def located(self, file: str, name: str, records: Sequence[Mapping[str, Any]]) -> list[Finding]:
+        """Return what ``behavior_tool check`` has found in a behavior in Python, which it knows by this name."""
+        document = self._project.open(file).document
+        view = document.view()
+        roots = {one[key]: one['root'].rstrip('/') for one in view['behaviors'] for key in ('class', 'name')}
+        spans = {state['path']: Span(*state['label_span']) for state in view['states']}
+        places = Places(document.text)
+        found = []
+        for one in records:
+            path = roots.get(one.get('behavior', ''), '') + one['path'] if one.get('path') else ''
+            while path and path not in spans:  # a state that code adds: the container of it
+                path = path.rpartition('/')[0] or '/' * (path != '/' and '/' in spans)
+            record = FindingRecord(**{**{key: one[key] for key in FindingRecord.__annotations__}, 'file': file})  # type: ignore[typeddict-item]
+            span = spans.get(path, Span(0, 0))
+            if one['file'] == name and one['line']:
+                begin = places.span(_place(record)).start
+                line = document.text[begin:].partition('\n')[0].rstrip()
+                span = Span(begin + len(line) - len(line.lstrip()), begin + len(line))
+                path = _innermost(view['states'], span.start)
+            found.append(Finding(record, span, path))
+        return sorted(found, key=lambda one: one.span)
+
+
+NOT_RUN: Final = finding_record(
+    'not-run',
+    'info',
+    'it is only read: the checker and proofs of a behavior in Python run its code',
+    fix='allow that if you trust the code',
+)
+"""What is told of a behavior in Python until the user allows to run its code."""
 
 
 class TreeChecker:

@@ -22,6 +22,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_core.values.text import one_line
 from flexbt_studio.errors import ConflictError, GestureError, StudioError
+from flexbt_studio.tool_process import checked
 
 from .jobs import Jobs
 from .layouts import Layouts
@@ -68,6 +69,9 @@ class Sessions:
 
     async def close(self) -> None:
         """Cancel what is waiting, and end all jobs."""
+        for check in self._checks.values():
+            check.cancel()
+        await asyncio.gather(*self._checks.values(), return_exceptions=True)
         await self._jobs.close()
         if self._live is not None:
             await self._live.close()
@@ -119,7 +123,7 @@ class Sessions:
             except (ValueError, TypeError, KeyError, RecursionError) as error:
                 raise StudioError('a request is {"id": …, "method": "…", "arguments": {…}}') from error
             if method == 'start_job':
-                result: Any = await self._start_job(arguments)
+                result: Any = await self._start_job(page, arguments)
                 page.jobs.append(result)
             elif method == 'layout':
                 result = await self._layout(arguments)
@@ -128,6 +132,10 @@ class Sessions:
             elif method == 'cancel_job':
                 self._jobs.cancel(arguments.get('number', 0))
                 result = None
+            elif method == 'allow_code':
+                result = page.runs_code = True
+                for file in await self._work(lambda: list(self._workbench.project.open_files)):
+                    self._check_soon(file)
             else:
                 result = await self._work(self._workbench.answer, method, arguments)
             answer: dict[str, Any] = {'id': number, 'result': result}
@@ -142,9 +150,11 @@ class Sessions:
         if 'result' in answer:
             self._follow(page, method, arguments, answer['result'])
 
-    async def _start_job(self, arguments: dict[str, Any]) -> int:
+    async def _start_job(self, page: Page, arguments: dict[str, Any]) -> int:
         try:
             job, file, version = arguments['job'], arguments['file'], arguments['version']
+            if str(file).endswith('.py') and not page.runs_code:
+                raise StudioError(f'{file}: this would run its code, which nobody has allowed in this page')
             copy = await self._work(
                 partial(self._workbench.job_copy, **{k: v for k, v in arguments.items() if k != 'version'})
             )
@@ -196,9 +206,14 @@ class Sessions:
             question = await self._work(self._workbench.question, file)
             if question['language'] == 'yaml':
                 found = await asyncio.get_running_loop().run_in_executor(self._checking, self._check_machine, question)
+            elif file.endswith('.py') and not model['problems'] and any(page.runs_code for page in self._pages):
+                version, name, copy = await self._work(self._workbench.check_copy, file)
+                found = await self._work(self._workbench.located, file, version, name, await checked(copy))
             else:
                 found = await self._work(self._workbench.checked, file)
             self.tell({'event': 'findings', 'file': file, **found})
+        except ConflictError:
+            pass  # a check of the new text follows
         except StudioError as error:
             self.tell({'event': 'note', 'file': file, 'message': str(error)})
         except Exception as error:  # a fault of a checker: the user sees it
@@ -239,6 +254,8 @@ class Page:
     def __init__(self, socket: web.WebSocketResponse, number: int) -> None:
         self.socket = socket
         self.number = number
+        self.runs_code = False
+        """Whether the user has allowed to run the code of behaviors in Python."""
         self.jobs: list[int] = []
         """Numbers of the jobs that it has started; they end with it."""
         self._sending = asyncio.Lock()

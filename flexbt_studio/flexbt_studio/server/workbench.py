@@ -29,8 +29,8 @@ from flexbt_studio.documents.palette import node_types, states
 from flexbt_studio.documents.project import Project, tree_places
 from flexbt_studio.documents.text import Lines, TextEdit, applied
 from flexbt_studio.errors import ConflictError, StudioError
+from flexbt_studio.tool_process import ToolCopy, behavior_copy, check_copy, new_folder
 
-from .jobs import JobCopy, new_folder
 from .page_text import PageText, shown
 
 _Request = TypeVar('_Request', bound=Callable[..., Any])
@@ -70,7 +70,7 @@ class Workbench:
         mock: Sequence[str] = (),
         set: Sequence[str] = (),
         plan: str = '',
-    ) -> JobCopy:
+    ) -> ToolCopy:
         """Return the copy of the project for a job: ``prove``, ``compare`` (with what is on disk), or ``run``.
 
         ``require`` are requirements of a proof, ``mock`` and ``set`` what leaves do and what the blackboard has in a
@@ -82,6 +82,8 @@ class Workbench:
             raise StudioError(
                 f'{file}: there is no job {short_repr(job)} for it; there are prove, compare, and run for trees'
             )
+        if document.language == 'python':
+            return self._behavior_job(job, file, document, require)
         files = self._checker.trees.files(file) if is_tree else [file]
         texts = {one: self.project.text(one) for one in [*files, *self._others(files)]}
         words = ['run' if job == 'run' else 'prove', *files, '--json']
@@ -97,7 +99,31 @@ class Workbench:
         for flag, values in (('--require', require), ('--mock', mock), ('--set', set)):
             words += [word for value in values for word in (flag, str(value))]
         nodes = self._checker.trees.nodes(file, tree) if is_tree else {}
-        return JobCopy(new_folder(texts), 'bt_tool' if is_tree else 'behavior_tool', words, nodes)
+        return ToolCopy(new_folder(texts), 'bt_tool' if is_tree else 'behavior_tool', words, nodes)
+
+    def _behavior_job(self, job: str, file: str, document: Document, require: Sequence[str]) -> ToolCopy:
+        """Return the copy for a proof or comparison of a behavior in Python, the first one of its file."""
+        name, texts, saved = behavior_copy(self.project, file)
+        behavior = document.view()['behavior']
+        name += f':{behavior["class"]}' if behavior else ''
+        words = ['prove', name, '--json', *(word for one in require for word in ('--require', str(one)))]
+        if job == 'compare':
+            texts = texts | {f'before/{one}': text for one, text in saved.items()}
+            words += ['--against', f'before/{name}']
+        return ToolCopy(new_folder(texts), 'behavior_tool', words)
+
+    def check_copy(self, file: str) -> tuple[int, str, ToolCopy]:
+        """Return version, name and copy of a behavior in Python for its check. Raises StudioError."""
+        return self.project.open(file).version, *check_copy(self.project, file)
+
+    def located(self, file: str, version: int, name: str, records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+        """Return what a check of this version has found, with places in the text. Raises ConflictError if it is old."""
+        opened = self.project.open(file)
+        if opened.version != version:
+            raise ConflictError(f'{file} was edited during its check')
+        page = PageText(opened.document.text)
+        found = self._checker.located(file, name, records)
+        return {'version': version, 'findings': [shown_finding(asdict(one), page) for one in found]}
 
     def _others(self, files: Sequence[str]) -> list[str]:
         """Return the other tree files of the project, which files may include."""
@@ -136,6 +162,7 @@ class Workbench:
         """Return what a page needs first: the name of the project, its files, and the palette."""
         return {
             'project': self.project.root.name,
+            'folder': str(self.project.root),
             'files': self.files(),
             'node_types': node_types(self._registry),
             'states': self._states,

@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Behaviors in Python run only after the user's word, and then in processes that can do no harm."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+from test_studio_server import TOKEN, Page, Refused, with_pages
+
+from flexbt_testing.waiting import wait_until
+
+BEHAVIOR = """\
+import helper
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
+from flexbt_states import WaitState
+
+
+class Waits(Behavior):
+    manifest = BehaviorManifest('Waits Long', 'waits')
+
+    def create(self) -> OperatableStateMachine:
+        machine = OperatableStateMachine(['finished', 'failed'])
+        with machine:
+            machine.add('First', WaitState(helper.SECONDS), transitions={'done': 'Second'})
+            machine.add('Second', WaitState(1.0), transitions={'done': 'finished'})
+        return machine
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    package = tmp_path / 'package' / 'inner'
+    package.mkdir(parents=True)
+    for name in ('package', 'package/inner'):
+        (tmp_path / name / '__init__.py').touch()
+    (package / 'waits.py').write_text(BEHAVIOR.replace('import helper', 'from package import helper'))
+    (package.parent / 'helper.py').write_text('SECONDS = 1.0\n')
+    return package
+
+
+async def found(page: Page, version: int) -> list[dict[str, Any]]:
+    findings: list[dict[str, Any]] = (await page.event('findings', file='waits.py', version=version))['findings']
+    return findings
+
+
+async def edited(page: Page, version: int, text: str, new: str) -> list[dict[str, Any]]:
+    """Replace a text of the file, and return the findings for the version that this makes."""
+    now = (await page.ask('open', file='waits.py'))['text']
+    start = now.index(text)
+    await page.ask('edit', file='waits.py', version=version, edits=[[start, start + len(text), new]])
+    return await found(page, version + 1)
+
+
+def test_nothing_runs_without_the_word_and_then_there_is_what_machines_get(folder: Path) -> None:
+    async def story(page: Page, other: Page) -> None:
+        await page.ask('open', file='waits.py')
+        (told,) = await found(page, 1)
+        assert (told['rule'], told['severity']) == ('not-run', 'info')
+        for job in ('prove', 'compare'):
+            with pytest.raises(Refused, match='nobody has allowed'):
+                await page.ask('start_job', job=job, file='waits.py', version=1)
+        await page.ask('allow_code')
+        (dead,) = await found(page, 1)
+        assert (dead['rule'], dead['path']) == ('dead-outcome', '/')
+        with pytest.raises(Refused, match='nobody has allowed'):  # the word of another page is not its own
+            await other.ask('start_job', job='prove', file='waits.py', version=1)
+        assert [one for one in await edited(page, 1, "'Second'}", "'Secnd'}") if one['severity'] == 'error']
+        (raised,) = await edited(page, 2, 'WaitState(helper', 'WaitState(helper, helper')
+        text = (await page.ask('open', file='waits.py'))['text']
+        assert raised['path'] == '/First' and 'TypeError' in raised['message']
+        assert text[slice(*raised['span'])].strip().startswith("machine.add('First'")
+        (missing,) = await edited(page, 3, 'from package import helper', 'import no_such_module')
+        assert (missing['line'], missing['severity']) == (1, 'error') and 'no_such_module' in missing['message']
+
+    with_pages(folder, story, 2)
+
+
+def test_a_proof_and_a_comparison_are_of_the_text_in_the_page(folder: Path) -> None:
+    async def story(page: Page) -> None:
+        await page.ask('allow_code')
+        await page.ask('open', file='waits.py')
+        await found(page, 1)
+        await edited(page, 1, "'finished'}", "'failed'}")
+        await page.ask('start_job', job='prove', file='waits.py', version=2, require=['never =failed'])
+        proved = await page.event('job', job='prove')
+        (proof,) = proved['result'][0]['proofs']
+        assert any(step['statuses'] for step in proof['wrong'][0]['steps']) and proof['never'] == ['/ > finished']
+        await page.ask('start_job', job='compare', file='waits.py', version=2)
+        compared = await page.event('job', job='compare')
+        assert compared['result'][0]['comparisons'][0]['differences'], compared
+
+    with_pages(folder, story)
+
+
+HARMFUL = {
+    'while True: pass': 'more than 3 s',
+    'import time; time.sleep(10 ** 6)': 'more than 3 s',
+    'x = bytearray(10 ** 11)': 'MemoryError',
+    'import os; os.fork()': 'not allowed',
+    'import subprocess; subprocess.run(["touch", "{0}"])': 'not allowed',
+    'open("{0}", "w")': 'PermissionError',
+    'import socket; socket.create_connection(("127.0.0.1", 9))': 'not allowed',
+    'import os; os._exit(0)': 'ended with code 0',
+    'import ctypes; ctypes.string_at(0)': 'ended by signal 11',
+    'print("x" * 10_000_000)': 'never ends by its outcome',
+    'print(\'{{"findings": []}}\'); import nothing_at_all': 'nothing_at_all',
+    'raise KeyboardInterrupt': 'ended with code 130',
+}
+
+
+@pytest.mark.parametrize('code', HARMFUL)
+def test_code_that_would_do_harm_is_ended_and_told(
+    folder: Path, code: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr('flexbt_studio.tool_process.CHECK_SECONDS', 3.0 if 'sleep' in code or 'while' in code else 60.0)
+    evil = tmp_path / 'evil'
+    (folder / 'waits.py').write_text(f'{code.format(evil)}\n{(folder / "waits.py").read_text()}')
+
+    async def story(page: Page) -> None:
+        await page.ask('allow_code')
+        await page.ask('open', file='waits.py')
+        (told,) = await found(page, 1)
+        assert HARMFUL[code] in told['message'] and told['severity'] in ('error', 'warning')
+        assert not evil.exists()
+
+    with_pages(folder, story)
+
+
+def test_what_runs_ends_with_the_studio(folder: Path, tmp_path: Path) -> None:
+    (folder / 'waits.py').write_text(f'import time\ntime.sleep(10 ** 6)\n{BEHAVIOR}')
+    call = 'import sys; from flexbt_studio.executables import studio; sys.argv[0] = "studio"; sys.exit(studio())'
+    environment = {**os.environ, 'TMPDIR': str(tmp_path), 'PYTHONUNBUFFERED': '1'}
+    server = subprocess.Popen(
+        [sys.executable, '-P', '-c', call, str(folder)], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert server.stdout is not None
+    try:
+        address = next(line for line in server.stdout if 'http://' in line).split('http://')[1].split()[0]
+        host, _, token = address.partition('/#token=')
+
+        async def story() -> None:
+            async with aiohttp.ClientSession(f'http://{host}') as session:
+                page = Page(await session.ws_connect('/session', max_msg_size=0))
+                await page.socket.send_json({'hello': token or TOKEN})
+                await page.ask('allow_code')
+                await page.ask('open', file='waits.py')
+                await asyncio.to_thread(wait_until, lambda: importing(tmp_path), lambda: 'no process imports it')
+
+        asyncio.run(story())
+        (process,) = importing(tmp_path)
+        server.send_signal(signal.SIGKILL)
+        wait_until(lambda: not importing(tmp_path), lambda: f'process {process} goes on')
+    finally:
+        server.kill()
+        server.communicate()
+
+
+def importing(folder: Path) -> list[int]:
+    """Return the processes that work in folders of copies below a folder."""
+    found = []
+    for one in Path('/proc').glob('[0-9]*'):
+        try:
+            if (one / 'cwd').readlink().is_relative_to(folder):
+                found.append(int(one.name))
+        except OSError:
+            continue  # it has ended
+    return found
