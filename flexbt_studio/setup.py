@@ -12,7 +12,7 @@ setup(
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
     ],
-    install_requires=['setuptools', 'aiohttp', 'pyyaml', 'pygls'],
+    install_requires=['setuptools', 'aiohttp', 'msgpack', 'pyyaml', 'pygls', 'pyzmq'],
     extras_require={'test': ['pytest', 'hypothesis']},  # colcon test looks for it
     zip_safe=False,  # the page is served from its files
     maintainer='The FlexBT developers',

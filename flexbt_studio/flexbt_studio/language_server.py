@@ -7,6 +7,7 @@ server protocol. It stands on the same documents as the page of the studio.
 
 from __future__ import annotations
 
+import asyncio
 import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -28,9 +29,14 @@ from flexbt_studio.documents.palette import states
 from flexbt_studio.documents.project import Place, Project
 from flexbt_studio.documents.text import Lines, Span, TextEdit
 from flexbt_studio.errors import StudioError
+from flexbt_studio.tool_process import check_copy, checked
 
 NAME: Final = 'flexbt-ls'
 VERSION: Final = '0.1.0'
+RUN_PYTHON: Final = 'flexbt.runPython'
+"""Command that allows to run the code of behaviors in Python, as the initialization option ``runPython`` does."""
+PAUSE: Final = 0.3
+"""Time without an edit after which a behavior in Python is checked, s."""
 
 Handler = Callable[[Any, Any], Any]
 
@@ -61,6 +67,8 @@ class FlexbtLanguageServer(LanguageServer):
         classes, broken = installed_states()
         notes += broken
         self._palette = states(classes)
+        self._runs_code = False
+        self._checks: dict[str, asyncio.Task[None]] = {}
         self._use(Path.cwd())
 
     def _use(self, root: Path) -> None:
@@ -76,6 +84,8 @@ class FlexbtLanguageServer(LanguageServer):
         root = folders[0].uri if folders else parameters.root_uri
         if root:
             self._use(_path(root))
+        options = parameters.initialization_options
+        self._runs_code = isinstance(options, dict) and options.get('runPython') is True
         for note in self._notes:
             self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Warning, note))
 
@@ -124,7 +134,34 @@ class FlexbtLanguageServer(LanguageServer):
         """Take the text that the editor shows, and publish its diagnostics."""
         file = self.file(uri)
         self.project.adopt(file, text)
-        found = [self._diagnostic(file, one) for one in self.findings(file)]
+        self.cancel_check(file)
+        if self._runs_code and file.endswith('.py') and not self.project.open(file).document.problems:
+            self._checks[file] = asyncio.ensure_future(self._check(uri, file, version))
+        else:
+            self._publish(uri, file, self.findings(file), version)
+
+    def run_code(self) -> None:
+        """Check the behaviors in Python that are open, and those that will be, by running their code."""
+        self._runs_code = True
+        for file, opened in self.project.open_files.items():
+            if file.endswith('.py'):
+                self.show(self.uri(file), opened.document.text, None)
+
+    def cancel_check(self, file: str) -> None:
+        """End the check of a behavior in Python that runs."""
+        if file in self._checks:
+            self._checks.pop(file).cancel()
+
+    async def _check(self, uri: str, file: str, version: int | None) -> None:
+        await asyncio.sleep(PAUSE)
+        try:
+            name, copy = check_copy(self.project, file)
+            self._publish(uri, file, self.checker.located(file, name, await checked(copy)), version)
+        except StudioError as error:
+            self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Warning, str(error)))
+
+    def _publish(self, uri: str, file: str, findings: Sequence[Finding], version: int | None) -> None:
+        found = [self._diagnostic(file, one) for one in findings]
         self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(uri, found, version))
 
     def findings(self, file: str) -> list[Finding]:
@@ -180,7 +217,9 @@ def make_server() -> FlexbtLanguageServer:
 
     @feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
     def closed(ls: FlexbtLanguageServer, told: lsp.DidCloseTextDocumentParams) -> None:
-        ls.project.close(ls.file(told.text_document.uri))
+        file = ls.file(told.text_document.uri)
+        ls.cancel_check(file)
+        ls.project.close(file)
         ls.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(told.text_document.uri, []))
 
     @feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=['<', '{', '"', ' ']))
@@ -241,6 +280,10 @@ def make_server() -> FlexbtLanguageServer:
             if one.span.start <= end and start <= one.span.end
             for fix in one.fixes
         ]
+
+    @server.command(RUN_PYTHON)
+    def run_python(ls: FlexbtLanguageServer) -> None:
+        ls.run_code()
 
     return server
 

@@ -45,12 +45,12 @@ class Editor:
         self.folder = folder
         self.client = LanguageClient('test', '1')
         self.diagnostics: dict[str, list[lsp.Diagnostic]] = {}
-        self._heard = asyncio.Event()
+        self.heard = asyncio.Event()
 
         @self.client.feature(lsp.TEXT_DOCUMENT_PUBLISH_DIAGNOSTICS)
         def heard(told: lsp.PublishDiagnosticsParams) -> None:
             self.diagnostics[told.uri] = list(told.diagnostics)
-            self._heard.set()
+            self.heard.set()
 
         @self.client.feature(lsp.WINDOW_LOG_MESSAGE)
         def log(told: lsp.LogMessageParams) -> None:
@@ -59,12 +59,14 @@ class Editor:
     def uri(self, name: str) -> str:
         return (self.folder / name).as_uri()
 
-    async def start(self) -> None:
+    async def start(self, options: object = None) -> None:
         await self.client.start_io(*COMMAND)
         root = self.folder.as_uri()
         await self.client.initialize_async(
             lsp.InitializeParams(
-                lsp.ClientCapabilities(), workspace_folders=[lsp.WorkspaceFolder(root, self.folder.name)]
+                lsp.ClientCapabilities(),
+                initialization_options=options,
+                workspace_folders=[lsp.WorkspaceFolder(root, self.folder.name)],
             )
         )
         self.client.initialized(lsp.InitializedParams())
@@ -76,7 +78,7 @@ class Editor:
 
     async def show(self, name: str, text: str, version: int = 1) -> list[lsp.Diagnostic]:
         """Open a text, or change it to this one, and return its diagnostics."""
-        self._heard.clear()
+        self.heard.clear()
         uri = self.uri(name)
         if version == 1:
             self.client.text_document_did_open(lsp.DidOpenTextDocumentParams(lsp.TextDocumentItem(uri, 'xml', 1, text)))
@@ -85,7 +87,7 @@ class Editor:
             self.client.text_document_did_change(
                 lsp.DidChangeTextDocumentParams(lsp.VersionedTextDocumentIdentifier(version, uri), [change])
             )
-        await self._heard.wait()
+        await self.heard.wait()
         return self.diagnostics[uri]
 
     def at(self, name: str, text: str, word: str, shift: int = 1) -> tuple[lsp.TextDocumentIdentifier, lsp.Position]:
@@ -94,11 +96,11 @@ class Editor:
         return lsp.TextDocumentIdentifier(self.uri(name)), position
 
 
-def with_editor(folder: Path, story: Callable[[Editor], Awaitable[None]]) -> None:
+def with_editor(folder: Path, story: Callable[[Editor], Awaitable[None]], options: object = None) -> None:
     async def run() -> None:
         editor = Editor(folder)
         async with asyncio.timeout(DEADLINE):
-            await editor.start()
+            await editor.start(options)
             await story(editor)
             await editor.end()
 

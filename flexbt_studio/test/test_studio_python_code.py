@@ -13,6 +13,8 @@ from typing import Any
 
 import aiohttp
 import pytest
+from lsprotocol import types as lsp
+from test_studio_language_server import Editor, with_editor
 from test_studio_server import TOKEN, Page, Refused, with_pages
 
 from flexbt_testing.waiting import wait_until
@@ -133,6 +135,31 @@ def test_code_that_would_do_harm_is_ended_and_told(
         assert not evil.exists()
 
     with_pages(folder, story)
+
+
+def test_the_language_server_runs_code_after_its_command_or_option(folder: Path) -> None:
+    text = (folder / 'waits.py').read_text()
+
+    async def story(editor: Editor) -> None:
+        (told,) = await editor.show('waits.py', text)
+        assert told.code == 'not-run' and told.severity is lsp.DiagnosticSeverity.Information
+        editor.heard.clear()
+        await editor.client.workspace_execute_command_async(lsp.ExecuteCommandParams('flexbt.runPython'))
+        await editor.heard.wait()
+        (dead,) = editor.diagnostics[editor.uri('waits.py')]
+        assert dead.code == 'dead-outcome' and dead.range.start.line == text[
+            : text.index('OperatableStateMachine([')
+        ].count('\n')
+        (wrong,) = await editor.show('waits.py', text.replace('import helper', 'import helpers'), 2)
+        assert 'helpers' in wrong.message and wrong.severity is lsp.DiagnosticSeverity.Error
+
+    with_editor(folder, story)
+
+    async def told_at_start(editor: Editor) -> None:
+        (dead,) = await editor.show('waits.py', text)
+        assert dead.code == 'dead-outcome'
+
+    with_editor(folder, told_at_start, {'runPython': True})
 
 
 def test_what_runs_ends_with_the_studio(folder: Path, tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ def read_log(path: Path) -> LogContent:
         raise LogError(f'{path}: the description of the tree cannot be read: {error}') from error
     (epoch,) = _TIME.unpack_from(data, end - _TIME.size)
     transitions, read = _transitions(data, end)
-    return LogContent(dict(_nodes(root)), epoch / 1e6, transitions, len(data) - read)
+    return LogContent(dict(described_nodes(root)), epoch / 1e6, transitions, len(data) - read)
 
 
 def _transitions(data: bytes, position: int) -> tuple[list[LoggedTransition], int]:
@@ -192,7 +192,8 @@ def _transitions(data: bytes, position: int) -> tuple[list[LoggedTransition], in
     return transitions, position
 
 
-def _nodes(root: Element) -> Iterator[tuple[int, LoggedNode]]:
+def described_nodes(root: Element) -> Iterator[tuple[int, LoggedNode]]:
+    """Yield the nodes of the description of a tree (:func:`.protocol.tree_document`) by their uids."""
     for tree in root.children:
         if tree.tag != 'BehaviorTree':
             continue

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import random
 import struct
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from typing import Final
 
@@ -32,6 +32,15 @@ _HEADER: Final = struct.Struct('<BBI')
 _RECORD: Final = struct.Struct('<IHHB')
 _STATUS: Final = struct.Struct('<HB')
 _WENT_IDLE: Final = 10
+_SHOWN: Final = {
+    **{int(status): status for status in NodeStatus},
+    **{_WENT_IDLE + status: status for status in NodeStatus},
+    _WENT_IDLE + NodeStatus.RUNNING: NodeStatus.IDLE,  # it was halted
+}
+
+
+class RefusedRequest(Exception):
+    """A request that the server refuses; the text is its reason."""
 
 
 class RequestType(IntEnum):
@@ -60,6 +69,31 @@ def reply_header(request: bytes, tree: bytes) -> bytes:
     """Return the first frame of a reply: the header of the request with our protocol version, and the 16 bytes that
     identify the tree."""
     return bytes((PROTOCOL,)) + request[1:HEADER_BYTES] + tree
+
+
+def read_reply(request: bytes, frames: Sequence[bytes]) -> tuple[bytes, bytes]:
+    """Return the bytes that identify the tree, and the content, of the reply to a request with this header.
+
+    Raises:
+        RefusedRequest: the server refuses it.
+        ValueError: it is no reply of this protocol.
+    """
+    if len(frames) == 2 and frames[0] == b'error':
+        raise RefusedRequest(frames[1].decode('utf-8', 'replace'))
+    header = frames[0] if frames else b''
+    if len(header) != HEADER_BYTES + 16 or header[1:HEADER_BYTES] != request[1:] or len(frames) > 2:
+        raise ValueError('the reply is not one of this protocol')
+    if header[0] != PROTOCOL:
+        raise ValueError(f'version {header[0]} of the protocol is not known, only {PROTOCOL} (BehaviorTree.CPP 4)')
+    return header[HEADER_BYTES:], frames[1] if len(frames) == 2 else b''
+
+
+def read_statuses(content: bytes) -> dict[int, NodeStatus]:
+    """Return the status of each node by its uid; of an idle one, how it has ended before. Raises ValueError."""
+    try:
+        return {uid: _SHOWN[number] for uid, number in _STATUS.iter_unpack(content)}
+    except (struct.error, KeyError) as error:
+        raise ValueError(f'{len(content)} bytes are no statuses of nodes: {error}') from error
 
 
 def status_bytes(uid: int, status: NodeStatus) -> bytes:

@@ -6,8 +6,9 @@ const {LanguageClient} = require('vscode-languageclient/node');
 let client;
 
 exports.activate = async () => {
-  const command = workspace.getConfiguration('flexbt').get('languageServer');
+  const settings = workspace.getConfiguration('flexbt'), command = settings.get('languageServer');
   client = new LanguageClient('flexbt', 'FlexBT', {command}, {
+    initializationOptions: {runPython: settings.get('runPython')},
     documentSelector: ['xml', 'yaml', 'python'].map((language) => ({scheme: 'file', language})),
   });
   try {

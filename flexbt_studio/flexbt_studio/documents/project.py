@@ -95,6 +95,8 @@ class OpenFile:
     saved_text: str
     has_mark: bool = False
     """Whether the file begins with a byte order mark, which is no part of the text."""
+    is_shown_only: bool = False
+    """Whether it is no file, but a text that comes from elsewhere and cannot be edited."""
 
     @property
     def is_changed(self) -> bool:
@@ -108,28 +110,28 @@ class Project:
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root).resolve()
         self._open: dict[str, OpenFile] = {}
-        self._kinds: dict[Path, tuple[tuple[int, int], Kind | None]] = {}
-        """Kinds of the files on disk, with time and size of each when it was looked into."""
         self._closed: dict[str, tuple[tuple[int, int], Document]] = {}
         """Documents of files that are not open, with time and size of each when it was read."""
+        self._kinds: dict[Path, tuple[tuple[int, int], Kind | None]] = {}
+        """Kinds of the files on disk, with time and size of each when it was looked into."""
 
     def files(self) -> list[dict[str, str]]:
         """Return name and kind of each file that the studio opens, in order of names."""
         found: list[dict[str, str]] = []
         suffixes = {suffix for kind in KINDS for suffix in kind.suffixes}
-        for count, path in enumerate(self._walk(suffixes)):
+        for count, path in enumerate(self.walk(suffixes)):
             if count == MOST_FILES:
                 break
             name = path.relative_to(self.root).as_posix()
             kind = kind_of(name, self._open[name].document.text) if name in self._open else self._kind_on_disk(path)
             if kind is not None:
                 found.append({'file': name, 'kind': kind.name})
-        return sorted(found, key=lambda one: one['file'])
-
         for name, opened in self._open.items():
             kind = kind_of(name, opened.document.text)
             if kind is not None and opened.is_changed and not opened.disk:  # it is new
                 found.append({'file': name, 'kind': kind.name})
+        return sorted(found, key=lambda one: one['file'])
+
     def _kind_on_disk(self, path: Path) -> Kind | None:
         try:
             status = path.stat()
@@ -141,8 +143,6 @@ class Project:
             known = self._kinds[path] = stamp, kind_of(path.name, _beginning(path))
         return known[1]
 
-    def _walk(self, suffixes: set[str]) -> Iterator[Path]:
-        for folder, folders, names in os.walk(self.root):
     def document(self, file: str) -> Document:
         """Return the document of a file, which is not opened: as edited, else as on disk. Raises StudioError."""
         opened = self._open.get(file)
@@ -170,11 +170,14 @@ class Project:
 
     def texts_with(self, suffixes: set[str]) -> Iterator[tuple[str, str]]:
         """Yield the files with these suffixes and their texts. Those that cannot be read are left out."""
-        for path in itertools.islice(self._walk(suffixes), MOST_FILES):
+        for path in itertools.islice(self.walk(suffixes), MOST_FILES):
             file = path.relative_to(self.root).as_posix()
             with contextlib.suppress(StudioError):
                 yield file, self.text(file)
 
+    def walk(self, suffixes: set[str]) -> Iterator[Path]:
+        """Yield the files with these suffixes, without those in folders of programs and hidden ones."""
+        for folder, folders, names in os.walk(self.root):
             folders[:] = sorted(one for one in folders if one not in _SKIPPED_FOLDERS and not one.startswith('.'))
             yield from (Path(folder, name) for name in sorted(names) if Path(name).suffix in suffixes)
 
@@ -218,9 +221,16 @@ class Project:
         opened.version += 1
         return opened
 
+    def show(self, file: str, text: str) -> OpenFile:
+        """Open a text that comes from elsewhere and cannot be edited, or replace the one that is open."""
+        version = self._open[file].version + 1 if file in self._open else 1
+        self._open[file] = OpenFile(document_for(file, text), version, '', text, is_shown_only=True)
+        return self._open[file]
+
     def close(self, file: str) -> None:
-        """Forget an open file with its unsaved edits."""
-        self._open.pop(file, None)
+        """Forget an open file with its unsaved edits. A text from elsewhere stays."""
+        if file in self._open and not self._open[file].is_shown_only:
+            del self._open[file]
 
     def edit(self, file: str, version: int, edits: Sequence[TextEdit]) -> OpenFile:
         """Apply edits to a version of an open file.
@@ -293,6 +303,8 @@ class Project:
         opened = self._open.get(file)
         if opened is None:
             raise StudioError(f'{short_repr(file)} is not open{did_you_mean(file, list(self._open))}; open it first')
+        if opened.is_shown_only:
+            raise StudioError(f'{file} is what a program sends; copy the text into a file of the project to change it')
         if version != opened.version:
             raise ConflictError(f'{file}: this is for version {version}, and version {opened.version} is current')
         return opened
@@ -315,16 +327,6 @@ class Project:
             return ''
 
 
-def _identity(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
-def _beginning(path: Path) -> str:
-    try:
-        with path.open('rb') as content:
-            return content.read(_BEGINNING).decode('utf-8', 'replace')
-    except OSError:
-        return ''
 def tree_places(project: Project, near: str = '') -> dict[str, Place]:
     """Return where each tree is defined, by its ID.
 
@@ -344,3 +346,13 @@ def tree_places(project: Project, near: str = '') -> dict[str, Place]:
     return found
 
 
+def _identity(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _beginning(path: Path) -> str:
+    try:
+        with path.open('rb') as content:
+            return content.read(_BEGINNING).decode('utf-8', 'replace')
+    except OSError:
+        return ''

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What runs on a robot now, and in the last minutes: the statuses of its trees and its active states on the graphs.
 
-import {byId} from './choice.js';
+import {ask, byId} from './choice.js';
 import {statusesAt} from './player.js';
 
 export class Live {
@@ -18,9 +18,12 @@ export class Live {
 
   toggle() { if (this.isOn) this.player.end(); else this.watch(); }
 
-  async watch() {
+  // Watch a robot; without a name the one before, or else the own one.
+  async watch(robot = this.robot ?? '') {
     try {
-      this.robot = await this.studio.link.request('watch');
+      const now = await this.studio.link.request('watch', {robot});
+      if (this.player.isLive && now !== this.robot) this.player.end();
+      this.robot = now;
       this.on(true);
       if (!this.player.isLive) this.player.play(`Robot ${this.robot}`, [], {isLive: true, owner: this, ended: () => this.on(false)});
       if (this.last?.robot === this.robot) this.take(this.last);
@@ -29,8 +32,19 @@ export class Live {
     }
   }
 
+  commands(page) {
+    return [
+      page('live', 'What the robot does now: show or hide', null, () => this.toggle()),
+      page('groot2', 'Watch a program with Groot2\'s port (BehaviorTree.CPP)', null, async () => {
+        const address = await ask('Address of the program', '127.0.0.1:1667', 'HOST:PORT. Programs with a Groot2Publisher, and bt_server with groot2_port, can be watched.');
+        if (address) this.watch(`groot2 ${address}`);
+      }),
+    ];
+  }
+
   on(isOn) {
     this.isOn = isOn;
+    if (isOn) byId('live').hidden = false;
     byId('live').setAttribute('aria-pressed', String(isOn));
     if (!isOn) byId('live').className = '';
   }
@@ -46,7 +60,7 @@ export class Live {
     if (!this.isOn || event.robot !== this.robot || !this.player.isLive) return;
     const isLive = event.link === 'live';
     byId('live').className = isLive ? 'good' : 'warning';
-    const moment = {time: performance.now() / 1000, title: `${isLive ? '' : 'NO LINK, last known state: '}${event.behavior || 'no behavior'} ${event.state}`, event};
+    const moment = {time: performance.now() / 1000, title: `${isLive ? '' : `NO LINK, last known state${event.problem ? ` (${event.problem})` : ''}: `}${event.behavior || 'no behavior'} ${event.state}`, event};
     // Lines and statuses are made when they are shown: the places of a tree's nodes may arrive later.
     Object.defineProperty(moment, 'lines', {get: () => this.lines(event)});
     moment.statuses = () => this.statuses(event);
@@ -56,17 +70,26 @@ export class Live {
   // The trees of an event that are shown: of several runs of one tree that which runs, or else the last.
   shown(event) { return [...new Map([...event.trees].sort((one, other) => one.running - other.running).map((one) => [one.tree, one])).values()]; }
 
-  // The places of a tree's nodes: {nodes, isSame}, or null while they are asked for. isSame tells whether the tree of the robot has
-  // the nodes that the file has.
+  // The places of a tree's nodes: {nodes, isThere, isSame}, or null while they are asked for. isSame tells whether the tree of the
+  // robot has the nodes that the file has.
   places(tree) {
-    if (!this.trees.has(tree.tree)) {
-      this.trees.set(tree.tree, null);
-      const {file, link} = this.studio, {trees} = this;
-      link.request('trees', {file: file?.name ?? ''}).then((files) => (files[tree.tree] ? link.request('run_nodes', {file: files[tree.tree], tree: tree.tree}) : {}))
-        .then((nodes) => { trees.set(tree.tree, nodes); if (this.player.isLive) this.player.again(); }).catch(() => trees.delete(tree.tree));
+    const key = `${tree.tree}\n${tree.file ? tree.run : ''}`, {trees} = this;
+    if (!trees.has(key)) {
+      trees.set(key, null);
+      this.find(tree).then((nodes) => { trees.set(key, nodes); if (this.player.isLive) this.player.again(); }).catch(() => trees.delete(key));
     }
-    const nodes = this.trees.get(tree.tree);
-    return nodes && {nodes, isThere: Object.keys(nodes).length > 0, isSame: !tree.nodes || Object.keys(nodes).length === tree.nodes && Object.keys(tree.statuses).every((path) => nodes[path])};
+    const nodes = trees.get(key);
+    return nodes && {nodes, isThere: Object.keys(nodes).length > 0, isSame: isSame(tree, nodes)};
+  }
+
+  // Of a program that sends its tree as a file, that file is shown if the project has no such tree.
+  async find(tree) {
+    const {file, link} = this.studio, files = await link.request('trees', {file: file?.name ?? ''});
+    const nodes = (owner) => (owner ? link.request('run_nodes', {file: owner, tree: tree.tree}) : {});
+    const own = await nodes(files[tree.tree]);
+    if (!tree.file || isSame(tree, own)) return own;
+    if (this.sent !== tree.file) { this.sent = tree.file; this.studio.go(tree.file); }
+    return nodes(tree.file);
   }
 
   // The open file of the machine that runs, or null; isSame tells whether it has all active states.
@@ -97,3 +120,6 @@ export class Live {
     ];
   }
 }
+
+// Whether a tree that runs has these nodes, as far as is known of it.
+export const isSame = (tree, nodes) => !tree.nodes || (Object.keys(nodes).length === tree.nodes && Object.keys(tree.statuses).every((path) => nodes[path]));

@@ -45,6 +45,13 @@ export async function conflictSheet(file, mine, theirs, merge) {
   return value === 'mine' ? {text: made ? made.text() : mine} : value === 'theirs' ? {text: theirs} : null;
 }
 
+// Whether the code of behaviors may be run. Resolves to true, or to null.
+export const codeSheet = (folder) => sheet('Run the code of behaviors?', [
+  html('p', {}, 'Behaviors in Python are only read so far. The checker and proofs import them, as the robot does: that runs their code on this computer.'),
+  html('p', {}, 'It runs on copies, in a process with limits of time and memory that writes no other files, starts no other programs and has no connection. This stops mistakes; it is no protection from code that was written to do harm.'),
+  html('p', {class: 'hint'}, `Applies to ${folder} until you close this tab.`),
+], [['Only Read', null, ''], ['Run Code of This Project', true, '']]);
+
 export function keySheet(commands, place) {
   const groups = [['graph', 'In the Graph'], ['page', 'Everywhere']];
   const nav = [['↓ ↑', 'Next, previous item'], ['← →', 'Parent, first child; → opens a folded item'], ['Home End', 'First, last of its siblings'], ['Space', 'Fold or unfold'], ['+ − 0', 'Zoom, fit']];

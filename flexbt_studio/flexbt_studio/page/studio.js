@@ -15,7 +15,7 @@ import {panels} from './panels.js';
 import {plainPane} from './plain_text.js';
 import {Player} from './player.js';
 import {SessionLink} from './session_link.js';
-import {conflictSheet, keySheet, sheet, shownKeys, unifiedDifference} from './sheets.js';
+import {codeSheet, conflictSheet, keySheet, sheet, shownKeys, unifiedDifference} from './sheets.js';
 import {drawTrees} from './tree_drawing.js';
 
 const PANES = ['files-pane', 'palette-pane', 'graph-pane', 'text-pane', 'form-pane', 'problems-pane', 'runs-pane'];
@@ -93,6 +93,8 @@ class Studio {
     try {
       const hello = await this.link.request('hello');
       byId('project').textContent = hello.project;
+      this.folder = hello.folder;
+      if (this.runsCode = sessionStorage.getItem(`studio-code-${hello.folder}`) !== null) await this.link.request('allow_code');
       document.title = `${hello.project} – FlexBT Studio`;
       this.types = new Map(hello.node_types.map((one) => [one.id, lowered(one)]));
       this.states = hello.states.map((one) => ({...one, outcomes: one.outcomes.map((outcome) => outcome.name), keyNames: [...one.inputs, ...one.outputs].map((key) => key.name)}));
@@ -352,7 +354,7 @@ class Studio {
     this.showSelection();
     const list = file.findings, errors = list.filter((one) => one.severity === 'error').length;
     byId('problems-count').textContent = list.length ? `${list.length}, ${errors} errors` : 'none';
-    byId('problems').replaceChildren(...list.map((one) => html('li', {}, html('button', {type: 'button', class: {error: 'error', warning: 'warning'}[one.severity] ?? 'dim', onclick: () => this.goProblem(one)}, `${one.message} (${one.line}:${one.column})`), ...one.fixes.map((fix) => html('button', {type: 'button', class: 'fix', onclick: () => this.fix(one, fix)}, fix.title)))));
+    byId('problems').replaceChildren(...list.map((one) => html('li', {}, html('button', {type: 'button', class: {error: 'error', warning: 'warning'}[one.severity] ?? 'dim', onclick: () => this.goProblem(one)}, `${one.message}${one.line ? ` (${one.line}:${one.column})` : ''}`), ...one.fixes.map((fix) => html('button', {type: 'button', class: 'fix', onclick: () => this.fix(one, fix)}, fix.title)), ...(one.rule === 'not-run' ? [html('button', {type: 'button', class: 'fix', id: 'allow-code', onclick: () => this.allowCode()}, 'Run Its Code…')] : []))));
     if (!list.length) byId('problems').append(html('li', {class: 'empty'}, 'No problems found.'));
   }
 
@@ -390,6 +392,15 @@ class Studio {
     if (!file.findings.includes(one) || file.sent || file.pending) { this.told('The text has changed since; the problem is checked again', 'warning'); return; }
     file.apply(fix.edits, 'fix');
     this.told(fix.title);
+  }
+
+  // Ask whether the code of behaviors may be run: once for each project and browser session. Resolves to whether it may.
+  async allowCode() {
+    if (this.runsCode || await codeSheet(this.folder) === null) return Boolean(this.runsCode);
+    this.runsCode = true;
+    sessionStorage.setItem(`studio-code-${this.folder}`, 'yes');
+    await this.link.request('allow_code').catch(() => {});  // when it is connected again, it is told
+    return true;
   }
 
   // Saving.

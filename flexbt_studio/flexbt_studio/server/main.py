@@ -16,7 +16,9 @@ from flexbt_console.ui.console import main as console
 from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.server import run_web
 from flexbt_core.values.text import one_line
+from flexbt_studio.errors import StudioError
 
+from .groot2_robot import robot_name
 from .web_server import StudioServer, editor_folder, workbench_for
 
 
@@ -30,6 +32,11 @@ def main() -> int:
         '--operate', action='store_true', help="serve the operator's page as well, and show what runs on the robots"
     )
     parser.add_argument(
+        '--groot2',
+        metavar='HOST:PORT',
+        help="show what a program of BehaviorTree.CPP runs that serves Groot2's protocol (usual port: 1667)",
+    )
+    parser.add_argument(
         '--get-editor',
         action='store_true',
         help='install the text editor CodeMirror by npm, in the versions and with the hashes of a lock file, and end',
@@ -38,6 +45,9 @@ def main() -> int:
     try:
         if options.get_editor:
             return get_editor()
+        programs = [robot_name(options.groot2)] if options.groot2 else []
+        if options.operate and programs:
+            raise UsageError('--groot2 is for a studio without --operate; there, watch a program by a command (Ctrl+K)')
         if options.operate:
             return console(
                 ['web', '--studio', options.folder, '--port', str(options.port), '--address', options.address]
@@ -47,12 +57,12 @@ def main() -> int:
         if editor is None:
             print('the text editor CodeMirror is not installed, a plain one is used: studio --get-editor', flush=True)
         run_web(
-            StudioServer(workbench_for(options.folder), access, editor).application(),
+            StudioServer(workbench_for(options.folder), access, editor, programs=programs).application(),
             access,
             options.port,
             print_address,
         )
-    except UsageError as error:
+    except (UsageError, StudioError) as error:
         print(one_line(f'studio: {error}'), file=sys.stderr)
         return 2
     return 0

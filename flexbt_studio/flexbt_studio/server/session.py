@@ -13,6 +13,7 @@ import json
 import logging
 import secrets
 import traceback
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
@@ -20,10 +21,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from flexbt_core.values.text import one_line
+from flexbt_core.values.text import one_line, short_repr
 from flexbt_studio.errors import ConflictError, GestureError, StudioError
 from flexbt_studio.tool_process import checked
 
+from .groot2_robot import PREFIX, Groot2Robot, robot_name
 from .jobs import Jobs
 from .layouts import Layouts
 from .live import LiveRobots
@@ -41,6 +43,8 @@ MOST_WAITING: Final = 64
 SEND_SECONDS: Final = 20.0
 MACHINE_SECONDS: Final = 10.0
 """Time for the check of a machine, s; it makes the states."""
+MOST_PROGRAMS: Final = 8
+"""Maximum number of programs that are watched by Groot2's protocol."""
 CHECK_SECONDS: Final = 0.08
 """Time without an edit after which a file is checked, s."""
 
@@ -50,10 +54,13 @@ _LOGGER: Final = logging.getLogger(__name__)
 class Sessions:
     """All open pages. They share a workbench, which is used on one thread."""
 
-    def __init__(self, workbench: Workbench, robots: FleetLink | None = None) -> None:
+    def __init__(self, workbench: Workbench, robots: FleetLink | None = None, programs: Sequence[str] = ()) -> None:
+        """``programs`` are the names of programs that can be watched by Groot2's protocol."""
         self._workbench = workbench
         self._robots = robots
         self._live: LiveRobots | None = None
+        self._groot2: dict[str, Groot2Robot] = {}
+        self._programs = programs
         self._pages: set[Page] = set()
         self._thread = ThreadPoolExecutor(1, 'workbench')
         self._drawing = ThreadPoolExecutor(1, 'drawing')
@@ -75,6 +82,7 @@ class Sessions:
         await self._jobs.close()
         if self._live is not None:
             await self._live.close()
+        await asyncio.gather(*(one.close() for one in self._groot2.values()))
         self._thread.shutdown(wait=False, cancel_futures=True)
         self._drawing.shutdown(wait=False, cancel_futures=True)
         self._layouts.close()
@@ -94,7 +102,7 @@ class Sessions:
             self.tell({'event': 'pages', 'count': len(self._pages)})
 
     async def _hear(self, page: Page) -> None:
-        has_robots = self._robots is not None
+        has_robots = self._robots is not None or bool(self._programs)
         welcome = {'event': 'welcome', 'page': page.number, 'instance': self._instance, 'robots': has_robots}
         await page.send(welcome)
         self.tell({'event': 'pages', 'count': len(self._pages)})
@@ -129,6 +137,8 @@ class Sessions:
                 result = await self._layout(arguments)
             elif method == 'watch':
                 result = await self._watch(str(arguments.get('robot', '')))
+            elif method == 'groot2':
+                result = await self._groot2_command(arguments)
             elif method == 'cancel_job':
                 self._jobs.cancel(arguments.get('number', 0))
                 result = None
@@ -172,12 +182,38 @@ class Sessions:
         raise StudioError('layout: its arguments are a file and the list of folded paths')
 
     async def _watch(self, name: str) -> str:
-        """Show what runs on a robot by events ``live``, and return its name. Raises StudioError if there is none."""
+        """Show what runs on a robot by events ``live``, and return its name. Raises StudioError if there is none.
+
+        ``groot2 HOST:PORT`` is a program at that address. Without a name it is the own robot, or else such a program.
+        """
+        if not name and self._robots is None:
+            name = next(iter((*self._programs, *self._groot2)), '')
+        if name.startswith(PREFIX):
+            return self._watch_groot2(robot_name(name.removeprefix(PREFIX)))
         if self._robots is None:
             raise StudioError('no robots are watched: start the studio by studio --operate, or console web --studio')
         if self._live is None:
             self._live = LiveRobots(self._robots, self.tell)
         return await self._live.watch(name)
+
+    def _watch_groot2(self, name: str) -> str:
+        if name not in self._groot2:
+            if len(self._groot2) >= MOST_PROGRAMS:
+                raise StudioError(f'{MOST_PROGRAMS} programs are watched already; start the studio again for others')
+            self._groot2[name] = Groot2Robot(name, self.tell, self._show_text)
+        self._groot2[name].show_again()
+        return name
+
+    async def _groot2_command(self, arguments: dict[str, Any]) -> Any:
+        match arguments:
+            case {'robot': str(robot), 'do': str(line)} if robot in self._groot2:
+                return await self._groot2[robot].command(line)
+        raise StudioError(f'there is no such program: {short_repr(arguments.get("robot"))}; watch it first')
+
+    async def _show_text(self, file: str, text: str) -> None:
+        """Show a text that cannot be edited, also to the pages that show an older one of this name."""
+        await self._work(self._workbench.project.show, file, text)
+        self.tell({'event': 'files_changed', 'file': file, 'what': 'close', 'by': 0})
 
     def _follow(self, page: Page, method: str, arguments: dict[str, Any], result: Any) -> None:
         """Tell the pages what a request has changed, and check what was opened or edited."""

@@ -8,6 +8,7 @@ import hashlib
 import json
 import os
 import sys
+from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -32,14 +33,22 @@ _IMPORT_MAP: Final = '<!-- import map -->'
 
 
 class StudioServer:
-    """The server of the studio's pages for one project. ``robots`` are those that can be watched."""
+    """The server of the studio's pages for one project.
+
+    ``robots`` are those that can be watched; ``programs`` the names of programs that can, by Groot2's protocol.
+    """
 
     def __init__(
-        self, workbench: Workbench, access: Access, editor: Path | None, robots: FleetLink | None = None
+        self,
+        workbench: Workbench,
+        access: Access,
+        editor: Path | None,
+        robots: FleetLink | None = None,
+        programs: Sequence[str] = (),
     ) -> None:
         self._access = access
         self._wrong = WrongTokens()
-        self._sessions = Sessions(workbench, robots)
+        self._sessions = Sessions(workbench, robots, programs)
         self._modules = {} if editor is None else editor_modules(editor)
         own = files('flexbt_studio') / 'page'
         shared = files('flexbt_console.ui.web') / 'page'

@@ -211,7 +211,7 @@ class Workbench:
             'changed': opened.is_changed,
             'text': shown(document.text),
             'view': page.spans_to_page(self._view(document)),
-            'gestures': list(document.gestures()),
+            'gestures': [] if opened.is_shown_only else list(document.gestures()),
             'problems': [self._problem(document, page, one) for one in document.problems],
         }
 
@@ -223,10 +223,11 @@ class Workbench:
 
     def _view(self, document: Document) -> dict[str, Any]:
         view = document.view()
+        models = {one['id']: one['kind'] for one in view.get('models', ())}
         for node in view.get('nodes', ()):
             manifest: NodeManifest | None = self._registry.get(node['type'])
-            is_tree = node['tag'].startswith('SubTree')
-            node['kind'] = 'subtree' if is_tree else '' if manifest is None else manifest.kind.value
+            kind = models.get(node['type'], '') if manifest is None else manifest.kind.value
+            node['kind'] = 'subtree' if node['tag'].startswith('SubTree') else kind
         return view
 
     @request
@@ -256,9 +257,11 @@ class Workbench:
 
     @request
     def findings(self, file: str) -> list[dict[str, Any]]:
-        """Return the checker's findings for an open file."""
-        page = PageText(self.project.open(file).document.text)
-        return [shown_finding(asdict(one), page) for one in self._checker.findings(file)]
+        """Return the checker's findings for an open file; none for what a program sends, which runs as it is."""
+        opened = self.project.open(file)
+        page = PageText(opened.document.text)
+        found = [] if opened.is_shown_only else self._checker.findings(file)
+        return [shown_finding(asdict(one), page) for one in found]
 
     @request
     def edit(self, file: str, version: int, edits: list[Any]) -> int:
