@@ -56,6 +56,7 @@ export class Jobs {
   // Start a job of the server for the text as it is now. Resolves to its entry {job, file, version, state, number, event, ...} when
   // read(entry) has read its result, or to null if it has failed or was cancelled.
   async start(entries, job, file, more, read = () => {}) {
+    if (file.language === 'python' && !await this.studio.allowCode()) return null;
     this.cancel(entries.get(file.name));
     const entry = {job, file, state: 'running', number: null, files: new Set([file.name])};
     entries.set(file.name, entry);
@@ -123,7 +124,7 @@ export class Jobs {
 
   // Proofs.
 
-  saved(file) { if (this.isOnSave && file.language !== 'python') this.prove(file, true); }
+  saved(file) { if (this.isOnSave && (file.language !== 'python' || this.studio.runsCode)) this.prove(file, true); }
 
   async prove(file = this.studio.file, isQuiet = false) {
     if (!file) return;
@@ -204,7 +205,7 @@ export class Jobs {
   sheetPart(file, close) {
     const entry = this.changes.get(file.name), place = html('div', {id: 'sheet-change'});
     this.sheet = () => place.replaceChildren(html('h3', {}, 'What this change does'), ...this.difference(file, close));
-    if (!entry || entry.state === 'old') this.compare(file, true);
+    if ((!entry || entry.state === 'old') && (file.language !== 'python' || this.studio.runsCode)) this.compare(file, true);
     this.sheet();
     return place;
   }
