@@ -36,6 +36,9 @@ MERGE_SECONDS: Final = 1.0
 LATE_SECONDS: Final = 2.0
 """Time by which the reason of an end may arrive later than the end, s."""
 
+MOST_LATE: Final = 8 * 3600.0
+"""Age of an event, s, above which its time is that of another clock."""
+
 MOST_RUNS: Final = 16
 MOST_WAITING: Final = 100
 """Runs of trees that are followed, and reports that wait for the nodes of their run, at most."""
@@ -89,10 +92,11 @@ class Lanes:
         self._lanes: dict[Lane, deque[LaneEntry]] = {lane: deque(maxlen=MOST_ENTRIES) for lane in Lane}
         self._latest: OrderedDict[tuple[Lane, str], LaneEntry] = OrderedDict()
         self._open: dict[tuple[Lane, str], LaneEntry] = {}
+        self._early: list[ExecutiveEvent | LogLine] = []
         self._resumed: dict[int, tuple[float, float]] = {}
         """Of an entry that goes on after its end: when it went on, and that end."""
         self._numbers = self.revision = 0
-        self._now = 0.0
+        self._now = self._at = 0.0  # now, and when that happened which is told now
         self._snapshot: ExecutiveSnapshot | None = None
         self._heard = math.inf
         self._entered: dict[str, float] = {}
@@ -124,7 +128,7 @@ class Lanes:
     def _take(self, now: float, method: str, arguments: tuple[Any, ...]) -> None:
         if method in self._takers:
             with self._lock:
-                self._now = now
+                self._now = self._at = now
                 self._takers[method](*arguments)
 
     # Entries
@@ -134,11 +138,11 @@ class Lanes:
         entry = self._latest.get((lane, key))
         if entry is not None and self._is_recent(entry, MERGE_SECONDS) and lane is Lane.NODES:
             assert entry.end is not None
-            self._resumed[entry.number] = self._now, entry.end
+            self._resumed[entry.number] = self._at, entry.end
             entry.end = None
         else:
             self._numbers += 1
-            shown = one_line(label, 100), self._now, more.pop('end', None)
+            shown = one_line(label, 100), self._at, more.pop('end', None)
             entry = LaneEntry(self._numbers, lane, key, *shown, **more)
             self._lanes[lane].append(entry)
             self._latest[lane, key] = entry
@@ -151,10 +155,10 @@ class Lanes:
         """Add an entry without duration, or count the latest one if it is the same."""
         text, latest = one_line(text, TEXT_LENGTH), self._latest.get((lane, key))
         if latest is not None and (latest.word, latest.text) == (word, text) and self._is_recent(latest, MERGE_SECONDS):
-            latest.count, latest.end = latest.count + 1, self._now
+            latest.count, latest.end = latest.count + 1, self._at
             self._changed(latest)
         else:
-            self._add(lane, key, label, end=self._now, word=word, tone=tone, text=text)
+            self._add(lane, key, label, end=self._at, word=word, tone=tone, text=text)
 
     def _end(self, entry: LaneEntry, word: str = '', tone: str = '') -> None:
         began, before = self._resumed.pop(entry.number, (entry.begin, None))
@@ -166,7 +170,7 @@ class Lanes:
             entry.begin = began
         elif before is not None:
             entry.count += 1
-        entry.end, entry.word, entry.tone = self._now, word or entry.word, tone or entry.tone
+        entry.end, entry.word, entry.tone = max(self._at, entry.begin), word or entry.word, tone or entry.tone
         self._changed(entry)
 
     def _changed(self, entry: LaneEntry) -> LaneEntry:
@@ -175,7 +179,7 @@ class Lanes:
         return entry
 
     def _is_recent(self, entry: LaneEntry, seconds: float) -> bool:
-        return entry.end is not None and self._now - entry.end <= seconds
+        return entry.end is not None and abs(self._at - entry.end) <= seconds
 
     def _only(self, lane: Lane, wanted: Mapping[str, Callable[[], LaneEntry]]) -> None:
         """Let exactly these entries of a lane go on, by what tells them apart."""
@@ -191,6 +195,10 @@ class Lanes:
 
     def _take_snapshot(self, snapshot: ExecutiveSnapshot, *_: Any) -> None:
         before, self._snapshot = self._snapshot, snapshot
+        if before is None:
+            early, self._early = self._early, []
+            for one in early:
+                self._take_events([one]) if isinstance(one, ExecutiveEvent) else self._take_log(one)
         if before is None or before.executive_id != snapshot.executive_id or snapshot.stamp < before.stamp:
             self._left.clear()  # another clock, or one that was set
         silent = max(LOST_SECONDS, LOST_PERIODS * snapshot.heartbeat_period)
@@ -262,18 +270,33 @@ class Lanes:
 
     def _take_events(self, events: Sequence[ExecutiveEvent]) -> None:
         for event in events:
+            if not self._is_dated(event):
+                continue
             if event.kind is EventKind.TRANSITION and event.path.strip('/'):
                 tone = 'error' if event.outcome in FAILED else ''
                 self._left[event.path] = event.stamp
                 entry = self._of(Lane.STATES, event.path)
                 if entry is None:
                     entry = self._add(
-                        Lane.STATES, event.path, _leaf(event.path), end=self._now, text=one_line(event.path)
+                        Lane.STATES, event.path, _leaf(event.path), end=self._at, text=one_line(event.path)
                     )
                 entry.word, entry.tone = one_line(event.outcome, 60), tone
                 self._changed(entry)
             elif event.kind is EventKind.COMMAND:
                 self._take_command(event)
+
+    def _is_dated(self, one: ExecutiveEvent | LogLine) -> bool:
+        """Return whether it is known when this happened: a new reader gets also what is older, at once."""
+        if self._snapshot is None:
+            self._early = [*self._early[-MOST_WAITING + 1 :], one]
+            return False
+        self._date(one.stamp if self._snapshot.executive_id == one.executive_id else math.inf)
+        return True
+
+    def _date(self, stamp: float) -> None:
+        """Note when that happened which is told now, by the executive's clock. What is not late happens now."""
+        late = self._snapshot.stamp - stamp if self._snapshot is not None else 0.0
+        self._at = self._now - late if LATE_SECONDS < late < MOST_LATE else self._now
 
     def _take_command(self, event: ExecutiveEvent) -> None:
         who = one_line(event.operator, 60)
@@ -310,7 +333,7 @@ class Lanes:
         return entry if is_it else None
 
     def _take_log(self, line: LogLine) -> None:
-        if line.severity >= LogSeverity.WARN:
+        if self._is_dated(line) and line.severity >= LogSeverity.WARN:
             tone = 'error' if line.severity is LogSeverity.ERROR else 'warning'
             text = f'{line.text}  {line.path}'
             self._happened(
@@ -350,6 +373,7 @@ class Lanes:
         if report.structure != run.structure:
             run.waiting = [*run.waiting[-MOST_WAITING + 1 :], report]
             return
+        self._date(report.stamp)
         for change in report.changes:
             self._node_changed(run, change.uid, change.status)
         for uid in [

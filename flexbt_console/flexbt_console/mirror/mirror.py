@@ -458,6 +458,11 @@ class Mirror:
                 return self._on_clock(self._listens_until)
             return self._on_clock(self._freshness.next_change(now))
 
+    def now(self) -> float:
+        """Return the time of all that was received here, s."""
+        with self._lock:
+            return self._now()
+
     def _now(self) -> float:
         """Return the mirror's time, s, which includes the time that the computer sleeps."""
         self._asleep = max(self._asleep, self._seconds_asleep())

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
@@ -23,6 +23,7 @@ from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.link.messages import record_of
 from flexbt_console.link.scan_link import PLACE_SECONDS, SCAN_SECONDS, points_of
 from flexbt_console.link.surroundings_link import SurroundingsFeed
+from flexbt_console.mirror.lanes import Lanes
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.errors import FlexbtError
@@ -37,9 +38,22 @@ KEPT_EACH: Final = 500
 """Messages between two kept pictures; to go back, at most this many are read again."""
 
 
+_IN_LANES: Final = frozenset(
+    {
+        names.EXECUTIVE_STATUS,
+        names.EXECUTIVE_EVENTS,
+        names.EXECUTIVE_LOG,
+        names.PLACES,
+        names.TREE_STRUCTURE,
+        names.TREE_STATUS,
+    }
+)
+"""Topics of which the lanes of the time line are made."""
+
 MOST_MEMORY: Final = 1_000_000_000
 MESSAGE_MEMORY: Final = 300
-"""MOST_MEMORY: maximum bytes of all messages of a recording, which stay in memory. MESSAGE_MEMORY: overhead of one."""
+"""MOST_MEMORY: default maximum bytes of all messages of a recording, which stay in memory. MESSAGE_MEMORY: overhead of
+one."""
 
 
 class RunPlayer:
@@ -50,11 +64,11 @@ class RunPlayer:
         UsageError: the file cannot be read, has no run, or was recorded with other fields of the messages.
     """
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, most_memory: int = MOST_MEMORY) -> None:
         damaged: list[str] = []
         messages = read_run(file, lambda: damaged.append(f'the recording {DAMAGED}'))
         known = (one for one in messages if one.topic not in NOT_REPLAYED and one.topic in TOPICS)
-        self._messages = sorted(_within_memory(file, known), key=lambda one: one.time)
+        self._messages = sorted(_within_memory(file, known, most_memory), key=lambda one: one.time)
         if not self._messages:
             raise UsageError(f'{file}: has no messages of a run')
         for (topic, name), definition in {(one.topic, one.type): one.definition for one in self._messages}.items():
@@ -63,12 +77,15 @@ class RunPlayer:
             [place for place, one in enumerate(self._messages) if one.topic == topic]
             for topic in (names.SCAN, names.TF_STATIC)
         )
-        begin = self._messages[0].time
+        self.begin = begin = self._messages[0].time
         self._times = [(one.time - begin) * 1e-9 for one in self._messages]
         self.duration = self._times[-1]
         blank = Mirror(ManualClock())
         blank.set_problem(''.join(damaged))
         self._kept = [(blank, SurroundingsFeed(blank).map_frame)]
+        self._lanes_clock = ManualClock()
+        self._lanes_mirror = Mirror(self._lanes_clock)
+        self._lanes, self._lanes_next = Lanes(self._lanes_mirror), 0
         self.time, self._next = 0.0, 0
         self._restore(0)
         self.go_to(0.0)
@@ -89,7 +106,7 @@ class RunPlayer:
             if place == len(self._kept) * KEPT_EACH:
                 self._kept.append((self.mirror.copy(ManualClock()), self._feed.map_frame))
             self._clock.set(self._times[place])
-            self._take(self._messages[place])
+            _take(self._messages[place], self.mirror, self._receive)
             if monotonic() > latest and place + 1 < wanted:
                 time, end = self._times[place], place + 1
                 break
@@ -98,6 +115,23 @@ class RunPlayer:
         self.time = time
         self._show_scan(end)
         return end == wanted
+
+    def moment(self, time: float) -> Mirror:
+        """Return the mirror as it was at a time; it stands still."""
+        self.go_to(time)
+        return self.mirror.copy(ManualClock(self.time))
+
+    def lanes(self, patience: float = math.inf) -> Lanes:
+        """Return the lanes of the time line of the whole recording, or as far as they were read after ``patience``
+        seconds; the next call reads on."""
+        receive, latest = _receivers(self._lanes_mirror, SurroundingsFeed(self._lanes_mirror)), monotonic() + patience
+        while self._lanes_next < len(self._messages) and monotonic() <= latest:
+            one = self._messages[self._lanes_next]
+            self._lanes_clock.set(self._times[self._lanes_next])
+            self._lanes_next += 1
+            if one.topic in _IN_LANES:
+                _take(one, self._lanes_mirror, receive)
+        return self._lanes
 
     def _restore(self, number: int) -> None:
         """Go back to the kept state with this number. A state is kept every :data:`KEPT_EACH` messages."""
@@ -157,19 +191,20 @@ class RunPlayer:
                 return time + MOMENT
         raise RefusedError(f'nothing has {text!r} in it after {self.time:.1f} s')
 
-    def _take(self, one: Recorded) -> None:
-        receive = self._receive.get(one.topic)
-        if one.topic != names.EXECUTIVE_STATUS and receive is None:
-            return
-        with contextlib.suppress(ValueError, LimitExceededError):  # skipped then, too
-            message = _message(one)
-            if receive is not None:
-                receive(message)
-            else:
-                self.mirror.receive_snapshot(record_of(message), Transit(one.sent * 1e-9, one.time * 1e-9))
-
 
 _SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_EVENTS})
+
+
+def _take(one: Recorded, mirror: Mirror, receivers: Mapping[str, Callable[[Any], object]]) -> None:
+    receive = receivers.get(one.topic)
+    if one.topic != names.EXECUTIVE_STATUS and receive is None:
+        return
+    with contextlib.suppress(ValueError, LimitExceededError):  # skipped then, too
+        message = _message(one)
+        if receive is not None:
+            receive(message)
+        else:
+            mirror.receive_snapshot(record_of(message), Transit(one.sent * 1e-9, one.time * 1e-9))
 
 
 def _message(one: Recorded) -> Any:
@@ -179,14 +214,13 @@ def _message(one: Recorded) -> Any:
     return Received(one.data, len(one.data), b'', 0.0).unpack(message_type)
 
 
-def _within_memory(file: Path, messages: Iterable[Recorded]) -> Iterator[Recorded]:
+def _within_memory(file: Path, messages: Iterable[Recorded], most: int) -> Iterator[Recorded]:
     taken = 0
     for one in messages:
         taken += len(one.data) + MESSAGE_MEMORY
-        if taken > MOST_MEMORY:
-            most = f'{MOST_MEMORY // 10**6} MB'
+        if taken > most:
             raise UsageError(
-                f'{file}: its messages take more than {most}; "replay" publishes them without keeping them'
+                f'{file}: its messages take more than {most // 10**6} MB; "replay" publishes them without keeping them'
             )
         yield one
 

@@ -32,9 +32,10 @@ from flexbt_console.errors import ExitCode, RefusedError, UsageError
 from flexbt_console.link.operator_link import ExecutiveLink
 from flexbt_console.link.scan_link import MESSAGE_BYTES
 from flexbt_console.mirror.command_tracker import CommandState
+from flexbt_console.mirror.lanes import Lane, LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.present.rendering import behavior_line
-from flexbt_console.recording import player, replay
+from flexbt_console.recording import replay
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.recorder import Recorder
 from flexbt_console.recording.run_file import RELATIVE_NAME, Recorded, RunWriter, read_run, write_recording
@@ -111,6 +112,7 @@ def run_recorded(executives: Any, file: Path, namespace: str, end: int) -> Any:
     """Return a run of the scripted executive with a decision and its answer; gives the last picture of the console."""
     executives(namespace, heartbeat=0.1)
     with station(namespace) as at, ready_recorder(at, file, namespace) as (process, _):
+        lanes = Lanes(at.mirror)
         view = at.wait(lambda view: view.live and view.behaviors)
         command = at.requests.start(view, 'Drive')
         at.link.send(command, DEADLINE)
@@ -125,7 +127,12 @@ def run_recorded(executives: Any, file: Path, namespace: str, end: int) -> Any:
         process.send_signal(end)
         code = process.wait(DEADLINE)
         assert code == (0 if end == signal.SIGINT else -end)
-    return view, logs
+    return view, logs, lanes.since()
+
+
+def lanes_of(entries: Iterable[LaneEntry]) -> list[tuple[object, ...]]:
+    """Return what is in lanes, without the times of arrival, which differ from one receiver to another."""
+    return sorted((one.lane, one.key, one.label, one.word, one.tone, one.text, one.end is None) for one in entries)
 
 
 def run_replay(*words: str) -> tuple[int, str]:
@@ -136,7 +143,7 @@ def run_replay(*words: str) -> tuple[int, str]:
 
 def test_the_console_sees_in_a_replay_what_it_saw_of_the_robot(executives: Any, tmp_path: Path) -> None:
     file = tmp_path / 'run.mcap'
-    view, logs = run_recorded(executives, file, 'real', signal.SIGINT)
+    view, logs, _ = run_recorded(executives, file, 'real', signal.SIGINT)
     topics = {one.topic for one in read_run(file)}
     assert topics >= {'executive/status', 'executive/structure', 'executive/behaviors', 'executive/command'}
     with station('again') as at:
@@ -188,8 +195,10 @@ def test_a_recording_of_another_version_is_read_as_long_as_the_fields_are_the_sa
 
 def test_a_player_shows_each_moment_as_it_was_also_going_back(executives: Any, tmp_path: Path) -> None:
     file = tmp_path / 'run.mcap'
-    view, logs = run_recorded(executives, file, 'played', signal.SIGINT)
+    view, logs, lanes = run_recorded(executives, file, 'played', signal.SIGINT)
     player = RunPlayer(file)
+    assert lanes_of(player.lanes().since()) == lanes_of(lanes)  # as they were live
+    assert {one.lane for one in lanes} >= {Lane.STATES, Lane.DECISIONS}
     player.go_to(player.duration)
     seen = player.mirror.view()
     assert seen.live and seen.decisions == view.decisions and seen.structure == view.structure
@@ -412,11 +421,10 @@ def test_a_small_file_that_stands_for_a_huge_one_is_refused(compression: Compres
     assert sum(len(one.data) for one in read_run(whole)) == 50_000_000
 
 
-def test_messages_that_take_too_much_memory_are_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_messages_that_take_too_much_memory_are_not_kept(tmp_path: Path) -> None:
     file = compressed(tmp_path / 'many.mcap', CompressionType.ZSTD, messages=10_000, size=0)
-    monkeypatch.setattr(player, 'MOST_MEMORY', 1_000_000)
     with pytest.raises(UsageError, match='take more than 1 MB'):
-        RunPlayer(file)
+        RunPlayer(file, 1_000_000)
 
 
 def test_a_recording_is_for_the_user_alone_and_a_pipe_is_none(tmp_path: Path) -> None:

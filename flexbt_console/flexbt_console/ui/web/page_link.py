@@ -8,7 +8,7 @@ import contextlib
 import logging
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, Final
 
@@ -18,6 +18,7 @@ from flexbt_common.errors import ResourceError
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror.fleet import RobotOverview
 from flexbt_console.mirror.records import OperatorCommand
+from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import encode_json
 from flexbt_console.present.style import tone_of
 from flexbt_console.ui.station import Session, Station
@@ -26,9 +27,10 @@ from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import escape_lines, one_line
 
 from .access import Access, WrongTokens, greeting
-from .drawings import NO_DRAWING, Drawings, machine_drawing
-from .picture import COMMAND_PART, PERIOD, Pictures, robot_lines
-from .requests import BURST, RATE, PageRequest, Told, answered, folded_paths, operator_name, read
+from .drawings import NO_DRAWING, Drawing, Drawings, machine_drawing
+from .past import PagePast, moment_part
+from .picture import COMMAND_PART, PERIOD, Pictures, map_message, robot_lines
+from .requests import BURST, RATE, SHOWS_PAST, answered, folded_paths, is_harmless, operator_name, past_of, read
 
 PULSE: Final = 1.0
 """Seconds after which a page gets a message in any case: without it, it takes the server for lost."""
@@ -60,6 +62,7 @@ class PageLink:
         self._log: frozenset[tuple[str, int]] = frozenset()
         self._drawn: dict[str, None] = {}
         self._map = b''
+        self._is_past = False
         self._run: str | None = None
         self._folded: frozenset[str] = frozenset()
         self._machine = NO_DRAWING
@@ -73,11 +76,13 @@ class PageLink:
         """Note a change; on the thread of the loop."""
         self._changed.set()
 
-    async def serve(self, robot: str, station: Station, pictures: Pictures, **features: bool) -> None:
+    async def serve(self, robot: str, station: Station, pictures: Pictures, past: PagePast, **features: bool) -> None:
         """Show a robot, and a line for each other one, until the page or server ends it; after :meth:`is_welcome`.
 
-        ``features`` are told to the page: ``asks_name``, it asks its user for a name; ``studio``, the studio is there.
+        ``past`` is what the page can show of it, and of recordings. ``features`` are told to the page: ``asks_name``,
+        it asks its user for a name; ``studio``, the studio is there.
         """
+        self._past = past
         self._pictures, self._session = pictures, Session(station, SteadyClock())
         hello = {'robot': robot, 'commands': COMMAND_PART, 'operator': station.builder.operator, **features}
         try:
@@ -145,17 +150,22 @@ class PageLink:
             self._machine = drawing.key
             new['folded'] = encode_json(drawing.key)
         await self._send_text('{"parts": {' + ', '.join(f'"{name}": {text}' for name, text in new.items()) + '}}')
-        if picture.map and picture.map is not self._map:
+        if picture.map and picture.map is not self._map and not self._is_past:
             self._map = picture.map
             async with self._sending, asyncio.timeout(SEND_SECONDS):
                 await self._socket.send_bytes(picture.map)
-        if drawing and drawing.key != NO_DRAWING and drawing.key not in self._drawn:
+        if drawing:
+            self._offer(drawing)
+        for lines in self._session.news(view):
+            await self._tell(lines, tone_of(lines[0]).name.lower())
+
+    def _offer(self, drawing: Drawing) -> None:
+        """Send a drawing that the page does not have."""
+        if drawing.key != NO_DRAWING and drawing.key not in self._drawn:
             self._drawn[drawing.key] = None
             if len(self._drawn) > DRAWINGS_KEPT:
                 del self._drawn[next(iter(self._drawn))]
             self._begin(self._draw(drawing.key, self._drawings.wanted(drawing)))
-        for lines in self._session.news(view):
-            await self._tell(lines, tone_of(lines[0]).name.lower())
 
     async def _draw(self, key: str, made: asyncio.Task[str]) -> None:
         try:
@@ -200,6 +210,15 @@ class PageLink:
                 self._folded = folded_paths(message)
                 self._changed.set()
                 return
+            if asked := message.keys() & {'lanes', 'moment', 'recordings'}:
+                try:
+                    await self._show_past(message)
+                except ConsoleError as error:
+                    problem = {'problem': one_line(str(error)), 'of': message.get('of', '')}
+                    await self._send({'lanes' if 'lanes' in asked else 'past': problem})
+                return
+            if self._is_past and not is_harmless(message):
+                raise RefusedError(SHOWS_PAST)
             answer = answered(message, self._session, self._left)  # here, so that a stop waits for nothing
             if callable(answer):
                 answer = await self._later(answer)
@@ -221,7 +240,41 @@ class PageLink:
             with contextlib.suppress(ConnectionError, TimeoutError):
                 await self._tell(['fault in the server of the page, which continues:', *escape_lines(text)], 'error')
 
-    async def _later(self, wait: PageRequest) -> Told:
+    async def _show_past(self, message: dict[str, Any]) -> None:
+        """Send the lanes of the time line, a moment (None: now again), or the recordings. Raises ConsoleError."""
+        if 'recordings' in message:
+            await self._send({'recordings': await self._later(self._past.names)})
+            return
+        name, number = past_of(message)
+        if 'lanes' in message:
+            lanes = await self._later(lambda: self._past.of(name).lanes(int(number or 0)))
+            await self._send({'lanes': {'of': name, **lanes}})
+            return
+        was_past, self._is_past = self._is_past, number is not None
+        if number is None:
+            self._map, self._run = (b'', '') if was_past else (self._map, self._run)  # they are sent again
+            self._changed.set()
+            return
+
+        def made() -> tuple[View, dict[str, Any], bytes]:
+            mirror = self._past.of(name).moment(number)
+            view = mirror.view()
+            map = view.surroundings.map
+            return view, moment_part(mirror, None), b'' if map is None else map_message(map)
+
+        view, part, map = await self._later(made)
+        drawing = machine_drawing(view.structure, self._folded) if view.structure else None
+        is_new = self._is_past and map != self._map
+        self._map = map if is_new else self._map
+        if is_new and map:
+            async with self._sending, asyncio.timeout(SEND_SECONDS):
+                await self._socket.send_bytes(map)
+        folded = drawing.key if drawing else ''
+        await self._send({'past': {**part, 'of': name, 'time': number, 'folded': folded, 'map': bool(map)}})
+        if drawing:
+            self._offer(drawing)
+
+    async def _later(self, wait: Callable[[], Any]) -> Any:
         """On another thread. Raises ConsoleError."""
         if self._waiting >= MOST_AT_ONCE:
             raise RefusedError(f'{MOST_AT_ONCE} requests of this page wait for their answers; ask again later')

@@ -28,6 +28,7 @@ from flexbt_console.present.rendering import (
     authority_asked_line,
     authority_text,
     autonomy_text,
+    fault_texts,
     left_out_text,
     link_word,
     log_lines,
@@ -328,8 +329,7 @@ def _told(robot: RobotOverview) -> str:
     if robot.is_unreachable:
         return unreachable_text(view)
     asked = asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
-    missed = [peer_line(peer) for peer in view.snapshot.missed_peers] if view.live and view.snapshot else []
-    return '  '.join([alarm_line(view) or asked or what_runs(view), *missed])
+    return '  '.join(dict.fromkeys([alarm_line(view) or asked or what_runs(view), *fault_texts(view)]))
 
 
 def log_part(line: LogLine) -> dict[str, Any]:
@@ -416,7 +416,7 @@ class Pictures:
         }
         map = view.surroundings.map
         if map is not self._map[0]:
-            self._map = map, b'' if map is None else _map_message(map)
+            self._map = map, b'' if map is None else map_message(map)
         return Picture(
             view,
             robots,
@@ -427,7 +427,8 @@ class Pictures:
         )
 
 
-def _map_message(map: GridMap) -> bytes:
+def map_message(map: GridMap) -> bytes:
+    """Return a map as a message for the page: the length of its frame, the frame, and the cells."""
     head, cells = map_part(map)
     frame = encode_json(head).encode()
     return struct.pack('>I', len(frame)) + frame + cells

@@ -72,6 +72,32 @@ def folded_paths(message: dict[str, Any]) -> frozenset[str]:
     return frozenset(paths)
 
 
+SHOWS_PAST: Final = (
+    'this page shows the past; nothing was sent. Go back to now first (Esc); only STOP is sent from here'
+)
+
+
+def is_harmless(message: dict[str, Any]) -> bool:
+    """Return whether a page that shows the past may ask for this: a stop, and what sends nothing."""
+    line = message.get('do')
+    if isinstance(line, str) and line.split()[:1] == ['stop']:
+        return True
+    return not message.keys() & {'do', 'answer', 'obstacle', 'remove_obstacle'}
+
+
+def past_of(message: dict[str, Any]) -> tuple[str, float | None]:
+    """Return the name of the recording of a request, '' for the robot's past, and its time or revision.
+
+    Raises:
+        UsageError: they are not a text and a number.
+    """
+    name, number = message.get('of', ''), message.get('lanes', message.get('moment'))
+    is_number = isinstance(number, int | float) and not isinstance(number, bool) and abs(number) < 1e15
+    if not isinstance(name, str) or not (is_number or number is None):
+        raise UsageError('"lanes" is a revision, "moment" a time in s or null, "of" the name of a recording')
+    return name, number
+
+
 Told = OperatorCommand | Reading
 """The result of a request: the command that was sent, or lines to read. Lines without a title are for the log."""
 
@@ -113,7 +139,10 @@ def answered(
     if 'do' in message:
         meaning = session.interpret(_text(message, 'do'), view, Bound(decision_id))
         return _done(meaning, view, session, left)
-    raise UsageError('unknown request; expected one of: do, answer, touched, complete, fold, obstacle, remove_obstacle')
+    raise UsageError(
+        'unknown request; expected one of: '
+        'do, answer, touched, complete, fold, lanes, moment, recordings, obstacle, remove_obstacle'
+    )
 
 
 def _done(meaning: Meaning, view: View, session: Session, left: Future[None]) -> Told | PageRequest | None:

@@ -19,6 +19,7 @@ from aiohttp import web
 from aiohttp.http import HttpProcessingError
 from aiohttp.typedefs import Handler
 
+from flexbt_common.files import USER_DIRECTORY, home_path
 from flexbt_common.pictures.markup import STYLE
 from flexbt_console.errors import UsageError
 from flexbt_console.link.robot_link import RobotLink
@@ -30,6 +31,7 @@ from flexbt_core.values.text import did_you_mean, one_line, short_repr
 from .access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
 from .drawings import Drawings
 from .page_link import PageLink
+from .past import LivePast, PagePast, Recordings
 from .picture import Pictures
 from .requests import MESSAGE_BYTES
 
@@ -77,6 +79,7 @@ class WebServer:
         self._pages: dict[PageLink, tuple[str, str]] = {}
         self._pictures: dict[tuple[str, str], Pictures] = {}
         self._encoder = ThreadPoolExecutor(1, 'encoder')
+        self._recordings = Recordings(home_path(USER_DIRECTORY))
         self._greeting: dict[PageLink, asyncio.Transport] = {}
         self._drawings: Drawings | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -166,6 +169,7 @@ class WebServer:
         seat = self._pages[page] = robot, operator
         try:
             try:
+                self._robots.fleet.past(robot)  # from now on it is kept
                 await asyncio.to_thread(self._robots.open, robot, operator)
             except KeyError:  # the robot was forgotten just now
                 await page.refuse('NO SUCH ROBOT', self._not_found(robot), self._robots.fleet.overview())
@@ -174,11 +178,13 @@ class WebServer:
                 await page.refuse('TRY AGAIN', f'the server of the page cannot open {one_line(robot)} now: {error}')
                 return socket
             try:
-                station = self._station(*self._robots.robot(robot), operator)
+                mirror, link = self._robots.robot(robot)
+                station = self._station(mirror, link, operator)
+                past = PagePast(LivePast(*self._robots.fleet.past(robot), mirror.now), self._recordings)
                 if seat not in self._pictures:
                     self._pictures[seat] = Pictures(self._robots.fleet, robot, station, self._encoder)
                 features = {'asks_name': self._operator is not None, 'studio': self._has_studio}
-                await page.serve(robot, station, self._pictures[seat], **features)
+                await page.serve(robot, station, self._pictures[seat], past, **features)
             finally:
                 await asyncio.to_thread(self._robots.close, robot, operator)
         finally:

@@ -7,6 +7,7 @@ import {LEAST, drawTree, has, keep, mark, offer, part, press, show, spread, stat
 import {RobotMap} from './map.js';
 import {panels} from './panels.js';
 import {operator, remember, remembered, ServerLink} from './server_link.js';
+import {Timeline} from './timeline.js';
 import {viewport} from './viewport.js';
 
 const MOST_LOG = 500;
@@ -24,10 +25,15 @@ const tell = (text, tone) => {
 const send = (message) => {
   const sent = link.send(message);
   if (sent && ('answer' in message || 'do' in message)) touched = undefined;  // that is dealt with; it may be refused, and come back
-  if (!sent && !message.complete) tell('The server of this page is gone; nothing was sent', 'error');
+  if (!sent && !('complete' in message || 'lanes' in message)) tell('The server of this page is gone; nothing was sent', 'error');
   return sent;
 };
 const isLive = () => server.open && known.link?.state === 'live';
+
+// The moment that is shown: wanted by the operator, asked for, and what has come of it; null is now. Decisions, commands and
+// the head of the page are always those of now, and of the past nothing but STOP goes out.
+let recording = '', wanted = null, asked = null, past = null;
+const seen = () => past ?? known;
 
 const bar = new DecisionBar(byId('decision'), byId('decision-line'), byId('decision-body'), byId('waiting'), {send, tell, placesOf: () => Object.keys(known.places).sort()});
 const map = new RobotMap(byId('map'), byId('map-keys'), {
@@ -37,6 +43,7 @@ const map = new RobotMap(byId('map'), byId('map-keys'), {
   leave: () => { dropping = false; choose(); },
 });
 let mapDecision = null;
+bar.turned = new URL(location).searchParams.get('decision');  // a link of "console alerts"
 let dropping = false;
 for (const [id, by] of [['map-out', 0.8], ['map-in', 1.25], ['map-fit', 0]]) byId(id).addEventListener('click', () => map.zoomBy(by));
 const commands = new Commands({send, tell, bar, now: () => known});
@@ -73,8 +80,8 @@ function addLog(text, tone) {
 
 // What a click on the map means. A pose that is pointed at belongs to the decision that was on the page then.
 function choose() {
-  const wants = bar.shown?.wants_pose && isLive();
-  const mode = dropping ? 'obstacle' : wants ? 'pose' : '';
+  const wants = bar.shown?.wants_pose && isLive() && wanted === null;
+  const mode = dropping && wanted === null ? 'obstacle' : wants ? 'pose' : '';
   if (mode === 'pose' && mapDecision !== bar.id) {
     mapDecision = bar.id;
     map.point(null);
@@ -85,7 +92,8 @@ function choose() {
 
 // What the decision on the page is about is drawn in the place of the plan; while it has not arrived, nothing is.
 function drawPlan() {
-  const {plan, goal} = bar.shown?.drawn ?? {plan: known.plan ?? [], goal: null};
+  const decision = past ? past.decisions[0] : bar.shown;
+  const {plan, goal} = decision?.drawn ?? {plan: seen().plan ?? [], goal: null};
   map.set('plan', plan);
   map.set('goal', goal ?? plan[plan.length - 1] ?? null);
   byId('map').hidden = !(byId('map-empty').hidden = map.hasContent());
@@ -105,13 +113,15 @@ const machineSvg = byId('machine').querySelector('svg');
 const machineView = viewport(machineSvg, {grows: 1.7, changed: () => spread(machineSvg)});
 
 function foldMachine(path) {
-  if (path) fold(known.machine.behavior, path);
-  send({fold: [...foldedOf(known.machine.behavior)]});
+  const {behavior} = seen().machine;
+  if (path) fold(behavior, path);
+  send({fold: [...foldedOf(behavior)]});
+  if (past) showMoment(wanted);
 }
 
 function drawMachine() {
-  const {machine, active, decisions, status} = known;
-  const lines = byId('machine-text'), key = known.folded || machine?.drawing;
+  const {machine, active, decisions, status} = seen();
+  const lines = byId('machine-text'), key = seen().folded || machine?.drawing;
   const told = (...text) => { lines.replaceChildren(...text); delete machineSvg.dataset.key; };
   if (!machine) {
     told(element('p', {class: 'empty'}, !status ? 'Nothing has arrived from the robot. Start its executive, or check the network.' : status.running ? 'The state machine has not arrived yet.' : 'No behavior is running. Press Start… (s) to choose one.'));
@@ -137,7 +147,7 @@ function drawMachine() {
   });
   // The outcomes of what is active, at their transitions: the answer to the decision in the bar is sent, any other outcome is asked about.
   const choices = new Map();
-  for (const {path, outcomes} of isLive() && status?.running ? active.states : []) {
+  for (const {path, outcomes} of isLive() && wanted === null && status?.running ? active.states : []) {
     const decision = decisions.find((one) => one.path === path);
     if (!places.has(path)) continue;
     machine.outcomes[places.get(path)].forEach((outcome, index) => {
@@ -164,9 +174,9 @@ function treePane(id) {
 function drawTrees() {
   const place = byId('trees');
   const panes = new Map([...place.children].map((pane) => [pane.dataset.id, pane]));
-  const shown = known.trees.map((tree) => {
+  const shown = seen().trees.map((tree) => {
     const pane = panes.get(tree.id) ?? treePane(tree.id);
-    const {paused, server_gone: gone, leaves} = known.tree_states[tree.id];
+    const {paused, server_gone: gone, leaves} = seen().tree_states[tree.id];
     const acts = gone ? 'SERVER GONE: last state' : leaves.length ? `▶ ${leaves.join(', ')}` : 'no leaf runs';
     const text = `${tree.tree}${paused && !gone ? ' (paused)' : ''}: ${acts}`;
     pane.classList.toggle('gone', gone);
@@ -176,7 +186,7 @@ function drawTrees() {
   const panesNow = shown.map(([, pane]) => pane);
   if (panesNow.length !== place.children.length || panesNow.some((pane, index) => place.children[index] !== pane)) place.replaceChildren(...panesNow);
   for (const [tree, {svg, view}] of shown) {
-    const state = known.tree_states[tree.id], folds = foldedOf(`tree ${tree.tree}`), text = JSON.stringify([tree.nodes, [...folds]]);
+    const state = seen().tree_states[tree.id], folds = foldedOf(`tree ${tree.tree}`), text = JSON.stringify([tree.nodes, [...folds]]);
     if (svg.dataset.key !== text && svg.parentElement.clientWidth) {  // it is laid out for its pane
       const again = (index) => { fold(`tree ${tree.tree}`, index); drawTrees(); part(svg, `t0n${index}`)?.focus(); };
       const extent = drawTree(svg, tree.nodes, folds, again);
@@ -205,8 +215,13 @@ function drawHead() {
   if (known.link?.problem) alarm.push(known.link.problem);
   if (status) alarm.push(...(status.alarm ? [status.alarm] : []), ...status.missed, ...[status.message, status.asked].filter(Boolean));
   if (byId('alarm').textContent !== alarm.join('\n')) byId('alarm').textContent = alarm.join('\n');
-  document.body.classList.toggle('blind', !live);
-  bar.allow(live);
+  document.body.classList.toggle('blind', !live && wanted === null);
+  document.body.classList.toggle('past', wanted !== null);
+  byId('past').hidden = wanted === null;
+  byId('past').textContent = `${recording ? 'RECORDING' : 'PAST'} ${timeline.label} ✕`;
+  byId('timeline-title').textContent = recording ? plain(`Time line of ${recording}`) : 'Time line';
+  const acts = live && wanted === null;
+  bar.allow(acts, wanted === null ? undefined : 'this page shows the past: go back to now first (Esc)');
   const running = Boolean(status?.running);
   byId('pause').firstChild.data = known.actions.pause?.lines[0] === 'resume' ? 'Go on ' : 'Pause ';
   byId('start').firstChild.data = running ? 'Switch… ' : 'Start… ';
@@ -214,11 +229,11 @@ function drawHead() {
   const blocked = [...ACTIONS.filter((action) => action !== 'stop').map((action) => [action, known.actions[action]?.blocked]),
     ['force', running ? '' : 'no state is active'], ['start', ''], ['note', '']];
   for (const [id, why] of blocked) {
-    byId(id).disabled = !live || Boolean(why);
-    byId(id).title = live ? why ?? '' : 'No live link';
+    byId(id).disabled = !acts || Boolean(why);
+    byId(id).title = acts ? why ?? '' : live ? 'Back to now first (Esc)' : 'No live link';
   }
   for (const button of byId('autonomy').querySelectorAll('button')) {
-    button.disabled = !live;
+    button.disabled = !acts;
     button.setAttribute('aria-pressed', String(button.value === String(status?.autonomy)));
   }
   const marks = [['locked', status?.locked ?? []], ['breakpoint', status?.breakpoints ?? []]];
@@ -292,25 +307,102 @@ function takeParts(parts) {
   heard = performance.now();
   Object.assign(known, parts);
   if (parts.log) for (const line of parts.log) addLog(line.text, line.tone);
-  if (parts.driven) map.set('driven', parts.driven);
-  for (const name of ['places', 'obstacles', 'scan', 'others']) if (parts[name]) map.set(name, parts[name]);
-  if ('pose' in parts) {
-    map.setPose(parts.pose);
-  }
-  if ('where' in parts || parts.active) {
-    byId('pose').textContent = [known.where ?? '', ...known.active.states.map((state) => state.progress)].filter(Boolean).join('   ');
+  if (!past) {
+    if (parts.driven) map.set('driven', parts.driven);
+    for (const name of ON_MAP) if (parts[name]) map.set(name, parts[name]);
+    if ('pose' in parts) map.setPose(parts.pose);
+    if ('where' in parts || parts.active) drawWhere();
   }
   bar.show(known.decisions, known.times.now ?? 0);
   drawPlan();
   if (['machine', 'folded', 'active', 'decisions', 'status', 'link'].some((name) => name in parts)) drawMachine();
-  if ('machine' in parts && known.machine && foldedOf(known.machine.behavior).size) foldMachine();
+  if ('machine' in parts && !past && known.machine && foldedOf(known.machine.behavior).size) foldMachine();
   if (parts.trees || parts.tree_states) drawTrees();
-  if (parts.left_out) byId('left-out').textContent = parts.left_out.join('; ');
+  if (parts.left_out) byId('left-out').textContent = seen().left_out.join('; ');
   if (parts.robots || parts.robots_left_out) drawRobots();
   if (parts.obstacles || 'simulator' in parts) drawObstacles();
   drawHead();
   choose();
 }
+
+// The past: the lanes of the time line, and the moment that is shown.
+const ON_MAP = ['places', 'obstacles', 'scan', 'others'];
+const drawWhere = () => { byId('pose').textContent = [seen().where ?? '', ...seen().active.states.map((state) => state.progress)].filter(Boolean).join('   '); };
+const timeline = new Timeline(byId('timeline'), {moment: showMoment});
+let lanesAsked = 0;
+
+function askLanes() {
+  if (performance.now() - lanesAsked < 5000 || !(timeline.isShown || wanted !== null)) return;  // that of before is on its way
+  lanesAsked = send({lanes: timeline.revision, of: recording}) ? performance.now() : 0;
+}
+
+function showMoment(time) {
+  if (time === null && recording) { openRecording(''); return; }
+  const was = wanted;
+  wanted = time;
+  if (time === null) {
+    if (was !== null) send({moment: null});
+    past = asked = null;
+    for (const name of ON_MAP) map.set(name, known[name] ?? []);
+    map.set('pose', known.pose ?? null);
+    if (was !== null) bar.returned();
+    drawMoment();
+  } else {
+    if (asked === null && send({moment: time, of: recording})) asked = time;
+    drawHead();
+    choose();
+  }
+}
+
+function takeMoment(moment) {
+  asked = null;
+  if (wanted === null || (moment.of ?? recording) !== recording) return;
+  if (moment.problem) {
+    tell(moment.problem, 'warning');
+    timeline.go(null);
+    return;
+  }
+  past = {...moment, others: [], obstacles: []};
+  if (moment.time !== wanted) showMoment(wanted);
+  if (!past.map) for (const name of ['map', 'image']) map.set(name, null);
+  for (const name of [...ON_MAP, 'driven', 'pose']) map.set(name, past[name]);
+  byId('past-log').replaceChildren(...past.log.map(({text, tone}) => element('div', {class: tone}, text)));
+  drawMoment();
+  byId('past-log').scrollTop = byId('past-log').scrollHeight;
+}
+
+function drawMoment() {
+  byId('log').hidden = past !== null;
+  byId('past-log').hidden = past === null;
+  byId('left-out').textContent = seen().left_out.join('; ');
+  drawHead();
+  drawPlan();
+  drawMachine();
+  drawTrees();
+  drawWhere();
+  choose();
+}
+
+// Show a recording from its beginning, or the robot again.
+function openRecording(name) {
+  recording = name;
+  timeline.clear();
+  lanesAsked = 0;
+  askLanes();
+  if (name) { timeline.isLive = false; timeline.go(0); } else showMoment(null);
+}
+
+function chooseRecording(files) {
+  const size = (bytes) => bytes < 1e6 ? `${Math.ceil(bytes / 1000)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
+  const rows = files.map(({name, bytes, changed}) => ({text: name, names: [name], about: `${new Date(1000 * changed).toLocaleString()}  ${size(bytes)}`, run: () => openRecording(name)}));
+  commands.read('Open a Recording', rows.length ? commands.list(rows) : 'There is no recording in ~/.ros/flexbt on the computer of this server. The program `recorder` makes one.');
+}
+byId('recordings').addEventListener('click', () => send({recordings: true}));
+byId('past').addEventListener('click', () => timeline.go(null));
+document.addEventListener('keydown', (event) => {
+  if (event.key === 'Escape' && wanted !== null && !event.target.closest?.('input:not([type="range"]), select, textarea, dialog[open], canvas, [popover]')) timeline.go(null);
+});
+setInterval(askLanes, 1000);
 
 function askName(asks) {
   byId('name-form').hidden = !asks;
@@ -338,6 +430,7 @@ function takeMessage(message) {
     touched = undefined;
     commands.specs = message.hello.commands;
     byId('log').replaceChildren();
+    openRecording('');
   } else if (message.drawing) {
     if (message.drawing.svg) {
       keep(message.drawing.key, message.drawing.svg);
@@ -348,7 +441,13 @@ function takeMessage(message) {
     drawRobots();
   } else if (message.told) tell(message.told.text, message.told.tone);
   else if (message.read) commands.read(message.read.title, message.read.text);
-  else if (message.candidates) commands.candidates(message.candidates);
+  else if (message.past) takeMoment(message.past);
+  else if (message.recordings) chooseRecording(message.recordings);
+  else if (message.lanes) {
+    lanesAsked = 0;
+    if (message.lanes.problem) takeMoment(message.lanes);
+    else if (message.lanes.of === recording) timeline.take(message.lanes);
+  } else if (message.candidates) commands.candidates(message.candidates);
 }
 
 const link = new ServerLink({
@@ -363,8 +462,8 @@ const link = new ServerLink({
   },
 });
 byId('reset').addEventListener('click', panels(byId('panels'), 'flexbt', {
-  wide: [['machine-pane'], ['map-pane', 'trees-pane', 'log-pane']],
-  narrow: [['map-pane', 'machine-pane', 'trees-pane', 'log-pane']],
+  wide: [['machine-pane', 'timeline-pane'], ['map-pane', 'trees-pane', 'log-pane']],
+  narrow: [['map-pane', 'machine-pane', 'trees-pane', 'timeline-pane', 'log-pane']],
 }, '(max-width: 640px), (max-height: 520px)').reset);
 new ResizeObserver(drawTrees).observe(byId('trees-pane'));
 setInterval(drawHead, 500);

@@ -40,6 +40,13 @@ export class DecisionBar {
     this.count(now);
   }
 
+  // The page shows now again: what was pressed was meant for the past, and an answer is picked anew.
+  returned() {
+    this.replaced = performance.now();
+    this.picked = '';
+    this.markPicked();
+  }
+
   // Who has chosen a decision knows it.
   turn(id) {
     this.turned = id;
@@ -64,8 +71,9 @@ export class DecisionBar {
   }
 
   // Buttons can be pressed while the picture is live.
-  allow(allowed) {
+  allow(allowed, why = 'there is no live link') {
     this.allowed = allowed;
+    this.why = why;
     for (const control of this.body.querySelectorAll('button, input')) control.disabled = !allowed;
   }
 
@@ -113,7 +121,7 @@ export class DecisionBar {
     }
     const focused = this.body.contains(document.activeElement);
     this.body.replaceChildren(...rows);
-    this.allow(this.allowed);
+    this.allow(this.allowed, this.why);
     this.markPicked();
     if (focused) this.bar.focus();  // a key that is still on its way must not press a new button
   }
@@ -157,7 +165,7 @@ export class DecisionBar {
 
   ask(message) {
     if (this.isHasty()) this.hasty();
-    else if (!this.allowed) this.tell('there is no live link; nothing was sent', 'warning');
+    else if (!this.allowed) this.tell(`${this.why}; nothing was sent`, 'warning');
     else this.send(message);
   }
 }

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The past that a page can show: that of its robot, and recordings. Moments and lanes as plain data."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from flexbt_console.errors import UsageError
+from flexbt_console.mirror.history import History
+from flexbt_console.mirror.lanes import LaneEntry, Lanes
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.present.json_form import fields_of
+from flexbt_console.recording.player import RunPlayer
+from flexbt_core.values.text import did_you_mean, short_repr
+
+from .picture import LOG_LINES, left_out_lines, log_part, parts_of
+
+OPEN_RECORDINGS: Final = 2
+MOST_MEMORY: Final = 200_000_000
+"""Recordings that are open at the same time, for all pages, and bytes of the messages of each, at most."""
+
+MOST_NAMES: Final = 200
+
+PAST_PARTS: Final = frozenset(
+    {
+        'link',
+        'status',
+        'active',
+        'decisions',
+        'machine',
+        'trees',
+        'tree_states',
+        'pose',
+        'where',
+        'plan',
+        'scan',
+        'places',
+    }
+)
+"""Parts of a picture that a page shows of the past."""
+
+
+class Past(Protocol):
+    """What can be shown at each of its times, in seconds. Thread-safe; not for the thread of the loop."""
+
+    def moment(self, time: float) -> Mirror:
+        """Return the mirror as it was at a time, limited to what is known."""
+
+    def lanes(self, revision: int) -> dict[str, Any]:
+        """Return the entries of the lanes that have changed since a revision, and the extent of the time line. ``wall``
+        is the time of day at its 0, s since the epoch."""
+
+
+class LivePast:
+    """The past of a robot, which goes on. ``now`` returns the time of the mirror."""
+
+    def __init__(self, history: History, lanes: Lanes, now: Callable[[], float]) -> None:
+        self._history = history
+        self._lanes = lanes
+        self._now = now
+
+    def moment(self, time: float) -> Mirror:
+        """See :class:`Past`."""
+        return self._history.moment(min(time, self._now()))
+
+    def lanes(self, revision: int) -> dict[str, Any]:
+        """See :class:`Past`."""
+        known = self._lanes.revision
+        now = self._now()
+        part = _lanes_part(self._lanes.since(revision), known)
+        return {**part, 'begin': self._history.begin, 'end': now, 'wall': time.time() - now, 'live': True}
+
+
+class RecordedPast:
+    """A recording."""
+
+    def __init__(self, file: Path) -> None:
+        self._lock = threading.Lock()
+        self._player = RunPlayer(file, MOST_MEMORY)
+
+    def moment(self, time: float) -> Mirror:
+        """See :class:`Past`."""
+        with self._lock:
+            return self._player.moment(time)
+
+    def lanes(self, revision: int) -> dict[str, Any]:
+        """See :class:`Past`."""
+        with self._lock:
+            lanes = self._player.lanes()
+        part = _lanes_part(lanes.since(revision), lanes.revision)
+        return {**part, 'begin': 0.0, 'end': self._player.duration, 'wall': self._player.begin * 1e-9, 'live': False}
+
+
+class Recordings:
+    """The recordings in a folder. A name leads to no file elsewhere. Thread-safe."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._lock = threading.Lock()
+        self._open: OrderedDict[tuple[str, int, int], RecordedPast] = OrderedDict()
+
+    def names(self) -> list[dict[str, Any]]:
+        """Return the name, size and time of change of each recording, the newest first."""
+        found: list[tuple[float, dict[str, Any]]] = []
+        for file in self._folder.glob('*.mcap'):
+            if file.is_file() and not file.is_symlink():
+                facts = file.stat()
+                found.append((facts.st_mtime, {'name': file.name, 'bytes': facts.st_size, 'changed': facts.st_mtime}))
+        return [one for _, one in sorted(found, key=itemgetter(0), reverse=True)[:MOST_NAMES]]
+
+    def past(self, name: str) -> RecordedPast:
+        """Return a recording by its name.
+
+        Raises:
+            UsageError: there is none of this name, or it cannot be read, or is too large.
+        """
+        known = [one['name'] for one in self.names()]
+        if name not in known:
+            raise UsageError(f'{self._folder} has no recording {short_repr(name)}{did_you_mean(name, known)}')
+        file = self._folder / name
+        facts = file.stat()
+        key = name, facts.st_mtime_ns, facts.st_size
+        with self._lock:  # others wait until it is read, which they may want, too
+            if key not in self._open:
+                self._open[key] = RecordedPast(file)
+            self._open.move_to_end(key)
+            while len(self._open) > OPEN_RECORDINGS:
+                self._open.popitem(last=False)
+            return self._open[key]
+
+
+class PagePast:
+    """What one page can show: the past of its ``robot``, and recordings."""
+
+    def __init__(self, robot: Past, recordings: Recordings) -> None:
+        self._robot = robot
+        self._recordings = recordings
+        self.names = recordings.names
+
+    def of(self, recording: str) -> Past:
+        """Return a recording by its name, or for '' the past of the robot. Raises UsageError."""
+        return self._recordings.past(recording) if recording else self._robot
+
+
+def _lanes_part(entries: Sequence[LaneEntry], revision: int) -> dict[str, Any]:
+    return {'revision': revision, 'entries': [fields_of(one, 'revision') for one in entries]}
+
+
+def moment_part(mirror: Mirror, operator: str | None) -> dict[str, Any]:
+    """Return what a page shows of a mirror of the past."""
+    view = mirror.view()
+    parts = {name: part for name, part in parts_of(view, operator).items() if name in PAST_PARTS}
+    return {
+        **parts,
+        'left_out': left_out_lines(view),
+        'driven': [[round(x, 2), round(y, 2)] for x, y in view.surroundings.driven],
+        'log': [log_part(line) for line in mirror.log(LOG_LINES)],
+    }
