@@ -6,7 +6,7 @@ import socket
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration.running import (
+from flexbt_common.domains import (
     DISCOVERY_PORT,
     DISCOVERY_PORT_STEP,
     DOMAINS,

@@ -11,14 +11,13 @@ import argparse
 import contextlib
 import math
 import os
-import random
 import secrets
 import signal
 import socket
 import subprocess
 import sys
 import termios
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -26,6 +25,7 @@ from typing import TypeVar
 
 from flexbt_common import discovery
 from flexbt_common.command_line import SuggestingArgumentParser
+from flexbt_common.domains import NoFreeDomainError, own_domain
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import ConsoleError
@@ -354,63 +354,3 @@ def _restored_terminal() -> Iterator[None]:
         yield
     finally:
         termios.tcsetattr(sys.stdin, termios.TCSANOW, before)
-
-
-# A separate ROS domain for a demonstration, so that it and other robots do not interfere.
-
-# Like ROS's domain_coordinator, which separates the domains of tests: the process that binds TCP port 32768 + N owns
-# domain N. The system closes the port when its holder ends, however it ends.
-COORDINATION_PORT = 32768
-DOMAINS = range(1, 101)
-
-# RTPS 2.5, 9.6.2.3: unicast discovery port of the first participant of a domain.
-DISCOVERY_PORT = 7410
-DISCOVERY_PORT_STEP = 250
-
-
-class NoFreeDomainError(RuntimeError):
-    """All ROS domains on this computer are in use."""
-
-
-@contextlib.contextmanager
-def own_domain(candidates: Iterable[int] | None = None) -> Iterator[int]:
-    """Reserve a ROS domain in ROS_DOMAIN_ID while the context is open, and yield its number.
-
-    An explicit ROS_DOMAIN_ID is used and not reserved, because the user wants to reach other nodes there. Otherwise
-    choose a domain that is not reserved and has no participant on this computer. Raises NoFreeDomainError if none is
-    left.
-    """
-    chosen = os.environ.get('ROS_DOMAIN_ID', '')
-    if chosen:
-        yield int(chosen)
-        return
-    with contextlib.ExitStack() as reservation:
-        domain = _reserve(list(candidates or random.sample(DOMAINS, len(DOMAINS))), reservation)
-        os.environ['ROS_DOMAIN_ID'] = str(domain)
-        reservation.callback(os.environ.pop, 'ROS_DOMAIN_ID', None)
-        yield domain
-
-
-def _reserve(candidates: list[int], reservation: contextlib.ExitStack) -> int:
-    for domain in candidates:
-        holder = _bind(socket.SOCK_STREAM, COORDINATION_PORT + domain)
-        if holder is None:
-            continue
-        participant = _bind(socket.SOCK_DGRAM, DISCOVERY_PORT + DISCOVERY_PORT_STEP * domain)
-        if participant is None:
-            holder.close()
-            continue
-        participant.close()
-        reservation.enter_context(holder)
-        return domain
-    raise NoFreeDomainError(f'no free ROS domain among {len(candidates)}: set ROS_DOMAIN_ID to one that may be used')
-
-
-def _bind(kind: socket.SocketKind, port: int) -> socket.socket | None:
-    holder = socket.socket(socket.AF_INET, kind)
-    try:
-        holder.bind(('', port))
-    except OSError:
-        holder.close()
-        return None
-    return holder
