@@ -23,6 +23,7 @@ setup(
         'console_scripts': [
             'console = flexbt_console.executables:console',
             'recorder = flexbt_console.executables:recorder',
+            'black_box = flexbt_console.executables:black_box',
             'replay = flexbt_console.executables:replay',
         ],
     },

@@ -14,6 +14,7 @@ from typing import Any, Final
 from rclpy.node import Node
 from target import target
 
+import flexbt_console.recording.black_box
 import flexbt_console.recording.recorder
 import flexbt_onboard.node.executive_parameters
 import flexbt_server.parameters
@@ -32,6 +33,7 @@ EXECUTABLES: Final[dict[str, Callable[[Node], object]]] = {
     'navigation': declare_navigation_parameters,
     'lifecycle_manager': declare_manager_parameters,
     'recorder': flexbt_console.recording.recorder.declare_parameters,
+    'black_box': flexbt_console.recording.black_box.declare_parameters,
 }
 LONG_LIST: Final = 4
 """A default with more entries than this is shown as their number."""

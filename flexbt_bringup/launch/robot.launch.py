@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Start what FlexBT runs on a robot: BT server, executive and stop guard. Nav2 runs beside them.
+"""Start what FlexBT runs on a robot: BT server, executive, stop guard and black box. Nav2 runs beside them.
 
 ros2 launch flexbt_bringup robot.launch.py params_file:=/home/me/robot.yaml
 ros2 launch flexbt_bringup robot.launch.py navigators:="[navigate_to_pose, navigate_through_poses]"
@@ -21,6 +21,7 @@ def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes, for the arguments of this launch."""
     navigators = yaml.safe_load(LaunchConfiguration('navigators').perform(context)) or []
     simulated = LaunchConfiguration('use_sim_time').perform(context).lower() == 'true'
+    records = LaunchConfiguration('black_box').perform(context).lower() == 'true'
     files = [LaunchConfiguration('params_file')]
     common = {
         'namespace': LaunchConfiguration('namespace'),
@@ -36,6 +37,7 @@ def nodes(context: LaunchContext) -> list[Node]:
         Node(package='flexbt_server', executable='bt_server', parameters=[*files, server], **common),
         Node(package='flexbt_onboard', executable='onboard_executive', parameters=[*files, time], **common),
         Node(package='flexbt_onboard', executable='stop_guard', parameters=files, **common),
+        *([Node(package='flexbt_console', executable='black_box', parameters=files, **common)] if records else []),
     ]
 
 
@@ -55,6 +57,12 @@ def generate_launch_description() -> LaunchDescription:
                 'navigators',
                 default_value='[]',
                 description='actions of bt_navigator and waypoint_follower to serve in their place, as a YAML list',
+            ),
+            DeclareLaunchArgument(
+                'black_box',
+                default_value='true',
+                choices=['true', 'false', 'True', 'False'],
+                description='keep the last minutes, and write an incident when something goes wrong',
             ),
             OpaqueFunction(function=nodes),
         ]

@@ -152,6 +152,9 @@ def _names_in(directory: Path) -> list[str]:
 USER_DIRECTORY: Final = '~/.ros/flexbt'
 """Default directory of records and recordings."""
 
+INCIDENTS: Final = f'{USER_DIRECTORY}/incidents'
+"""Default directory of incidents."""
+
 
 def home_path(path: str) -> Path:
     """Return a path that may begin with ``~`` or ``~user``.

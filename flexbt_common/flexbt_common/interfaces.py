@@ -12,12 +12,22 @@ from enum import Enum
 from typing import Final
 
 from . import names
-from .names import BT_SERVER, CONSOLE, NAVIGATION, OBSERVER, ONBOARD_EXECUTIVE, RECORDER, SIMULATOR, STOP_GUARD
+from .names import (
+    BLACK_BOX,
+    BT_SERVER,
+    CONSOLE,
+    NAVIGATION,
+    OBSERVER,
+    ONBOARD_EXECUTIVE,
+    RECORDER,
+    SIMULATOR,
+    STOP_GUARD,
+)
 
 ROLES: Final[Mapping[str, tuple[str, ...]]] = {
     'robot': (BT_SERVER, ONBOARD_EXECUTIVE, NAVIGATION, SIMULATOR, STOP_GUARD),
     'operator': (CONSOLE,),
-    'observer': (OBSERVER, RECORDER),
+    'observer': (OBSERVER, RECORDER, BLACK_BOX),
 }
 """The nodes of each role: nodes that move the robot, that command it, and that only observe it."""
 
@@ -60,6 +70,7 @@ class Interface:
 ROBOT: Final = ROLES['robot']
 EVERY_NODE: Final = tuple(node for nodes in ROLES.values() for node in nodes)
 CONSOLES: Final = (CONSOLE, OBSERVER)
+RECORDERS: Final = (RECORDER, BLACK_BOX)
 
 
 def _topics(*topics: str, by: tuple[str, ...] = (), to: tuple[str, ...] = ()) -> tuple[Interface, ...]:
@@ -109,7 +120,7 @@ def _parameters(*nodes: str, by: tuple[str, ...]) -> tuple[Interface, ...]:
 
 
 OF_NODES: Final[tuple[Interface, ...]] = (
-    *_topics('/rosout', by=EVERY_NODE),
+    *_topics('/rosout', by=EVERY_NODE, to=(BLACK_BOX,)),
     *_topics('/parameter_events', by=EVERY_NODE, to=EVERY_NODE),
     *_parameters('~', by=tuple(node for node in EVERY_NODE if node != STOP_GUARD)),  # must not be kept busy
     *_services('~/get_type_description', by=EVERY_NODE),
@@ -121,7 +132,7 @@ OF_NODES: Final[tuple[Interface, ...]] = (
 
 OF_FLEXBT: Final[tuple[Interface, ...]] = (
     # The operator link
-    *_topics(names.EXECUTIVE_STATUS, by=(ONBOARD_EXECUTIVE,), to=(*CONSOLES, RECORDER, STOP_GUARD)),
+    *_topics(names.EXECUTIVE_STATUS, by=(ONBOARD_EXECUTIVE,), to=(*CONSOLES, *RECORDERS, STOP_GUARD)),
     *_topics(
         names.EXECUTIVE_STRUCTURE,
         names.EXECUTIVE_BEHAVIORS,
@@ -131,14 +142,14 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.EXECUTIVE_PLAN,
         names.PLACES,
         by=(ONBOARD_EXECUTIVE,),
-        to=(*CONSOLES, RECORDER),
+        to=(*CONSOLES, *RECORDERS),
     ),
-    *_topics(names.EXECUTIVE_STOP, by=(CONSOLE, STOP_GUARD), to=(ONBOARD_EXECUTIVE, STOP_GUARD, RECORDER)),
-    *_topics(names.STOP_GUARD_STATUS, by=(STOP_GUARD,), to=(*CONSOLES, RECORDER)),
-    *_topics(names.EXECUTIVE_COMMAND, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
-    *_topics(names.EXECUTIVE_PRESENCE, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, RECORDER)),
-    *_topics(names.EXECUTIVE_PING, by=CONSOLES, to=(ONBOARD_EXECUTIVE,)),
-    *_topics(names.EXECUTIVE_PONG, by=(ONBOARD_EXECUTIVE,), to=CONSOLES),
+    *_topics(names.EXECUTIVE_STOP, by=(CONSOLE, STOP_GUARD), to=(ONBOARD_EXECUTIVE, STOP_GUARD, *RECORDERS)),
+    *_topics(names.STOP_GUARD_STATUS, by=(STOP_GUARD,), to=(*CONSOLES, *RECORDERS)),
+    *_topics(names.EXECUTIVE_COMMAND, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, *RECORDERS)),
+    *_topics(names.EXECUTIVE_PRESENCE, by=(CONSOLE,), to=(ONBOARD_EXECUTIVE, *RECORDERS)),
+    *_topics(names.EXECUTIVE_PING, by=(*CONSOLES, BLACK_BOX), to=(ONBOARD_EXECUTIVE,)),
+    *_topics(names.EXECUTIVE_PONG, by=(ONBOARD_EXECUTIVE,), to=(*CONSOLES, BLACK_BOX)),
     *_actions(names.GET_USERDATA, by=ONBOARD_EXECUTIVE, to=CONSOLES),
     *_actions(names.SYNTHESIZE_BEHAVIOR, by=ONBOARD_EXECUTIVE, to=(CONSOLE,)),
     *_actions(names.FLEXBE_SYNTHESIS, by=ONBOARD_EXECUTIVE, to=()),
@@ -155,7 +166,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(names.CONTROL_TREE, by=(BT_SERVER,), to=(ONBOARD_EXECUTIVE,)),
     *_services(names.GET_TREE_BLACKBOARD, by=(BT_SERVER,), to=CONSOLES),
     *_topics(names.TREE_DEBUGGING, by=(BT_SERVER,), to=(ONBOARD_EXECUTIVE,)),
-    *_topics(names.TREE_STRUCTURE, names.TREE_STATUS, by=(BT_SERVER,), to=(*CONSOLES, RECORDER)),
+    *_topics(names.TREE_STRUCTURE, names.TREE_STATUS, by=(BT_SERVER,), to=(*CONSOLES, *RECORDERS)),
     *_topics('/diagnostics', by=(BT_SERVER, ONBOARD_EXECUTIVE)),
     # Interfaces of the BT server for Nav2's clients
     *_actions(
@@ -222,7 +233,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         to=(BT_SERVER,),
     ),
     *_topics(names.CMD_VEL_TELEOP, names.PREEMPT_TELEOP, to=(NAVIGATION,)),
-    *_topics(names.PLAN, by=(NAVIGATION,), to=(ONBOARD_EXECUTIVE, RECORDER)),
+    *_topics(names.PLAN, by=(NAVIGATION,), to=(ONBOARD_EXECUTIVE, *RECORDERS)),
     *_topics(names.PLAN_SMOOTHED, names.ROUTE_GRAPH, by=(NAVIGATION,)),
     *_topics(names.SPEED_LIMIT, by=(NAVIGATION,), to=(NAVIGATION,)),
     *_topics(names.DOCK_POSE, names.STAGING_POSE, names.COLLISION_MONITOR_STATE, by=(NAVIGATION,)),
@@ -230,20 +241,21 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     *_services(names.SET_ROUTE_GRAPH, names.ADJUST_EDGES, names.REROUTE, names.RELOAD_DOCKS, by=(NAVIGATION,)),
     # The robot
     # The executive and the stop guard publish zero velocity.
-    *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE, STOP_GUARD), to=(SIMULATOR, RECORDER)),
+    *_topics(names.CMD_VEL, by=(NAVIGATION, ONBOARD_EXECUTIVE, STOP_GUARD), to=(SIMULATOR, *RECORDERS)),
     *_topics(names.INITIAL_POSE, to=(SIMULATOR,)),
     *_services(names.RESET, names.GRIPPER, by=(SIMULATOR,)),
-    *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
+    *_topics(names.MAP, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, *RECORDERS)),
     *_topics(names.KEEPOUT_FILTER_INFO, names.KEEPOUT_FILTER_MASK, by=(SIMULATOR,), to=(NAVIGATION,)),
-    *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, RECORDER)),
-    *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, RECORDER)),
+    *_topics(names.POSE, by=(SIMULATOR,), to=(*ROBOT, *RECORDERS)),
+    *_topics(names.SCAN, by=(SIMULATOR,), to=(NAVIGATION, *CONSOLES, *RECORDERS)),
     *_topics(names.ODOM, by=(SIMULATOR,), to=(BT_SERVER,)),
-    *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
-    *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, RECORDER)),
+    *_topics(names.TF, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, *RECORDERS)),
+    *_topics(names.TF_STATIC, by=(SIMULATOR,), to=(BT_SERVER, NAVIGATION, *CONSOLES, *RECORDERS)),
     *_topics(names.AMCL_POSE, names.BUMPER, names.ROBOT_DESCRIPTION, '~/doors', '~/things', by=(SIMULATOR,)),
     *_topics(names.GRIPPER_HOLDS, by=(SIMULATOR,)),
     *_topics(names.BATTERY_STATUS, names.RANGE, names.IMU, by=(SIMULATOR,)),
-    *_topics(names.BATTERY_STATE, names.SERVER_FAULTS, by=(SIMULATOR,), to=(NAVIGATION,)),
+    *_topics(names.BATTERY_STATE, by=(SIMULATOR,), to=(NAVIGATION, BLACK_BOX)),
+    *_topics(names.SERVER_FAULTS, by=(SIMULATOR,), to=(NAVIGATION,)),
     *_services(
         'map_server/map',
         'map_server/load_map',
@@ -264,8 +276,9 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         by=(SIMULATOR,),
     ),
     *_actions(f'{SIMULATOR}/simulate_steps', by=SIMULATOR, to=()),
+    *_services(names.WRITE_INCIDENT, by=(BLACK_BOX,), to=(CONSOLE,)),
     *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),
-    *(Interface(InterfaceKind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, RECORDER)),
+    *(Interface(InterfaceKind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, *RECORDERS)),
 )
 """Interfaces between the nodes of a robot and its operators."""
 

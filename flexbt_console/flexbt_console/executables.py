@@ -14,6 +14,11 @@ def recorder() -> int:
     return run_main('flexbt_console.recording.recorder')
 
 
+def black_box() -> int:
+    """Run :mod:`flexbt_console.recording.black_box`, and return the exit code."""
+    return run_main('flexbt_console.recording.black_box')
+
+
 def replay() -> int:
     """Run :mod:`flexbt_console.recording.replay`, and return the exit code."""
     return run_main('flexbt_console.recording.replay', raises_interrupt=True)

@@ -249,6 +249,11 @@ def userdata(line: CommandLine, inquiry: Inquiry) -> Reading:
     return Reading(scopes, userdata_lines(scopes))
 
 
+def incident(_line: CommandLine, inquiry: Inquiry) -> Reading:
+    folder = inquiry.robot.write_incident(inquiry.timeout)
+    return Reading({'folder': folder}, [f'an incident is written, on the robot: {one_line(folder)}'])
+
+
 def tree(line: CommandLine, inquiry: Inquiry) -> Reading:
     from flexbt_console.present.debugging import marks_of_nodes  # what only this needs
     from flexbt_console.present.style import glyphs

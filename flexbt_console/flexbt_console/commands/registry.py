@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
+from flexbt_common.files import INCIDENTS
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import LIVENESS, NOTE_LENGTH, SYNTHESIS_SECONDS, CommandKind, OperatorCommand
 from flexbt_console.mirror.view import View
@@ -253,6 +254,11 @@ COMMANDS: Final = (
             'Without arguments: all values of every active machine, by key. PATH selects a machine ("/" is the '
             'outermost), KEY selects keys. The data is read between two steps of the run.',
         ),
+    ),
+    CommandSpec(
+        'incident',
+        'have the black box write an incident: the last minutes, and what the robot does now',
+        Ask(effects.incident),
     ),
     CommandSpec(
         'log',
@@ -553,6 +559,17 @@ COMMANDS: Final = (
         Mode.REPLAY,
         (Argument('FILE'),),
         details=('Nothing is published; the executable `replay` publishes a recording for other consoles.',),
+    ),
+    CommandSpec(
+        'incidents',
+        'list the incidents on this computer, newest first, or print one of them',
+        Mode.INCIDENTS,
+        (Argument('NAME', required=False),),
+        (Option('--directory', f'directory of the incidents (default: {INCIDENTS})', 'DIR'),),
+        details=(
+            'NAME is the beginning of a name, or "latest". The folder of an incident has the page as HTML, too, and a '
+            'recording for "replay".',
+        ),
     ),
     CommandSpec(
         'run-tree',

@@ -171,6 +171,7 @@ class Mode(Enum):
     WEB = 'web'
     ROBOTS = 'robots'
     REPLAY = 'replay'
+    INCIDENTS = 'incidents'
     RUN_TREE = 'run-tree'
     COMPLETION = 'completion'
     DEFAULT = ''

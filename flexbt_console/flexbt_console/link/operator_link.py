@@ -222,6 +222,12 @@ class ExecutiveLink(RobotLink):
 
         return blackboard(self._runtime, self._namespace, run_id, keys, timeout)
 
+    def write_incident(self, timeout: float) -> str:
+        """See :class:`RobotLink`. Raises what :func:`.queries.write_incident` raises."""
+        from .queries import write_incident  # what only this command needs
+
+        return write_incident(self._runtime, self._namespace, timeout)
+
     def synthesis(
         self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None], left: Future[None] | None = None
     ) -> Synthesis:

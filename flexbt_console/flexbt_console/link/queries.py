@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, InvalidStateError
 from dataclasses import asdict
 from typing import Any, Final
+from std_srvs.srv import Trigger
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
@@ -98,6 +99,23 @@ def blackboard(
         for entry in response.entries
     )
     return TreeBlackboard(response.run_id, response.behavior_tree, response.recorded, entries)
+
+
+def write_incident(runtime: NodeRuntime, namespace: str, timeout: float) -> str:
+    """Have the black box of the robot in a namespace write an incident; return its folder there. Not on the executor
+    thread.
+
+    Raises:
+        RefusedError: it does not write one.
+        NoAnswerError: there is no answer within ``timeout`` seconds.
+    """
+    link = ServiceLinks(runtime).link(Trigger, names.of_robot(namespace, names.WRITE_INCIDENT))
+    outcome = service_outcome(link, Trigger.Request(), timeout)
+    if outcome.response is None:
+        raise NoAnswerError(f'{outcome.reason}; the executable black_box writes incidents')
+    if not outcome.response.success:
+        raise RefusedError(outcome.response.message or 'the black box writes no incident now')
+    return str(outcome.response.message)
 
 
 # Having a behavior synthesized: goals of the action ``synthesize_behavior``.

@@ -38,6 +38,10 @@ class RobotLink:
         """Return the blackboards of a running tree, '' for the only one; no keys are all."""
         raise RefusedError(self.why)
 
+    def write_incident(self, timeout: float) -> str:
+        """Have the black box write an incident; return its folder on the robot."""
+        raise RefusedError(self.why)
+
     def synthesis(
         self, request: SynthesisRequest, timeout: float, tell: Callable[[str], None], left: Future[None] | None = None
     ) -> Synthesis:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -26,6 +26,9 @@ from flexbt_core.values.text import pluralize
 
 from .run_file import MOST_WAITING, RunWriter
 from .topics import TOPICS, full_definition
+
+if TYPE_CHECKING:
+    from .black_box import Ring
 
 MAX_SIZE: Final = 4_000_000_000
 """Default maximum size of a recording, bytes."""
@@ -61,7 +64,11 @@ class Recorder:
     """
 
     def __init__(
-        self, runtime: NodeRuntime, writer: RunWriter, tell_ready: Callable[[bool], None], max_size: int = MAX_SIZE
+        self,
+        runtime: NodeRuntime,
+        writer: RunWriter | Ring,
+        tell_ready: Callable[[bool], None],
+        max_size: int = MAX_SIZE,
     ) -> None:
         self._runtime = runtime
         self._writer = writer

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import importlib.util
+import json
 import os
 import secrets
 import signal
@@ -22,6 +23,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Final, cast
 
 from flexbt_common.command_line import abandon_stdout, is_full, keep_stdout_for_python, run_program
+from flexbt_common.files import INCIDENTS, home_path
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import check, command_help, overview, parse
 from flexbt_console.commands.completion import ShellLine, as_typed, completion_script, read_line, shell_words
@@ -235,6 +237,25 @@ def _run_replay(line: CommandLine) -> ExitCode:
     return ExitCode.OK
 
 
+def _run_incidents(line: CommandLine) -> ExitCode:
+    from flexbt_console.recording.incidents import PAGE, incident_named, incidents_in
+
+    directory = home_path(line.value('--directory') or INCIDENTS)
+    if not line.words:
+        known = incidents_in(directory)
+        if line.has('--json'):
+            print(json.dumps({'incidents': [one.facts for one in known]}))
+        else:
+            print('\n'.join(one.line for one in known) or f'no incidents in {directory}')
+        return ExitCode.OK
+    found = incident_named(directory, '' if line.first_word == 'latest' else line.first_word)
+    if line.has('--json'):
+        print(json.dumps(found.facts))
+    else:
+        print(f'{found.folder}\n\n{(found.folder / PAGE).read_text(encoding="utf-8")}', end='')
+    return ExitCode.OK
+
+
 def _run_tree(line: CommandLine) -> ExitCode:
     from flexbt_console.ui.line.tree_run import run_tree
 
@@ -287,6 +308,7 @@ def _studio() -> Callable[[str, Access, FleetLink], web.Application]:
 _RUNS: Final[Mapping[Mode, Callable[[CommandLine], ExitCode]]] = {
     Mode.WEB: _run_web,
     Mode.REPLAY: _run_replay,
+    Mode.INCIDENTS: _run_incidents,
     Mode.RUN_TREE: _run_tree,
     Mode.COMPLETION: _complete,
     Mode.PROMPT: _run_interactive,

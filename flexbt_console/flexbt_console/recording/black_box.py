@@ -1,0 +1,618 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The executable ``black_box``: keeps the last minutes of a robot, and writes an incident when something goes wrong.
+
+It records like ``recorder``, into a ring of files in memory (tmpfs), which outlives the process. :class:`Detector` says
+what makes an incident. Another process makes its folder (:mod:`.incidents`) from files of the ring, which stay until
+then: neither a slow disk nor a full one holds up the recording.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import math
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.action import get_action_names_and_types
+from rclpy.action.server import RCLError
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
+from sensor_msgs.msg import BatteryState
+from std_srvs.srv import Trigger
+
+from flexbt_common import names
+from flexbt_common.files import INCIDENTS, USER_DIRECTORY, home_path
+from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_common.values.value_types import resolve_type
+from flexbt_console.errors import UsageError
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.lanes import Lane, LaneEntry, Lanes
+from flexbt_console.mirror.mirror import Change, Mirror
+from flexbt_core.values.text import one_line
+from flexbt_msgs.msg import ExecutiveCommand
+
+from .incidents import ROSOUT, Occurrence, Request
+from .recorder import Recorder
+from .run_file import RunWriter
+from .topics import TOPICS, full_definition
+
+SEGMENTS: Final = 8
+"""Parts of the ring."""
+
+QUIET_SECONDS: Final = 2.0
+"""Time after the start for which what arrives is of the past: messages that late subscribers get."""
+
+LONGEST_SECONDS: Final = 30.0
+"""Time after which further occurrences are another incident, s."""
+
+SAME_SECONDS: Final = 60.0
+"""Time within which the same occurrence makes no second incident, s."""
+
+KILLED_SECONDS: Final = 600.0
+"""Age up to which a ring that was left behind is an incident, s."""
+
+MOST_REQUESTS: Final = 3
+"""Incidents that wait for the disk, at most: the ring keeps their files."""
+
+_MOST_OCCURRENCES: Final = 50
+_LOOK_SECONDS: Final = 1.0
+_RETRY_SECONDS: Final = 10.0
+_PARAMETER_SECONDS: Final = 3.0
+_OTHER_BYTES: Final = 4_000_000
+_BATTERY_MARGIN: Final = 0.05
+_ABORTED: Final = GoalStatus.STATUS_ABORTED
+_REQUEST: Final = '*.request.json'
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The parameters of the node."""
+
+    ring: Path
+    seconds: float
+    after: float
+    ring_size: int
+    incidents: Path
+    keep: int
+    size: int
+    others: tuple[str, ...]
+    other_period: float
+    records: tuple[Path, ...]
+    battery: float
+    goals: bool
+
+
+def declare_parameters(node: Node) -> Settings:
+    """Declare the parameters, and return their values."""
+    declare = ParameterDeclarer(node).fixed
+    domain = f'domain_{node.context.get_domain_id()}'
+    memory = Path('/dev/shm')  # noqa: S108 - the directory below it has to be the user's own
+    ring = declare.text('ring', '', 'directory of the ring; empty for one in memory (/dev/shm)') or (
+        str(memory / f'flexbt_{os.getuid()}' / domain) if memory.is_dir() else f'{USER_DIRECTORY}/{domain}/ring'
+    )
+    space = node.get_namespace().strip('/').replace('/', '.') or 'robot'
+    return Settings(
+        ring=home_path(ring) / space,
+        seconds=declare.real('seconds', 120.0, 10.0, 3600.0, 'time that the ring covers, s'),
+        after=declare.real('after', 5.0, 0.1, 600.0, 'time that an incident records after what belongs to it, s'),
+        ring_size=declare.integer('ring_size', 64_000_000, 1_000_000, 10**10, 'bytes of the ring, at most'),
+        incidents=home_path(declare.text('incidents', INCIDENTS, 'directory in which each incident gets a folder')),
+        keep=declare.integer('keep', 50, 1, 10_000, 'incidents that stay; the oldest ones are removed'),
+        size=declare.integer('size', 1_000_000_000, 1_000_000, 10**13, 'bytes of all incidents that stay'),
+        others=declare.texts('others', (ROSOUT,), 'further topics of any type, such as camera and costmap'),
+        other_period=declare.real('other_period', 0.2, 0.0, 60.0, 'time between two kept messages of one of them, s'),
+        records=declare.directories(
+            'records',
+            (f'{USER_DIRECTORY}/{domain}',),
+            'directories of event log, journal and btlogs; what changed in them lately is copied',
+        ),
+        battery=declare.real(
+            'battery', 0.15, 0.0, 1.0, 'share of charge below which the battery is an incident; 0: none'
+        ),
+        goals=declare.flag('goals', True, 'an aborted goal of any action is an incident'),
+    )
+
+
+class Ring:
+    """The last minutes of what is recorded, in files that each begin with what late subscribers would get.
+
+    Thread-safe. Takes the place of a :class:`RunWriter` for a recorder, and raises nothing: what the disk does not take
+    is lost, and :attr:`problem` says so.
+    """
+
+    def __init__(self, directory: Path, seconds: float, size: int, now_ns: Callable[[], int] = time.time_ns) -> None:
+        """Use a directory that no other process uses.
+
+        Raises:
+            UsageError: it cannot be used, belongs to somebody else, or another black box uses it.
+        """
+        self._directory, self._seconds, self._most, self._now_ns = directory, seconds, size, now_ns
+        self._lock = threading.RLock()
+        self._topics: dict[str, tuple[str, str, str, str]] = {}
+        self._latched: dict[str, deque[tuple[bytes, int, int]]] = {}
+        self._held: dict[str, frozenset[str]] = {}
+        self._writer: RunWriter | None = None
+        self._current: Path | None = None
+        self._rolls_at = self._size_before = 0
+        self.problem: OSError | None = None
+        try:
+            directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+            for own in (directory, directory.parent):
+                if own.stat().st_uid != os.getuid() or own.stat().st_mode & 0o022:
+                    raise UsageError(f'parameter ring: {own} can be changed by other users; choose another directory')
+            self._lock_file = (directory / 'lock').open('a')
+            fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(f'{directory}: another black box of this robot uses it; end that one first') from None
+        except OSError as error:
+            raise UsageError(f'parameter ring: {directory} cannot be used: {error.strerror or error}') from error
+        self.left = self._files()
+        """Files of a black box that did not end properly."""
+
+    def add_topic(self, topic: str, resolved: str, type: str, definition: str, depth: int = 0) -> None:
+        """Add a topic as to a :class:`RunWriter`; ``depth``: messages that late subscribers get."""
+        with self._lock:
+            self._topics[topic] = topic, resolved, type, definition
+            if depth or (topic in TOPICS and TOPICS[topic].qos.durability is DurabilityPolicy.TRANSIENT_LOCAL):
+                self._latched[topic] = deque(maxlen=depth or TOPICS[topic].qos.depth)
+            if self._writer is not None:
+                self._writer.add_topic(*self._topics[topic])
+
+    def add(self, topic: str, data: bytes, heard: int, sent: int) -> None:
+        """Keep a message; times in ns since the epoch."""
+        with self._lock:
+            if self._writer is None or self._now_ns() >= self._rolls_at or self._writer.size > self._most / SEGMENTS:
+                self.roll()
+            if topic in self._latched:
+                self._latched[topic].append((data, heard, sent))
+            self._write(topic, data, heard, sent)
+
+    @property
+    def size(self) -> int:
+        """Always 0: a ring has no end."""
+        return 0
+
+    def roll(self) -> None:
+        """Begin a new file, and remove what is too old or too much."""
+        with self._lock:
+            self._end_file()
+            begin = max(self._now_ns(), int(self._current.stem) + 1 if self._current else 0)
+            self._rolls_at = begin + int(self._seconds / SEGMENTS * 1e9)
+            self._current = self._directory / f'{begin:020d}.mcap'
+            self._remove_old()
+            try:
+                self._writer = RunWriter(self._current)
+                for one in self._topics.values():
+                    self._writer.add_topic(*one)
+            except OSError as error:
+                self._writer, self.problem = None, error
+                return
+            for topic, kept in self._latched.items():
+                for message in kept:
+                    self._write(topic, *message)
+
+    def files(self) -> list[Path]:
+        """Return the files, oldest first; the last one may be that which is being written."""
+        with self._lock:
+            return self._files()
+
+    def hold(self, holder: str, files: frozenset[str]) -> None:
+        """Keep files, whatever their age, until they are released: held by nobody."""
+        with self._lock:
+            self._held[holder] = files
+
+    def release(self, holder: str) -> None:
+        """See :meth:`hold`."""
+        with self._lock:
+            self._held.pop(holder, None)
+
+    def close(self, keep: bool) -> None:
+        """End the file; remove all files unless they are still to be read."""
+        with self._lock:
+            self._end_file()
+            if not keep:
+                for one in self._files():
+                    one.unlink(missing_ok=True)
+            self._lock_file.close()
+
+    def _write(self, topic: str, data: bytes, heard: int, sent: int) -> None:
+        try:
+            if self._writer is not None:
+                self._writer.add(topic, data, heard, sent)
+                self.problem = self._writer.problem
+        except OSError as error:  # too much waits: go on with a new file
+            self._writer, self.problem = None, error
+
+    def _end_file(self) -> None:
+        if self._writer is not None:
+            with contextlib.suppress(OSError):  # it can be read without its end
+                self._writer.close()
+            self._writer = None
+
+    def _files(self) -> list[Path]:
+        return sorted(one for one in self._directory.glob('*.mcap') if one.stem.isdecimal())
+
+    def _remove_old(self) -> None:
+        held = frozenset().union(*self._held.values())
+        oldest, left = self._now_ns() - int(self._seconds * 1e9), float(self._most)
+        files = [one for one in self._files() if one != self._current]
+        for number, one in reversed(list(enumerate(files))):
+            left -= one.stat().st_size
+            ends = int(files[number + 1].stem) if number + 1 < len(files) else math.inf
+            if str(one) not in held and (ends < oldest or left < 0):
+                with contextlib.suppress(OSError):
+                    one.unlink()
+
+
+class Detector:
+    """Finds what makes an incident, and calls ``report`` with its kind and a text. Executor thread only.
+
+    - stop: an operator's STOP, or the stop guard that holds the robot
+    - forced: an outcome that an operator has forced
+    - fault: an error in the executive's log: of a state, of a leaf, of a monitor; a run that failed
+    - node: a node that the executive needs is gone, or hangs
+    - link: the executive is gone, or hangs
+    - goal: an action server has aborted a goal
+    - battery: the battery is low
+    """
+
+    def __init__(self, runtime: NodeRuntime, settings: Settings, report: Callable[[str, str], None]) -> None:
+        self._runtime, self._settings, self._report = runtime, settings, report
+        self.mirror = Mirror(runtime.steady)
+        self._lanes = Lanes(self.mirror)
+        self._revision = self._numbers = 0
+        self._begin = runtime.steady.now()
+        self._was_live = self._was_held = False
+        self._late: frozenset[str] = frozenset()
+        self._is_low = False
+        self._goals: dict[str, tuple[set[bytes], float]] = {}
+        """Of each action the aborted goals that are known, and when it was joined."""
+        self.mirror.add_listener(self._changed)
+        ExecutiveLink(runtime, self.mirror, None)
+        node = runtime.node
+        node.create_subscription(BatteryState, names.BATTERY_STATE, self._battery, 1)
+        for topic, qos in ((names.EXECUTIVE_STOP, names.stop_qos()), (names.EXECUTIVE_COMMAND, names.command_qos())):
+            node.create_subscription(ExecutiveCommand, topic, self._commanded, qos)
+        runtime.post_in(_LOOK_SECONDS, self._look)
+        runtime.post_in(QUIET_SECONDS, lambda: node.get_logger().info('begins to find incidents'))
+
+    def _changed(self, change: Change) -> None:
+        if change in (Change.STATUS, Change.LOG, Change.EVENTS, Change.LINK):
+            self._runtime.post(self._read)
+
+    def _read(self) -> None:
+        entries = self._lanes.since(self._revision)
+        self._revision = self._lanes.revision
+        is_quiet = self._runtime.steady.now() < self._begin + QUIET_SECONDS
+        for one in entries:
+            if one.number > self._numbers and not is_quiet and (found := _occurrence(one)) is not None:
+                self._report(*found)
+        self._numbers = max((self._numbers, *(one.number for one in entries)))
+        view = self.mirror.view()
+        is_held, self._was_held = self._was_held, view.guard.holding
+        if view.guard.holding and not is_held and not is_quiet:
+            self._report('stop', view.guard.told)
+        peers = view.snapshot.peers if view.snapshot is not None else ()
+        late = {one.name: one.problem for one in peers if one.late}
+        for name in late.keys() - self._late:
+            self._report('node', f'{name} hangs: {late[name] or "no sign of life"}')
+        self._late = frozenset(late)
+
+    def _look(self) -> None:
+        """Look for what no message tells: an executive that is silent, and new actions."""
+        self._runtime.post_in(_LOOK_SECONDS, self._look)
+        view = self.mirror.view()
+        if self._was_live and view.link is LinkState.LOST:
+            self._report('link', f'the executive is silent or gone{f": {view.problem}" if view.problem else ""}')
+        self._was_live = view.live or (self._was_live and view.link is not LinkState.LOST)
+        if self._settings.goals:
+            node = self._runtime.node
+            inside = node.get_namespace().rstrip('/') + '/'
+            for name, _ in get_action_names_and_types(node):
+                if name.startswith(inside) and name not in self._goals:
+                    self._goals[name] = set(), self._runtime.steady.now()
+                    topic, qos = f'{name}/_action/status', qos_profile_action_status_default
+                    with contextlib.suppress(RCLError):  # a security policy may not let this node hear it
+                        node.create_subscription(GoalStatusArray, topic, partial(self._statuses, name), qos)
+
+    def _statuses(self, action: str, message: GoalStatusArray) -> None:
+        known, joined = self._goals[action]
+        aborted = {bytes(one.goal_info.goal_id.uuid) for one in message.status_list if one.status == _ABORTED}
+        self._goals[action] = aborted, joined
+        if aborted - known and self._runtime.steady.now() > joined + QUIET_SECONDS:  # before: goals of the past
+            self._report('goal', f'{action} has aborted a goal')
+
+    def _commanded(self, message: ExecutiveCommand) -> None:
+        """Take a STOP from the operator, since there may be no executive to tell of it."""
+        if message.kind == ExecutiveCommand.STOP:
+            self._report('stop', f'STOP by {message.operator_id[:200]}')
+
+    def _battery(self, message: BatteryState) -> None:
+        level, least = message.percentage, self._settings.battery
+        if level < least and not self._is_low:
+            self._report('battery', f'the battery is at {100 * level:.0f} %')
+        self._is_low = level < least + (_BATTERY_MARGIN if self._is_low else 0.0)
+
+
+def _occurrence(entry: LaneEntry) -> tuple[str, str] | None:
+    """Return the kind and the text of an entry that makes an incident."""
+    if entry.lane is Lane.FAULTS and entry.tone == 'error':
+        if entry.label.endswith(' gone'):
+            return 'node', f'{entry.key} is gone{f": {entry.text}" if entry.text else ""}'
+        return 'link' if entry.key == 'link' else 'fault', entry.text or entry.label
+    if entry.lane is Lane.COMMANDS and entry.word == 'applied' and entry.label.startswith('force '):
+        return 'forced', f'{entry.key}: {" ".join(entry.text.removesuffix(entry.key).split())}'
+    return None
+
+
+@dataclass
+class _Open:
+    """An incident that still records."""
+
+    request: Request
+    file: Path
+    began: float
+    due: float
+    asked: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+
+class BlackBox:
+    """The ring, its recorder, and the incidents that are being made. Executor thread, but for :meth:`_make_all`."""
+
+    def __init__(self, runtime: NodeRuntime, settings: Settings, ring: Ring) -> None:
+        self._runtime, self._settings, self._ring = runtime, settings, ring
+        self._open: _Open | None = None
+        self._told: OrderedDict[tuple[str, str], float] = OrderedDict()
+        self._wake = threading.Condition()
+        self._waiting: deque[Path] = deque(sorted(settings.ring.glob(_REQUEST)))
+        self._is_closed = False
+        self._others = dict.fromkeys(settings.others)
+        self._kept: list[Any] = []
+        self._thread = threading.Thread(target=self._make_all, name='incidents', daemon=True)
+        self._thread.start()
+        for file in self._waiting:
+            with contextlib.suppress(OSError, ValueError):
+                ring.hold(file.name, frozenset(Request.read(file).segments))
+        self._detector = Detector(runtime, settings, self.report)
+        node = runtime.node
+        self._service = node.create_service(Trigger, names.WRITE_INCIDENT, self._asked)
+        runtime.post_in(_LOOK_SECONDS, self._find_others)
+        newest = ring.left[-1:]
+        if newest and time.time() - newest[0].stat().st_mtime < KILLED_SECONDS and not self._waiting:
+            self.report('black_box', 'the black box itself was killed; its recording of before is here')
+
+    def report(self, kind: str, text: str) -> None:
+        """Note an occurrence: it begins an incident, or belongs to the one that still records."""
+        text, now = one_line(text, 500), self._runtime.steady.now()
+        if kind != 'key' and now < self._told.get((kind, text), -math.inf) + SAME_SECONDS:
+            return
+        self._told[kind, text] = now
+        while len(self._told) > 200:
+            self._told.popitem(last=False)
+        occurrence = Occurrence(time.time(), kind, text)
+        self._runtime.node.get_logger().warning(f'incident: {kind}: {text}')
+        if self._open is None:
+            request = Request(
+                robot=self._runtime.node.get_namespace().strip('/'),
+                occurrences=(occurrence,),
+                segments=(),
+                target=str(self._settings.incidents),
+                since=occurrence.time - self._settings.seconds,
+                records=tuple(map(str, self._settings.records)),
+                keep=self._settings.keep,
+                size=self._settings.size,
+            )
+            file = self._settings.ring / f'{request.name}.request.json'
+            self._open = _Open(request, file, now, now + self._settings.after)
+            self._ask_parameters(self._open.asked)
+            self._runtime.post_in(self._settings.after, self._look)
+        else:
+            before = self._open.request.occurrences
+            if len(before) < _MOST_OCCURRENCES:
+                self._open.request = replace(self._open.request, occurrences=(*before, occurrence))
+            self._open.due = min(now + self._settings.after, self._open.began + LONGEST_SECONDS)
+        self._write(self._open)
+
+    def _write(self, one: _Open) -> None:
+        """Write what is known now, so that the incident outlives this process."""
+        files = tuple(map(str, self._ring.files()))
+        self._ring.hold(one.file.name, frozenset(files))
+        one.request = replace(one.request, segments=files, parameters=one.asked)
+        try:
+            one.request.write(one.file)
+        except OSError as error:
+            self._runtime.node.get_logger().error(f'the incident cannot be noted in {one.file}: {error}')
+
+    def _look(self) -> None:
+        one, now = self._open, self._runtime.steady.now()
+        if one is None:
+            return
+        if now < one.due:
+            self._runtime.post_at(one.due, self._look)
+            return
+        self._end()
+
+    def _end(self) -> None:
+        """Let the incident that records be made."""
+        one, self._open = self._open, None
+        if one is None:
+            return
+        self._ring.roll()
+        self._write(one)
+        with self._wake:
+            self._waiting.append(one.file)
+            while len(self._waiting) > MOST_REQUESTS:
+                given_up = self._waiting.popleft()
+                given_up.unlink(missing_ok=True)
+                self._ring.release(given_up.name)
+                self._runtime.node.get_logger().error(
+                    f'{given_up.stem} was given up: {MOST_REQUESTS} later incidents wait for the disk'
+                )
+            self._wake.notify()
+
+    def close(self) -> None:
+        """End the recording. What is not made yet is made by a process that goes on, or at the next start.
+
+        That nodes were gone just before is no incident: the robot is shut down.
+        """
+        if self._open is not None and {one.kind for one in self._open.request.occurrences} <= {'node', 'link'}:
+            self._open.file.unlink(missing_ok=True)
+            self._open = None
+        self._end()
+        with self._wake:
+            self._is_closed = True
+            self._wake.notify()
+            left = list(self._waiting)
+        self._ring.close(keep=bool(left))
+        for file in left:
+            subprocess.Popen([*_MAKE, str(file)], start_new_session=True, **_SILENT)  # noqa: S603
+
+    def _make_all(self) -> None:
+        """Make the incidents one after another. A thread of its own."""
+        logger = self._runtime.node.get_logger()
+        while True:
+            with self._wake:
+                self._wake.wait_for(lambda: self._waiting or self._is_closed)
+                if self._is_closed:
+                    return
+                file = self._waiting[0]
+            made = subprocess.run([*_MAKE, str(file)], capture_output=True, text=True)  # noqa: S603
+            with self._wake:
+                if made.returncode == 0 or not file.exists():
+                    logger.info(f'incident written: {made.stdout.strip()}')
+                    self._ring.release(file.name)
+                    with contextlib.suppress(ValueError):
+                        self._waiting.remove(file)
+                    continue
+                logger.error(
+                    f'the incident {file.stem} cannot be written, and is tried again: {one_line(made.stderr, 300)}',
+                    throttle_duration_sec=60.0,
+                )
+                self._wake.wait_for(lambda: self._is_closed, _RETRY_SECONDS)
+
+    # What is kept besides the topics of a recorder.
+
+    def _asked(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.report('key', 'somebody has asked for it')
+        response.success = self._open is not None
+        response.message = str(self._settings.incidents / self._open.request.name) if self._open else ''
+        return response
+
+    def _find_others(self) -> None:
+        """Subscribe to the further topics as soon as somebody publishes them."""
+        node = self._runtime.node
+        for name in [name for name, found in self._others.items() if found is None]:
+            for offered in node.get_publishers_info_by_topic(node.resolve_topic_name(name)):
+                with contextlib.suppress(LookupError, OSError, ValueError, RCLError):
+                    type = resolve_type(offered.topic_type).message
+                    if type is None:
+                        continue
+                    is_latched = offered.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+                    qos = QoSProfile(
+                        depth=10,
+                        reliability=offered.qos_profile.reliability or ReliabilityPolicy.BEST_EFFORT,
+                        durability=DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE,
+                    )
+                    full = node.resolve_topic_name(name)
+                    self._ring.add_topic(
+                        name, full, offered.topic_type, full_definition(offered.topic_type), 1 if is_latched else 0
+                    )
+                    self._kept.append(node.create_subscription(type, full, self._keep(name), qos, raw=True))
+                    self._others[name] = offered
+                    break
+        self._runtime.post_in(_LOOK_SECONDS, self._find_others)
+
+    def _keep(self, name: str) -> Callable[[bytes], None]:
+        due = -math.inf
+        period = 0.0 if name == ROSOUT else self._settings.other_period
+
+        def on_message(data: bytes) -> None:
+            nonlocal due
+            now = self._runtime.steady.now()
+            if now >= due and len(data) <= _OTHER_BYTES:
+                due = now + period
+                moment = time.time_ns()
+                self._ring.add(name, bytes(data), moment, moment)
+
+        return on_message
+
+    def _ask_parameters(self, found: dict[str, dict[str, Any]]) -> None:
+        """Ask the nodes of the executive for their parameters; what does not answer is left out."""
+        node, snapshot = self._runtime.node, self._detector.mirror.view().snapshot
+        known = [names.ONBOARD_EXECUTIVE, *(one.name for one in snapshot.peers if one.alive)] if snapshot else []
+        clients: list[Any] = []
+
+        def listed(name: str, client: Any, future: Any) -> None:
+            if future.result() is not None:
+                wanted = list(future.result().result.names)[:500]
+                answer = client.call_async(GetParameters.Request(names=wanted))
+                answer.add_done_callback(partial(got, name, wanted))
+
+        def got(name: str, wanted: list[str], future: Any) -> None:
+            if future.result() is not None:
+                values = map(parameter_value_to_python, future.result().values)
+                found[name] = {key: _shortened(value) for key, value in zip(wanted, values, strict=False)}
+
+        for name in dict.fromkeys(known):
+            try:
+                lists = node.create_client(ListParameters, f'{name}/list_parameters')
+                clients.append(lists)
+                gets = node.create_client(GetParameters, f'{name}/get_parameters')
+                clients.append(gets)
+            except RCLError:  # a security policy may not let this node ask
+                continue
+
+            def ask(name: str = name, lists: Any = lists, gets: Any = gets) -> None:
+                if lists.service_is_ready() and gets.service_is_ready():
+                    lists.call_async(ListParameters.Request()).add_done_callback(partial(listed, name, gets))
+
+            self._runtime.post_in(0.5, ask)  # once they are discovered
+        self._runtime.post_in(_PARAMETER_SECONDS, lambda: [node.destroy_client(one) for one in clients])
+
+
+def _shortened(value: Any) -> Any:
+    if isinstance(value, (bool, int, float)):
+        return value if not isinstance(value, float) or math.isfinite(value) else str(value)
+    return one_line(value, 1000) if isinstance(value, str) else [_shortened(one) for one in list(value or [])[:200]]
+
+
+_MAKE: Final = ['nice', sys.executable, '-P', '-m', 'flexbt_console.recording.incidents']
+_SILENT: Final[dict[str, Any]] = dict.fromkeys(('stdin', 'stdout', 'stderr'), subprocess.DEVNULL)
+
+
+def setup(runtime: NodeRuntime) -> None:
+    """Begin to record."""
+    settings = runtime.call(lambda: declare_parameters(runtime.node))
+    ring = Ring(settings.ring, settings.seconds, settings.ring_size)
+    box = runtime.call(lambda: BlackBox(runtime, settings, ring))
+    runtime.on_close(box.close)
+    token = LivelinessToken(runtime)
+    runtime.call(lambda: Recorder(runtime, ring, token.set_ready, sys.maxsize))
+    runtime.node.get_logger().info(
+        f'keeps the last {settings.seconds:g} s in {settings.ring}; incidents go to {settings.incidents}'
+    )
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT or SIGTERM, and return the exit code of the process."""
+    return run_node(names.BLACK_BOX, setup, args, about=__doc__)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,359 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The black box: a ring that always has the last minutes, and incidents that are whole or not there, whatever dies."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import random
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from nav2_msgs.action import Wait
+from rclpy.action import ActionServer
+from rclpy.qos import qos_profile_action_status_default
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import BatteryState
+from std_msgs.msg import String
+from unique_identifier_msgs.msg import UUID
+
+from flexbt_common import names
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.errors import UsageError
+from flexbt_console.recording.black_box import Ring
+from flexbt_console.recording.incidents import (
+    FACTS,
+    PAGE,
+    RECORDING,
+    Occurrence,
+    Request,
+    incident_named,
+    incidents_in,
+    make,
+    merge,
+)
+from flexbt_console.recording.player import RunPlayer
+from flexbt_console.recording.run_file import read_run
+from flexbt_console.recording.topics import TOPICS, full_definition
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveEvents, ExecutiveLog, ExecutiveStatus, PeerStatus
+from flexbt_testing.waiting import DEADLINE, wait_until
+
+SECOND = 10**9
+LOG, TEXT = names.EXECUTIVE_STATUS, 'chatter'
+
+
+def filled_ring(directory: Path, now: list[int], seconds: float = 8.0, size: int = 10**7) -> Ring:
+    ring = Ring(directory, seconds, size, lambda: now[0])
+    ring.add_topic(LOG, f'/{LOG}', TOPICS[LOG].type, full_definition(TOPICS[LOG].type))
+    ring.add_topic(TEXT, f'/{TEXT}', 'std_msgs/msg/String', full_definition('std_msgs/msg/String'))
+    return ring
+
+
+@settings(deadline=None, max_examples=30)
+@given(data=st.data())
+def test_the_ring_has_all_of_the_last_seconds_and_what_was_latched(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Also if it is killed, without the end of its last file, and while files are held."""
+    now, directory = [10**18], tmp_path_factory.mktemp('ring') / 'robot'
+    ring, sent = filled_ring(directory, now), []
+    for number in range(data.draw(st.integers(1, 60))):
+        now[0] += data.draw(st.integers(1, 2 * SECOND))
+        topic = data.draw(st.sampled_from([LOG, TEXT]))
+        ring.add(topic, serialize_message(String(data=str(number))), now[0], now[0])
+        sent.append((topic, number, now[0]))
+        if data.draw(st.booleans()):
+            ring.hold('one', frozenset(map(str, ring.files()[:1])))
+    files = ring.files()
+    ring.roll()  # a kill loses what was not compressed yet; the rest is the same
+    whole = directory / 'whole.mcap'
+    assert merge(files, whole) == []
+    got = [(one.topic, one.time) for one in read_run(whole)]
+    window = [one for one in sent if one[2] >= now[0] - 8 * SECOND]
+    for topic, _, at in window:
+        assert (topic, at) in got, 'what is within the time of the ring is there'
+    latched = [one for one in sent if one[0] == LOG]
+    if latched:
+        assert any(topic == LOG for topic, _ in got), 'a late subscriber would have got it'
+    assert len(files) <= 8 + 3 + 1, 'and not much more than that'
+    assert len(got) == len(set(got)), 'nothing twice'
+
+
+def test_the_ring_is_bounded_and_one_for_each_robot(tmp_path: Path) -> None:
+    now = [10**18]
+    ring = filled_ring(tmp_path / 'robot', now, seconds=3600.0, size=2_000_000)
+    chance = random.Random(1)
+    for _ in range(200):
+        now[0] += SECOND
+        ring.add(TEXT, serialize_message(String(data=chance.randbytes(40_000).hex())), now[0], now[0])
+    assert sum(file.stat().st_size for file in ring.files()) < 2 * 2_000_000
+    with pytest.raises(UsageError, match='another black box of this robot uses it'):
+        Ring(tmp_path / 'robot', 1.0, 10**6)
+    ring.close(keep=False)
+    assert ring.files() == []
+    (tmp_path / 'open').mkdir()
+    (tmp_path / 'open').chmod(0o777)
+    with pytest.raises(UsageError, match='can be changed by other users'):
+        Ring(tmp_path / 'open' / 'robot', 1.0, 10**6)
+
+
+class Robot:
+    """A robot that says what the test wants, and a black box in a process of its own."""
+
+    def __init__(self, runtime: NodeRuntime, folder: Path) -> None:
+        self.runtime, self.incidents = runtime, folder / 'incidents'
+        self._ring = folder / 'ring'
+        self._sequence = 0
+        node = runtime.node
+        self._events, self._log, self._status = runtime.call(
+            lambda: (
+                node.create_publisher(ExecutiveEvents, names.EXECUTIVE_EVENTS, names.transient_local_qos(20)),
+                node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.transient_local_qos(names.LOG_DEPTH)),
+                node.create_publisher(ExecutiveStatus, names.EXECUTIVE_STATUS, names.transient_local_qos()),
+            )
+        )
+        self.peers: list[PeerStatus] = []
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.process = self.start_box()
+
+    def start_box(self) -> subprocess.Popen[bytes]:
+        """Return a black box that has begun to record."""
+        parameters = [
+            f'incidents:={self.incidents}',
+            f'ring:={self._ring}',
+            f'records:=["{self._ring.parent}"]',
+            'after:=0.5',
+        ]
+        words = [word for one in parameters for word in ('-p', one)]
+        space = ['-r', f'__ns:={self.runtime.node.get_namespace()}']
+        self.said = self._ring.parent / f'said_{len(self.processes)}.log'
+        with self.said.open('wb') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', 'flexbt_console.recording.black_box', '--ros-args', *space, *words],
+                stderr=output,
+            )
+        self.processes.append(self.process)
+        node = self.runtime.node
+        wait_until(lambda: node.count_subscribers(f'{node.get_namespace()}/{names.MAP}') > 0, 'the black box')
+        return self.process
+
+    def says(self) -> None:
+        """Send a status, as a heartbeat."""
+        self._sequence += 1
+        now = self.runtime.clock.stamp()
+        self.runtime.call(
+            lambda: self._status.publish(
+                ExecutiveStatus(
+                    stamp=now,
+                    executive_id='e',
+                    sequence=self._sequence,
+                    heartbeat_period=0.5,
+                    state=ExecutiveStatus.IDLE,
+                    peers=self.peers,
+                )
+            )
+        )
+
+    def tells(self, text: str, severity: int = ExecutiveLog.ERROR) -> None:
+        self._sequence += 1
+        line = ExecutiveLog(executive_id='e', sequence=self._sequence, severity=severity, text=text)
+        self.runtime.call(lambda: self._log.publish(line))
+
+    def did(self, **event: Any) -> None:
+        self._sequence += 1
+        message = ExecutiveEvents(executive_id='e', first=self._sequence, events=[ExecutiveEvent(**event)])
+        self.runtime.call(lambda: self._events.publish(message))
+
+    def has(self, kind: str, *texts: str) -> bool:
+        """Return whether there is an incident of a kind with these texts on its page."""
+        for one in incidents_in(self.incidents):
+            page = (one.folder / PAGE).read_text()
+            if any(found.kind == kind for found in one.occurrences) and all(text in page for text in texts):
+                return True
+        return False
+
+    def end(self) -> None:
+        for one in self.processes:
+            one.kill()
+            one.wait()
+
+
+@pytest.fixture
+def robot(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Robot]:
+    with NodeRuntime.open('robot', namespace=f'box{os.getpid()}_{abs(hash(request.node.name)) % 10**6}') as runtime:
+        made = Robot(runtime, tmp_path)
+        try:
+            yield made
+        finally:
+            made.end()
+
+
+def settled(robot: Robot) -> None:
+    """Wait until what is said counts as of now."""
+    wait_until(lambda: 'begins to find incidents' in robot.said.read_text(), robot.said.read_text, 2 * DEADLINE)
+
+
+def until_incident(robot: Robot, kind: str, *texts: str, doing: Callable[[], object] = lambda: None) -> None:
+    def look() -> bool:
+        robot.says()
+        doing()
+        return robot.has(kind, *texts)
+
+    wait_until(look, f'an incident {kind} with {texts}', 2 * DEADLINE)
+
+
+def test_each_kind_of_thing_that_goes_wrong_is_in_an_incident(robot: Robot) -> None:
+    node = robot.runtime.node
+    robot.says()
+    robot.tells('an old error that a late subscriber gets')
+    settled(robot)
+    robot.peers = [PeerStatus(name='/arm', alive=True, ready=True, expected=True)]
+    robot.says()
+    robot.tells('state Grasp raised ValueError: no grip')
+    robot.did(
+        kind=ExecutiveEvent.COMMAND, command='FORCE', path='/Drive', outcome='failed', operator_id='ann', applied=True
+    )
+    robot.peers = [PeerStatus(name='/arm', alive=False, expected=True, problem='it crashed')]
+    robot.says()
+    stops = robot.runtime.call(lambda: node.create_publisher(ExecutiveCommand, names.EXECUTIVE_STOP, names.stop_qos()))
+    wait_until(lambda: stops.get_subscription_count() > 0, 'who hears STOP')
+    stops.publish(ExecutiveCommand(id='1', kind=ExecutiveCommand.STOP, operator_id='bob'))
+    battery = robot.runtime.call(lambda: node.create_publisher(BatteryState, names.BATTERY_STATE, 1))
+    wait_until(lambda: battery.get_subscription_count() > 0, 'who hears of the battery')
+    battery.publish(BatteryState(percentage=0.09))
+    until_incident(robot, 'fault', 'no grip')
+    until_incident(robot, 'forced', 'ann: force failed', '/Drive')
+    until_incident(robot, 'node', '/arm is gone: it crashed')
+    until_incident(robot, 'stop', 'STOP by bob')
+    until_incident(robot, 'battery', 'the battery is at 9 %')
+    assert not robot.has('fault', '  fault     an old error')
+    newest = incident_named(robot.incidents, '')
+    player = RunPlayer(newest.folder / RECORDING)
+    player.go_to(player.duration)
+    assert any('no grip' in line.text for line in player.mirror.log())
+    assert (newest.folder / 'timeline.svg').exists() and (newest.folder / 'incident.html').exists()
+    assert newest.folder.stat().st_mode & 0o077 == 0
+
+
+def test_an_aborted_goal_and_a_silent_executive(robot: Robot) -> None:
+    node = robot.runtime.node
+    robot.says()
+    settled(robot)
+    server = robot.runtime.call(lambda: ActionServer(node, Wait, 'wait', lambda goal: goal.abort()))
+    other = robot.runtime.call(
+        lambda: node.create_publisher(GoalStatusArray, 'wait/_action/status', qos_profile_action_status_default)
+    )
+    wait_until(lambda: other.get_subscription_count() > 0, 'who hears of the action')
+
+    def abort() -> None:
+        info = GoalInfo(goal_id=UUID(uuid=list(os.urandom(16))))
+        other.publish(GoalStatusArray(status_list=[GoalStatus(goal_info=info, status=GoalStatus.STATUS_ABORTED)]))
+
+    until_incident(robot, 'goal', '/wait has aborted a goal', doing=abort)
+    wait_until(lambda: robot.has('link', 'the executive is silent or gone'), 'the silence', 2 * DEADLINE)
+    robot.runtime.call(server.destroy)
+
+
+def test_a_black_box_that_is_killed_loses_neither_the_incident_nor_the_recording(robot: Robot) -> None:
+    robot.says()
+    settled(robot)
+    robot.tells('first words')
+    robot.tells('it burns')
+    ring = robot._ring / robot.runtime.node.get_namespace().strip('/')
+
+    def is_noted() -> bool:
+        return any('it burns' in file.read_text() for file in ring.glob('*.request.json'))
+
+    wait_until(is_noted, 'the incident noted')
+    robot.process.kill()
+    robot.process.wait()
+    robot.start_box()
+    until_incident(robot, 'fault', 'it burns')
+    robot.process.kill()
+    robot.process.wait()
+    robot.start_box()
+    until_incident(robot, 'black_box', 'the black box itself was killed')
+
+
+def requested(folder: Path) -> Request:
+    """Return a request with a ring of two files."""
+    now = [time.time_ns() - 10 * SECOND]
+    ring = filled_ring(folder / 'ring' / 'robot', now)
+    for number in range(200):
+        now[0] += SECOND // 20
+        text = random.Random(number).randbytes(2000).hex()
+        ring.add(TEXT, serialize_message(String(data=text)), now[0], now[0])
+        status = ExecutiveStatus(executive_id='e', sequence=number, heartbeat_period=1.0, state=ExecutiveStatus.IDLE)
+        ring.add(LOG, serialize_message(status), now[0], now[0])
+    ring.close(keep=True)
+    (folder / 'records').mkdir()
+    (folder / 'records' / 'executive.jsonl').write_text('{"event": "fault"}\n')
+    return Request(
+        robot='r2',
+        occurrences=(Occurrence(now[0] * 1e-9 - 2.0, 'stop', 'STOP by `ann` <b>&amp;</b>'),),
+        segments=tuple(map(str, ring.files())),
+        target=str(folder / 'incidents'),
+        since=0.0,
+        records=(str(folder / 'records'),),
+        keep=3,
+    )
+
+
+def _has_begun(part: Path, process: subprocess.Popen[bytes]) -> bool:
+    return part.exists() or process.poll() is not None
+
+
+def test_an_incident_is_whole_or_not_there(tmp_path: Path) -> None:
+    """However often its maker is killed, and while the disk takes no more than so many bytes."""
+    request, file = requested(tmp_path), tmp_path / 'a.request.json'
+    request.write(file)
+    assert Request.read(file) == request
+    command = [sys.executable, '-m', 'flexbt_console.recording.incidents', str(file)]
+    limit = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))  # noqa: E731
+    full = subprocess.run(command, capture_output=True, text=True, preexec_fn=limit)
+    assert full.returncode == 1 and 'File too large' in full.stderr and file.exists()
+    target = Path(request.target)
+    assert list(target.iterdir()) == [], 'nothing of it stays'
+    chance, parts = random.Random(0), 0
+    for _ in range(8):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        part = target / f'.part_{request.name}'
+        wait_until(partial(_has_begun, part, process), 'it has begun')
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(chance.random() * 0.2)
+        process.kill()
+        process.wait()
+        assert [one.folder.name for one in incidents_in(target)] in ([], [request.name])
+        parts += part.exists()
+    assert parts, 'some were killed in the middle'
+    assert subprocess.run(command, check=False).returncode == 0 or not file.exists()
+    (found,) = incidents_in(target)
+    assert sorted(one.name for one in target.iterdir()) == [request.name]
+    assert json.loads((found.folder / FACTS).read_text())['robot'] == 'r2'
+    page = (found.folder / 'incident.html').read_text()
+    assert 'STOP by `ann` &lt;b&gt;&amp;amp;&lt;/b&gt;' in page and '<b>' not in page
+    assert (found.folder / 'records' / 'executive.jsonl').exists()
+    assert make(request) == found.folder, 'one that is there stays as it is'
+
+
+def test_only_the_newest_incidents_stay(tmp_path: Path) -> None:
+    request = requested(tmp_path)
+    for number in range(5):
+        first = Occurrence(1e9 + number, 'key', f'number {number}')
+        make(Request(**{**vars(request), 'occurrences': (first,)}))
+    left = incidents_in(Path(request.target))
+    assert [one.first.text for one in left] == ['number 4', 'number 3', 'number 2']
+    assert incident_named(Path(request.target), '').first.text == 'number 4'
+    with pytest.raises(UsageError, match="3 incidents begin with '2001'"):
+        incident_named(Path(request.target), '2001')
