@@ -24,6 +24,7 @@ export class Live {
       const now = await this.studio.link.request('watch', {robot});
       if (this.player.isLive && now !== this.robot) this.player.end();
       this.robot = now;
+      this.studio.debugger.connect(now);
       this.on(true);
       if (!this.player.isLive) this.player.play(`Robot ${this.robot}`, [], {isLive: true, owner: this, ended: () => this.on(false)});
       if (this.last?.robot === this.robot) this.take(this.last);

@@ -53,7 +53,7 @@ export const codeSheet = (folder) => sheet('Run the code of behaviors?', [
 ], [['Only Read', null, ''], ['Run Code of This Project', true, '']]);
 
 export function keySheet(commands, place) {
-  const groups = [['graph', 'In the Graph'], ['page', 'Everywhere']];
+  const groups = [['graph', 'In the Graph'], ['page', 'Everywhere'], ['live', 'While Live Is On']];
   const nav = [['↓ ↑', 'Next, previous item'], ['← →', 'Parent, first child; → opens a folded item'], ['Home End', 'First, last of its siblings'], ['Space', 'Fold or unfold'], ['+ − 0', 'Zoom, fit']];
   return html('div', {class: 'key-table'}, ...groups.map(([where, title]) => html('section', {},
     html('h3', {}, `${title}${place === where ? ' (you are here)' : ''}`), ...(where === 'graph' ? nav : []).flatMap(([keys, text]) => [html('kbd', {}, keys), html('span', {}, text)]),

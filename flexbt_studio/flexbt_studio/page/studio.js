@@ -4,6 +4,7 @@
 import {Actions} from './actions.js';
 import {difference, mapOffset} from './changes.js';
 import {byId, choose, html} from './choice.js';
+import {Debugger} from './debugger.js';
 import {Form} from './form.js';
 import {Graph} from './graph.js';
 import {Jobs} from './jobs.js';
@@ -41,12 +42,13 @@ class Studio {
     this.graph = new Graph({
       select: (path) => this.select(path), fold: (path) => this.fold(path), open: (path) => this.enter(path), problem: (path, isFolded) => this.problemAt(path, isFolded),
       drop: (from, to, zone, what) => this.actions.drop(from, to, zone, what), zones: (from, to) => (this.file ? this.actions.zones(from, to) : []),
-      drawn: () => { if (this.file) this.player.paint(this.graph, this.file.name, this.jobs.tint(this.file)); },
+      drawn: () => { if (this.file) { this.player.paint(this.graph, this.file.name, this.jobs.tint(this.file)); this.debugger.paint(this.graph, this.file.name); } },
     });
     Object.assign(this, {remembered, remember});
     this.player = new Player({follow: (file, path) => this.follow(file, path), paint: () => this.graph.on.drawn(), name: (file, path) => this.open.get(file)?.parts.get(path)?.title ?? path});
     this.jobs = new Jobs(this, this.player);
     this.live = new Live(this, this.player);
+    this.debugger = new Debugger(this, this.live);
     this.form = new Form({
       gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
       trees: () => Object.keys(this.treeFiles), rename: (label) => this.actions.renameState(this.part(this.file.selected), label), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
@@ -82,7 +84,7 @@ class Studio {
     else if (event.event === 'files_changed') this.filesChanged(event, file);
     else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';
     else if (event.event === 'job') this.jobs.take(event);
-    else if (event.event === 'live') this.live.take(event);
+    else if (event.event === 'live') { this.live.take(event); this.debugger.taken(event); }
     else if (event.event === 'note') this.told(event.message, 'warning');
   }
 
@@ -479,7 +481,7 @@ class Studio {
       page('commands', 'All commands', ['Ctrl+k'], () => this.chooseCommand()), page('open', 'Open a file', ['Ctrl+p'], () => this.chooseFile()), page('new', 'New file', ['Alt+n'], () => at.create()), page('back', 'Back to where F12 was pressed', ['Ctrl+Alt+ArrowLeft'], () => this.goBack()),
       page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], () => this.fixNow()),
       page('next_pane', 'Next pane', ['F6'], () => this.nextPane(1)), page('previous_pane', 'Previous pane', ['Shift+F6'], () => this.nextPane(-1)), page('keys', 'Keys of this place', ['?'], () => this.showKeys()),
-      ...this.jobs.commands(page), page('live', 'What the robot does now: show or hide', null, () => byId('live').click()),
+      ...this.jobs.commands(page), ...this.live.commands(page), ...this.debugger.commands(),
       page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),
       page('link', 'Copy a link to the selected item', null, () => { navigator.clipboard?.writeText(location.href.replace(/token=[^&]*&?/, '')); this.told('Link copied, without the token'); }), page('reset', 'Reset the panels', null, () => this.panels.reset()),
     ];
@@ -500,7 +502,7 @@ class Studio {
 
   async chooseCommand() {
     const isInGraph = Boolean(this.file);
-    const chosen = await choose('Commands', this.commands.filter((one) => isInGraph || one.where === 'page').map((one) => ({label: one.title, keys: one.keys ? shownKeys(one.keys) : '', run: one.run, detail: ''})));
+    const chosen = await choose('Commands', this.commands.filter((one) => (one.where === 'live' ? this.debugger.isOn : isInGraph || one.where === 'page')).map((one) => ({label: one.title, keys: one.keys ? shownKeys(one.keys) : '', run: one.run, detail: ''})));
     chosen?.run();
   }
 
@@ -531,8 +533,8 @@ class Studio {
       if (inGraph && isLetter && (this.graph.isFinding || !this.letters) && /[\p{L}\p{N}_]/u.test(event.key)) { event.preventDefault(); this.graph.find(event.key); return; }
       if (isField && !this.pane.hasFocus() && /^Ctrl\+(Shift\+)?[zyZ]$/.test(name) && event.target.value !== (event.target.dataset.was ?? '')) return;  // in a field: what is typed there
       if (this.pane.hasFocus() && !this.pane.isPlain && /^Ctrl\+(Shift\+)?[zyZ]$/.test(name)) return;  // the editor's own keys, with the same history
-      const found = this.commands.find((one) => one.keys?.includes(name) && (one.where === 'page' || inGraph));
-      if (found) { event.preventDefault(); if (this.file || ['commands', 'open', 'new', 'keys', 'next_pane', 'previous_pane'].includes(found.id)) found.run(); } 
+      const found = this.commands.find((one) => one.keys?.includes(name) && (one.where === 'page' || (one.where === 'live' ? this.debugger.isOn && (inGraph || !isLetter) : inGraph)));
+      if (found) { event.preventDefault(); if (event.repeat && found.where === 'live') return; if (this.file || found.where === 'live' || ['commands', 'open', 'new', 'keys', 'next_pane', 'previous_pane'].includes(found.id)) found.run(); } 
       else if (inGraph && isLetter && /[\p{L}\p{N}_]/u.test(event.key)) { event.preventDefault(); this.graph.find(event.key); }
     });
     for (const [kind, act] of [['copy', () => this.actions.copy()], ['cut', () => this.actions.cut()], ['paste', (event) => this.actions.paste('after', event.clipboardData.getData('text/plain') || this.clipboard)]]) {

@@ -7,7 +7,10 @@ import asyncio
 import contextlib
 from typing import TYPE_CHECKING, Any, Final
 
+from flexbt_console.mirror.records import ExecutiveSnapshot
 from flexbt_console.mirror.view import View
+from flexbt_console.present.debugging import breakpoint_text, held_text, mark_of
+from flexbt_console.present.rendering import stamp_text
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import StudioError
 
@@ -93,4 +96,37 @@ def live_event(name: str, view: View) -> dict[str, Any]:
             }
             for tree in view.trees
         ],
+        **({} if snapshot is None else _debugged(snapshot)),
+    }
+
+
+def _debugged(snapshot: ExecutiveSnapshot) -> dict[str, Any]:
+    """Return what the debugger has set and holds: in trees, by the paths of nodes in a run, and in the machine."""
+    return {
+        'holds': [
+            {
+                'run': hold.run_id,
+                'tree': hold.tree,
+                'path': hold.path,
+                'since': hold.since,
+                'text': held_text(hold, f'since {stamp_text(hold.since)}'),
+                'acts': hold.not_paused,
+            }
+            for hold in snapshot.tree_holds
+        ],
+        'points': [
+            {
+                'tree': point.tree,
+                'path': point.path,
+                'kind': point.kind.name.lower(),
+                'mark': mark_of(point),
+                'condition': point.condition,
+                'problem': point.problem,
+                'text': breakpoint_text(point),
+            }
+            for point in snapshot.tree_breakpoints
+        ],
+        'breakpoints': snapshot.breakpoints,
+        'waiting': [decision.path for decision in snapshot.decisions],
+        'runners': {state.tree_run_id: state.path for state in snapshot.active_states if state.tree_run_id},
     }
