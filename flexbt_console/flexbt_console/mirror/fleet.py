@@ -12,13 +12,14 @@ from .freshness import LinkState
 from .history import History
 from .lanes import Lanes
 from .mirror import Mirror
+from .records import Decision, ExecutiveState, Peer, TreeHold
 from .view import View
 
 
 class Urgency(IntEnum):
-    """The needs of a robot, the most urgent first. UNREACHABLE: it is not heard any more, or was never;
-    LATE: a heartbeat was missed. DEGRADED: a node that it depends on is not there, late or not ready, or a tree is held
-    by a breakpoint or a pause."""
+    """The needs of a robot, the most urgent first. FAILED: its run failed, or was interrupted. UNREACHABLE: it is not
+    heard any more, or was never; LATE: a heartbeat was missed. DEGRADED: a node that it depends on is not there, late
+    or not ready, a tree is held by a breakpoint or a pause, or the stop guard holds the robot."""
 
     ALARM = 0
     DECISION = 1
@@ -53,22 +54,46 @@ class RobotOverview:
         return self.urgency is Urgency.UNREACHABLE
 
 
-def overview_of(name: str, view: View) -> RobotOverview:
-    """Return the need of a robot, from its view."""
+@dataclass(frozen=True, slots=True)
+class Need:
+    """One need of a robot, for how many seconds already (0 if that is not known), and what it is about.
+
+    Together with the name of the robot and the urgency, ``key`` distinguishes it from all other needs, before and
+    after.
+    """
+
+    urgency: Urgency
+    key: str = ''
+    seconds: float = 0.0
+    about: Decision | Peer | TreeHold | None = None
+
+
+def needs_of(view: View) -> list[Need]:
+    """Return the needs of a robot, the most urgent first. What a robot needs that is not live is not known, except that
+    it moved and that its stop guard holds it."""
     snapshot = view.snapshot
+    guard = [Need(Urgency.DEGRADED, 'stop guard')] if view.guard.told else []
     if snapshot is None or view.link is LinkState.LOST:
-        return RobotOverview(name, view, Urgency.UNREACHABLE, view.age or 0.0)
-    if view.unwanted_motion is not None:
-        return RobotOverview(name, view, Urgency.ALARM, 0.0)
+        return [Need(Urgency.UNREACHABLE, seconds=view.age or 0.0), *guard]
+    run = f'{snapshot.executive_id} {snapshot.run_id}'
+    moves = [Need(Urgency.ALARM, run)] if view.unwanted_motion is not None else []
     if not view.live:
-        return RobotOverview(name, view, Urgency.LATE, view.age or 0.0)
-    if view.decision is not None:
-        return RobotOverview(name, view, Urgency.DECISION, max(0.0, snapshot.stamp - view.decision.since))
-    if not view.running and snapshot.outcome in ('error', 'failed'):
-        return RobotOverview(name, view, Urgency.FAILED, 0.0)
-    if snapshot.missed_peers or snapshot.tree_holds:
-        return RobotOverview(name, view, Urgency.DEGRADED, 0.0)
-    return RobotOverview(name, view, Urgency.RUNS if view.running else Urgency.IDLE, 0.0)
+        return [*moves, Need(Urgency.LATE, seconds=view.age or 0.0), *guard]
+    decisions = [
+        Need(Urgency.DECISION, f'{snapshot.executive_id} {one.id}', max(0.0, snapshot.stamp - one.since), one)
+        for one in snapshot.decisions
+    ]
+    has_failed = not view.running and snapshot.outcome in ('error', 'failed')
+    failed = [Need(Urgency.FAILED, run)] if has_failed or snapshot.state is ExecutiveState.INTERRUPTED else []
+    missed = [Need(Urgency.DEGRADED, f'node {one.name}', about=one) for one in snapshot.missed_peers]
+    held = [Need(Urgency.DEGRADED, f'tree {one.run_id} {one.since}', about=one) for one in snapshot.tree_holds]
+    return [*moves, *decisions, *failed, *missed, *held, *guard]
+
+
+def overview_of(name: str, view: View) -> RobotOverview:
+    """Return the most urgent need of a robot, from its view."""
+    first = next(iter(needs_of(view)), Need(Urgency.RUNS if view.running else Urgency.IDLE))
+    return RobotOverview(name, view, first.urgency, first.seconds)
 
 
 class Fleet:

@@ -11,7 +11,7 @@ from itertools import pairwise
 from typing import Final
 
 from flexbt_console.mirror.command_tracker import CommandState, Confirmation, TrackedCommand
-from flexbt_console.mirror.fleet import RobotOverview, Urgency
+from flexbt_console.mirror.fleet import Need, RobotOverview, Urgency, needs_of
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.records import (
     ActiveState,
@@ -34,6 +34,7 @@ from flexbt_console.mirror.records import (
     Structure,
     SubjectValue,
     Synthesis,
+    TreeHold,
     UserdataScope,
 )
 from flexbt_console.mirror.view import View
@@ -412,12 +413,31 @@ def robot_line(robot: RobotOverview) -> str:
     waited = age_text(robot.seconds) if robot.seconds else ''
     where = '  '.join(one_line(path) for path in view.active_paths)
     asked = asked_text(view.decision, view.snapshot) if view.decision is not None and view.snapshot else ''
-    missed = '; '.join(peer_line(peer) for peer in view.snapshot.missed_peers) if view.live and view.snapshot else ''
-    if view.snapshot is not None and view.snapshot.tree_holds:
-        missed = '; '.join(filter(None, (missed, 'a tree is held: "status" tells where')))
-    what = '  '.join(filter(None, (asked, what_runs(view), '' if asked else where, missed)))
+    what = '  '.join(filter(None, (asked, what_runs(view), '' if asked else where, '; '.join(fault_texts(view)))))
     text = f'{one_line(robot.name):<12} {word:<8} {waited:>8}  {what}'
     return Line(text.rstrip(), _URGENCY_TONES.get(robot.urgency, Tone.PLAIN))
+
+
+def fault_texts(view: View) -> list[str]:
+    """Return what is wrong around a robot: the nodes that are missing, a held tree, the stop guard."""
+    return list(dict.fromkeys(need_text(need, view) for need in needs_of(view) if need.urgency is Urgency.DEGRADED))
+
+
+def need_text(need: Need, view: View) -> str:
+    """Return one of the needs of a robot in words."""
+    if isinstance(need.about, Decision) and view.snapshot is not None:
+        return asked_text(need.about, view.snapshot)
+    if isinstance(need.about, Peer):
+        return peer_line(need.about)
+    if isinstance(need.about, TreeHold):
+        return Line('a tree is held: "status" tells where', Tone.WARNING)
+    texts = {
+        Urgency.ALARM: alarm_line,
+        Urgency.FAILED: behavior_line,
+        Urgency.UNREACHABLE: unreachable_text,
+        Urgency.LATE: link_line,
+    }
+    return texts[need.urgency](view) if need.urgency in texts else view.guard.told
 
 
 def unreachable_text(view: View) -> str:
