@@ -28,6 +28,7 @@ from .operator_values import (
     one_of,
     port_number,
     retry_count,
+    thing_number,
 )
 from .spec import (
     DECISION,
@@ -72,6 +73,7 @@ _ROBOT = Option(
     repeated=True,
     values=spec.robot_names,
 )
+_STATE = Option('--state', 'file in which "alerts" remembers (default ~/.ros/flexbt/alerts.db)', 'FILE')
 _BEHAVIOR = (
     Argument('NAME', spaced=True, values=spec.behaviors),
     Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
@@ -533,6 +535,29 @@ COMMANDS: Final = (
         'robots',
         'list the robots of the domain, the most urgent first, and how long each has waited',
         Mode.ROBOTS,
+    ),
+    CommandSpec(
+        'alerts',
+        'call people about what robots need, by the rules of a file',
+        Mode.ALERTS,
+        (Argument('FILE'),),
+        (
+            Option('--check', 'show what is wrong with the file, or whom it would call now; call nobody'),
+            Option('--test', 'send a message to this contact', 'CONTACT'),
+            _STATE,
+        ),
+        details=(
+            'It runs until interrupted, and reports in the log what it sends. It calls once for one thing, also after '
+            'a restart. It reads the file again when it changes.',
+        ),
+    ),
+    CommandSpec(
+        'alerts acknowledge',
+        'acknowledge calls, so that nobody else is called',
+        Mode.ACKNOWLEDGE,
+        (Argument('NUMBER', required=False, repeated=True, read=thing_number),),
+        (_STATE,),
+        details=('Without NUMBER: the only one. If there are several, they are listed.',),
     ),
     CommandSpec(
         'screen',

@@ -170,6 +170,8 @@ class Mode(Enum):
     SCREEN = 'screen'
     WEB = 'web'
     ROBOTS = 'robots'
+    ALERTS = 'alerts'
+    ACKNOWLEDGE = 'acknowledge'
     REPLAY = 'replay'
     INCIDENTS = 'incidents'
     RUN_TREE = 'run-tree'

@@ -40,7 +40,7 @@ from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import encode_json, failure_json
 from flexbt_console.present.style import Line, Tone, coloured, has_colours
 from flexbt_core.clock.clock import seconds_asleep
-from flexbt_core.values.text import escape_lines
+from flexbt_core.values.text import escape_lines, one_line
 
 from .terminal import TerminalWatch
 
@@ -298,6 +298,51 @@ def _run_web(line: CommandLine) -> ExitCode:
         return ExitCode.OK
 
 
+def _run_alerts(line: CommandLine) -> ExitCode:
+    if not _is_installed('apprise'):
+        raise UsageError('alerts need apprise, which calls people: install it (pip install apprise)')
+    from flexbt_console.alerts.calling import Calling, check_lines, send_test
+    from flexbt_console.alerts.escalation import SeenRobot, seen
+    from flexbt_console.alerts.rules import load_rules
+    from flexbt_console.alerts.store import SEND_SECONDS, Store, state_file
+    from flexbt_console.ui.line.line_mode import found_robots, report_wait
+    from flexbt_core.clock.clock import SteadyClock
+
+    file = Path(line.first_word)
+    rules = load_rules(file)
+    if line.has('--test'):
+        print('\n'.join(send_test(rules, line.value('--test'))))
+        return ExitCode.OK
+    watching = replace(line, options={**line.options, '--observer': []})
+    store = None
+    if not line.has('--check'):
+        with report_wait(SteadyClock(), lambda: 'the end of what an earlier program sends', SEND_SECONDS):
+            store = Store(state_file(line.value('--state')))
+    keep_stdout_for_python()
+    with _open_runtime(watching) as runtime:
+        fleet = _fleet(watching, runtime, None, rules.robots).fleet
+
+        def look() -> list[SeenRobot]:
+            return [seen(robot) for robot in fleet.overview()]
+
+        if store is None:
+            found_robots(fleet, runtime.steady, _timeout(line))
+            print('\n'.join(check_lines(rules, look())))
+            return ExitCode.OK
+        calling = Calling(file, store, look, runtime.node.get_logger())
+        print(f'alerts: {len(rules.rules)} rules of {file}  (Ctrl-C ends it; the robots continue)', flush=True)
+        calling.run()
+    return ExitCode.OK
+
+
+def _acknowledge(line: CommandLine) -> ExitCode:
+    from flexbt_console.alerts.store import acknowledge, state_file
+
+    for thing in acknowledge(state_file(line.value('--state')), map(int, line.words), operator_name(line)):
+        print(one_line(f'acknowledged {thing.id}: {thing.robot}: {thing.text}'))
+    return ExitCode.OK
+
+
 def _studio() -> Callable[[str, Access, FleetLink], web.Application]:
     """Return what makes the application of the studio, from the package that has it."""
     for point in entry_points(group=STUDIO_GROUP):
@@ -307,6 +352,8 @@ def _studio() -> Callable[[str, Access, FleetLink], web.Application]:
 
 _RUNS: Final[Mapping[Mode, Callable[[CommandLine], ExitCode]]] = {
     Mode.WEB: _run_web,
+    Mode.ALERTS: _run_alerts,
+    Mode.ACKNOWLEDGE: _acknowledge,
     Mode.REPLAY: _run_replay,
     Mode.INCIDENTS: _run_incidents,
     Mode.RUN_TREE: _run_tree,

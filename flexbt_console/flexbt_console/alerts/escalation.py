@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Who has to be called now: pure rules over what is known of the robots, with their memory as plain data."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Final, NamedTuple
+from urllib.parse import quote
+
+from flexbt_console.mirror.fleet import RobotOverview, Urgency, needs_of
+from flexbt_console.mirror.records import Decision
+from flexbt_console.present.rendering import choice_line, need_text
+from flexbt_core.values.text import one_line
+
+from .rules import CONDITIONS, AlertRules, Severity, condition_name
+
+MOST_THINGS: Final = 1000
+"""Maximum number of things that are remembered."""
+
+MOST_OF_ROBOT: Final = 100
+"""Maximum number of needs of one robot that are looked at."""
+
+TITLE_LENGTH: Final = 150
+TEXT_LENGTH: Final = 500
+"""Maximum characters of the title of a message, and of one of its lines."""
+
+LONGEST: Final = 1e8
+"""Longest time for which a need is believed to have lasted, s: three years."""
+
+_WORDS: Final = {
+    Urgency.ALARM: 'moves though it should stand',
+    Urgency.DECISION: 'waits for a decision',
+    Urgency.FAILED: 'has failed',
+    Urgency.UNREACHABLE: 'is silent',
+    Urgency.DEGRADED: 'has a fault',
+}
+_REMEDIES: Final = {
+    Urgency.ALARM: 'Stop it again; if it does not stand then, use its emergency stop.',
+    Urgency.DECISION: 'Answer on the page, or with "console confirm", "force" or "input".',
+    Urgency.FAILED: 'Read "console log", mend the cause, then start or resume a run.',
+    Urgency.UNREACHABLE: 'Check its power, its network and its onboard executive ("flexbt doctor").',
+    Urgency.DEGRADED: 'See "console status" and "flexbt doctor".',
+}
+
+
+class SeenNeed(NamedTuple):
+    """A need that may be called about: what it is, for how many seconds already, and its texts."""
+
+    condition: Urgency
+    key: str
+    seconds: float
+    text: str
+    choices: str = ''
+    decision: str = ''
+
+
+class SeenRobot(NamedTuple):
+    """A robot with its needs. If it is not live, needs that are missing here may still be there."""
+
+    name: str
+    is_live: bool
+    needs: tuple[SeenNeed, ...]
+
+
+def seen(robot: RobotOverview) -> SeenRobot:
+    """Return the needs of a robot that rules may be about, in the words of the list of robots."""
+    view, needs = robot.view, []
+    for need in needs_of(view)[:MOST_OF_ROBOT]:
+        if condition_name(need.urgency) and not (need.urgency is Urgency.UNREACHABLE and view.listening):
+            about = need.about if isinstance(need.about, Decision) else None
+            text = one_line(need_text(need, view), TEXT_LENGTH)
+            choices = one_line(choice_line(about), TEXT_LENGTH) if about is not None else ''
+            decision = about.id[:TEXT_LENGTH] if about is not None else ''
+            needs.append(SeenNeed(need.urgency, need.key, need.seconds, text, choices, decision))
+    return SeenRobot(robot.name, view.live, tuple(needs))
+
+
+@dataclass
+class Thing:
+    """One need of a robot, from when it is seen until it is over.
+
+    ``since`` and ``called`` (the last call) are in s since 1970. ``step`` calls of its rule were made, to ``told``.
+    ``acknowledged``: by whom.
+    """
+
+    id: int
+    robot: str
+    condition: str
+    key: str
+    since: float
+    text: str
+    choices: str
+    decision: str
+    step: int = 0
+    called: float = 0.0
+    told: list[str] = field(default_factory=list)
+    acknowledged: str = ''
+
+
+@dataclass
+class Call:
+    """A message that one address of a contact has to get. ``is_begun``: it may have been sent before a restart."""
+
+    id: int
+    contact: str
+    address: int
+    thing: int
+    severity: int
+    title: str
+    lines: list[str]
+    is_over: bool = False
+    is_begun: bool = False
+
+
+@dataclass
+class Escalation:
+    """The things that are there, and the calls that were decided and are not delivered yet, by identifier."""
+
+    things: dict[int, Thing] = field(default_factory=dict)
+    calls: dict[int, Call] = field(default_factory=dict)
+    last_id: int = 0
+    left_out: int = 0
+    """Needs for which there was no room in the last step."""
+
+    def resume(self, now: float) -> None:
+        """Continue after a restart. Times in the future, because the clock was set back, count as now."""
+        for thing in self.things.values():
+            thing.since, thing.called = min(thing.since, now), min(thing.called, now)
+
+    def step(self, now: float, local: datetime, robots: Sequence[SeenRobot], rules: AlertRules) -> None:
+        """Decide the calls at ``now``, s, which only grows; quiet hours are by the ``local`` time of the day."""
+        known = {(thing.robot, thing.condition, thing.key): thing for thing in self.things.values()}
+        self.left_out = 0
+        needs: dict[int, SeenNeed] = {}
+        for robot in robots:
+            there = set()
+            for need in robot.needs:
+                name = condition_name(need.condition)
+                key = robot.name, name, hashlib.sha256(need.key.encode(errors='replace')).hexdigest()[:32]
+                if rules.rule_of(robot.name, need.condition) is None:
+                    continue
+                if key not in known and not self._has_room({one.name for one in robots}):
+                    self.left_out += 1
+                    continue
+                if key not in known:
+                    seconds = need.seconds if math.isfinite(need.seconds) else 0.0
+                    since = now - min(max(seconds, 0.0), LONGEST)
+                    known[key] = Thing(self._new_id(), *key, since, need.text, need.choices, need.decision)
+                    self.things[known[key].id] = known[key]
+                there.add(key)
+                needs[known[key].id] = need
+            for key, thing in list(known.items()):
+                if robot.is_live and thing.robot == robot.name and key not in there:
+                    self._end(known.pop(key), local, rules)
+        for thing in list(self.things.values()):
+            self._call(thing, now, local, needs.get(thing.id), rules)
+
+    def acknowledge(self, by: Mapping[int, str]) -> None:
+        """Note who has acknowledged which things."""
+        for number in self.things.keys() & by.keys():
+            self.things[number].acknowledged = self.things[number].acknowledged or by[number]
+
+    def _has_room(self, present: Iterable[str]) -> bool:
+        """Return whether one more thing may be remembered; forget one of a robot that is not there any more for it."""
+        if len(self.things) < MOST_THINGS:
+            return True
+        gone = next((thing for thing in self.things.values() if thing.robot not in present), None)
+        return gone is not None and self.things.pop(gone.id) is gone
+
+    def _call(self, thing: Thing, now: float, local: datetime, need: SeenNeed | None, rules: AlertRules) -> None:
+        rule = rules.rule_of(thing.robot, _condition(thing))
+        if rule is None or thing.acknowledged or rules.is_held(rule.severity, local):
+            return
+        while thing.step < len(rule.steps):
+            step = rule.steps[thing.step]
+            if now < (thing.called if thing.step else thing.since) + step.after:
+                return
+            if need is not None:
+                thing.text, thing.choices = need.text, need.choices
+            thing.called, thing.step = now, thing.step + 1
+            thing.told = list(dict.fromkeys([*thing.told, *step.contacts]))
+            title, lines = _message(thing, now, local, rules)
+            self._queue(thing, step.contacts, rule.severity, title, lines, rules)
+
+    def _end(self, thing: Thing, local: datetime, rules: AlertRules) -> None:
+        del self.things[thing.id]
+        at = f'{local:%H:%M}'
+        waiting = [call for call in self.calls.values() if call.thing == thing.id and not call.is_begun]
+        for call in waiting:  # nobody has been told yet
+            call.title = f'{call.title} (over since {at})'
+        rule = rules.rule_of(thing.robot, _condition(thing))
+        if rule is not None and rule.over:
+            told = [contact for contact in thing.told if contact not in {call.contact for call in waiting}]
+            title = f'{_title(thing)}: over since {at}'
+            self._queue(thing, told, rule.severity, title, [thing.text], rules, is_over=True)
+
+    def _queue(
+        self,
+        thing: Thing,
+        contacts: Iterable[str],
+        severity: Severity,
+        title: str,
+        lines: list[str],
+        rules: AlertRules,
+        *,
+        is_over: bool = False,
+    ) -> None:
+        for contact in contacts:
+            for address in range(len(rules.addresses.get(contact, ()))):
+                number = self._new_id()
+                self.calls[number] = Call(number, contact, address, thing.id, severity, title, [*lines], is_over)
+
+    def _new_id(self) -> int:
+        self.last_id += 1
+        return self.last_id
+
+
+def _condition(thing: Thing) -> Urgency:
+    return CONDITIONS[thing.condition]
+
+
+def _title(thing: Thing) -> str:
+    return f'{one_line(thing.robot, TITLE_LENGTH // 2)} {_WORDS[_condition(thing)]}'
+
+
+def _message(thing: Thing, now: float, local: datetime, rules: AlertRules) -> tuple[str, list[str]]:
+    """Return the title, and what, since when, what to do, where, and how to acknowledge."""
+    since = datetime.fromtimestamp(local.timestamp() - (now - thing.since), local.tzinfo)
+    link = f'{rules.page}/?robot={quote(thing.robot, safe="/")}' if rules.page else ''
+    if link and thing.decision:
+        link += f'&decision={quote(thing.decision, safe="", errors="replace")}'
+    lines = [
+        thing.text,
+        f'Choices: {thing.choices}' if thing.choices else '',
+        f'Since {since:%Y-%m-%d %H:%M %Z}'.rstrip(),
+        _REMEDIES[_condition(thing)],
+        link,
+        f'To acknowledge: console alerts acknowledge {thing.id}',
+    ]
+    return _title(thing), [line for line in lines if line]
