@@ -16,6 +16,7 @@ import functools
 import itertools
 import math
 import re
+import textwrap
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
@@ -25,7 +26,7 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import GestureError
 
 from .document import Document, Problem, gesture
-from .text import Lines, Span, TextEdit, applied
+from .text import LINE_BREAK, Lines, Span, TextEdit, applied
 
 LEVELS: Final = ('off', 'low', 'high', 'full')
 """Levels of autonomy, by their numbers."""
@@ -400,6 +401,20 @@ class MachineDocument(Document):
     def _kept_above(self, state: State) -> int:
         """Return the number of characters directly above a state that are no comment of its author."""
         return 0
+
+    def clip(self, state: str) -> str:
+        """Return the text of a state with its comments, without indentation, for a clipboard. Raises GestureError."""
+        one, parent = self._child(state)
+        assert one.item is not None
+        lines = self._own_lines(parent.rows, parent.rows.items.index(one.item))
+        text = self.source(lines or one.item.span)
+        return textwrap.dedent(LINE_BREAK.sub('\n', text)).strip('\n')
+
+    def free_label(self, parent: State, label: str) -> str:
+        """Return a label that no state and no outcome of a container has: this one, or with a number."""
+        taken = {*(child.label for child in parent.children), *(parent.outcomes or ())}
+        numbered = (f'{label}{number}' for number in itertools.count(2))
+        return next(one for one in itertools.chain([label], numbered) if one not in taken)
 
     # -- checks of gestures ------------------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ import ast
 import itertools
 import keyword
 import re
+import textwrap
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -23,7 +24,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_studio.errors import GestureError
 
 from .machine_document import LEVELS, Condition, Item, MachineDocument, State, Table, edit, json_value, need
-from .text import Span, TextEdit
+from .text import Span, TextEdit, applied
 
 _TOKENS: Final = re.compile(
     r'#[^\r\n]*|\'\'\'(?:\\.|[^\\])*?\'\'\'|"""(?:\\.|[^\\])*?"""|\'(?:\\.|[^\'\\\r\n])*\'|"(?:\\.|[^"\\\r\n])*"',
@@ -43,6 +44,8 @@ _WRAPPERS: Final = {
 }
 _EMBEDDING: Final = ('use_behavior', 'add_behavior')
 _ADD: Final = ('label', 'state', 'transitions', 'autonomy', 'remapping')
+_MANIFEST: Final = ('name', 'description', 'author', 'parameters', 'inputs')
+_PARAMETER: Final = ('name', 'default', 'description', 'choices', 'label', 'unit', 'minimum', 'maximum')
 _CONTENT: Final = ('outcomes', 'input_keys', 'output_keys', 'io_keys', 'conditions')
 
 
@@ -555,11 +558,8 @@ class PythonDocument(MachineDocument):
             ways = ', '.join(f'{self.name(key, like)}: {self.name(str(way), like)}' for key, way in transitions.items())
             is_positional = any(item.key == 'transitions' and item.key_span.end == 0 for item in items)
             arguments.append(f'{{{ways}}}' if is_positional else f'transitions={{{ways}}}')
-        above = self._comments_above(neighbor.span.start)
-        position = _POSITION.match(self.text, above[-1].start) if above else None
-        head = ''
-        if position is not None:  # FlexBE's editor writes the level of each outcome
-            head = f'# x:{position[1]} y:{int(position[2]) + 80}{self.nl}{self._line_begin(neighbor.span.start)}'
+        head = self._position_below(neighbor)
+        if head:  # FlexBE's editor writes the level of each outcome
             levels = ', '.join(f'{self.name(outcome, like)}: Autonomy.Off' for outcome in transitions)
             arguments += [f'autonomy={{{levels}}}'] if levels else []
             edits += self._imported('', 'Autonomy') if levels else []
@@ -571,6 +571,170 @@ class PythonDocument(MachineDocument):
             text += f'{between[min(number, len(between) - 1)]}{argument}'
         function = self.source(self._span(neighbor.node.func))
         return [*edits, *self.insert_item(one.rows, f'{head}{function}({text}{end})')]
+
+    def _position_below(self, neighbor: State) -> str:
+        """Return the comment with the position of a new state in FlexBE's editor; empty if its neighbor has none."""
+        above = self._comments_above(neighbor.span.start)
+        found = _POSITION.match(self.text, above[-1].start) if above else None
+        below = self.nl + self._line_begin(neighbor.span.start)
+        return f'# x:{found[1]} y:{int(found[2]) + 80}{below}' if found else ''
+
+    @edit
+    def paste_state(self, parent: str, text: str) -> list[TextEdit]:
+        """Add the state of a text, a call of ``add`` or ``Child``, behind the others of a container, in the form of its
+        neighbor. A label that is taken gets a number."""
+        one = self.container(parent)
+        rows = re.sub(r'\A(\s*#.*\n)+', '', textwrap.dedent(text)).strip().rstrip(',')
+        other = PythonDocument(f'{rows}\n')
+        body = [] if other.unreadable else other._module.body
+        call = body[0].value if len(body) == 1 and isinstance(body[0], ast.Expr) else None
+        arguments = other._arguments(call, _ADD) if isinstance(call, ast.Call) else Table()
+        label = arguments.find('label')
+        neighbor = next((child for child in reversed(one.children) if not child.locked), None)
+        need(label and label.value and arguments.find('state'), f'{short_repr(text)} is no state; copy one')
+        if label is None or label.value is None or neighbor is None or arguments.inner is None:
+            raise GestureError(f'{parent} has no state whose form a new one could have; write it in the text')
+        new = self.free_label(one, label.value)
+        ways = arguments.find('transitions')
+        targets = other._literal(ways.node, ast.Dict).items if ways else []
+        edits = [other.renamed(item.value_span, new) for item in targets if item.value == label.value]
+        inner = arguments.inner
+        edits = [other.renamed(label.value_span, new), *edits] if new != label.value else []
+        whole = applied(other.text, [TextEdit(0, inner.start, ''), *edits, TextEdit(inner.end, len(other.text), '')])
+        indent = re.sub(r'\S.*', '', self._line_begin(neighbor.span.start))
+        whole = f'{self.nl}{indent}'.join(whole.splitlines())
+        function = self.source(self._span(neighbor.node.func))
+        return self.insert_item(one.rows, f'{self._position_below(neighbor)}{function}({whole})')
+
+    # -- the head: name, texts and parameters of the first behavior --------------------------------------------------
+
+    def _head(self) -> tuple[ast.ClassDef, Table | None, Table, dict[str, tuple[Item, Table]]]:
+        """Return the class, the arguments of its manifest, the table of its parameters, and these by name, with the
+        arguments of each."""
+        need(self.behaviors, 'the file has no behavior whose class can be read; edit the text')
+        owner = next(
+            node
+            for node in ast.walk(self._module)
+            if isinstance(node, ast.ClassDef) and self._span(node) == self.behaviors[0]['span']
+        )
+        calls = [node for node in ast.walk(owner) if isinstance(node, ast.Call)]
+        made = next((one for one in calls if self._name_of(one.func) == 'BehaviorManifest'), None)
+        manifest = None if made is None else self._arguments(made, _MANIFEST)
+        declared = manifest.find('parameters') if manifest else None
+        table = Table(locked='it has no parameters yet') if declared is None else self._literal(declared.node)
+        if made is None:
+            statements = [
+                one for one in ast.walk(owner) if isinstance(one, ast.Expr) and isinstance(one.value, ast.Call)
+            ]
+            added = [one for one in statements if self._name_of(one.value.func) == 'add_parameter']  # type: ignore[attr-defined]
+            table = Table([Item(self._span(one), node=one.value) for one in added])
+            table.locked = '' if added else 'the first parameter has to be written in the text'
+        found = {}
+        for item in table.items:
+            if isinstance(item.node, ast.Call):
+                arguments = self._arguments(item.node, _PARAMETER)
+                name = arguments.find('name')
+                if name is not None and name.value is not None:
+                    found[name.value] = item, arguments
+        return owner, manifest, table, found
+
+    @edit
+    def set_behavior(self, key: str, text: str | None) -> list[TextEdit]:
+        """Set name, description or author of the behavior; None removes it."""
+        need(key in _MANIFEST[:3], f'a manifest has no text {short_repr(key)}', key, _MANIFEST[:3])
+        span = self.behaviors[0].get(f'{key}_span') if self.behaviors else None
+        manifest = self._head()[1]
+        if text is not None and span is not None:
+            return [self.renamed(Span(*span), text)]
+        if manifest is None:
+            raise GestureError(f'the {key} of this behavior is not written as a text; edit it in the text')
+        item = manifest.find(key)
+        if text is None:
+            if item is None or key == 'name' or item.key_span.end == 0:
+                raise GestureError(f'the {key} of the behavior cannot be removed; edit the text')
+            return self.remove_items(manifest, [manifest.items.index(item)])
+        need(item is None, f'the {key} of the behavior is computed; edit the text')
+        after = [n for n, one in enumerate(manifest.items) if one.key in _MANIFEST[: _MANIFEST.index(key)]]
+        return self.insert_item(manifest, f'{key}={self.name(text)}', after[-1] + 1 if after else 0)
+
+    @edit
+    def set_behavior_parameter(self, name: str, fields: dict[str, Any] | None) -> list[TextEdit]:
+        """Set fields of a parameter of the behavior, or add it: default, description, label, unit. Texts of ``default``
+        are Python expressions. A field that is None is removed; without ``fields`` the parameter is."""
+        owner, manifest, table, known = self._head()
+        if fields is None:
+            need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
+            used = sorted({self.where(span.start) for span, is_use in self._mentions(owner, name) if is_use})
+            need(not used, f'self.{name} is used in {", ".join(used)}; replace it there before')
+            rows = [
+                one
+                for one in owner.body
+                if isinstance(one, ast.AnnAssign) and one.value is None and ast.unparse(one.target) == name
+            ]
+            edits = [edit for one in rows for edit in self._remove_row(Table([Item(self._span(one))]), 0)]
+            return [*edits, *self.remove_items(table, [table.items.index(known[name][0])])]
+        texts = {
+            key: _expression(str(one))
+            if key == 'default'
+            else self.name(str(one))
+            if isinstance(one, str)
+            else repr(one)
+            for key, one in fields.items()
+            if one is not None
+        }
+        allowed = _PARAMETER if manifest is not None else _PARAMETER[:2]
+        need(set(fields) <= set(allowed[1:]), f'a parameter of this behavior has only {", ".join(allowed[1:])}')
+        if name in known:
+            arguments = known[name][1]
+            edits = []
+            for key, one in fields.items():
+                item = arguments.find(key)
+                if one is None and item is not None:
+                    need(item.key_span.end, f'the {key} of {name} is given by its place; edit the text')
+                    edits += self.remove_items(arguments, [arguments.items.index(item)])
+                elif item is not None:
+                    edits.append(TextEdit(*item.value_span, texts[key]))
+                elif one is not None:
+                    edits += self.insert_item(arguments, f'{key}={texts[key]}')
+            return edits
+        need(_is_word(name) and name[0] != '_', f'{short_repr(name)} cannot be the name of a parameter')
+        need('default' in texts, f'the parameter {name} needs a default, which determines its type')
+        rest = ''.join(f', {key}={text}' for key, text in texts.items() if key != 'default')
+        new = f'({self.name(name)}, {texts["default"]}{rest})'
+        if manifest is None:
+            return self.insert_item(table, f'self.add_parameter{new}')
+        module = next(
+            (
+                str(one.module)
+                for one in self._module.body
+                if isinstance(one, ast.ImportFrom) and any(part.name == 'BehaviorManifest' for part in one.names)
+            ),
+            '',
+        )
+        edits = self._imported(module, 'BehaviorParameter')
+        if manifest.find('parameters') is None:
+            return [*edits, *self.insert_item(manifest, f'parameters=[BehaviorParameter{new}]')]
+        return [*edits, *self.insert_item(table, f'BehaviorParameter{new}')]
+
+    @edit
+    def rename_behavior_parameter(self, name: str, new: str) -> list[TextEdit]:
+        """Rename a parameter of the behavior, and all uses of it in its class."""
+        owner, _, _, known = self._head()
+        need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
+        need(new not in known, f'the behavior has a parameter {short_repr(new)} already')
+        need(_is_word(new) and new[0] != '_', f'{short_repr(new)} cannot be the name of a parameter')
+        item = known[name][1].find('name')
+        assert item is not None
+        return [self.renamed(item.value_span, new), *(TextEdit(*span, new) for span, _ in self._mentions(owner, name))]
+
+    def _mentions(self, owner: ast.ClassDef, name: str) -> Iterator[tuple[Span, bool]]:
+        """Yield where a class names an attribute, and whether that is a use, rather than its type."""
+        for node in ast.walk(owner):
+            if isinstance(node, ast.Attribute) and node.attr == name and ast.unparse(node.value) == 'self':
+                yield Span(self._span(node).end - len(name), self._span(node).end), True
+        for row in owner.body:
+            if isinstance(row, ast.AnnAssign) and ast.unparse(row.target) == name:
+                yield self._span(row.target), False
 
     def _imported(self, module: str, name: str) -> list[TextEdit]:
         """Return the edits that import a name; from the module of the container classes if none is given."""

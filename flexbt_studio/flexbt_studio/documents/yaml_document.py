@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final
@@ -207,7 +208,16 @@ class YamlDocument(MachineDocument):
             fields = {part.key: self.value(part)[0] for part in self._table(one.node).items}
             default = self._table(one.node).find('default')
             text = self.source(default.value_span) if default else ''
-            head['parameters'].append({'description': '', **fields, 'name': one.key, 'default': text, 'span': one.span})
+            head['parameters'].append(
+                {
+                    'description': '',
+                    **fields,
+                    'name': one.key,
+                    'default': text,
+                    'value': fields.get('default'),
+                    'span': one.span,
+                }
+            )
         self.behaviors.append(head)
 
     def _parameters(self) -> Table:
@@ -405,14 +415,28 @@ class YamlDocument(MachineDocument):
             if found
             else self._owner(state, table)[0].inner is not None or not self._is_block(table)
         )
-        written = self.value_text(text, is_flow=is_flow)
         item = found.find(key) if found is not None and not found.locked else None
+        written = self._block_text(item, text) or self.value_text(text, is_flow=is_flow)
         put = self.put
         edits = [self._replaced(item, written)] if item else put(state, table, key, '-', lambda _value, _like: written)
         after = type(self)(applied(self.text, self.checked(edits)), self.file)
         new = after.state(state.path).tables.get(table, Table()).find(key)
         need(new is not None and after.source(new.value_span) == written, f'{short_repr(text)} cannot be written here')
         return edits
+
+    def _block_text(self, item: Item | None, text: str) -> str:
+        """Return a text of several lines in the form of the block that it replaces; empty if that is no such block."""
+        old = self.source(item.value_span) if item is not None else ''
+        lines = text.removesuffix('\n').split('\n')
+        fits = len(lines) > 1 and lines[0].strip() and lines[0][0] != ' ' and lines[-1]
+        if old[:1] != '|' or not fits or not all(line.isprintable() for line in lines):
+            return ''
+        first = next(line for line in old.splitlines()[1:] if line.strip())
+        indent = first[: len(first) - len(first.lstrip(' '))]
+        head = '|' if text.endswith('\n') else '|-'
+        return self.nl.join([head, *(f'{indent}{line}' if line else '' for line in lines)]) + self.nl * old.endswith(
+            ('\n', '\r')
+        )
 
     def _replaced(self, item: Item, text: str) -> TextEdit:
         """Return the edit that replaces the value of an entry by one in one line."""
@@ -520,10 +544,42 @@ class YamlDocument(MachineDocument):
         )
         if rows.items:
             return self.insert_item(rows, self.nl.join(lines).removeprefix(indent) if is_row else flow)
+        return self._first_rows(states, lines)
+
+    def _first_rows(self, states: Item, lines: list[str]) -> list[TextEdit]:
+        """Return the edits that write the first rows of an empty ``states:``."""
         colon = self.text.index(':', states.key_span.end) + 1
         comment = self._comment_on_line(states.value_span.end)
         at = comment.end if comment else states.value_span.end
         return [TextEdit(colon, states.value_span.end, ''), TextEdit(at, at, self.nl + self.nl.join(lines))]
+
+    @edit
+    def paste_state(self, parent: str, text: str) -> list[TextEdit]:
+        """Add the states of a text behind the others of a container. A label that is taken gets a number."""
+        one = self.container(parent)
+        around = 'machine:\n  outcomes: [_]\n  states:\n'
+        body = textwrap.indent(textwrap.dedent(text.expandtabs()).strip('\n'), '    ')
+        pasted = type(self)(f'{around}{body}\n')
+        states = pasted.roots[0][1].children if pasted.roots and not pasted.problems else []
+        need(states, f'{short_repr(text)} is no state of a machine in YAML; copy one')
+        for label in [state.label for state in states]:
+            new = self.free_label(one, label)
+            if new != label:
+                pasted = type(self)(applied(pasted.text, pasted.rename_state(f'/{label}', new)))
+        rows, own = one.rows, one.tables['content'].find('states')
+        need(
+            own is not None and not rows.locked and (rows.inner is None or not rows.items),
+            f'{parent}: its states are not in rows; edit the text',
+        )
+        assert own is not None
+        indent = self._line_begin(rows.items[0].span.start if rows.items else own.span.start)
+        indent += '' if rows.items else self._step()
+        lines = [f'{indent}{line[4:]}'.rstrip() for line in pasted.text[len(around) :].splitlines()]
+        return (
+            self.insert_item(rows, self.nl.join(lines).removeprefix(indent))
+            if rows.items
+            else self._first_rows(own, lines)
+        )
 
     @edit
     def group(self, states: list[str], label: str, keys: dict[str, Any] | None = None) -> list[TextEdit]:
@@ -670,6 +726,8 @@ class YamlDocument(MachineDocument):
         """Set an entry of the behavior's head: name, description, author, operator_gone; None removes it."""
         need(key in _TEXTS, f'the head has no text {short_repr(key)}', key, _TEXTS)
         item = self._head.find(key)
+        if text and (block := self._block_text(item, text)):
+            return [TextEdit(*item.value_span, block)] if item else []
         if text is None:
             need(item, f'the behavior has no {key}')
             return self._remove_from_head(key)
