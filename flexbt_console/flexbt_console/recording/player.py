@@ -121,6 +121,11 @@ class RunPlayer:
         self.go_to(time)
         return self.mirror.copy(ManualClock(self.time))
 
+    @property
+    def has_lanes(self) -> bool:
+        """Whether :meth:`lanes` has read the whole recording."""
+        return self._lanes_next == len(self._messages)
+
     def lanes(self, patience: float = math.inf) -> Lanes:
         """Return the lanes of the time line of the whole recording, or as far as they were read after ``patience``
         seconds; the next call reads on."""

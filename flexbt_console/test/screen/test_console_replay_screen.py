@@ -165,7 +165,7 @@ def test_a_recording_is_played_stepped_searched_and_takes_no_command(
             await pilot.press('escape')
             await pilot.resize_terminal(80, 24)
             await shows(pilot, 'q quits', 'space plays', ', . step')
-            await pilot.press('space', 'right_square_bracket')
+            await pilot.press('space', 'greater_than_sign')
             clock.advance(2.0)
             app._play_on()
             await shows(pilot, 'State4', 'plays x2  4.0 / 10.0 s')

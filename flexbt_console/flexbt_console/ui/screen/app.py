@@ -46,7 +46,7 @@ from .dialogs import ChoiceList, Entry, MapImage, Overview, ReadingDialog, Start
 from .lines import CommandInput
 from .pane import Pane
 from .panes import PANES, Layout, Panes
-from .replay_bar import MOVES, NOTHING_SENT, NoLink, ReplayBar, replay_help_lines
+from .replay_bar import CURSOR_MOVES, MOVES, NOTHING_SENT, NoLink, ReplayBar, replay_help_lines
 from .robot_panes import CURSOR_STEPS, CURSOR_TURNS, outcome_texts
 from .textual_app import OrderedApp, TerminalDriver, image_widget
 
@@ -177,6 +177,8 @@ class OperatorScreen(OrderedApp):
             yield Pane(id='map')
         yield Pane(id='decision')
         yield Pane(id='log')
+        if self._replay is not None:
+            yield Pane(id='lanes')
         yield self._line
         yield Pane(id='keys')
 
@@ -302,10 +304,10 @@ class OperatorScreen(OrderedApp):
         base.query_one('#map').set_class('machine' not in visible, 'alone')
         mirror = self._station.mirror
         for pane in base.query(Pane):
-            if pane.id == 'alarm' or (pane.size.width > 0 and pane.size.height > 0):
+            if pane.id in ('alarm', 'lanes') or (pane.size.width > 0 and pane.size.height > 0):
                 columns, rows = pane.content_size.width or self.size.width, pane.content_size.height
                 pane.show(text := self._panes.text_of(str(pane.id), view, mirror, self._overview, columns, rows))
-                if pane.id == 'alarm':
+                if pane.id in ('alarm', 'lanes'):
                     pane.display = bool(text.plain)  # it has a row only if it has a text
 
     def _follow(self, mirror: Mirror) -> None:
@@ -421,8 +423,10 @@ class OperatorScreen(OrderedApp):
         self.open(ChoiceList('pick an answer', entries), chosen)
 
     def action_cursor(self, key: str) -> None:
-        """Move or turn the cursor on the map."""
-        if self._panes.map.move(key):
+        """Move or turn the cursor on the map; in a recording, move on its time line."""
+        if self._replay is not None and key in CURSOR_MOVES:
+            self.action_replay(CURSOR_MOVES[key])
+        elif self._panes.map.move(key):
             self.draw()
 
     def action_leave_mode(self) -> None:

@@ -109,6 +109,9 @@ class Panes:
             case 'log':
                 line = self._line
                 return line.draw(view, columns, rows) if line.is_open else self.log.draw(mirror, columns, rows)
+            case 'lanes':
+                assert self._replay is not None, 'only a recording has lanes here'
+                return Text() if self.layout.is_enlarged else self._replay.lanes_text(columns)
             case _ if self._line.is_open:
                 return styled([cut(KEYS_OF_LINE, columns)])
             case _ if self._replay is not None:
