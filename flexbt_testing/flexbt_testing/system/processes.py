@@ -31,6 +31,7 @@ PACKAGES: Final[Mapping[str, str]] = {
     'onboard_executive': 'flexbt_onboard',
     'console': 'flexbt_console',
     'recorder': 'flexbt_console',
+    'black_box': 'flexbt_console',
     'stop_guard': 'flexbt_onboard',
     'run_report': 'flexbt_onboard',
 }

@@ -22,7 +22,17 @@ from flexbt_testing.system.probe import Probe
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.system.python_processes import silent_console
 
-NAMES = ('simulator', 'navigation', 'bt_server', 'onboard_executive', 'stop_guard', 'console', 'observer', 'recorder')
+NAMES = (
+    'simulator',
+    'navigation',
+    'bt_server',
+    'onboard_executive',
+    'stop_guard',
+    'console',
+    'observer',
+    'recorder',
+    'black_box',
+)
 READING = {'publisher': 'publish', 'subscriber': 'subscribe', 'service': 'reply', 'client': 'request'}
 """What the graph calls by which name, and the word of a policy for it."""
 PARTS = re.compile(r'/_action/(feedback|status|send_goal|cancel_goal|get_result)$')
@@ -110,6 +120,8 @@ def driven(tmp_path: Path) -> Iterator[dict[str, set[Right]]]:
         navigators = '[navigate_to_pose, navigate_through_poses, follow_waypoints]'
         stack.start_all({'speed_factor': '4.0'}, {'navigators': navigators})
         stack.start('recorder', {'file': str(tmp_path / 'run.mcap')})
+        directories = {name: str(tmp_path / name) for name in ('ring', 'incidents')}
+        stack.start('black_box', {'goals': 'false', **directories})  # it hears of what goals it may
         probe = Probe(runtime)
         with silent_console('watch'), silent_console('watch', '--observer'):
             probe.wait_ready()
@@ -133,9 +145,9 @@ def test_a_mission_needs_no_more_than_the_policy_allows_and_offers_all_of_it(dri
 
 def test_who_observes_moves_nothing(tmp_path: Path) -> None:
     rights = policy('/robot1')
-    for node in ('observer', 'recorder'):
+    for node in ('observer', 'recorder', 'black_box'):
         published = {name for right, name in rights['/robot1/observer', node] if right == 'publish'}
-        assert published <= {'/rosout', '/parameter_events', '/robot1/executive/ping', '/robot1/recorder/alive'}
+        assert published <= {'/rosout', '/parameter_events', '/robot1/executive/ping', f'/robot1/{node}/alive'}
     assert ('publish', '/robot1/cmd_vel') not in rights['/robot1/operator', 'console']
     assert not any(right in ('call', 'request') for right, name in rights['/robot1/robot', SIMULATOR])
 
