@@ -16,7 +16,7 @@ from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import LIVENESS, NOTE_LENGTH, SYNTHESIS_SECONDS, CommandKind, OperatorCommand
 from flexbt_console.mirror.view import View
 
-from . import effects, spec
+from . import effects, queue_commands, spec
 from .command_builder import CommandBuilder
 from .operator_values import (
     SHELLS,
@@ -77,6 +77,43 @@ _STATE = Option('--state', 'file in which "alerts" remembers (default ~/.ros/fle
 _BEHAVIOR = (
     Argument('NAME', spaced=True, values=spec.behaviors),
     Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
+)
+_AUTONOMY = Option(
+    '--autonomy',
+    'off, low, high, full or 0 to 3 (default: the current one)',
+    'LEVEL',
+    values=spec.levels,
+    read=autonomy_level,
+)
+_INPUT = Option('--input', 'input userdata of the behavior', 'KEY=TYPE:VALUE', repeated=True)
+_QUEUE_OPTIONS = (
+    Option('--priority', 'higher ones start first (default 0)', 'NUMBER', read=queue_commands.priority),
+    Option(
+        '--when',
+        'condition of a start (all must hold)',
+        'CONDITION',
+        repeated=True,
+        values=lambda typed: queue_commands.CONDITIONS,
+        read=queue_commands.condition,
+    ),
+    Option('--repeat', 'number of runs (default 1, or no end with --every)', 'COUNT', read=queue_commands.repetitions),
+    Option(
+        '--every', 'time from one start to the next, as in 90s, 10m, 2h, 1d', 'DURATION', read=queue_commands.duration
+    ),
+    Option(
+        '--on-failure',
+        'hold the queue (default), continue, drop the entry, or retry=TIMES and then hold',
+        'WHAT',
+        values=lambda typed: queue_commands.FAILURES,
+        read=queue_commands.on_failure,
+    ),
+    Option('--wanted', 'outcome that is no failure (default: see below)', 'OUTCOME', repeated=True),
+)
+_QUEUE_DETAILS: Final = (
+    'CONDITION is battery=PERCENT (at least), time=22:00-06:00 (local time of the robot), after=+10m or '
+    'after=2026-01-31T08:00 (time of this computer), near=PLACE or near=PLACE:METRES (default 1).',
+    'A run fails if it cannot start or ends with failed, canceled or aborted; with --wanted: by any outcome that is '
+    'not wanted. After a stop, a fault or a forced end the queue is held, whatever --on-failure says.',
 )
 _WAIT = Option('--wait', 'wait until the run has ended', in_prompt=False)
 _WAIT_TIMEOUT = Option(
@@ -282,15 +319,10 @@ COMMANDS: Final = (
         effects.START,
         _BEHAVIOR,
         (
-            Option(
-                '--autonomy',
-                'off, low, high, full or 0 to 3 (default: the current one)',
-                'LEVEL',
-                values=spec.levels,
-                read=autonomy_level,
-            ),
-            Option('--input', 'input userdata of the behavior', 'KEY=TYPE:VALUE', repeated=True),
+            _AUTONOMY,
+            _INPUT,
             _UNSEEN_MACHINE,
+            Option('--hold-queue', 'hold the mission queue, which does not go on after this run'),
             _WAIT,
             _WAIT_TIMEOUT,
         ),
@@ -446,6 +478,75 @@ COMMANDS: Final = (
         (_UNSEEN_MACHINE,),
         details=('The other behavior must have the active states at the same paths. A refusal lists those it lacks.',),
         needs=(Part.BEHAVIORS,),
+    ),
+    CommandSpec(
+        'queue',
+        'list the mission queue: the behaviors that the robot starts by itself when no other runs',
+        Show(queue_commands.show),
+        details=('The first entry whose conditions hold starts. Higher priorities come first.',),
+        needs=(Part.QUEUE,),
+    ),
+    _sent(
+        'queue add',
+        'add a behavior to the mission queue',
+        queue_commands.ADD,
+        _BEHAVIOR,
+        (_AUTONOMY, _INPUT, *_QUEUE_OPTIONS, _UNSEEN_MACHINE),
+        details=('It starts by itself, also when no operator is connected, or another one has the authority.',)
+        + _QUEUE_DETAILS,
+        needs=(Part.BEHAVIORS, Part.PLACES),
+    ),
+    _sent(
+        'queue edit',
+        'change an entry of the mission queue: the options that are given',
+        queue_commands.EDIT,
+        (
+            Argument('NUMBER', values=spec.queue_entries, read=queue_commands.entry_number),
+            Argument('PARAMETER=VALUE', required=False, repeated=True, read=assignment),
+        ),
+        (_AUTONOMY, _INPUT, *_QUEUE_OPTIONS),
+        details=(
+            'Parameters and inputs replace all that the entry has of them. "battery=none" ends that condition. '
+            'It is refused if another operator has changed the entry meanwhile.',
+        )
+        + _QUEUE_DETAILS,
+        needs=(Part.BEHAVIORS, Part.PLACES, Part.QUEUE),
+    ),
+    _sent(
+        'queue remove',
+        'remove an entry from the mission queue; a run of it goes on',
+        queue_commands.REMOVE,
+        (Argument('NUMBER', values=spec.queue_entries, read=queue_commands.entry_number),),
+        needs=(Part.QUEUE,),
+    ),
+    _sent(
+        'queue move',
+        'move an entry before another one of the same priority',
+        queue_commands.MOVE,
+        (
+            Argument('NUMBER', values=spec.queue_entries, read=queue_commands.entry_number),
+            Argument(
+                'BEFORE',
+                values=lambda typed: (*queue_commands.WHERE, *spec.queue_entries(typed)),
+                read=queue_commands.place_in_queue,
+            ),
+        ),
+        details=('BEFORE is the number of an entry, or first or last.',),
+        needs=(Part.QUEUE,),
+    ),
+    _sent('queue hold', 'start no further entry of the mission queue', queue_commands.HOLD),
+    _sent(
+        'queue release',
+        'let the mission queue go on',
+        queue_commands.RELEASE,
+        details=('It is refused if the queue was held again for another reason than this console shows.',),
+        needs=(Part.QUEUE,),
+    ),
+    _sent(
+        'queue clear',
+        'remove all entries of the mission queue that this console shows; a run goes on',
+        queue_commands.CLEAR,
+        needs=(Part.QUEUE,),
     ),
     CommandSpec(
         'synthesize',

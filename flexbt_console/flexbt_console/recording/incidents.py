@@ -36,9 +36,8 @@ from flexbt_core.values.text import one_line, xml_text
 from flexbt_core.values.text_files import write_text
 
 from .player import RunPlayer
-from .run_file import RunWriter, read_run
+from .run_file import RECORDING, RunWriter, read_run
 
-RECORDING: Final = 'recording.mcap'
 FACTS: Final = 'incident.json'
 PAGE: Final = 'incident.md'
 ROSOUT: Final = '/rosout'
@@ -272,7 +271,7 @@ def _write_pages(request: Request, part: Path, lost: list[str]) -> None:
         lost.append(one_line(str(error), 300))
     files = sorted(str(file.relative_to(part)) for file in part.rglob('*') if file.is_file())
     sections += [_Section('What is missing', lost)] if lost else []
-    sections += [_Section('Files', [*files, f'console replay FOLDER/{RECORDING} shows the recording'])]
+    sections += [_Section('Files', [*files, 'console replay FOLDER shows the recording'])]
     write_text(part / PAGE, _markdown(title, sections))
     write_text(part / 'incident.html', _html(title, sections))
 

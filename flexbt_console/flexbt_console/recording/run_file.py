@@ -38,6 +38,9 @@ MOST_RECORD: Final = 64_000_000
 
 _MAGIC: Final = b'\x89MCAP0\r\n'
 
+RECORDING: Final = 'recording.mcap'
+"""Name of the recording in the folder of an incident."""
+
 DAMAGED: Final = 'lacks its end: its recorder was killed, or the file was cut off or damaged'
 """Warning about a recording for which :func:`read_run` has called ``at_damage``."""
 

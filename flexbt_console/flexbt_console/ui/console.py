@@ -223,11 +223,13 @@ def _watched_terminal(sign_off: Callable[[], object] = lambda: None) -> Iterator
 
 def _run_replay(line: CommandLine) -> ExitCode:
     from flexbt_console.recording.player import RunPlayer
+    from flexbt_console.recording.run_file import RECORDING
     from flexbt_core.clock.clock import SteadyClock
 
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise UsageError('a recording is shown in a terminal; the executable `replay` publishes it for other consoles')
-    player = RunPlayer(Path(line.first_word))
+    file = Path(line.first_word)
+    player = RunPlayer(file / RECORDING if file.is_dir() else file)
     if not _is_installed(_INTERACTIVE[Mode.SCREEN]):
         raise UsageError('the screen needs textual: install it, or use the executable `replay`')
     from flexbt_console.ui.screen.app import show_recording

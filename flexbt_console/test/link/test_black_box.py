@@ -35,7 +35,6 @@ from flexbt_console.recording.black_box import Ring
 from flexbt_console.recording.incidents import (
     FACTS,
     PAGE,
-    RECORDING,
     Occurrence,
     Request,
     incident_named,
@@ -44,7 +43,7 @@ from flexbt_console.recording.incidents import (
     merge,
 )
 from flexbt_console.recording.player import RunPlayer
-from flexbt_console.recording.run_file import read_run
+from flexbt_console.recording.run_file import RECORDING, read_run
 from flexbt_console.recording.topics import TOPICS, full_definition
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveEvents, ExecutiveLog, ExecutiveStatus, PeerStatus
 from flexbt_testing.waiting import DEADLINE, wait_until
