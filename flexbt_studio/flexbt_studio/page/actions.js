@@ -97,7 +97,7 @@ export class Actions {
   // Move a node to a place beside or in another one, or copy what is dragged from the palette there.
   drop(from, to, zone, entry) {
     if (from === null) { this.add(zone, entry, to); return; }
-    if (!this.isTree) { const {data, way} = this.studio.part(from); this.run(() => ['set_target', {state: data.path, outcome: way.outcome, target: this.studio.part(to).data.label}]); return; }
+    if (!this.isTree) { const {data, way} = this.studio.part(from), target = zone === 'end' ? entry : this.studio.part(to).data.label; this.run(() => ['set_target', {state: data.path, outcome: way.outcome, target}], () => from, `${way.outcome} leads to ${target}`); return; }
     let place = null;
     this.run(() => {
       const part = this.studio.part(from), target = this.studio.part(to);
@@ -110,9 +110,10 @@ export class Actions {
   }
 
   // Where an item may be dropped.
-  zones(from, to) {
+  zones(from, to, end = null) {
     const target = this.studio.part(to), part = from === null ? null : this.studio.part(from);
     if (!target || from === to) return [];
+    if (end !== null) return part?.kind === 'outcome' && part.data.parent === to ? ['end'] : [];
     if (!this.isTree) {
       if (from === null) return ['into'];
       return part?.kind === 'outcome' && target.kind === 'state' && target.data.parent === part.data.parent ? ['into'] : [];
@@ -227,7 +228,7 @@ export class Actions {
     const xml = text ?? (await navigator.clipboard?.readText().catch(() => '') || this.studio.clipboard);
     if (!xml?.trim()) { this.studio.told('The clipboard is empty: c copies a node', 'warning'); return; }
     if (this.isTree) await this.insert(xml, 'clipboard', where);
-    else this.studio.told('States are pasted in the text', 'warning');
+    else await this.pasteState(where, xml);
   }
 
   // Machines.
@@ -245,6 +246,18 @@ export class Actions {
     const transitions = Object.fromEntries((entry.outcomes ?? []).map((outcome) => [outcome, parent.data.outcomes.includes(outcome) ? outcome : end]));
     const parameters = Object.fromEntries((entry.parameters ?? []).filter((one) => one.required).map((one) => [one.name, '']));
     await this.run(() => ['add_state', {parent: parent.path, label, type: entry.stateType ?? entry.label, parameters, transitions, kind: entry.stateKind ?? 'state'}], () => `${parent.path.replace(/\/$/, '')}/${label}`, `${label} added`);
+  }
+
+  // Add a state of a text to the container that is selected, or to that of the state.
+  pasteState(where, text) {
+    let parent = null;
+    return this.run(() => {
+      const part = this.now(), state = part?.kind === 'outcome' ? part.parent : part;
+      if (!state) throw new Error('the file has no machine; write one in the text');
+      const isContainer = !['state', 'behavior'].includes(state.data.kind);
+      parent = isContainer && (where === 'into' || !state.parent || state.children.every((one) => one.kind !== 'state')) ? state.path : state.parent.path;
+      return ['paste_state', {parent, text}];
+    }, () => this.studio.part(parent).children.filter((one) => one.kind === 'state').at(-1).path, 'pasted');
   }
 
   moveState(how) {

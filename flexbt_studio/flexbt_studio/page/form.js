@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The form of the selected node, tree or state. Each field is an edit of the text, made when it is left or at Enter.
 
-import {byId, choose, html} from './choice.js';
+import {ask, byId, choose, html} from './choice.js';
 import {portHelp} from './palette.js';
 
 const CONDITIONS = {_skipIf: 'skip the node if true', _successIf: 'succeed without a tick if true', _failureIf: 'fail without a tick if true', _while: 'tick only while true', _onSuccess: 'run after success', _onFailure: 'run after failure', _onHalted: 'run after a halt', _post: 'run after every end'};
 const LEVELS = ['off', 'low', 'high', 'full'];
 
+const LONG = /^(code|script|description|message|text)$/;  // names of values that may have several lines
 const literal = (text) => { try { return JSON.parse(text); } catch { return text; } };
 
 export class Form {
@@ -18,7 +19,7 @@ export class Form {
     this.root.addEventListener('keydown', (event) => {
       const field = event.target.closest('[data-field]');
       if (event.key === 'Escape') { event.preventDefault(); event.stopPropagation(); if (field) { field.value = field.dataset.was; } on.leave(); }
-      if (event.key === 'Enter' && field?.tagName === 'INPUT') { event.preventDefault(); this.commit(field); }
+      if (event.key === 'Enter' && (field?.tagName === 'INPUT' || (field && event.ctrlKey))) { event.preventDefault(); this.commit(field); }
       if (event.key === ' ' && event.ctrlKey && field) { event.preventDefault(); this.complete(field); }
     });
     this.root.addEventListener('change', (event) => { const field = event.target.closest('[data-field]'); if (field) this.commit(field); });
@@ -66,10 +67,11 @@ export class Form {
   field(name, value, set, {label = name, hint = '', lines = 1, choices = null, words = null, placeholder = '', isFirst = false, isReadOnly = false, problem = ''} = {}) {
     const id = `field-${name}`;
     this.setters.set(name, set);
+    lines = Math.min(Math.max(lines, LONG.test(label.replace(' *', '')) ? 3 : 1, String(value ?? '').split('\n').length), 12);
     if (words) this.words.set(name, words);
     const common = {id, 'data-field': name, 'data-label': label, 'data-was': value ?? '', 'data-first': isFirst, 'aria-describedby': hint || problem ? `${id}-hint` : null, 'aria-invalid': problem ? 'true' : null, class: problem ? 'invalid' : null};
     const made = choices ? html('select', {...common, disabled: isReadOnly}, ...choices.map((one) => html('option', {value: one}, one || '–')))
-      : lines > 1 ? html('textarea', {...common, rows: lines, placeholder, readonly: isReadOnly}) : html('input', {...common, placeholder, readonly: isReadOnly, spellcheck: 'false', list: words ? null : 'known-keys'});
+      : lines > 1 ? html('textarea', {...common, rows: lines, placeholder, readonly: isReadOnly, spellcheck: 'false'}) : html('input', {...common, placeholder, readonly: isReadOnly, spellcheck: 'false', list: words ? null : 'known-keys'});
     made.value = value ?? '';
     return html('div', {class: 'field'}, html('label', {for: id}, label), html('div', {}, made, ...(problem ? [html('span', {class: 'error hint', id: `${id}-hint`}, problem)] : hint ? [html('span', {class: 'hint', id: `${id}-hint`}, hint)] : [])));
   }
@@ -129,7 +131,8 @@ export class Form {
     const known = this.on.typeOf(data)?.parameters ?? [], given = new Map(data.parameters.map((one) => [one.name, one]));
     for (const name of new Set([...known.map((one) => one.name), ...given.keys()])) {
       const value = given.get(name), described = known.find((one) => one.name === name);
-      parts.push(this.field(name, value?.text ?? '', (text) => edit('set_parameter', {name, text: text || null}), {hint: described ? portHelp(described) : '', placeholder: described?.default ?? '', isReadOnly: isLocked || (value && !value.literal), words: () => []}));
+      const isText = typeof value?.value === 'string' && value.value.includes('\n');  // as it is read; others as they are written
+      parts.push(this.field(name, (isText ? value.value : value?.text) ?? '', (text) => edit('set_parameter', {name, text: text === '' ? null : isText && this.on.isPython() ? JSON.stringify(text) : text}), {hint: described ? portHelp(described) : '', placeholder: described?.default ?? '', isReadOnly: isLocked || (value && !value.literal), words: () => []}));
     }
     if (!isRoot) {
       parts.push(html('h3', {}, 'Transitions'), ...data.transitions.map((way) => {
@@ -149,12 +152,30 @@ export class Form {
     }
     if (isRoot && part.behavior) {
       if (this.on.can('set_behavior')) for (const key of ['name', 'description']) parts.push(this.field(key, part.behavior[key], (text) => this.on.gesture('set_behavior', {key, text: text || null}), {words: () => [], lines: key === 'name' ? 1 : 2}));
-      parts.push(html('h3', {}, 'Parameters'), ...part.behavior.parameters.map((one) => html('p', {}, html('code', {}, `${one.name}: ${one.default ?? ''}`), html('span', {class: 'hint'}, one.description ?? ''))));
+      parts.push(html('h3', {}, 'Parameters'), ...part.behavior.parameters.map((one) => this.parameter(part, one)), ...(this.on.can('set_behavior_parameter') ? [html('button', {type: 'button', id: 'add-parameter', onclick: () => this.addParameter()}, 'Add a Parameter…')] : []));
     }
     if (data.conditions?.length) parts.push(html('h3', {}, 'Ends When'), ...data.conditions.map((one) => html('p', {}, `${one.outcome}: ${one.when.map((pair) => pair.join(' ')).join(' and ')}`)));
     if (isContainer && data.outcomes.length) parts.push(html('h3', {}, 'Outcomes'), html('p', {}, data.outcomes.join(', ')), this.buttons(['add_outcome', 'Add an Outcome…']));
     if (!isRoot) parts.push(this.comment(part, 'state'));
     return parts;
+  }
+
+  // A parameter of the behavior. Python has its default as it is written; YAML its value, and all its fields in each edit.
+  parameter({behavior}, one) {
+    const {name, default: written, description, span, value, ...others} = one, isYaml = 'value' in one, isText = isYaml && typeof value === 'string';
+    const set = (fields) => this.on.gesture('set_behavior_parameter', {name, fields: isYaml ? {...others, default: value, ...(description ? {description} : {}), ...fields} : fields});
+    const field = (key, shown, setter, more = {}) => this.field(`parameter:${name}:${key}`, shown, setter, {label: key, words: () => [], ...more});
+    return html('fieldset', {class: 'parameter'}, html('legend', {}, name),
+      field('name', name, (text) => text && this.on.gesture('rename_behavior_parameter', {name, new: text})),
+      field('default', isText ? value : isYaml ? JSON.stringify(value) : written, (text) => set({default: isText ? text : isYaml ? literal(text) : text}), {hint: others.unit ? `unit ${others.unit}` : ''}),
+      field('description', description ?? '', (text) => set({description: text})),
+      html('button', {type: 'button', 'aria-label': `Remove the parameter ${name}`, onclick: () => this.on.gesture('set_behavior_parameter', {name, fields: null})}, 'Remove'));
+  }
+
+  async addParameter() {
+    const name = await ask('Name of the new parameter', ''), isPython = this.on.isPython();
+    const text = name && await ask(`Default of ${name}`, '0.0', isPython ? 'A Python expression; its type is that of the parameter.' : 'Its type is that of the parameter.');
+    if (text !== null && name) this.on.gesture('set_behavior_parameter', {name, fields: {default: isPython ? text : literal(text)}});
   }
 
   outcome(part) {

@@ -167,7 +167,7 @@ export class Graph {
   drag(event, path, what) {
     const begin = [event.clientX, event.clientY];
     let label = null, over = null;
-    const leave = () => { over?.item.element.classList.remove('drop-into'); over?.mark?.remove(); over = null; };
+    const leave = () => { over?.end?.classList.remove('drop-into'); over?.item.element.classList.remove('drop-into'); over?.mark?.remove(); over = null; };
     const move = (now) => {
       if (!label && Math.hypot(now.clientX - begin[0], now.clientY - begin[1]) < SLOP) return;
       if (!label) {
@@ -177,7 +177,13 @@ export class Graph {
       label.style.left = `${now.clientX + 12}px`;
       label.style.top = `${now.clientY + 12}px`;
       leave();
-      const to = this.at(document.elementFromPoint(now.clientX, now.clientY) ?? document.body);
+      const below = document.elementFromPoint(now.clientX, now.clientY) ?? document.body, end = path === null ? null : below.closest('[data-end]');
+      if (end && this.on.zones(path, end.dataset.of, what, end.dataset.end).length) {
+        end.classList.add('drop-into');
+        over = {item: this.byPath.get(end.dataset.of), zone: 'end', end};
+        return;
+      }
+      const to = this.at(below);
       const zones = to === null ? [] : this.on.zones(path, to, what);
       if (!zones.length) return;
       const box = this.byPath.get(to).element.querySelector('.box').getBoundingClientRect(), part = (now.clientX - box.left) / box.width;
@@ -195,7 +201,7 @@ export class Graph {
       label?.remove();
       const target = over;
       leave();
-      if (target && now.type === 'pointerup') this.on.drop(path, target.item.path, target.zone, what);
+      if (target && now.type === 'pointerup') this.on.drop(path, target.item.path, target.zone, target.end?.dataset.end ?? what);
     };
     const escape = (now) => { if (now.key === 'Escape' && label) { now.stopPropagation(); end(now); } };
     const listeners = [['pointermove', move], ['pointerup', end], ['pointercancel', end], ['keydown', escape]];

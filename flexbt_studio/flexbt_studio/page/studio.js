@@ -41,7 +41,7 @@ class Studio {
     this.actions = new Actions(this);
     this.graph = new Graph({
       select: (path) => this.select(path), fold: (path) => this.fold(path), open: (path) => this.enter(path), problem: (path, isFolded) => this.problemAt(path, isFolded),
-      drop: (from, to, zone, what) => this.actions.drop(from, to, zone, what), zones: (from, to) => (this.file ? this.actions.zones(from, to) : []),
+      drop: (from, to, zone, what) => this.actions.drop(from, to, zone, what), zones: (from, to, what, end = null) => (this.file ? this.actions.zones(from, to, end) : []),
       drawn: () => { if (this.file) { this.player.paint(this.graph, this.file.name, this.jobs.tint(this.file)); this.debugger.paint(this.graph, this.file.name); } },
     });
     Object.assign(this, {remembered, remember});
@@ -50,7 +50,7 @@ class Studio {
     this.live = new Live(this, this.player);
     this.debugger = new Debugger(this, this.live);
     this.form = new Form({
-      gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
+      gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), isPython: () => this.file.language === 'python', act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
       trees: () => Object.keys(this.treeFiles), rename: (label) => this.actions.renameState(this.part(this.file.selected), label), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
     });
     this.palette = new Palette({add: (entry) => this.actions.add('after', entry).then(() => this.graph.focus()), drag: (event, entry) => this.graph.drag(event, null, entry)});
