@@ -401,3 +401,57 @@ def test_a_state_that_hangs_when_it_is_made_is_told_and_the_page_goes_on(
 
     with_pages(folder, story)
     assert children() == []
+
+
+RENAMED = """\
+<root BTCPP_format="4">
+  <BehaviorTree ID="Main">
+    <Sequence>
+      <SetBlackboard value="1" output_key="speed"/>
+      <SubTree ID="Other" rate="{speed}"/>
+      <Script code="speed := 'speed'"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+
+
+def test_a_name_is_renamed_in_all_files_or_in_none(folder: Path) -> None:
+    (folder / 'main.xml').write_text(RENAMED)
+    other = OTHER.replace('<AlwaysSuccess name="ä"/>', '<Script code="x := rate"/>')
+    (folder / 'more' / 'other.xml').write_text(other)
+
+    async def story(one: Page, two: Page) -> None:
+        at = RENAMED.index('rate')
+        assert await one.ask('name', file='main.xml', offset=at) == {
+            'kind': 'key', 'name': 'rate', 'file': 'more/other.xml', 'owner': 'Other'
+        }  # fmt: skip
+        plan = await one.ask('rename', file='main.xml', offset=at, new='tempo')
+        assert {file['file']: file['version'] for file in plan['files']} == {'main.xml': 1, 'more/other.xml': 1}
+        uses = await one.ask('uses', file='main.xml', offset=RENAMED.index('speed'))
+        assert [(use['file'], use['line']) for use in uses['uses']] == [('main.xml', line) for line in (4, 5, 6)]
+        keys = {one['key']: one for one in await one.ask('flow', file='main.xml')}
+        assert [(use['path'], use['role']) for use in keys['speed']['uses']] == [
+            ('Main/0/0', 'writes'), ('Main/0/1', 'reads'), ('Main/0/2', 'writes')
+        ]  # fmt: skip
+        # Another page edits one of the files: the plan is for versions that are gone.
+        await two.ask('open', file='more/other.xml')
+        await two.ask('edit', file='more/other.xml', version=1, edits=[[0, 0, ' ']])
+        for file in plan['files']:
+            opened = await one.ask('open', file=file['file'])
+            assert (opened['version'] == file['version']) is (file['file'] == 'main.xml')
+        plan = await one.ask('rename', file='main.xml', offset=at, new='tempo')
+        assert {file['file']: file['version'] for file in plan['files']} == {'main.xml': 1, 'more/other.xml': 2}
+        # Somebody else writes one of the files: nothing is renamed in any.
+        (folder / 'more' / 'other.xml').write_text(other.replace('x :=', 'y :='))
+        with pytest.raises(Refused, match=r'more/other\.xml was changed on disk') as refused:
+            await one.ask('rename', file='main.xml', offset=at, new='tempo')
+        assert refused.value.args[0] == 'conflict'
+        assert (await one.ask('open', file='main.xml'))['text'] == RENAMED
+        for offset, new in ((0, 'x'), (10**9, 'x'), (-5, 'x'), (at, ''), (at, 'x' * 5_000_000)):
+            with pytest.raises(Refused):
+                await one.ask('rename', file='main.xml', offset=offset, new=new)
+        with pytest.raises(Refused):
+            await one.ask('rename', file='../main.xml', offset=0, new='x')
+
+    with_pages(folder, story, 2)

@@ -24,6 +24,7 @@ from flexbt_studio.errors import StudioError
 from flexbt_tools.tree_checks.check import HOST_KEYS
 
 from .diagnostics import TreeChecker
+from .flow import state_keys
 from .machine_document import CONTAINERS, Item, MachineDocument, State, Table
 from .project import Place, Project, tree_places
 from .python_document import PythonDocument
@@ -44,8 +45,6 @@ _RUNS_TREE: Final = 'bt_file'
 _BOARD_KEYS: Final = ('goal_id', 'request_id')
 """Parameters of states that name a blackboard key."""
 _OTHER_FILES: Final = {'.py', '.yaml', '.yml', '.sh', '.md', '.json', '.toml', '.cfg'}
-_ANY_KEY: Final = 'KEY'
-"""What docstrings of states call keys that parameters declare."""
 
 
 class Named(NamedTuple):
@@ -546,20 +545,11 @@ class Names:
 
     def _uses_key(self, document: MachineDocument, child: State, key: str) -> bool | None:
         """Return whether a state uses a key of its container that it names itself; None if that is not known."""
-        if child.kind in CONTAINERS:
-            return any(child.tables.get(table, Table()).find(key) for table in _INTERFACE[1:])
         if child.kind == 'behavior':
             own = next((root for names, _, root in self._behaviors() if child.type in names), None)
             return None if own is None else any(own.tables.get(one, Table()).find(key) for one in _INTERFACE[1:])
-        described = self._states.get(child.type.rpartition('.')[2])
-        if described is None:
-            return None
-        keys = {one['name'] for one in (*described['inputs'], *described['outputs'])}
-        if key in keys or _ANY_KEY not in keys:
-            return key in keys
-        values = [document.value(item) for item in child.items('parameters')]
-        is_known = all(is_literal for _, is_literal in values) and not child.tables.get('parameters', Table()).locked
-        return any(_names(value, key) for value, _ in values) if is_known else None
+        reads, writes, is_all = state_keys(document, child, self._states)
+        return True if key in reads | writes else False if is_all else None
 
     def _rename_behavior(self, named: Named, new: str, made: Renaming) -> None:
         document = self._machine(named.file)
@@ -680,15 +670,6 @@ def _is_below(state: State, top: State) -> bool:
     while one is not None and one is not top:
         one = one.parent
     return one is top
-
-
-def _names(value: Any, key: str) -> bool:
-    """Return whether a JSON value names a key: as an entry, an item, or in braces."""
-    if isinstance(value, dict):
-        return any(key == name or _names(one, key) for name, one in value.items())
-    if isinstance(value, list):
-        return any(key == one or _names(one, key) for one in value)
-    return isinstance(value, str) and f'{{{key}}}' in value
 
 
 def _sections(text: str) -> Iterator[tuple[Node, list[Node]]]:

@@ -68,6 +68,8 @@ class KeyUse(NamedTuple):
             return 'removes'
         if self.port is None:
             return 'uses'
+        if self.form == 'key':
+            return 'writes' if self.port.writable else 'reads'
         return ' and '.join(['reads'] * self.port.readable + ['writes'] * self.port.writable) or 'uses'
 
     def edit(self, key: str) -> TextEdit | None:

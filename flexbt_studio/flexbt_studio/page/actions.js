@@ -172,13 +172,22 @@ export class Actions {
   async rename() {
     const part = this.now();
     if (!part) return;
-    const isState = part.kind === 'state', old = isState ? part.data.label : part.kind === 'tree' ? part.data.id : part.kind === 'node' ? part.data.name : null;
-    if (old === null) return;
-    const name = await ask(`Rename ${part.title}`, old, part.kind === 'tree' ? 'Sub-trees of this file follow the new name.' : isState ? 'Transitions to it follow the new label.' : 'The name of this node in logs and in the graph; leave the dialog with Esc to keep it.');
-    if (name === null || name === old) return;
-    if (isState) await this.renameState(part, name);
-    else if (part.kind === 'tree') await this.run(() => ['rename_tree', {id: part.data.id, new: name}], () => this.file.view.trees.find((one) => one.id === name)?.path ?? null, `renamed to ${name}`);
-    else await this.run(() => ['set_value', {node: part.path, name: 'name', value: name}], () => part.path, `renamed to ${name}`);
+    if (part.kind === 'node' && part.data.kind !== 'subtree' && !part.data.name) {
+      const name = await ask(`Name of ${part.title}`, '', 'The name of this node in logs, in requirements and in the graph.');
+      if (name) await this.run(() => ['set_value', {node: part.path, name: 'name', value: name}], () => part.path, `named ${name}`);
+    } else if (part.kind === 'tree' && !part.data.id) {
+      const name = await ask('ID of the tree', '');
+      if (name) await this.run(() => ['rename_tree', {id: part.path, new: name}], () => name, `named ${name}`);
+    } else await this.renameTo(part, null);
+  }
+
+  // Give a tree, a node or a state another name in all files, and select it again.
+  async renameTo(part, name) {
+    const {file} = this, at = part.span[0];
+    if (name === '' || !await this.studio.names.rename({offset: this.studio.names.placeOf(part), name})) return;
+    await file.settled();
+    const same = [...file.parts.values()].find((one) => one.span[0] === at && one.kind === part.kind);
+    if (same && file === this.file) this.studio.select(same.path, {isMoved: true});
   }
 
   async extract() {
@@ -280,7 +289,6 @@ export class Actions {
     if (label) await this.run(() => ['group', {states: [part.path], label}], () => `${part.parent.path.replace(/\/$/, '')}/${label}`, `${part.title} is in ${label} now`);
   }
 
-  renameState(part, label) { return this.run(() => ['rename_state', {state: part.path, label}], () => `${part.parent.path.replace(/\/$/, '')}/${label}`, `renamed to ${label}`); }
   setInitial() { const part = this.now(); return this.run(() => ['set_initial', {state: part.path}], () => part.path, `${part.title} is the initial state`); }
 
   targets(part) {

@@ -2,7 +2,7 @@
 // The text pane with CodeMirror. It is in a shadow root, where CodeMirror's styles need no exception from the page's policy.
 
 import {autocompletion, closeBrackets, completionKeymap} from '@codemirror/autocomplete';
-import {defaultKeymap, history, historyKeymap, isolateHistory, redo, undo} from '@codemirror/commands';
+import {defaultKeymap, history, historyKeymap, isolateHistory, redo, undo, undoDepth} from '@codemirror/commands';
 import {python} from '@codemirror/lang-python';
 import {xml} from '@codemirror/lang-xml';
 import {yaml} from '@codemirror/lang-yaml';
@@ -43,6 +43,8 @@ const THEME = EditorView.theme({
 // on.cursor(offset) is called when somebody moves the cursor; complete(file, offset, isExplicit) gives completions.
 export function codePane(parent, on) {
   const shadow = parent.attachShadow({mode: 'open', delegatesFocus: true});
+  const own = (run) => () => { run(); return true; };
+  const HISTORY = [{key: 'Mod-z', run: own(() => on.undo()), preventDefault: true}, ...['Mod-y', 'Mod-Shift-z'].map((key) => ({key, run: own(() => on.redo()), preventDefault: true}))];
   let view = null, shown = null;
 
   function take(buffer, transactions) {
@@ -72,7 +74,7 @@ export function codePane(parent, on) {
           search({top: true}), autocompletion({override: [words]}), indentUnit.of(/^\t/m.test(text) ? '\t' : /\n {4}(?=\S)/.test(text) && !/\n {2}(?=\S)/.test(text) ? '    ' : '  '),
           LANGUAGES[language]?.() ?? [], syntaxHighlighting(COLORS), THEME,
           EditorView.contentAttributes.of({'aria-label': `text of ${file}`, tabindex: '0'}),
-          keymap.of([...completionKeymap, ...searchKeymap.filter((one) => one.key !== 'Mod-Alt-\\'), ...historyKeymap, ...foldKeymap, ...defaultKeymap.filter((one) => !['Alt-ArrowLeft', 'Alt-ArrowRight'].includes(one.key))]),
+          keymap.of([...completionKeymap, ...searchKeymap.filter((one) => one.key !== 'Mod-Alt-\\'), ...HISTORY, ...foldKeymap, ...defaultKeymap.filter((one) => !['Alt-ArrowLeft', 'Alt-ArrowRight'].includes(one.key))]),
         ],
       });
     }
@@ -88,6 +90,7 @@ export function codePane(parent, on) {
       take(this, [this.state.update({changes, annotations})]);
     }
 
+    get depth() { return undoDepth(this.state); }
     undo() { return undo({state: this.state, dispatch: (one) => take(this, [one])}); }
     redo() { return redo({state: this.state, dispatch: (one) => take(this, [one])}); }
   }

@@ -83,7 +83,7 @@ export class Form {
 
   tree(part) {
     const {data} = part;
-    return [this.buttons(['add_child', 'Add Child'], ['rename', 'Rename…'], ['paste', 'Paste']), ...this.problems(part), this.field('ID', data.id, (value) => this.on.gesture('set_value', {node: part.path, name: 'ID', value}), {isFirst: true, hint: 'sub-trees of this file follow the new name'}), this.comment(part, 'node')];
+    return [this.buttons(['add_child', 'Add Child'], ['rename', 'Rename…'], ['paste', 'Paste']), ...this.problems(part), this.field('ID', data.id, (value) => this.on.rename(value), {isFirst: true, hint: 'what names it follows, in all files'}), this.comment(part, 'node')];
   }
 
   node(part) {
@@ -108,7 +108,7 @@ export class Form {
     const given = Object.keys(CONDITIONS).filter((name) => values.has(name));
     return [
       this.keys(), this.buttons(['set_type', `${data.type} – Change…`], ['add_after', 'Add After'], ['add_child', 'Add Child'], ['wrap', 'Wrap…'], ['remove', 'Remove']), ...this.problems(part),
-      this.field('name', values.get('name') ?? '', set('name'), {placeholder: data.type, words: () => []}), ...fields, ...others,
+      this.field('name', values.get('name') ?? '', (value) => (value && values.get('name') ? this.on.rename(value) : set('name')(value)), {placeholder: data.type, words: () => []}), ...fields, ...others,
       html('button', {type: 'button', onclick: () => this.add(part, 'set_value')}, isSubTree ? 'Hand Over a Key…' : 'Add an Attribute…'), this.comment(part, 'node'),
       html('details', {open: given.length > 0}, html('summary', {}, `Conditions${given.length ? ` (${given.length})` : ''}`), ...Object.entries(CONDITIONS).map(([name, hint]) => this.field(name, values.get(name) ?? '', set(name), {hint}))),
       ...(type?.documentation ? [html('details', {}, html('summary', {}, `Help: ${data.type}`), html('p', {class: 'hint'}, type.documentation))] : []),

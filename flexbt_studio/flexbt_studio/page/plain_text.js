@@ -72,6 +72,7 @@ export function plainPane(parent, on) {
       if (shown === this && edit && document.activeElement === field) { const at = edit[0] + edit[2].length; field.setSelectionRange(at, at); }
       return true;
     }
+    get depth() { return this.done.length; }
     undo() { return this.step(this.done, this.undone); }
     redo() { return this.step(this.undone, this.done); }
   }
@@ -93,7 +94,7 @@ export function plainPane(parent, on) {
   field.addEventListener('beforeinput', (event) => {
     if (event.inputType !== 'historyUndo' && event.inputType !== 'historyRedo') return;
     event.preventDefault();
-    if (event.inputType === 'historyUndo') shown.undo(); else shown.redo();
+    if (event.inputType === 'historyUndo') on.undo(); else on.redo();
   });
   field.addEventListener('scroll', () => { numbers.scrollTop = field.scrollTop; });
   for (const kind of ['click', 'keyup']) field.addEventListener(kind, (event) => { if (kind === 'click' || /^(Arrow|Page|Home|End)/.test(event.key)) on.cursor(field.selectionStart); });

@@ -5,11 +5,13 @@ import {Actions} from './actions.js';
 import {difference, mapOffset} from './changes.js';
 import {byId, choose, html} from './choice.js';
 import {Debugger} from './debugger.js';
+import {Flow} from './flow.js';
 import {Form} from './form.js';
 import {Graph} from './graph.js';
 import {Jobs} from './jobs.js';
 import {Live} from './live.js';
 import {drawMachine, outcomePath} from './machine_drawing.js';
+import {Names} from './names.js';
 import {OpenFile} from './open_file.js';
 import {Palette} from './palette.js';
 import {panels} from './panels.js';
@@ -51,11 +53,13 @@ class Studio {
     this.debugger = new Debugger(this, this.live);
     this.form = new Form({
       gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), isPython: () => this.file.language === 'python', act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
-      trees: () => Object.keys(this.treeFiles), rename: (label) => this.actions.renameState(this.part(this.file.selected), label), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
+      trees: () => Object.keys(this.treeFiles), rename: (name) => this.actions.renameTo(this.part(this.file.selected), name), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
     });
     this.palette = new Palette({add: (entry) => this.actions.add('after', entry).then(() => this.graph.focus()), drag: (event, entry) => this.graph.drag(event, null, entry)});
     this.commands = this.makeCommands();
     this.link = new SessionLink({event: (event) => this.take(event), state: (isOpen, text) => this.connected(isOpen, text)});
+    this.names = new Names(this);
+    this.flow = new Flow({file: () => this.file, link: {request: (...words) => this.link.request(...words)}, graph: this.graph, select: (path) => this.select(path), rename: (key) => this.names.rename({offset: this.file.now(key.span)[0]}), uses: (key) => this.names.uses({offset: this.file.now(key.span)[0]})});
     this.listen();
   }
 
@@ -207,7 +211,9 @@ class Studio {
       if (found && kept?.kind !== 'outcome') file.selected = found.path;
       else if (!kept) file.selected = (this.innermost(file, at) ?? file.parts.values().next().value)?.path ?? null;
     }
-    if (file === this.file) this.draw();
+    if (file !== this.file) return;
+    this.draw();
+    this.flow.update();
   }
 
   // What the graph has, by path: {path, kind, title, span, open, data, parent, children}.
@@ -285,6 +291,7 @@ class Studio {
   }
 
   address(file) {
+    this.flow.refresh();
     const words = new URLSearchParams(location.hash.slice(1));
     for (const [key, value] of [['file', file?.name], ['node', file?.selected]]) if (value) words.set(key, value); else words.delete(key);
     return `#${words}`;
@@ -357,6 +364,7 @@ class Studio {
     const list = file.findings, errors = list.filter((one) => one.severity === 'error').length;
     byId('problems-count').textContent = list.length ? `${list.length}, ${errors} errors` : 'none';
     byId('problems').replaceChildren(...list.map((one) => html('li', {}, html('button', {type: 'button', class: {error: 'error', warning: 'warning'}[one.severity] ?? 'dim', onclick: () => this.goProblem(one)}, `${one.message}${one.line ? ` (${one.line}:${one.column})` : ''}`), ...one.fixes.map((fix) => html('button', {type: 'button', class: 'fix', onclick: () => this.fix(one, fix)}, fix.title)), ...(one.rule === 'not-run' ? [html('button', {type: 'button', class: 'fix', id: 'allow-code', onclick: () => this.allowCode()}, 'Run Its Code…')] : []))));
+    if (this.flow.isShown) this.flow.show();
     if (!list.length) byId('problems').append(html('li', {class: 'empty'}, 'No problems found.'));
   }
 
@@ -476,7 +484,8 @@ class Studio {
       inGraph('set_type', 'Change the type', ['t'], () => at.setType()), inGraph('cut', 'Cut', ['x'], () => at.cut()), inGraph('copy', 'Copy', ['c'], () => at.copy()), inGraph('paste', 'Paste after', ['v'], () => at.paste('after')),
       inGraph('paste_child', 'Paste as child', ['V'], () => at.paste('into')), inGraph('remove', 'Remove', ['Delete', 'Backspace'], () => at.remove()), inGraph('extract', 'Extract into a tree', ['e'], () => at.extract()), inGraph('inline', 'Inline a sub-tree', ['i'], () => at.inline()),
       inGraph('define', 'Go to the definition of a sub-tree', ['F12'], () => at.define()), inGraph('find', 'Find a node or state', ['/'], () => this.find()), inGraph('set_initial', 'Make a state the initial one', null, () => at.setInitial()), inGraph('add_outcome', 'Add an outcome to a container', null, () => at.addOutcome()),
-      inGraph('fold_all', 'Fold or unfold all', null, () => this.foldAll()),
+      inGraph('fold_all', 'Fold or unfold all', null, () => this.foldAll()), inGraph('flow', 'Data flow: who writes and reads the keys', ['k'], () => this.flow.toggle()),
+      page('rename_name', 'Rename what is at the cursor, in all files', ['F2'], () => this.names.rename()), page('uses', 'All uses of a name, in all files', ['Shift+F12'], () => this.names.uses()),
       page('save', 'Save', ['Ctrl+s'], () => this.save()), page('difference', 'Show what Save writes', ['Ctrl+Shift+S'], () => this.showDifference()), page('undo', 'Undo', ['Ctrl+z'], () => this.undo()), page('redo', 'Redo', ['Ctrl+y', 'Ctrl+Shift+Z'], () => this.redo()),
       page('commands', 'All commands', ['Ctrl+k'], () => this.chooseCommand()), page('open', 'Open a file', ['Ctrl+p'], () => this.chooseFile()), page('new', 'New file', ['Alt+n'], () => at.create()), page('back', 'Back to where F12 was pressed', ['Ctrl+Alt+ArrowLeft'], () => this.goBack()),
       page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], () => this.fixNow()),
@@ -490,8 +499,12 @@ class Studio {
   run(id) { return this.commands.find((one) => one.id === id).run(); }
   isAtTree() { const part = this.part(this.file?.selected); return this.back.length > 0 && (part?.kind === 'tree' || part?.parent?.kind === 'tree'); }
   goBack() { const last = this.back.pop(); if (last) this.go(last[0], () => last[1]); else this.told('There is nothing to go back to'); }
-  undo() { if (this.file && !this.file.buffer.undo()) this.told('Nothing to undo'); }
-  redo() { if (this.file && !this.file.buffer.redo()) this.told('Nothing to redo'); }
+  undo() { this.step('undo'); }
+  redo() { this.step('redo'); }
+  step(what) {  // what renamed in several files is taken back in all of them
+    const files = this.file ? this.names.together(this.file, what === 'redo') : null;
+    if (files && !files.map((one) => one.buffer[what]()).some(Boolean)) this.told(`Nothing to ${what}`);
+  }
   foldAll() { const {file} = this; file.folded = file.folded.size ? new Set() : new Set([...file.parts.values()].filter((one) => one.kind === 'node' && one.children.length && one.parent.kind !== 'tree').map((one) => one.path)); this.rememberFolded(); this.select(file.parts.keys().next().value); this.draw(); }
 
   async find() {
@@ -547,6 +560,7 @@ class Studio {
     addEventListener('beforeunload', (event) => { if ([...this.open.values()].some((file) => file.sent || file.pending)) event.preventDefault(); });
   }
 
+    byId('flow-button').addEventListener('click', () => { if (this.file) this.flow.toggle(); });
   // The cursor in the text selects the innermost part around it.
   cursor(offset) {
     const {file} = this;
@@ -572,7 +586,7 @@ class Studio {
 }
 
 let studio = null;
-const events = {cursor: (offset) => studio.cursor(offset), complete: (...words) => studio.complete(...words), fix: (one, fix) => studio.fix(one, fix)};
+const events = {undo: () => studio.undo(), redo: () => studio.redo(), cursor: (offset) => studio.cursor(offset), complete: (...words) => studio.complete(...words), fix: (one, fix) => studio.fix(one, fix)};
 const made = document.querySelector('script[type="importmap"]') ? (await import('./code_text.js')).codePane : plainPane;
 const panelsMade = panels(byId('panels'), 'studio', {wide: [['files-pane', 'palette-pane'], ['graph-pane', 'text-pane'], ['form-pane', 'problems-pane', 'runs-pane']], narrow: [['files-pane', 'graph-pane', 'form-pane', 'problems-pane', 'runs-pane', 'text-pane', 'palette-pane']]}, '(max-width: 900px)');
 studio = new Studio(made(byId('text'), events));

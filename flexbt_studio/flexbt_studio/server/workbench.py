@@ -25,10 +25,12 @@ from flexbt_studio.documents.diagnostics import Checker
 from flexbt_studio.documents.document import Document, Problem
 from flexbt_studio.documents.editor_help import MachineHelp, TreeHelp
 from flexbt_studio.documents.names import Mention, Names
+from flexbt_studio.documents.flow import flow
 from flexbt_studio.documents.palette import node_types, states
 from flexbt_studio.documents.project import Project, tree_places
 from flexbt_studio.documents.text import Lines, TextEdit, applied
 from flexbt_studio.errors import ConflictError, StudioError
+from flexbt_studio.documents.xml_document import XmlDocument
 from flexbt_studio.tool_process import ToolCopy, behavior_copy, check_copy, new_folder
 
 from .page_text import PageText, shown
@@ -78,7 +80,7 @@ class Workbench:
         """
         document = self.project.open(file).document
         is_tree = document.language == 'xml'
-        if job not in ('prove', 'compare', 'run') or (job == 'run' and not is_tree):
+        if asked or job not in ('prove', 'compare', 'run') or (job == 'run' and not is_tree):
             raise StudioError(
                 f'{file}: there is no job {short_repr(job)} for it; there are prove, compare, and run for trees'
             )
@@ -86,6 +88,7 @@ class Workbench:
             return self._behavior_job(job, file, document, require)
         files = self._checker.trees.files(file) if is_tree else [file]
         texts = {one: self.project.text(one) for one in [*files, *self._others(files)]}
+        **asked: Any,
         words = ['run' if job == 'run' else 'prove', *files, '--json']
         if job == 'compare':
             for one in files:
@@ -265,6 +268,11 @@ class Workbench:
 
     @request
     def edit(self, file: str, version: int, edits: list[Any]) -> int:
+    def tree_texts(self, file: str) -> dict[str, str]:
+        """Return the texts of a file of trees and of the files that have its sub-trees, by their names."""
+        self.project.open(file)
+        return {one: self.project.text(one) for one in self._checker.trees.files(file)}
+
         """Apply edits to a version of an open file, and return the new version. Raises ConflictError."""
         page = PageText(self.project.open(file).document.text)
         return self.project.edit(file, version, page.edits_from_page(edits)).version

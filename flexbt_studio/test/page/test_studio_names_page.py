@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Names in the page: rename in all files and take it back in one step, list uses, see who writes and reads a key."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from studio_page import StudioPage, served
+
+from flexbt_testing.browser import NEEDS_BROWSER
+
+keys_module = pytest.importorskip(
+    'selenium.webdriver.common.keys', reason='selenium drives the browser: pip install selenium'
+)
+Keys: Any = keys_module.Keys
+
+pytestmark = NEEDS_BROWSER
+
+MAIN = """\
+<root BTCPP_format="4" main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence>
+      <SubTree ID="Count" step="{step}"/>
+      <Script code="step := 2; unread := 1"/>
+    </Sequence>
+  </BehaviorTree>
+</root>
+"""
+COUNT = """\
+<root BTCPP_format="4">
+  <BehaviorTree ID="Count">
+    <Script code="n := step"/>
+  </BehaviorTree>
+</root>
+"""
+MISSION = """\
+machine:
+  outcomes: [done, failed]
+  states:
+    Count:
+      state: BtExecuteState
+      parameters: {bt_file: Count}
+      transitions: {done: done, canceled: failed, failed: failed}
+"""
+TEXTS = {'main.xml': MAIN, 'more/count.xml': COUNT, 'mission.yaml': MISSION}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    project = tmp_path / 'mission'
+    (project / 'more').mkdir(parents=True)
+    for file, text in TEXTS.items():
+        (project / file).write_text(text)
+    (project / 'test_count.py').write_text("assert run('Count')\n")
+    return project
+
+
+def changed_tabs(page: StudioPage) -> list[str]:
+    script = 'return [...document.querySelectorAll(".tab")].map((one) => one.textContent)'
+    return [str(one).strip('● ×') for one in page.run(script) if '●' in one]
+
+
+def test_a_tree_is_renamed_in_all_files_and_taken_back_in_one_step(
+    page: StudioPage, folder: Path, editor: Path | None
+) -> None:
+    with served(folder, editor) as port:
+        page.open(port, 'main.xml', '&node=Main/0/0')
+        page.until_selected('Main/0/0')
+        page.press(Keys.F2)
+        page.until(lambda: page.run('return document.getElementById("choice").open'))
+        page.press('Total')
+        page.press(Keys.ENTER)
+        page.until_sheet('3 edits in 3 files')
+        sheet = page.text('sheet')
+        assert 'test_count.py:1' in sheet and "run('Count')" in sheet
+        assert [line for line in sheet.splitlines() if line.startswith('+')] == [
+            '+       <SubTree ID="Total" step="{step}"/>',
+            '+       parameters: {bt_file: Total}',
+            '+   <BehaviorTree ID="Total">',
+        ]
+        assert changed_tabs(page) == []
+        page.press(Keys.ENTER)
+        page.until(lambda: changed_tabs(page) == ['main.xml', 'mission.yaml', 'count.xml'])
+        page.until_selected('Main/0/0')
+        assert 'test_count.py:1' in page.told
+        # The keys of the page and of the text editor take it back in all files, and do it again.
+        page.chord(Keys.CONTROL, 'z')
+        page.until(lambda: changed_tabs(page) == [] and page.shown_text.rstrip() == MAIN.rstrip())
+        page.write()
+        page.chord(Keys.CONTROL, 'y')
+        page.until(lambda: changed_tabs(page) == ['main.xml', 'mission.yaml', 'count.xml'])
+        page.chord(Keys.CONTROL, 'z')
+        page.until(lambda: changed_tabs(page) == [])
+        # Who writes and who reads, by keys alone.
+        page.run('document.getElementById("picture").querySelector("[aria-selected=true]").focus()')
+        page.press('k')
+        page.until(lambda: page.run('return document.querySelectorAll("#flow [role=option]").length') == 2)
+        page.press(Keys.ARROW_DOWN)
+        page.until(lambda: page.run('return document.querySelectorAll("#picture .flow-mark").length') == 2)
+        marks = page.run(
+            'return [...document.querySelectorAll("#picture .flow-mark text")].map((one) => one.textContent)'
+        )
+        assert marks == ['R', 'W']
+        assert 'read before it is written' in page.text('flow')
+        told = 'return document.querySelector(`#picture [data-path="Main/0/1"]`).getAttribute("aria-description")'
+        assert page.run(told) == 'writes key step'
+        page.until(lambda: 'never read' in page.text('flow'))  # the checker's word for the other key
+        page.chord(Keys.SHIFT, Keys.F12)
+        page.until(lambda: '2 uses of the blackboard key step' in page.text('choice'))
+        page.press(Keys.ESCAPE)
+        page.until(lambda: page.run('return document.activeElement.getAttribute("role")') == 'listbox')
+        # A file that somebody else has changed: nothing is renamed in any.
+        (folder / 'more' / 'count.xml').write_text(COUNT.replace('n :=', 'm :='))
+        page.click('Main/0/0')
+        page.press(Keys.F2)
+        page.until(lambda: page.run('return document.getElementById("choice").open'))
+        page.press('Other')
+        page.press(Keys.ENTER)
+        page.until_told('more/count.xml was changed on disk')
+        assert changed_tabs(page) == []
