@@ -30,7 +30,6 @@ from flexbt_studio.documents.palette import node_types, states
 from flexbt_studio.documents.project import Project, tree_places
 from flexbt_studio.documents.text import Lines, TextEdit, applied
 from flexbt_studio.errors import ConflictError, StudioError
-from flexbt_studio.documents.xml_document import XmlDocument
 from flexbt_studio.tool_process import ToolCopy, behavior_copy, check_copy, new_folder
 
 from .page_text import PageText, shown
@@ -80,7 +79,7 @@ class Workbench:
         """
         document = self.project.open(file).document
         is_tree = document.language == 'xml'
-        if asked or job not in ('prove', 'compare', 'run') or (job == 'run' and not is_tree):
+        if job not in ('prove', 'compare', 'run') or (job == 'run' and not is_tree):
             raise StudioError(
                 f'{file}: there is no job {short_repr(job)} for it; there are prove, compare, and run for trees'
             )
@@ -88,7 +87,6 @@ class Workbench:
             return self._behavior_job(job, file, document, require)
         files = self._checker.trees.files(file) if is_tree else [file]
         texts = {one: self.project.text(one) for one in [*files, *self._others(files)]}
-        **asked: Any,
         words = ['run' if job == 'run' else 'prove', *files, '--json']
         if job == 'compare':
             for one in files:
@@ -268,11 +266,6 @@ class Workbench:
 
     @request
     def edit(self, file: str, version: int, edits: list[Any]) -> int:
-    def tree_texts(self, file: str) -> dict[str, str]:
-        """Return the texts of a file of trees and of the files that have its sub-trees, by their names."""
-        self.project.open(file)
-        return {one: self.project.text(one) for one in self._checker.trees.files(file)}
-
         """Apply edits to a version of an open file, and return the new version. Raises ConflictError."""
         page = PageText(self.project.open(file).document.text)
         return self.project.edit(file, version, page.edits_from_page(edits)).version
@@ -292,6 +285,17 @@ class Workbench:
         helper = helpers.get(document.language)
         found = [] if helper is None else helper.completions(file, page.from_page(offset))
         return [{**one._asdict(), 'span': [page.to_page(one.span.start), page.to_page(one.span.end)]} for one in found]
+
+    @request
+    def flow(self, file: str) -> list[dict[str, Any]]:
+        """Return the keys of each tree or container of a file, with what uses them, see :mod:`.documents.flow`."""
+        page = PageText(self.project.text(file))
+        return list(page.spans_to_page(flow(self.project, file, self._states)))
+
+    @request
+    def name(self, file: str, offset: int) -> dict[str, str]:
+        """Return what the name at an offset means: ``kind``, ``name``, and the ``file`` that defines it."""
+        return self._names.at(file, PageText(self.project.text(file)).from_page(offset))._asdict()
 
     @request
     def trees(self, file: str) -> dict[str, str]:
