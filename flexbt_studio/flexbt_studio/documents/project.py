@@ -95,6 +95,8 @@ class OpenFile:
     saved_text: str
     has_mark: bool = False
     """Whether the file begins with a byte order mark, which is no part of the text."""
+    stamp: tuple[int, int] | None = None
+    """Time and size of the file when it was last compared with ``disk``."""
     is_shown_only: bool = False
     """Whether it is no file, but a text that comes from elsewhere and cannot be edited."""
 
@@ -270,7 +272,7 @@ class Project:
         opened = self._current(file, version)
         path = self.path(file)
         on_disk = self._disk(file)
-        if on_disk not in (opened.disk, over):
+        if on_disk not in (opened.disk, over) and path.exists():
             raise ConflictError(f'{file} was changed on disk by another program; compare the two, then save again')
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -290,6 +292,28 @@ class Project:
         """Return the text that is on disk now, and its identity. Raises StudioError if it cannot be read."""
         text, disk, _ = self._read(file)
         return text, disk
+
+    def take_disk(self, file: str) -> str | None:
+        """Take the text on disk as the saved one and return it; None if it is that. Raises StudioError."""
+        opened = self.open(file)
+        text, disk = self.text_on_disk(file)
+        if disk == opened.disk:
+            return None
+        opened.disk, opened.saved_text = disk, text
+        return text
+
+    def disk_changes(self) -> list[str]:
+        """Return the open files that were written since the last call, and not by the studio. It is quick."""
+        found = []
+        for file, opened in self._open.items():
+            try:
+                status = self.path(file).stat()
+            except (OSError, StudioError):
+                continue
+            if opened.stamp != (status.st_mtime_ns, status.st_size):
+                opened.stamp = status.st_mtime_ns, status.st_size
+                found += [file] if self._disk(file) not in (opened.disk, '') else []
+        return found
 
     def changed_on_disk(self) -> list[str]:
         """Return the open files whose text on disk is no longer what was read or saved."""

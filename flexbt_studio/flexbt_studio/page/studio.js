@@ -86,6 +86,7 @@ class Studio {
     else if (event.event === 'findings' && file) file.takeFindings(event.version, event.findings);
     else if (event.event === 'edited' && file) { file.takeEdited(event.version, event.edits); this.told(`${event.file} was edited in another page`); }
     else if (event.event === 'files_changed') this.filesChanged(event, file);
+    else if (event.event === 'disk' && file) this.diskChanged(file);
     else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';
     else if (event.event === 'job') this.jobs.take(event);
     else if (event.event === 'live') { this.live.take(event); this.debugger.taken(event); }
@@ -114,12 +115,29 @@ class Studio {
     }
   }
 
-  async filesChanged({what, by}, file) {
+  async filesChanged({what, by, saved}, file) {
     if (file && by !== this.page) {
+      if (what === 'take_disk') { file.saved = saved; this.showHead(); }
       if (what === 'close') file.recover(true);
       if (what === 'save') { file.settled().then(() => { file.saved = file.text; this.showHead(); }).catch(() => {}); this.told(`${file.name} was saved in another page`); }
     }
     try { this.showFiles(await this.link.request('files')); } catch { /* it comes with the next welcome */ }
+  }
+
+  // Another program has written a file. Take its text, or tell it if there are changes here.
+  async diskChanged(file) {
+    file.isOld = file.isChanged;
+    this.showHead();
+    if (file.isOld) { this.told(`${file.name} was changed on disk by another program`, 'warning'); return; }
+    try {
+      const text = await this.link.request('take_disk', {file: file.name});
+      if (text === null) return;
+      file.saved = text;
+      if (text !== file.text) file.apply(difference(file.text, text), 'disk', true);
+      this.told(`${file.name} was changed on disk; this is its text now, and Undo takes it back`);
+    } catch (refusal) {
+      this.told(refusal.message, 'error');
+    }
   }
 
   // Files.
@@ -419,6 +437,7 @@ class Studio {
     const {file} = this, isChanged = Boolean(file?.isChanged);
     this.jobs.show();
     byId('save').disabled = !isChanged;
+    byId('on-disk').hidden = !file?.isOld;
     byId('difference').disabled = !isChanged;
     byId('difference').textContent = isChanged ? 'Unsaved changes' : 'No changes';
     byId('difference').classList.toggle('changed', isChanged);
@@ -448,7 +467,7 @@ class Studio {
       const {text} = file;
       await this.link.request('save', {file: file.name, version: file.version, over});
       file.saved = text;
-      file.changed = false;
+      file.changed = file.isOld = false;
       this.showHead();
       this.told(`${file.name} saved`, 'good');
       this.jobs.saved(file);
@@ -553,6 +572,7 @@ class Studio {
     for (const [kind, act] of [['copy', () => this.actions.copy()], ['cut', () => this.actions.cut()], ['paste', (event) => this.actions.paste('after', event.clipboardData.getData('text/plain') || this.clipboard)]]) {
       document.addEventListener(kind, (event) => { if (this.graph.hasFocus && this.file) { event.preventDefault(); act(event); } });
     }
+    byId('merge').addEventListener('click', () => this.resolve(this.file));
     byId('files-filter').addEventListener('input', () => this.showFiles(this.files));
     byId('files-filter').addEventListener('keydown', (event) => { if (event.key === 'Enter') byId('files').querySelector('button')?.click(); });
     for (const id of ['save', 'undo', 'redo', 'new', 'commands', 'keys', 'difference']) byId(id).addEventListener('click', () => this.run(id));

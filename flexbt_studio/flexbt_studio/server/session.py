@@ -45,6 +45,8 @@ MACHINE_SECONDS: Final = 10.0
 """Time for the check of a machine, s; it makes the states."""
 MOST_PROGRAMS: Final = 8
 """Maximum number of programs that are watched by Groot2's protocol."""
+DISK_SECONDS: Final = 1.0
+"""Time between two looks at the files that are open, s."""
 CHECK_SECONDS: Final = 0.08
 """Time without an edit after which a file is checked, s."""
 
@@ -73,12 +75,14 @@ class Sessions:
         self._instance = secrets.token_hex(8)
         """What tells pages that the server, and with it what is not saved, is another one."""
         self._jobs = Jobs(self.tell)
+        self._watching: asyncio.Task[None] | None = None
 
     async def close(self) -> None:
         """Cancel what is waiting, and end all jobs."""
-        for check in self._checks.values():
-            check.cancel()
-        await asyncio.gather(*self._checks.values(), return_exceptions=True)
+        waiting = [*self._checks.values(), *([self._watching] if self._watching else [])]
+        for one in waiting:
+            one.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
         await self._jobs.close()
         if self._live is not None:
             await self._live.close()
@@ -91,6 +95,7 @@ class Sessions:
 
     async def serve(self, socket: web.WebSocketResponse) -> None:
         """Answer the requests of a page until it ends. It has sent the token."""
+        self._watching = self._watching or asyncio.create_task(self._watch_disk())
         page = Page(socket, next(self._numbers))
         self._pages.add(page)
         try:
@@ -223,8 +228,17 @@ class Sessions:
             self.tell(event, but=page)
         if method in ('edit', 'open', 'create', 'save'):
             self._check_soon(file)
-        if method in ('create', 'save', 'close'):
-            self.tell({'event': 'files_changed', 'file': file, 'what': method, 'by': page.number})
+        if method in ('create', 'save', 'close') or (method == 'take_disk' and result is not None):
+            saved = result if method == 'take_disk' else None
+            event = {'event': 'files_changed', 'file': file, 'what': method, 'by': page.number, 'saved': saved}
+            self.tell(event)
+
+    async def _watch_disk(self) -> None:
+        """Tell the pages about open files that other programs write."""
+        while True:
+            await asyncio.sleep(DISK_SECONDS)
+            for file in await self._work(self._workbench.project.disk_changes):
+                self.tell({'event': 'disk', 'file': file})
 
     def _check_soon(self, file: str) -> None:
         running = self._checks.pop(file, None)

@@ -185,7 +185,7 @@ class Workbench:
     @request
     def open(self, file: str) -> dict[str, Any]:
         """Open a file and return its text and graph."""
-        self.project.open(file)
+        self.project.open(file).stamp = None  # so that the page is told if it was changed on disk
         return self.model(file)
 
     @request
@@ -365,6 +365,12 @@ class Workbench:
         """Write a version of an open file to disk. Raises ConflictError if somebody else has changed it there."""
         opened = self.project.save(file, version, over=over or None)
         return {'version': opened.version, 'changed': opened.is_changed}
+
+    @request
+    def take_disk(self, file: str) -> str | None:
+        """Take the text on disk as the saved one and return it; None if another page has done so."""
+        text = self.project.take_disk(file)
+        return None if text is None else shown(text)
 
     @request
     def on_disk(self, file: str) -> dict[str, str]:

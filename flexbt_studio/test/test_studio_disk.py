@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Files that other programs write while they are open: pages are told, and one of them takes the text."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from test_studio_server import TREE, Page, Refused, with_pages
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    (tmp_path / 'main.xml').write_text(TREE)
+    return tmp_path / 'main.xml'
+
+
+def test_pages_are_told_and_one_takes_the_text_of_the_other_program(file: Path) -> None:
+    async def story(one: Page, other: Page) -> None:
+        for page in (one, other):
+            await page.ask('open', file='main.xml')
+        file.write_text(TREE.replace('"1"', '"22"'))
+        for page in (one, other):
+            await page.event('disk', file='main.xml')
+        assert await one.ask('take_disk', file='main.xml') == TREE.replace('"1"', '"22"')
+        assert await other.ask('take_disk', file='main.xml') is None
+        assert (await other.event('files_changed', what='take_disk'))['saved'] == TREE.replace('"1"', '"22"')
+        place = TREE.index('"1"') + 1
+        await one.ask('edit', file='main.xml', version=1, edits=[[place, place + 1, '22']])
+        assert await one.ask('difference', file='main.xml') == []
+        file.unlink()
+        assert not (await one.ask('save', file='main.xml', version=2))['changed'] and file.exists()
+        file.write_bytes(b'\xff\xfe')  # no text: nothing to take
+        with pytest.raises(Refused, match='changed on disk'):
+            await one.ask('save', file='main.xml', version=2)
+        file.write_text(TREE)
+        assert await one.event('disk', file='main.xml')
+
+    with_pages(file.parent, story, 2)
+
+
+def test_a_page_that_opens_a_file_is_told_what_was_told_before(file: Path) -> None:
+    async def story(one: Page, other: Page) -> None:
+        await one.ask('open', file='main.xml')
+        await one.ask('edit', file='main.xml', version=1, edits=[[0, 0, ' ']])
+        file.write_text(TREE + '\n')
+        await one.event('disk', file='main.xml')
+        await other.event('disk', file='main.xml')
+        await other.ask('open', file='main.xml')
+        await other.event('disk', file='main.xml')
+        with pytest.raises(Refused, match='changed on disk'):
+            await one.ask('save', file='main.xml', version=2)
+
+    with_pages(file.parent, story, 2)
