@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, InvalidStateError
 from dataclasses import asdict
 from typing import Any, Final
+
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
