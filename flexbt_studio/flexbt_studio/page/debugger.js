@@ -5,10 +5,11 @@ import {ask, byId, choose, html, svg} from './choice.js';
 import {word} from './commands.js';
 import {REACTION_MS} from './decision.js';
 import {widthOf} from './graph.js';
-import {isSame} from './live.js';
+import {isSame, ProgramLink} from './live.js';
 import {placeOf} from './player.js';
 import {ServerLink} from './server_link.js';
 import {sheet} from './sheets.js';
+import {SIMULATION} from './simulator.js';
 
 const SIGNS = {HELD: '‖', WAITS: '?', breakpoint: '●', force: '⇒', dummy: '◆'};
 const FONT = '600 12px system-ui, sans-serif';
@@ -50,14 +51,27 @@ export class Debugger {
     addEventListener('beforeunload', (event) => { if (this.server && this.event.holds?.length) event.preventDefault(); });  // the bar tells what stays held
   }
 
-  // Join the robot that is watched, as the operator of this browser; where the operator's page is served, too.
+  // Join the robot that is watched, as the operator of this browser: where its operator's page is served, too, or by Groot2's protocol.
   connect(robot) {
-    if (!location.pathname.endsWith('/studio/') || robot === this.robot || robot.startsWith('groot2 ')) return;
-    this.robot = robot;
-    if (this.link) { this.link.renew(); return; }
-    const on = {parts: (parts) => { Object.assign(this.known, parts); this.draw(); }, message: (message) => this.take(message), map: () => {}, state: (isOpen, name, text) => { this.server = {isOpen, name, text}; this.known.link = null; this.draw(); }};
-    this.link = new ServerLink(on, () => `?robot=${encodeURIComponent(this.robot)}`, '../link');
-    this.stop.hidden = this.pane.hidden = false;
+    const isProgram = robot.startsWith('groot2 '), path = robot === SIMULATION ? 'simulator/link' : location.pathname.endsWith('/studio/') ? '../link' : '';
+    if (robot === this.robot && this.link) return;
+    this.link?.close();
+    Object.assign(this, {robot, link: null, server: null, event: {}, known: {}, drawn: ''});
+    const mine = (act) => (...words) => { if (this.robot === robot) act(...words); };
+    const on = {parts: mine((parts) => { Object.assign(this.known, parts); this.draw(); }), message: mine((message) => this.take(message)), map: () => {}, state: mine((isOpen, name, text) => { this.server = {isOpen, name, text}; this.known.link = null; this.draw(); })};
+    if (isProgram) this.link = new ProgramLink(on, robot, this.studio.link);
+    else if (path) this.link = new ServerLink(on, () => (robot === SIMULATION ? '' : `?robot=${encodeURIComponent(robot)}`), path);
+    this.stop.hidden = !this.link || isProgram;
+    this.pane.hidden = !this.link;
+    this.draw();
+  }
+
+  // The simulated robot that was watched has ended.
+  leave() {
+    this.link?.close();
+    Object.assign(this, {robot: null, link: null, server: null, event: {}, known: {}});
+    this.stop.hidden = this.pane.hidden = true;
+    this.draw();
   }
 
   get isOn() { return Boolean(this.link) && this.live.isOn; }
@@ -135,7 +149,7 @@ export class Debugger {
       ...holds.map((one) => html('p', {class: 'warning'}, html('b', {}, `${one.path ? '‖ HELD' : '‖ PAUSED'} `), `${one.text}. It stays so when this page is closed. ${one.acts.length ? `Still active: ${one.acts.join(', ')}. ` : ''}`, button('Step', () => this.release(one, 'step')), button('Continue', () => this.release(one, 'continue')))),
       ...asked.map((one) => html('p', {class: 'decision'}, html('b', {}, '? '), `${[one.line, ...one.reasons].join(' · ')} `, ...['into', 'over', 'out'].map((how) => button(`Step ${how}`, () => this.answer(`step ${how}`, one))), button('Confirm', () => this.answer('confirm', one)))));
     this.who.replaceChildren(isObserver ? 'Observer: look, and touch nothing. ' : `${this.robot} ${this.operator ? `· you: ${this.operator} ` : ''}`, known.status?.authority ? `· authority ${known.status.authority} ` : '',
-      ...(isObserver ? [] : (known.actions?.authority?.lines ?? []).map((line) => html('button', {type: 'button', class: 'quiet', onclick: () => this.do(line)}, line))), html('a', {href: `../?robot=${encodeURIComponent(this.robot ?? '')}${location.hash.replace(/[&#]?(file|node)=[^&]*/g, '')}`, target: '_blank', rel: 'noopener'}, "operator's page"));
+      ...(isObserver ? [] : (known.actions?.authority?.lines ?? []).map((line) => html('button', {type: 'button', class: 'quiet', onclick: () => this.do(line)}, line))), this.robot?.startsWith('groot2 ') ? '' : html('a', {href: `${this.robot === SIMULATION ? 'simulator/' : `../?robot=${encodeURIComponent(this.robot ?? '')}`}${location.hash.replace(/[&#]?(file|node)=[^&]*/g, '')}`, target: '_blank', rel: 'noopener'}, "operator's page"));
     this.buttons.disabled = isObserver;
     const row = (text, tone, go, line) => html('li', {class: tone}, html('button', {type: 'button', onclick: go}, text), html('button', {type: 'button', class: 'quiet', disabled: isObserver, 'aria-label': `clear: ${text}`, title: 'Clear all that is set there', onclick: () => this.do(line)}, '×'));
     this.set.replaceChildren(...(event.points ?? []).map((one) => row(one.text, one.problem ? 'warning' : null, () => this.show(this.place(event, one)), `tree clear ${one.path ? word(one.path) : ''} --tree ${word(one.tree)}`)),

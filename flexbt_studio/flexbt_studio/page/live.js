@@ -124,3 +124,18 @@ export class Live {
 
 // Whether a tree that runs has these nodes, as far as is known of it.
 export const isSame = (tree, nodes) => !tree.nodes || (Object.keys(nodes).length === tree.nodes && Object.keys(tree.statuses).every((path) => nodes[path]));
+
+// The debugger's link to a program with Groot2's port, which takes some lines of the operator.
+export class ProgramLink {
+  constructor(on, robot, link) {
+    Object.assign(this, {on, robot, link});
+    queueMicrotask(() => { on.state(true, '', ''); on.parts({link: {state: 'live'}}); on.message({hello: {operator: ''}}); });
+  }
+
+  send({do: line}) {
+    this.link.request('groot2', {robot: this.robot, do: line}).then((data) => { if (data) this.on.message({read: {title: 'tree blackboard', data}}); }, (refusal) => this.on.message({told: {text: refusal.message, tone: 'warning'}}));
+    return true;
+  }
+
+  close() {}
+}

@@ -19,6 +19,7 @@ import {plainPane} from './plain_text.js';
 import {Player} from './player.js';
 import {SessionLink} from './session_link.js';
 import {codeSheet, conflictSheet, keySheet, sheet, shownKeys, unifiedDifference} from './sheets.js';
+import {Simulator} from './simulator.js';
 import {drawTrees} from './tree_drawing.js';
 
 const PANES = ['files-pane', 'palette-pane', 'graph-pane', 'text-pane', 'form-pane', 'problems-pane', 'runs-pane'];
@@ -51,6 +52,7 @@ class Studio {
     this.jobs = new Jobs(this, this.player);
     this.live = new Live(this, this.player);
     this.debugger = new Debugger(this, this.live);
+    this.simulator = new Simulator(this);
     this.form = new Form({
       gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), isPython: () => this.file.language === 'python', act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
       trees: () => Object.keys(this.treeFiles), rename: (name) => this.actions.renameTo(this.part(this.file.selected), name), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
@@ -90,11 +92,13 @@ class Studio {
     else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';
     else if (event.event === 'job') this.jobs.take(event);
     else if (event.event === 'live') { this.live.take(event); this.debugger.taken(event); }
+    else if (event.event === 'simulator') this.simulator.take(event);
     else if (event.event === 'note') this.told(event.message, 'warning');
   }
 
   async welcome({page, instance, robots}) {
     this.live.welcome(robots);
+    this.simulator.welcome();
     const isNew = this.instance !== undefined && this.instance !== instance;
     Object.assign(this, {page, instance});
     try {
@@ -509,7 +513,7 @@ class Studio {
       page('commands', 'All commands', ['Ctrl+k'], () => this.chooseCommand()), page('open', 'Open a file', ['Ctrl+p'], () => this.chooseFile()), page('new', 'New file', ['Alt+n'], () => at.create()), page('back', 'Back to where F12 was pressed', ['Ctrl+Alt+ArrowLeft'], () => this.goBack()),
       page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], () => this.fixNow()),
       page('next_pane', 'Next pane', ['F6'], () => this.nextPane(1)), page('previous_pane', 'Previous pane', ['Shift+F6'], () => this.nextPane(-1)), page('keys', 'Keys of this place', ['?'], () => this.showKeys()),
-      ...this.jobs.commands(page), ...this.live.commands(page), ...this.debugger.commands(),
+      ...this.jobs.commands(page), ...this.live.commands(page), ...this.simulator.commands(page), ...this.debugger.commands(),
       page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),
       page('link', 'Copy a link to the selected item', null, () => { navigator.clipboard?.writeText(location.href.replace(/token=[^&]*&?/, '')); this.told('Link copied, without the token'); }), page('reset', 'Reset the panels', null, () => this.panels.reset()),
     ];

@@ -127,7 +127,7 @@ class Groot2Robot:
 
         ``break NODE``, ``tree run-to NODE``, ``tree force NODE RESULT`` (once), ``tree dummy NODE RESULT``, ``tree
         continue``, ``tree clear [NODE]``, by which a tree that is held there goes on, and ``tree blackboard``, which
-        returns the values of each sub-tree by their keys.
+        returns what the console returns for it.
 
         Raises StudioError if it cannot be done.
         """
@@ -262,19 +262,24 @@ class Groot2Robot:
         if self._held not in self._points:
             self._held = 0
 
-    async def _blackboards(self) -> dict[str, dict[str, str]]:
+    async def _blackboards(self) -> dict[str, Any]:
+        """Return all entries, as the console does for "tree blackboard". Who wrote them is not told by programs."""
         _, content = await self._ask(RequestType.BLACKBOARD, ';'.join(self._boards).encode())
         try:
             boards = msgpack.unpackb(content, strict_map_key=False, unicode_errors='replace') or {}
-            return {
-                self._boards.get(str(name), str(name)): {
-                    str(key): json.dumps(value, default=repr, ensure_ascii=False)[:LONGEST_VALUE]
-                    for key, value in (board or {}).items()
+            entries = [
+                {
+                    'scope': self._boards.get(str(name), str(name)),
+                    'key': str(key),
+                    'text': json.dumps(value, default=repr, ensure_ascii=False)[:LONGEST_VALUE],
+                    'writes': [],
                 }
                 for name, board in boards.items()
-            }
+                for key, value in (board or {}).items()
+            ]
         except (ValueError, TypeError, AttributeError, RecursionError, msgpack.exceptions.UnpackException) as error:
             raise StudioError(f'{self.name} sends no blackboards: {error!r}') from error
+        return {'tree': self._id, 'recorded': True, 'entries': entries}
 
     async def _hear(self) -> None:
         """Note the breakpoints that are reached."""

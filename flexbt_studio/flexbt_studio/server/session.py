@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
-from flexbt_core.values.text import one_line, short_repr
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
 from flexbt_studio.errors import ConflictError, GestureError, StudioError
 from flexbt_studio.tool_process import checked
 
@@ -30,11 +30,14 @@ from .jobs import Jobs
 from .layouts import Layouts
 from .live import LiveRobots
 from .page_text import PageText
+from .simulator import NAME as SIMULATION
+from .simulator import Simulation, behavior_files, project_files, worlds
 from .workbench import Workbench, shown_finding
 from .worker import Worker
 
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
+    from flexbt_console.ui.web.access import Access
 
 MESSAGE_BYTES: Final = 8 << 20
 """Maximum size of a message of a page, bytes: a whole file of the greatest size fits."""
@@ -56,9 +59,13 @@ _LOGGER: Final = logging.getLogger(__name__)
 class Sessions:
     """All open pages. They share a workbench, which is used on one thread."""
 
-    def __init__(self, workbench: Workbench, robots: FleetLink | None = None, programs: Sequence[str] = ()) -> None:
+    def __init__(
+        self, workbench: Workbench, access: Access, robots: FleetLink | None = None, programs: Sequence[str] = ()
+    ) -> None:
         """``programs`` are the names of programs that can be watched by Groot2's protocol."""
         self._workbench = workbench
+        self._access = access
+        self._simulation: Simulation | None = None
         self._robots = robots
         self._live: LiveRobots | None = None
         self._groot2: dict[str, Groot2Robot] = {}
@@ -86,7 +93,7 @@ class Sessions:
         await self._jobs.close()
         if self._live is not None:
             await self._live.close()
-        await asyncio.gather(*(one.close() for one in self._groot2.values()))
+        await asyncio.gather(*(one.close() for one in self._groot2.values()), self._end_simulation())
         self._thread.shutdown(wait=False, cancel_futures=True)
         self._drawing.shutdown(wait=False, cancel_futures=True)
         self._layouts.close()
@@ -104,6 +111,8 @@ class Sessions:
             self._pages.discard(page)
             for number in page.jobs:
                 self._jobs.cancel(number)
+            if page.simulation is not None:
+                await self._end_simulation(page.simulation)
             self.tell({'event': 'pages', 'count': len(self._pages)})
 
     async def _hear(self, page: Page) -> None:
@@ -142,6 +151,8 @@ class Sessions:
                 result = await self._layout(arguments)
             elif method == 'watch':
                 result = await self._watch(str(arguments.get('robot', '')))
+            elif method.startswith('simulator_'):
+                result = await self._simulate(page, method, arguments)
             elif method == 'groot2':
                 result = await self._groot2_command(arguments)
             elif method == 'cancel_job':
@@ -193,6 +204,8 @@ class Sessions:
         """
         if not name and self._robots is None:
             name = next(iter((*self._programs, *self._groot2)), '')
+        if name == SIMULATION and self._simulation is not None:
+            return await self._simulation.watch()
         if name.startswith(PREFIX):
             return self._watch_groot2(robot_name(name.removeprefix(PREFIX)))
         if self._robots is None:
@@ -200,6 +213,63 @@ class Sessions:
         if self._live is None:
             self._live = LiveRobots(self._robots, self.tell)
         return await self._live.watch(name)
+
+    async def simulator_page(self, request: web.Request) -> web.StreamResponse:
+        """Answer a request of the operator's page of the simulated robot."""
+        if self._simulation is None:
+            raise web.HTTPNotFound(text='there is no simulated robot')
+        return await self._simulation.page(request)
+
+    async def _simulate(self, page: Page, method: str, arguments: dict[str, Any]) -> Any:
+        """Answer a request about the simulated robot. It ends with the page that has started it."""
+        simulation, workbench = self._simulation, self._workbench
+        match method.removeprefix('simulator_'), arguments:
+            case 'worlds', _:
+                return await self._work(lambda: list(worlds(workbench.project)))
+            case 'state', _:
+                return simulation.state if simulation is not None else None
+            case 'start', {'world': str(world), 'speed': int() | float() as speed}:
+                paths = await self._work(worlds, workbench.project)
+                if world not in ('', *paths):
+                    raise StudioError(f'there is no world {short_repr(world)}{did_you_mean(world, list(paths))}')
+                return await self._start_simulation(page, paths.get(world, ''), float(speed))
+            case 'stop', _:
+                await self._end_simulation()
+                return None
+        if simulation is None:
+            raise StudioError('there is no simulated robot; start it')
+        match method.removeprefix('simulator_'), arguments:
+            case 'run', {'file': str(file), 'tree': str(tree), 'goal': str(goal)}:
+                simulation.write_project(await self._work(project_files, workbench.project))
+                if not file.endswith('.xml'):
+                    if file.endswith('.py') and not page.runs_code:
+                        raise StudioError(f'{file}: this would run its code, which nobody has allowed in this page')
+                    return await simulation.run_behavior(*await self._work(behavior_files, workbench.project, file))
+                return await simulation.run_tree(await self._work(workbench.tree_texts, file), tree, goal)
+            case 'cancel', _:
+                return await simulation.stop()
+            case 'what_if', {'fault': str(fault), 'entity': str(entity), 'parameters': dict(more), 'clear': bool(ends)}:
+                return await simulation.what_if(fault, entity, more, clear=ends)
+        raise StudioError(f'{short_repr(method)}: there is no such request, or its arguments are wrong')
+
+    async def _start_simulation(self, page: Page, world: str, speed: float) -> None:
+        if self._simulation is not None and self._simulation.state['state'] != 'ended':
+            raise StudioError('a simulated robot runs already; stop it first')
+        await self._end_simulation()
+        self._simulation = simulation = Simulation(self._access, self.tell)
+        page.simulation = simulation
+        try:
+            await simulation.start(world, speed)
+        except BaseException:
+            await self._end_simulation()
+            raise
+
+    async def _end_simulation(self, of: Simulation | None = None) -> None:
+        """End the simulated robot, or only this one."""
+        simulation = self._simulation
+        if simulation is not None and of in (None, simulation):
+            self._simulation = None
+            await simulation.close()
 
     def _watch_groot2(self, name: str) -> str:
         if name not in self._groot2:
@@ -306,6 +376,8 @@ class Page:
         self.number = number
         self.runs_code = False
         """Whether the user has allowed to run the code of behaviors in Python."""
+        self.simulation: Simulation | None = None
+        """The simulated robot that it has started; it ends with the page."""
         self.jobs: list[int] = []
         """Numbers of the jobs that it has started; they end with it."""
         self._sending = asyncio.Lock()

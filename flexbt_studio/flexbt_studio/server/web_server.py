@@ -48,7 +48,7 @@ class StudioServer:
     ) -> None:
         self._access = access
         self._wrong = WrongTokens()
-        self._sessions = Sessions(workbench, robots, programs)
+        self._sessions = Sessions(workbench, access, robots, programs)
         self._modules = {} if editor is None else editor_modules(editor)
         own = files('flexbt_studio') / 'page'
         shared = files('flexbt_console.ui.web') / 'page'
@@ -71,6 +71,7 @@ class StudioServer:
         application.on_cleanup.append(self._end)
         application.router.add_get('/session', self._open)
         application.router.add_get('/modules/{name:[a-z0-9@/-]+}', self._module)
+        application.router.add_get('/simulator/{name:[a-z_.]*}', self._sessions.simulator_page)
         application.router.add_get('/{name:[a-z_.]*}', self._file)
         return application
 

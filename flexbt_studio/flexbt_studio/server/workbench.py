@@ -243,6 +243,11 @@ class Workbench:
         self.project.open(file)
         return self._checker.trees.mocks(file, tree)
 
+    def tree_texts(self, file: str) -> dict[str, str]:
+        """Return the texts of a file of trees and of the files that have its sub-trees, by their names."""
+        self.project.open(file)
+        return {one: self.project.text(one) for one in self._checker.trees.files(file)}
+
     def question(self, file: str) -> dict[str, Any]:
         """Return what a check of an open file is about: its version, and for a machine what its worker is asked."""
         opened = self.project.open(file)

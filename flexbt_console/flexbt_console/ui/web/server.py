@@ -100,18 +100,20 @@ class WebServer:
         self._has_studio = studio is not None
         if studio is not None:
             application.add_subapp('/studio/', studio)
-        application.on_startup.append(self._start)
-        application.on_cleanup.append(self._end)
-        application.router.add_get('/link', self._open)
-        application.router.add_get('/{name:[a-z_.]*}', self._file)
+        application.on_startup.append(self.start)
+        application.on_cleanup.append(self.end)
+        application.router.add_get('/link', self.open_page)
+        application.router.add_get('/{name:[a-z_.]*}', self.file)
         return application
 
-    async def _start(self, application: web.Application) -> None:
+    async def start(self, application: web.Application | None = None) -> None:
+        """Begin to serve. On the thread of the loop."""
         self._loop = asyncio.get_running_loop()
         self._drawings = Drawings()
         self._robots.fleet.add_listener(self._wake)
 
-    async def _end(self, application: web.Application) -> None:
+    async def end(self, application: web.Application | None = None) -> None:
+        """End what :meth:`start` began."""
         self._encoder.shutdown(wait=False, cancel_futures=True)
 
     def _wake(self) -> None:
@@ -128,7 +130,8 @@ class WebServer:
         for page in self._pages:
             page.wake()
 
-    async def _file(self, request: web.Request) -> web.StreamResponse:
+    async def file(self, request: web.Request) -> web.StreamResponse:
+        """Answer a request for the file of the page that ``name`` of the route names."""
         known = self._files.get(request.match_info['name'])
         if known is None:
             raise web.HTTPNotFound(text='there is no such file')
@@ -146,7 +149,8 @@ class WebServer:
             'Cache-Control': 'no-cache',
         }
 
-    async def _open(self, request: web.Request) -> web.StreamResponse:
+    async def open_page(self, request: web.Request) -> web.StreamResponse:
+        """Answer the request of a page for its WebSocket, until the page ends."""
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         assert self._drawings is not None
         page = PageLink(socket, self._drawings, source_of(request.remote))

@@ -74,6 +74,13 @@ export class ServerLink {
     before?.close();
   }
 
+  close() {
+    const before = this.socket;
+    clearTimeout(this.again);
+    this.socket = null;
+    before?.close();
+  }
+
   look() {
     if (this.socket && performance.now() - this.heard > SILENT_MS) {
       const silent = this.socket;

@@ -1,0 +1,475 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A simulated robot that runs the open files: its processes, on a ROS domain of its own, and its operator's page.
+
+The processes are the simulator with navigation, BT server, stop guard and executive. They end with the studio, even if
+that is killed. What they need of the project is copied as it is open: files as those of an installed package, and the
+behavior that is run.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import yaml
+from aiohttp import web
+
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
+from flexbt_core.values.text_files import TextFileError, read_text
+from flexbt_studio.documents.project import Project
+from flexbt_studio.errors import StudioError
+from flexbt_studio.tool_process import behavior_copy
+
+from .live import LiveRobots
+
+if TYPE_CHECKING:
+    from flexbt_common.runtime.node_runtime import NodeRuntime
+    from flexbt_console.link.fleet_link import FleetLink
+    from flexbt_console.ui.web.access import Access
+    from flexbt_console.ui.web.server import WebServer
+
+NAME: Final = 'simulation'
+"""Name of the simulated robot among those that are watched."""
+SPEEDS: Final = (0.1, 100.0)
+"""Least and greatest number of simulated seconds in a second."""
+START_SECONDS: Final = 120.0
+"""Time until the robot is there, s."""
+ANSWER_SECONDS: Final = 10.0
+"""Time for an answer of the simulator or the BT server, s."""
+WORLD_BYTES: Final = 1_000_000
+ODOM_RATE: Final = 20.0
+"""Rate of poses in simulated time, Hz."""
+_WORLD: Final = re.compile(r'^(?:robots|plan)\s*:', re.MULTILINE)
+_PACKAGE: Final = 'flexbt_studio_run'
+"""Package of the behavior that is run."""
+_GROUP: Final = 'flexbt.behaviors'
+_ENTRY: Final = 'open_file'
+_LAST_LINES: Final = 5
+
+Tell = Callable[[dict[str, Any]], None]
+
+
+def worlds(project: Project) -> dict[str, str]:
+    """Return the paths of world files by their names: those of the project, and of installed packages."""
+    from ament_index_python.packages import get_packages_with_prefixes
+
+    found = {name: str(project.root / name) for name, text in project.texts_with({'.yaml'}) if _WORLD.search(text)}
+    for package, prefix in sorted(get_packages_with_prefixes().items()):
+        share = Path(prefix, 'share', package)
+        for path in sorted([*share.glob('*.yaml'), *share.glob('*/*.yaml')]):
+            with contextlib.suppress(TextFileError):
+                if _WORLD.search(read_text(path, WORLD_BYTES)):
+                    found[f'{package}/{path.relative_to(share).as_posix()}'] = str(path)
+    return found
+
+
+def project_files(project: Project) -> dict[str, str]:
+    """Return the data of the project as files of its installed package, by their paths below a prefix.
+
+    A package installs its folders, or those of the Python package of its name.
+    """
+    package = project.root.name
+    for folder in (project.root, project.root.parent):
+        with contextlib.suppress(TextFileError):
+            named = re.search(r'<name>\s*([\w-]+)\s*</name>', read_text(folder / 'package.xml', WORLD_BYTES))
+            package = named[1] if named else package
+            break
+    files = {f'share/ament_index/resource_index/packages/{package}': ''}
+    for name, text in project.texts_with({'.xml', '.yaml', '.yml'}):
+        for place in {name, name.removeprefix(f'{package}/')}:
+            files[f'share/{package}/{place}'] = text
+    return files
+
+
+def behavior_files(project: Project, file: str) -> tuple[dict[str, str], str]:
+    """Return the files of a behavior by their paths below a prefix, and its name. Raises StudioError."""
+    document = project.open(file).document
+    behavior = document.view().get('behavior') or {}
+    if document.language == 'python':
+        own, copied, _ = behavior_copy(project, file)
+        files = {f'python/{name}': text for name, text in copied.items()}
+        value = f'{own.removesuffix(".py").replace("/", ".")}:{behavior.get("class", "")}'
+        name = behavior.get('name') or behavior.get('class', '')
+    else:
+        stem = Path(file).stem
+        files = {f'python/{_PACKAGE}/__init__.py': '', f'python/{_PACKAGE}/{stem}.yaml': document.text}
+        value = f'{_PACKAGE}:{stem}.yaml'
+        name = behavior.get('name') or stem
+    if not any(point.value == value for point in entry_points(group=_GROUP)):
+        metadata = f'python/{_PACKAGE}-0.dist-info'
+        files[f'{metadata}/METADATA'] = f'Metadata-Version: 2.1\nName: {_PACKAGE}\nVersion: 0\n'
+        files[f'{metadata}/entry_points.txt'] = f'[{_GROUP}]\n{_ENTRY} = {value}\n'
+    return files, str(name)
+
+
+class Simulation:
+    """A simulated robot. Used on the thread of the loop. ``tell`` sends an event to all pages.
+
+    Pages are told events ``simulator`` with a ``state``: starting, running, or ended, with a ``message``.
+    """
+
+    def __init__(self, access: Access, tell: Tell) -> None:
+        self._access = access
+        self._tell = tell
+        self._folder = tempfile.TemporaryDirectory(prefix='flexbt_simulation_', ignore_cleanup_errors=True)
+        self._things = contextlib.AsyncExitStack()
+        self._environment: dict[str, str] = {}
+        self._processes: dict[str, asyncio.subprocess.Process] = {}
+        self._commands: dict[str, list[str]] = {}
+        self._watchers: set[asyncio.Task[None]] = set()
+        self._state: dict[str, Any] = {'event': 'simulator', 'state': 'ended', 'message': ''}
+        self._runtime: NodeRuntime | None = None
+        self._robots: FleetLink | None = None
+        self._live: LiveRobots | None = None
+        self._server: WebServer | None = None
+        self._robot = '/'
+        self._pages: set[asyncio.Future[web.StreamResponse]] = set()
+        self._run: Any = None
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """The last event."""
+        return self._state
+
+    async def start(self, world: str, speed: float) -> None:
+        """Start the robot in the world of a file, or on the built-in map without one. Raises StudioError."""
+        low, high = SPEEDS
+        if not low <= speed <= high:
+            raise StudioError(f'speed {speed:g}: write a number of simulated seconds in a second, {low:g} to {high:g}')
+        content = _content(world) if world else {}
+        robots = [str(name) for name in content.get('robots') or {}]
+        namespace = f'/{robots[0]}' if len(robots) > 1 else ''
+        self._robot = namespace or '/'
+        doors = [str(name) for name in content.get('doors') or {}]
+        self._set({'state': 'starting', 'doors': doors, 'robots': robots, 'speed': speed})
+        try:
+            await self._begin(world, speed, namespace, content.get('places') or {})
+        except (ImportError, LookupError, OSError, RuntimeError) as error:
+            raise StudioError(f'the simulator cannot be started: {one_line(str(error), 500)}') from error
+        waiting = asyncio.create_task(self._wait())
+        self._watchers.add(waiting)
+
+    async def _begin(self, world: str, speed: float, namespace: str, places: Mapping[str, Any]) -> None:
+        from ament_index_python.packages import get_package_prefix, get_package_share_directory
+
+        from flexbt_common import discovery
+        from flexbt_common.domains import reserved_domain
+
+        folder = Path(self._folder.name)
+        domain = self._things.enter_context(reserved_domain())
+        network = {'ROS_DOMAIN_ID': str(domain), discovery.RANGE: 'LOCALHOST', discovery.PROFILE: ''}
+        if Path(os.environ.get(discovery.PROFILE, '')).name == 'this_computer.xml':
+            network = {'ROS_DOMAIN_ID': str(domain)}
+        path = {name: f'{folder / inner}:{os.environ.get(name, "")}' for name, inner in _PATHS.items()}
+        self._environment = {**os.environ, **network, **path, 'OMP_NUM_THREADS': '1'}
+        known = folder / 'places.yaml'
+        if places:
+            poses = {name: dict(zip(('x', 'y', 'yaw'), pose, strict=False)) for name, pose in places.items()}
+            known.write_text(yaml.safe_dump(poses))
+        elif not world:
+            known = Path(get_package_share_directory('flexbt_sim'), 'maps', 'rooms_places.yaml')
+        simulated = {'use_sim_time': True}
+        in_world = {'world': world, 'robot_namespaces': bool(namespace)} if world else {}
+        kept = {'event_log_directory': str(folder / 'log'), 'machine_directory': ''}
+        table: list[tuple[str, str, str, dict[str, Any]]] = [
+            ('flexbt_navigation', 'simulation', '', {'speed_factor': speed, 'odom_rate': ODOM_RATE, **in_world}),
+            ('flexbt_server', 'bt_server', namespace, {**simulated, 'allowed_directories': [str(folder / 'trees')]}),
+            ('flexbt_onboard', 'stop_guard', namespace, {}),
+            ('flexbt_onboard', 'onboard_executive', namespace, {**simulated, 'places': str(known), **kept}),
+        ]
+        if not (known.exists()):
+            del table[-1][3]['places']
+        for package, executable, space, parameters in table:
+            words = [str(Path(get_package_prefix(package), 'lib', package, executable)), '--ros-args']
+            words += ['-r', f'__ns:={space}'] if space else []
+            words += [word for key, value in parameters.items() for word in ('-p', f'{key}:={json.dumps(value)}')]
+            self._commands[executable] = words
+            await self._launch(executable)
+        with _changed_environment(network):
+            self._runtime = await asyncio.to_thread(_runtime)
+        self._things.push_async_callback(asyncio.to_thread, self._runtime.close)
+        await self._connect(self._runtime)
+
+    async def _launch(self, name: str) -> None:
+        log = Path(self._folder.name, f'{name}.log')
+        ending = shutil.which('setpriv')  # the kernel ends it with the studio, however that ends
+        words = [*([ending, '--pdeathsig', 'KILL', '--'] if ending else []), *self._commands[name]]
+        with log.open('ab') as output:
+            process = await asyncio.create_subprocess_exec(
+                *words,
+                stdin=asyncio.subprocess.DEVNULL,
+                stdout=output,
+                stderr=asyncio.subprocess.STDOUT,
+                env=self._environment,
+                start_new_session=True,
+            )
+        self._processes[name] = process
+        watcher = asyncio.create_task(self._watch_process(name, process, log))
+        self._watchers.add(watcher)
+        watcher.add_done_callback(self._watchers.discard)
+
+    async def _watch_process(self, name: str, process: asyncio.subprocess.Process, log: Path) -> None:
+        code = await process.wait()
+        if self._processes.get(name) is process:
+            last = ' / '.join(log.read_text(errors='replace').splitlines()[-_LAST_LINES:])
+            self._set({'state': 'ended', 'message': f'{name} has ended with code {code}: {one_line(last, 800)}'})
+
+    async def _connect(self, runtime: NodeRuntime) -> None:
+        """Serve the operator's page of the robot, and show what runs on it."""
+        from flexbt_console.commands.command_builder import CommandBuilder
+        from flexbt_console.commands.effects import SCAN_PERIOD
+        from flexbt_console.link.fleet_link import FleetLink
+        from flexbt_console.link.robot_link import RobotLink
+        from flexbt_console.link.simulator_link import SimulatorLink
+        from flexbt_console.mirror.fleet import Fleet
+        from flexbt_console.mirror.mirror import Mirror
+        from flexbt_console.ui.station import Attention, Station
+        from flexbt_console.ui.web.server import WebServer
+
+        simulator, attention = SimulatorLink(runtime), Attention(runtime.steady)
+
+        def station(mirror: Mirror, link: RobotLink, name: str) -> Station:
+            leaving = 'close the page: the simulated robot continues'
+            builder = CommandBuilder(name or NAME)
+            return Station(mirror, link, builder, ANSWER_SECONDS, attention, leaving, obstacles=simulator)
+
+        def mirror() -> Mirror:
+            return Mirror(runtime.steady)
+
+        self._robots = await asyncio.to_thread(
+            lambda: FleetLink(runtime, Fleet(), mirror, NAME, SCAN_PERIOD, [self._robot])
+        )
+        self._live = LiveRobots(self._robots, lambda event: self._tell({**event, 'robot': NAME}))
+        self._things.push_async_callback(self._live.close)
+        self._server = WebServer(self._robots, station, self._access, lambda name: name)
+        await self._server.start()
+        self._things.push_async_callback(self._server.end)
+
+    async def _wait(self) -> None:
+        """Tell when the robot is there."""
+        try:
+            async with asyncio.timeout(START_SECONDS):
+                while not self._is_ready():
+                    await asyncio.sleep(0.2)
+            self._set({'state': 'running', 'message': ''})
+        except TimeoutError:
+            self._set({'state': 'ended', 'message': f'the robot was not there within {START_SECONDS:g} s'})
+
+    def _is_ready(self) -> bool:
+        assert self._robots is not None
+        snapshot = self._robots.robot(self._robot)[0].view().snapshot
+        there = (
+            {peer.name.rpartition('/')[2] for peer in snapshot.peers if peer.alive and peer.ready} if snapshot else ()
+        )
+        return {'bt_server', 'navigation', 'simulator', 'stop_guard'} <= set(there)
+
+    async def close(self) -> None:
+        """End the robot: its processes are gone when this returns."""
+        processes, self._processes = self._processes, {}
+        for process in processes.values():
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+        ending: list[asyncio.Future[Any]] = [*self._watchers, *self._pages]
+        for one in ending:
+            one.cancel()
+        await asyncio.gather(*ending, return_exceptions=True)
+        await asyncio.gather(*(process.wait() for process in processes.values()))
+        await self._things.aclose()
+        self._folder.cleanup()
+        if self._state['state'] != 'ended':
+            self._set({'state': 'ended', 'message': ''})
+
+    def _set(self, changes: Mapping[str, Any]) -> None:
+        self._state = {**self._state, **changes}
+        self._tell(self._state)
+
+    # Requests of pages.
+
+    async def watch(self) -> str:
+        """Show what runs on the robot by events ``live``, and return its name."""
+        await self._there().watch(self._robot)
+        return NAME
+
+    def _there(self) -> LiveRobots:
+        if self._live is None or self._state['state'] == 'ended':
+            raise StudioError('the simulated robot is not there; start it')
+        return self._live
+
+    async def page(self, request: web.Request) -> web.StreamResponse:
+        """Answer a request of the operator's page of this robot."""
+        if self._server is None:
+            raise web.HTTPNotFound(text='the simulated robot is starting')
+        if request.match_info['name'] != 'link':
+            return await self._server.file(request)
+        opened = asyncio.ensure_future(self._server.open_page(request))
+        self._pages.add(opened)
+        opened.add_done_callback(self._pages.discard)
+        return await opened
+
+    async def run_tree(self, files: Mapping[str, str], tree: str, goal: str) -> None:
+        """Run a tree of ``files`` (texts by name). ``goal`` is a place, or x, y and yaw (m, rad); '' for none.
+
+        Its result is told as a note. Raises StudioError if it cannot be loaded or run.
+        """
+        from flexbt_common import names
+        from flexbt_msgs.action import BtExecute, BtLoad
+
+        self._there()
+        folder = Path(self._folder.name, 'trees')
+        self._write({f'trees/{name}': text for name, text in files.items()})
+        loaded = await self._act(BtLoad, names.BT_LOADER, BtLoad.Goal(files=[str(folder / name) for name in files]))
+        if loaded.code != BtLoad.Result.SUCCESS:
+            raise StudioError(loaded.message.replace(f'{folder}/', ''))
+        await self.stop()
+        wanted = BtExecute.Goal(behavior_tree=tree, goals=self._goals(goal), blackboard=NAME)
+        running = asyncio.ensure_future(self._act(BtExecute, names.BT_EXECUTOR, wanted, keeps=True))
+
+        def ended(done: asyncio.Future[Any]) -> None:
+            error = None if done.cancelled() else done.exception()
+            result = None if error or done.cancelled() else done.result()
+            codes = {getattr(BtExecute.Result, one): one for one in ('SUCCESS', 'FAILURE', 'CANCELED', 'ERROR')}
+            text = str(error) if result is None else f'{codes.get(result.code, "?")} {result.message}'
+            self._tell({'event': 'note', 'message': f'Simulation: the tree {tree} has ended: {one_line(text, 500)}'})
+
+        running.add_done_callback(ended)
+
+    async def stop(self) -> None:
+        """End the tree that was run last."""
+        if self._run is not None:
+            self._run.cancel()
+
+    async def _act(self, type: Any, name: str, goal: Any, *, keeps: bool = False) -> Any:
+        """Return the result of a goal for the BT server. Raises StudioError."""
+        from concurrent.futures import Future
+
+        from flexbt_common import names
+        from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
+
+        assert self._runtime is not None
+        done: Future[GoalOutcome] = Future()
+        link = ActionLinks(self._runtime).link(type, names.of_robot(self._robot, name))
+        seconds = ANSWER_SECONDS
+        call = ActionCall(link, goal, on_done=done.set_result, server_timeout=seconds, accept_timeout=seconds)
+        if keeps:
+            self._run = call
+        outcome = await asyncio.wrap_future(done)
+        if outcome.result is None:
+            raise StudioError(f'the BT server of the simulated robot: {outcome.reason}')
+        return outcome.result
+
+    def _goals(self, goal: str) -> list[Any]:
+        if not goal.strip():
+            return []
+        from flexbt_common.values.entries import text_to_value
+        from flexbt_console.commands.operator_values import value_text
+        from flexbt_console.errors import ConsoleError
+
+        assert self._robots is not None
+        places = self._robots.robot(self._robot)[0].view().places
+        try:
+            return [text_to_value(value_text(goal, _POSE, places), _POSE)]
+        except ConsoleError as error:
+            raise StudioError(f'the goal {short_repr(goal)}: {error}{did_you_mean(goal, list(places))}') from error
+
+    async def run_behavior(self, files: Mapping[str, str], name: str) -> str:
+        """Start the executive again with the files of a behavior, and return by which name it knows that."""
+        self._there()
+        before = self._processes.pop('onboard_executive')
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(before.pid, signal.SIGKILL)
+        await before.wait()
+        shutil.rmtree(Path(self._folder.name, 'python'), ignore_errors=True)
+        self._write(files)
+        assert self._robots is not None
+        mirror = self._robots.robot(self._robot)[0]
+        old = mirror.view().snapshot
+        await self._launch('onboard_executive')
+        async with asyncio.timeout(START_SECONDS):
+            while True:
+                view = mirror.view()
+                is_new = view.snapshot is not None and (old is None or view.snapshot.executive_id != old.executive_id)
+                if is_new and view.behaviors is not None and self._is_ready():
+                    break
+                await asyncio.sleep(0.1)
+        known = [one.name for one in view.behaviors]
+        found = next((one for one in (f'{_PACKAGE}/{name}', name) if one in known), None)
+        if found is None:
+            error = next((one.error for one in view.behaviors if one.name.endswith(_ENTRY)), '')
+            error = error or f'it is not among {", ".join(map(short_repr, known))}'
+            raise StudioError(f'the executive cannot run the behavior {short_repr(name)}: {one_line(error, 500)}')
+        return shlex.quote(found)
+
+    async def what_if(self, fault: str, entity: str, parameters: Mapping[str, Any], *, clear: bool = False) -> None:
+        """Let a fault of the simulator begin, or end. A door that jams is shut before. Raises StudioError."""
+        from std_srvs.srv import SetBool
+
+        from flexbt_msgs.srv import SetFault
+
+        self._there()
+        if fault == 'door_jammed' and not clear:
+            await self._call(SetBool, f'/simulator/doors/{entity}', SetBool.Request(data=False))
+        request = SetFault.Request(entity=entity, fault=fault, parameters=json.dumps(parameters), clear=clear)
+        await self._call(SetFault, '/simulator/set_fault', request)
+
+    async def _call(self, type: Any, name: str, request: Any) -> None:
+        from flexbt_common.calls.service_call import ServiceLinks, service_outcome
+
+        assert self._runtime is not None
+        link = ServiceLinks(self._runtime).link(type, name)
+        outcome = await asyncio.to_thread(service_outcome, link, request, ANSWER_SECONDS)
+        if outcome.response is None or not outcome.response.success:
+            why = outcome.reason if outcome.response is None else outcome.response.message
+            raise StudioError(f'the simulator refuses: {one_line(why, 500)}')
+
+    def _write(self, files: Mapping[str, str]) -> None:
+        for name, text in files.items():
+            path = Path(self._folder.name, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding='utf-8', newline='')
+
+    def write_project(self, files: Mapping[str, str]) -> None:
+        """Copy the project as it is open. Raises StudioError."""
+        try:
+            self._write(files)
+        except OSError as error:
+            raise StudioError(f'the copy of the project cannot be written: {error}') from error
+
+
+_PATHS: Final = {'PYTHONPATH': 'python', 'AMENT_PREFIX_PATH': '.'}
+_POSE: Final = 'geometry_msgs/msg/PoseStamped'
+
+
+def _content(world: str) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(read_text(Path(world), WORLD_BYTES))
+    except (yaml.YAMLError, TextFileError, RecursionError) as error:
+        raise StudioError(f'the world {world} cannot be read: {one_line(str(error), 300)}') from error
+    return content if isinstance(content, dict) else {}
+
+
+def _runtime() -> NodeRuntime:
+    from flexbt_common.runtime.node_runtime import NodeRuntime
+
+    return NodeRuntime('studio', args=['studio'])
+
+
+@contextlib.contextmanager
+def _changed_environment(changes: Mapping[str, str]) -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None) if value is None else os.environ.update({name: value})
