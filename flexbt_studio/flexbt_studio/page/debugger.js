@@ -157,7 +157,7 @@ export class Debugger {
     this.studio.graph.on.drawn();
   }
 
-  async show(place) { if (place) await this.studio.go(place[0], () => place[1]); else this.studio.told('It is not in the files of this project', 'warning'); }
+  async show(place) { if (place) await this.studio.go(place[0], () => place[1]); else this.told('It is not in the files of this project', 'warning'); }
 
   // The place in the files of a node of a tree of the robot, if they have this tree.
   place(event, {tree, path}) {
@@ -178,7 +178,7 @@ export class Debugger {
     for (const item of graph.items) {
       const own = marks.get(placeOf(file, item.path)) ?? [], within = placeOf(file, item.path === '/' ? '/' : `${item.path}/`);
       const inside = item.isFolded ? [...marks].filter(([place]) => place.startsWith(within)).flatMap(([, texts]) => texts) : [];
-      const text = [...own, ...inside.map((one) => `inside ${one}`)].map((one) => `${SIGNS[one.replace('inside ', '').split(' ')[0]]} ${one}`).join('  ');
+      const text = [...own, ...inside.map((one) => `inside ${one}`)].map((one) => `${SIGNS[one.replace('inside ', '').split(' ')[0]] ?? '•'} ${one}`).join('  ');
       if ((item.debugged ?? '') === text) continue;
       item.debugged = text;
       const {element, box: [x, y, , height]} = item, label = item.label;
@@ -196,7 +196,7 @@ export class Debugger {
   // What the robot calls the selected item: {state}, or {tree, path, run} with an empty run if no such tree runs; null after telling why.
   async target() {
     const {studio, live, event} = this, {file} = studio, part = studio.part(file?.selected);
-    const refuse = (text) => { studio.told(text, 'warning'); return null; };
+    const refuse = (text) => { this.told(text, 'warning'); return null; };
     if (!this.link || !event.trees) return refuse('Nothing is known of the robot yet; turn Live on');
     if (!part || part.kind === 'tree') return refuse('Select a node or a state');
     if (part.kind !== 'node') {
@@ -220,8 +220,8 @@ export class Debugger {
   // Do something with the selected node. Tells why if it is none.
   async node(act, needsRun = false) {
     const at = await this.target();
-    if (at?.state) this.studio.told('This is for nodes of trees', 'warning');
-    else if (at && needsRun && !at.run) this.studio.told(`The tree ${at.tree} does not run`, 'warning');
+    if (at?.state) this.told('This is for nodes of trees', 'warning');
+    else if (at && needsRun && !at.run) this.told(`The tree ${at.tree} does not run`, 'warning');
     else if (at) await act(at, (kind) => this.event.points.find((one) => one.tree === at.tree && one.path === at.path && (!kind || one.mark.startsWith(kind))));
   }
 
@@ -246,7 +246,7 @@ export class Debugger {
   runTo() {
     return this.node((at) => {
       const held = this.event.holds.find((one) => one.run === at.run);
-      if (held) this.release(held, 'run-to', word(at.path)); else this.studio.told(`The tree ${at.tree} is neither held nor paused`, 'warning');
+      if (held) this.release(held, 'run-to', word(at.path)); else this.told(`The tree ${at.tree} is neither held nor paused`, 'warning');
     }, true);
   }
   why() { return this.node((at) => this.do(`tree why ${word(at.path)} --run ${word(at.run)}`), true); }
@@ -256,7 +256,7 @@ export class Debugger {
   // One of the trees that run, by the held ones if isHeld; the one that is shown counts, or else the user is asked.
   async tree(isHeld) {
     const all = isHeld ? this.event.holds ?? [] : (this.event.trees ?? []).filter((one) => one.running), {file} = this.studio;
-    if (!all.length) { this.studio.told(isHeld ? 'No tree is held or paused' : 'No tree runs', 'warning'); return null; }
+    if (!all.length) { this.told(isHeld ? 'No tree is held or paused' : 'No tree runs', 'warning'); return null; }
     const inFile = [];
     for (const one of all) if (Object.values(await this.live.find(one)).some(([name]) => name === file?.name)) inFile.push(one);
     const fit = inFile.length ? inFile : all;
@@ -268,7 +268,7 @@ export class Debugger {
   // The transition that waits: of the selected state, or the only one.
   async decision() {
     const all = (this.known.decisions ?? []).filter((one) => one.kind !== 'input'), own = all.filter((one) => one.path === this.studio.file?.selected), fit = own.length ? own : all;
-    if (!fit.length) { this.studio.told('No transition is held', 'warning'); return null; }
+    if (!fit.length) { this.told('No transition is held', 'warning'); return null; }
     return fit.length === 1 ? fit[0] : choose('Which transition?', fit.map((one) => ({...one, label: one.path, detail: one.line})));
   }
 
@@ -289,14 +289,14 @@ export class Debugger {
 
   async step(how) {
     if (this.meansMachine) { const one = await this.decision(); if (one) this.answer(`step ${how}`, one); return; }
-    const held = how === 'into' ? await this.tree(true) : this.studio.told('Trees have one kind of step: F11', 'warning');
+    const held = how === 'into' ? await this.tree(true) : this.told('Trees have one kind of step: F11', 'warning');
     if (held) this.release(held, 'step');
   }
 
   // Let a held tree go. What was pressed twice must not let it go from where it is held next.
   release(held, verb, node = '') {
     const key = keyOf(held), now = performance.now();
-    if (this.released?.key === key && now - this.released.at < ANSWER_MS) { this.studio.told('That is on its way to the robot', 'warning'); return; }
+    if (this.released?.key === key && now - this.released.at < ANSWER_MS) { this.told('That is on its way to the robot', 'warning'); return; }
     this.released = {key, at: now};
     this.do(`tree ${verb} ${node} --run ${word(held.run)}`);
   }
@@ -328,17 +328,17 @@ export class Debugger {
 
   async offer() {
     const {studio, event, live} = this, {file} = studio;
-    if (!this.link || !event.trees || !file) { studio.told('Nothing is known of the robot yet; turn Live on', 'warning'); return; }
-    try { await file.settled(); } catch (refusal) { studio.told(refusal.message, 'error'); return; }
-    if (file.problem) { studio.told(`The text cannot be read: ${file.problem.message}`, 'error'); return; }
+    if (!this.link || !event.trees || !file) { this.told('Nothing is known of the robot yet; turn Live on', 'warning'); return; }
+    try { await file.settled(); } catch (refusal) { this.told(refusal.message, 'error'); return; }
+    if (file.problem) { this.told(`The text cannot be read: ${file.problem.message}`, 'error'); return; }
     if (this.isMachine) {
-      if (live.machine(event)?.file !== file) studio.told(`The robot does not run the machine ${file.name}`, 'warning');
+      if (live.machine(event)?.file !== file) this.told(`The robot does not run the machine ${file.name}`, 'warning');
       else { this.readers.structure = (known) => { delete this.readers.structure; this.offerMachine(file, known.states); }; this.do('structure', null, true); }
       return;
     }
     const runs = [];
     for (const run of event.trees.filter((one) => one.running)) if (Object.values(await live.find(run)).some(([name]) => name === file.name)) runs.push(run);
-    if (!runs.length) { studio.told(`No tree of ${file.name} runs; its next run reads the file as it is saved`, 'warning'); return; }
+    if (!runs.length) { this.told(`No tree of ${file.name} runs; its next run reads the file as it is saved`, 'warning'); return; }
     const states = [...new Set(runs.map((run) => event.runners[run.run]).filter(Boolean))];
     const chosen = await sheet(`${file.name}: let the robot use this version`, [
       html('p', {}, `The run of ${runs.map((run) => run.tree).join(', ')} goes on with the version that it has begun with. The next run reads the file as it is saved on the robot. If it has an error, the robot keeps the last good version and says so.`),
@@ -384,6 +384,7 @@ export function machineChanges(running, wanted, active) {
     if (!other) { if (isOwn(path)) does.push(`removes ${path}`); continue; }
     const targets = new Map(one.transitions.map((way) => [way.outcome, way.target.replace(/^=/, '').split('/').at(-1)]));
     for (const way of other.transitions) if (targets.get(way.outcome) !== way.target) does.push(`${path}: ${way.outcome} leads to ${way.target}${targets.has(way.outcome) ? `, not to ${targets.get(way.outcome)}` : ''}`);
+    for (const [outcome, target] of targets) if (target && !other.transitions.some((way) => way.outcome === outcome)) does.push(`${path}: ${outcome} does not lead to ${target} any more`);
   }
   return {against, does};
 }
