@@ -58,10 +58,10 @@ class Studio {
       trees: () => Object.keys(this.treeFiles), rename: (name) => this.actions.renameTo(this.part(this.file.selected), name), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
     });
     this.palette = new Palette({add: (entry) => this.actions.add('after', entry).then(() => this.graph.focus()), drag: (event, entry) => this.graph.drag(event, null, entry)});
-    this.commands = this.makeCommands();
-    this.link = new SessionLink({event: (event) => this.take(event), state: (isOpen, text) => this.connected(isOpen, text)});
     this.names = new Names(this);
     this.flow = new Flow({file: () => this.file, link: {request: (...words) => this.link.request(...words)}, graph: this.graph, select: (path) => this.select(path), rename: (key) => this.names.rename({offset: this.file.now(key.span)[0]}), uses: (key) => this.names.uses({offset: this.file.now(key.span)[0]})});
+    this.commands = this.makeCommands();
+    this.link = new SessionLink({event: (event) => this.take(event), state: (isOpen, text) => this.connected(isOpen, text)});
     this.listen();
   }
 
@@ -309,11 +309,11 @@ class Studio {
     for (let one = part; one; one = one.parent) crumbs.unshift(one);
     byId('crumbs').replaceChildren(...[[file.name.split('/').at(-1), file.parts.keys().next().value], ...crumbs.map((one) => [one.title, one.path])].map(([text, path]) => html('button', {type: 'button', onclick: () => this.select(path)}, text)));
     for (const way of this.graph.picture.querySelectorAll('.way')) way.classList.toggle('lit', [way.dataset.way, way.dataset.from].includes(file.selected));
+    this.flow.refresh();
     history.replaceState(null, '', this.address(file));
   }
 
   address(file) {
-    this.flow.refresh();
     const words = new URLSearchParams(location.hash.slice(1));
     for (const [key, value] of [['file', file?.name], ['node', file?.selected]]) if (value) words.set(key, value); else words.delete(key);
     return `#${words}`;
@@ -382,11 +382,11 @@ class Studio {
     if (file !== this.file) return;
     this.pane.mark(file.buffer, file.findings);
     this.graph.marks();
+    if (this.flow.isShown) this.flow.show();
     this.showSelection();
     const list = file.findings, errors = list.filter((one) => one.severity === 'error').length;
     byId('problems-count').textContent = list.length ? `${list.length}, ${errors} errors` : 'none';
     byId('problems').replaceChildren(...list.map((one) => html('li', {}, html('button', {type: 'button', class: {error: 'error', warning: 'warning'}[one.severity] ?? 'dim', onclick: () => this.goProblem(one)}, `${one.message}${one.line ? ` (${one.line}:${one.column})` : ''}`), ...one.fixes.map((fix) => html('button', {type: 'button', class: 'fix', onclick: () => this.fix(one, fix)}, fix.title)), ...(one.rule === 'not-run' ? [html('button', {type: 'button', class: 'fix', id: 'allow-code', onclick: () => this.allowCode()}, 'Run Its Code…')] : []))));
-    if (this.flow.isShown) this.flow.show();
     if (!list.length) byId('problems').append(html('li', {class: 'empty'}, 'No problems found.'));
   }
 
@@ -580,11 +580,11 @@ class Studio {
     byId('files-filter').addEventListener('input', () => this.showFiles(this.files));
     byId('files-filter').addEventListener('keydown', (event) => { if (event.key === 'Enter') byId('files').querySelector('button')?.click(); });
     for (const id of ['save', 'undo', 'redo', 'new', 'commands', 'keys', 'difference']) byId(id).addEventListener('click', () => this.run(id));
+    byId('flow-button').addEventListener('click', () => { if (this.file) this.flow.toggle(); });
     addEventListener('hashchange', () => this.openLink());
     addEventListener('beforeunload', (event) => { if ([...this.open.values()].some((file) => file.sent || file.pending)) event.preventDefault(); });
   }
 
-    byId('flow-button').addEventListener('click', () => { if (this.file) this.flow.toggle(); });
   // The cursor in the text selects the innermost part around it.
   cursor(offset) {
     const {file} = this;
