@@ -139,6 +139,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
         names.EXECUTIVE_LOG,
         names.EXECUTIVE_EVENTS,
         names.EXECUTIVE_SUBJECTS,
+        names.EXECUTIVE_QUEUE,
         names.EXECUTIVE_PLAN,
         names.PLACES,
         by=(ONBOARD_EXECUTIVE,),

@@ -65,6 +65,7 @@ EXECUTIVE_STOP: Final = 'executive/stop'  # a separate topic for stops, in addit
 EXECUTIVE_LOG: Final = 'executive/log'
 EXECUTIVE_EVENTS: Final = 'executive/events'
 EXECUTIVE_SUBJECTS: Final = 'executive/subjects'  # subjects of the pending decisions
+EXECUTIVE_QUEUE: Final = 'executive/queue'  # the mission queue
 EXECUTIVE_PLAN: Final = 'executive/plan'  # latched copy of the newest message on 'plan'
 EXECUTIVE_PRESENCE: Final = 'executive/presence'
 EXECUTIVE_PING: Final = 'executive/ping'

@@ -82,7 +82,7 @@ class CommandBuilder:
             NotShownError: its machine has not arrived.
             RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
         """
-        _check_behavior(view, name, arguments, unseen)
+        check_behavior(view, name, arguments, unseen)
         shown = view.snapshot.autonomy if view.snapshot else AutonomyLevel.LOW
         return self.command(
             view,
@@ -103,7 +103,7 @@ class CommandBuilder:
             NotShownError: its machine has not arrived.
             RefusedError: there is no such behavior or parameter, or the behavior cannot be used.
         """
-        _check_behavior(view, name, arguments, unseen)
+        check_behavior(view, name, arguments, unseen)
         return self.command(view, CommandKind.SWITCH, behavior=name, arguments=tuple(arguments))
 
     def autonomy(self, view: View, level: AutonomyLevel, path: str = '') -> OperatorCommand:
@@ -364,7 +364,8 @@ def find_behavior(behaviors: Sequence[Behavior], name: str) -> Behavior:
     raise RefusedError(f'there is no behavior {short_repr(name)}{remedy}')
 
 
-def _check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]], unseen: bool) -> None:
+def check_behavior(view: View, name: str, arguments: Sequence[tuple[str, str]], unseen: bool) -> None:
+    """Raise NotShownError or RefusedError if a behavior cannot be started with these arguments, as far as is known."""
     behaviors: Sequence[Behavior] | None = view.behaviors
     if behaviors is None:
         return

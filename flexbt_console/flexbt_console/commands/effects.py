@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -75,7 +76,8 @@ def _start(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCo
     inputs = [start_input(text, view.places) for text in line.values('--input')]
     level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else None
     _check_listed(line, view)
-    return builder.start(view, line.words[0], _assignments(line), level, inputs, unseen=line.has(UNSEEN))
+    command = builder.start(view, line.words[0], _assignments(line), level, inputs, unseen=line.has(UNSEEN))
+    return replace(command, hold_queue=line.has('--hold-queue'))
 
 
 def _switch(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
@@ -208,6 +210,11 @@ def status(line: CommandLine, view: View, mirror: Mirror) -> Reading:
 
         shown += [toned(f'held      {text}', text) for text in held_lines(view.snapshot)]
         shown += [toned(f'debugged  {text}', text) for text in breakpoint_lines(view.snapshot)]
+    if view.snapshot is not None and (view.snapshot.queue_length or view.snapshot.queue_held):
+        from flexbt_console.present.queue import queue_summary  # what only this needs
+
+        summary = queue_summary(view)
+        shown.append(toned(f'queue     {summary}', summary))
     return Reading(status_json(view), shown)
 
 

@@ -492,8 +492,10 @@ COMMANDS: Final = (
         queue_commands.ADD,
         _BEHAVIOR,
         (_AUTONOMY, _INPUT, *_QUEUE_OPTIONS, _UNSEEN_MACHINE),
-        details=('It starts by itself, also when no operator is connected, or another one has the authority.',)
-        + _QUEUE_DETAILS,
+        details=(
+            'It starts by itself, also when no operator is connected, or another one has the authority.',
+            *_QUEUE_DETAILS,
+        ),
         needs=(Part.BEHAVIORS, Part.PLACES),
     ),
     _sent(
@@ -508,8 +510,8 @@ COMMANDS: Final = (
         details=(
             'Parameters and inputs replace all that the entry has of them. "battery=none" ends that condition. '
             'It is refused if another operator has changed the entry meanwhile.',
-        )
-        + _QUEUE_DETAILS,
+            *_QUEUE_DETAILS,
+        ),
         needs=(Part.BEHAVIORS, Part.PLACES, Part.QUEUE),
     ),
     _sent(

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
-from enum import Enum
+from enum import Enum, IntEnum
 from typing import Any, Final, NamedTuple
 
 from flexbt_console.errors import UsageError
@@ -75,6 +75,14 @@ class Option(NamedTuple):
         return self.name if self.value is None else f'{self.name} {self.value}'
 
 
+class Role(IntEnum):
+    """What a user may do: look; also start, answer, stop and the like; also override, debug and edit."""
+
+    OBSERVER = 1
+    OPERATOR = 2
+    MAINTAINER = 3
+
+
 class LinkNeed(Enum):
     """The need of a command for the link to the executive.
 
@@ -92,6 +100,7 @@ class Part(Enum):
 
     BEHAVIORS = 'behaviors'
     PLACES = 'places'
+    QUEUE = 'queue'
     STRUCTURE = 'structure'
     SUBJECTS = 'subjects'
 
@@ -174,6 +183,7 @@ class Mode(Enum):
     ACKNOWLEDGE = 'acknowledge'
     REPLAY = 'replay'
     INCIDENTS = 'incidents'
+    USERS = 'users'
     RUN_TREE = 'run-tree'
     COMPLETION = 'completion'
     DEFAULT = ''
@@ -203,6 +213,7 @@ class CommandSpec:
         is_known = {
             Part.BEHAVIORS: view.behaviors is not None,
             Part.PLACES: view.has_places,
+            Part.QUEUE: view.queue is not None,
             Part.STRUCTURE: view.structure is not None or view.snapshot is None or not view.snapshot.run_id,
             Part.SUBJECTS: not any(view.lacks(decision) for decision in view.decisions),
         }
@@ -355,6 +366,11 @@ def locked(typed: Typed) -> Iterable[str]:
 def breakpoints(typed: Typed) -> Iterable[str]:
     snapshot = typed.view.snapshot
     return (*snapshot.breakpoints, *snapshot.step.split(' ')[1:]) if snapshot else ()
+
+
+def queue_entries(typed: Typed) -> Iterable[str]:
+    """Return the numbers of the entries of the mission queue."""
+    return (str(entry.number) for entry in typed.view.queue.entries) if typed.view.queue else ()
 
 
 def tree_nodes(typed: Typed) -> Iterable[str]:

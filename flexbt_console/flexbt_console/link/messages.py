@@ -18,7 +18,7 @@ from geometry_msgs.msg import Pose, PoseStamped
 from std_msgs.msg import Header
 
 from flexbt_common.values.entries import from_entry
-from flexbt_common.values.message_fields import path_points, seconds_of
+from flexbt_common.values.message_fields import path_points, seconds_of, time_message
 from flexbt_console.mirror import records
 from flexbt_console.mirror.trees import MirroredNode, StatusChange, TreeNodes, TreeReport
 from flexbt_core.errors import FlexbtError
@@ -45,9 +45,12 @@ RECORDS: Final[Mapping[type, type]] = {
     msg.ExecutiveEvent: records.ExecutiveEvent,
     msg.ExecutiveLog: records.LogLine,
     msg.ExecutiveStatus: records.ExecutiveSnapshot,
+    msg.MissionQueue: records.MissionQueue,
     msg.PeerStatus: records.Peer,
     msg.PendingDecision: records.Decision,
     msg.Progress: records.DriveProgress,
+    msg.QueueEntry: records.QueueEntry,
+    msg.QueueOptions: records.QueueOptions,
     msg.StateStructure: records.StateStructure,
     msg.TreeBreakpoint: records.TreeBreakpoint,
     msg.TreeHold: records.TreeHold,
@@ -64,6 +67,7 @@ FIELDS: Final[Mapping[type, Mapping[str, str]]] = {
     msg.ExecutiveCommand: {'operator': 'operator_id'},
     msg.ExecutiveEvent: {'operator': 'operator_id'},
     msg.Progress: {'distance': 'distance_remaining', 'time': 'time_remaining', 'poses': 'poses_remaining'},
+    msg.QueueEntry: {'operator': 'operator_id'},
     msg.TreeBreakpoint: {'tree': 'behavior_tree', 'operator': 'operator_id'},
     msg.TreeHold: {'tree': 'behavior_tree', 'operator': 'operator_id'},
     msg.TreeStructure: {'tree': 'behavior_tree', 'structure': 'number'},
@@ -102,6 +106,8 @@ def _conversion(hint: Any) -> Callable[[Any], Any]:
         return _CONVERSIONS[hint]
     if isinstance(hint, type) and issubclass(hint, IntEnum):
         return functools.partial(known_constant, hint)
+    if dataclasses.is_dataclass(hint):
+        return record_of
     if get_origin(hint) in (tuple, Sequence):
         one = get_args(hint)[0]
         convert = record_of if dataclasses.is_dataclass(one) else _conversion(one)
@@ -119,6 +125,14 @@ def _first_record(messages: Any) -> Any:
 
 def _levels(messages: Any) -> tuple[tuple[str, int], ...]:
     return tuple((one.path, one.level) for one in messages)
+
+
+def _arguments(messages: Any) -> tuple[tuple[str, str], ...]:
+    return tuple((one.name, one.value) for one in messages)
+
+
+def _inputs(messages: Any) -> tuple[records.InputValue, ...]:
+    return tuple(records.InputValue(one.key, one.type, one.text) for one in messages)
 
 
 def _guard(message: msg.StopGuardStatus) -> records.StopGuard:
@@ -185,6 +199,11 @@ def _sendable(value: Any) -> Any:
             return int(value)
         case records.InputValue(key, type, text):
             return msg.BlackboardEntry(key=_sendable(key), type=_sendable(type), text=_sendable(text))
+        case records.QueueOptions():
+            given = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            plain = {name: _sendable(one) for name, one in given.items() if name not in ('not_before', 'wanted')}
+            wanted = list(map(sanitize_for_message, value.wanted))
+            return msg.QueueOptions(not_before=time_message(value.not_before), wanted=wanted, **plain)
         case (str(name), str(text)):
             return msg.BehaviorArgument(name=_sendable(name), value=_sendable(text))
         case tuple():
@@ -226,6 +245,8 @@ _CONVERSIONS: Final[Mapping[Any, Callable[[Any], Any]]] = {
     records.FramedPose | None: _pose,
     records.DriveProgress | None: _first_record,
     tuple[tuple[str, int], ...]: _levels,
+    tuple[tuple[str, str], ...]: _arguments,
+    tuple[records.InputValue, ...]: _inputs,
 }
 """Conversions by the type of a record's field, where the message has it in another form."""
 

@@ -324,6 +324,7 @@ class ExecutiveLink(RobotLink):
             (msg.BehaviorList, names.EXECUTIVE_BEHAVIORS, mirror.receive_behaviors, LIST_DEPTH),
             (msg.PlaceList, names.PLACES, mirror.receive_places, LIST_DEPTH),
             (msg.DecisionSubjects, names.EXECUTIVE_SUBJECTS, mirror.receive_subjects, LIST_DEPTH),
+            (msg.MissionQueue, names.EXECUTIVE_QUEUE, mirror.receive_queue, LIST_DEPTH),
             (msg.ExecutiveEvents, names.EXECUTIVE_EVENTS, mirror.receive_events, names.EVENTS_DEPTH),
             (msg.ExecutiveLog, names.EXECUTIVE_LOG, mirror.receive_log, names.LOG_DEPTH),
         ):

@@ -29,6 +29,7 @@ from .records import (
     GridMap,
     LogLine,
     LogSeverity,
+    MissionQueue,
     OperatorCommand,
     Points,
     StopGuard,
@@ -66,6 +67,7 @@ class Change(Enum):
     BEHAVIORS = 'behaviors'
     PLACES = 'places'
     SUBJECTS = 'subjects'
+    QUEUE = 'queue'
     LOG = 'log'
     EVENTS = 'events'
     LINK = 'link'
@@ -127,6 +129,7 @@ class Mirror:
         self._structures: OrderedDict[str, Structure] = OrderedDict()
         self._behaviors: BehaviorList | None = None
         self._subjects: Subjects | None = None
+        self._queue: MissionQueue | None = None
         self._log: NumberedList[LogLine] = NumberedList(LOG_LENGTH)
         self._events: NumberedList[ExecutiveEvent] = NumberedList(LOG_LENGTH)
         self._reasons: Mapping[str, LogLine] | None = None
@@ -240,6 +243,13 @@ class Mirror:
             self._subjects = subjects
             self._read(self._now(), 'receive_subjects', subjects)
         self._tell(Change.SUBJECTS)
+
+    def receive_queue(self, queue: MissionQueue) -> None:
+        """Process the mission queue."""
+        with self._lock:
+            self._queue = queue
+            self._read(self._now(), 'receive_queue', queue)
+        self._tell(Change.QUEUE)
 
     def receive_log(self, line: LogLine) -> bool:
         """Process a line of the log; return False for one that is known already or too old."""
@@ -357,7 +367,7 @@ class Mirror:
             self._surroundings = replace(self._surroundings, driven=())
             if not was_executive:
                 self._structures.clear()
-                self._behaviors = self._places = self._reasons = self._subjects = None
+                self._behaviors = self._places = self._reasons = self._subjects = self._queue = None
                 self._log, self._events = NumberedList(LOG_LENGTH), NumberedList(LOG_LENGTH)
             self._read(self._now(), 'sender_replaced', was_executive)
 
@@ -430,6 +440,7 @@ class Mirror:
                 has_places=self._places is not None,
                 trees=self._trees.runs(now),
                 subjects=self._current_subjects(snapshot),
+                queue=self._current_queue(snapshot),
                 surroundings=self._surroundings,
                 unwanted_motion=self._standstill.motion,
                 listening=snapshot is None and not self._problem and now < self._listens_until,
@@ -492,6 +503,10 @@ class Mirror:
         if known is None or snapshot is None or snapshot.executive_id != known.executive_id:
             return {}
         return {subject.decision_id: subject for subject in known.subjects}
+
+    def _current_queue(self, snapshot: ExecutiveSnapshot | None) -> MissionQueue | None:
+        known = self._queue
+        return known if known and (snapshot is None or snapshot.executive_id == known.executive_id) else None
 
     def _current_reasons(self, snapshot: ExecutiveSnapshot) -> Mapping[str, LogLine]:
         if self._reasons is None:

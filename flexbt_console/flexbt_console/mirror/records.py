@@ -104,6 +104,23 @@ class CommandKind(IntEnum):
     TREE_DUMMY = 32
     TREE_RECORD = 33
     TREE_CLEAR = 34
+    QUEUE_ADD = 35
+    QUEUE_EDIT = 36
+    QUEUE_REMOVE = 37
+    QUEUE_MOVE = 38
+    QUEUE_HOLD = 39
+    QUEUE_RELEASE = 40
+    QUEUE_CLEAR = 41
+
+
+class OnFailure(IntEnum):
+    """QueueOptions.on_failure."""
+
+    UNKNOWN = 0
+    HOLD = 1
+    CONTINUE = 2
+    RETRY = 3
+    DROP = 4
 
 
 class BreakpointKind(IntEnum):
@@ -355,6 +372,9 @@ class ExecutiveSnapshot:
     autonomy_levels: tuple[tuple[str, int], ...] = ()
     authority: str = ''
     authority_requests: tuple[str, ...] = ()
+    queue_length: int = 0
+    queue_held: str = ''
+    queue_entry: int = 0
     stamp: float = 0.0
 
     @property
@@ -519,6 +539,66 @@ class InputValue:
 
 
 @dataclass(frozen=True, slots=True)
+class QueueOptions:
+    """When an entry of the mission queue runs, how often, and what follows a failure (QueueOptions.msg).
+
+    ``battery`` is a charge from 0 to 1, negative for any. ``count`` 0 is no end. Times and ``interval`` in s,
+    ``distance`` in m.
+    """
+
+    priority: int = 0
+    battery: float = -1.0
+    not_before: float = 0.0
+    window: str = ''
+    place: str = ''
+    distance: float = 0.0
+    count: int = 1
+    interval: float = 0.0
+    on_failure: OnFailure = OnFailure.HOLD
+    retries: int = 0
+    wanted: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class QueueEntry:
+    """An entry of the mission queue (QueueEntry.msg). Long values of arguments and inputs are shortened."""
+
+    number: int
+    behavior: str
+    options: QueueOptions = QueueOptions()
+    revision: int = 0
+    arguments: tuple[tuple[str, str], ...] = ()
+    inputs: tuple[InputValue, ...] = ()
+    autonomy: int = 0
+    operator: str = ''
+    added: float = 0.0
+    running: bool = False
+    runs: int = 0
+    failures: int = 0
+    outcome: str = ''
+    message: str = ''
+    due: float = 0.0
+    waits_for: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class MissionQueue:
+    """The mission queue of one executive. ``held`` is why it is held, and ``hold`` the number of that, 0 if it is not.
+
+    ``entries`` are in the order in which they start.
+    """
+
+    executive_id: str
+    hold: int = 0
+    held: str = ''
+    entries: tuple[QueueEntry, ...] = ()
+
+    def entry(self, number: int) -> QueueEntry | None:
+        """Return the entry of that number."""
+        return next((entry for entry in self.entries if entry.number == number), None)
+
+
+@dataclass(frozen=True, slots=True)
 class UserdataScope:
     """The userdata of one machine; the type of a value that cannot be sent is empty, and its text shows it.
 
@@ -615,6 +695,11 @@ class OperatorCommand:
     tree_run_id: str = ''
     text: str = ''
     reason: str = ''
+    hold_queue: bool = False
+    queue_options: tuple[QueueOptions, ...] = ()
+    queue_number: int = 0
+    queue_revision: int = 0
+    queue_before: int = 0
     wait_queue: float = -1.0
     wait_interaction: float = -1.0
 

@@ -16,6 +16,7 @@ from .records import (
     ExecutiveState,
     FramedPose,
     LogLine,
+    MissionQueue,
     StateStructure,
     StopGuard,
     Structure,
@@ -42,6 +43,7 @@ class View:
     ``trees``: the running trees, and the latest that have ended or whose server is gone. Empty unless requested, as
     ``surroundings``.
     ``subjects``: received subjects of decisions, by the identifier of the decision; see :meth:`subject`.
+    ``queue``: the mission queue; None until it has arrived.
     ``unwanted_motion``: motion of the robot at a time when it should stand still.
     ``guard``: latest report of the stop guard.
     ``listening``: True while no executive has been received, but it is too early to report that.
@@ -60,6 +62,7 @@ class View:
     trees: tuple[MirroredTree, ...] = ()
     subjects: Mapping[str, Subject] = field(default_factory=dict)
     surroundings: Surroundings = field(default_factory=Surroundings)
+    queue: MissionQueue | None = None
     unwanted_motion: UnexpectedMotion | None = None
     listening: bool = False
     guard: StopGuard = field(default_factory=StopGuard)

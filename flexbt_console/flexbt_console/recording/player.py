@@ -237,6 +237,7 @@ def _receivers(mirror: Mirror, feed: SurroundingsFeed) -> dict[str, Callable[[An
         names.EXECUTIVE_LOG: lambda message: mirror.receive_log(record_of(message)),
         names.EXECUTIVE_EVENTS: lambda message: mirror.receive_events(record_of(message)),
         names.EXECUTIVE_SUBJECTS: lambda message: mirror.receive_subjects(record_of(message)),
+        names.EXECUTIVE_QUEUE: lambda message: mirror.receive_queue(record_of(message)),
         names.STOP_GUARD_STATUS: lambda message: mirror.receive_guard(record_of(message)),
         names.PLACES: lambda message: mirror.receive_places(record_of(message)),
         **feed.receivers,

@@ -37,6 +37,7 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.EXECUTIVE_STRUCTURE: Topic('flexbt_msgs/msg/BehaviorStructure', names.transient_local_qos()),
     names.EXECUTIVE_BEHAVIORS: Topic('flexbt_msgs/msg/BehaviorList', names.transient_local_qos()),
     names.EXECUTIVE_SUBJECTS: Topic('flexbt_msgs/msg/DecisionSubjects', names.transient_local_qos()),
+    names.EXECUTIVE_QUEUE: Topic('flexbt_msgs/msg/MissionQueue', names.transient_local_qos()),
     names.PLACES: Topic('flexbt_msgs/msg/PlaceList', names.transient_local_qos()),
     names.EXECUTIVE_LOG: Topic('flexbt_msgs/msg/ExecutiveLog', names.transient_local_qos(names.LOG_DEPTH)),
     names.EXECUTIVE_EVENTS: Topic('flexbt_msgs/msg/ExecutiveEvents', names.transient_local_qos(names.EVENTS_DEPTH)),

@@ -30,7 +30,7 @@ class RunRequest:
     ``arguments`` are pairs of parameter name and text. ``inputs`` go to the userdata of the root machine. ``by`` is
     the operator or program that asks for the run, and ``command_id`` the command of an operator. ``at`` is the
     position from which the run resumes after a crash. A run that is not ``is_durable`` does not resume, since nobody
-    waits for its result any more.
+    waits for its result any more. ``queue_entry`` is the number of the entry of the mission queue, 0 for none.
     """
 
     entry: BehaviorEntry
@@ -41,6 +41,7 @@ class RunRequest:
     command_id: str | None = None
     at: RunPosition | None = None
     is_durable: bool = True
+    queue_entry: int = 0
 
 
 def run_request(

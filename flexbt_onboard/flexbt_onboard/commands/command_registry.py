@@ -17,13 +17,14 @@ from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.state_machine.engine import operator_commands
 from flexbt_core.state_machine.engine.events import CommandDecided
 from flexbt_core.values.text import escape_lines, truncate_middle
-from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand, ExecutiveLog
+from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand, ExecutiveLog, QueueOptions
 from flexbt_msgs.srv import ControlTree
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import RunRequest, checked_autonomy, run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.link.tree_debugging import TreeDebuggingLink
+from flexbt_onboard.mission_queue.queue_runner import QueueRunner
 from flexbt_onboard.persistence.run_journal import InterruptedRun
 from flexbt_onboard.runs.behavior_run import BehaviorRun
 from flexbt_onboard.runs.run_snapshot import RunPhase
@@ -35,6 +36,14 @@ from .input_requests import InputRequests
 
 LOGGED: Final = 1000
 """Maximum characters of a value of a command in the event log."""
+
+
+_WITH_AUTONOMY: Final = (
+    ExecutiveCommand.START,
+    ExecutiveCommand.AUTONOMY,
+    ExecutiveCommand.QUEUE_ADD,
+    ExecutiveCommand.QUEUE_EDIT,
+)
 
 
 class RunRequirement(Enum):
@@ -94,6 +103,15 @@ def _of_trees(name: str, *fields: str) -> CommandDefinition:
     return CommandDefinition(name, apply, RunRequirement.NONE, fields)
 
 
+def _of_queue(name: str, command: Callable[..., None], *fields: str) -> CommandDefinition:
+    """Return a command of the mission queue. ``fields`` of the message are its arguments."""
+
+    def apply(registry: CommandRegistry, sent: ExecutiveCommand) -> None:
+        command(registry.queue, *(getattr(sent, field) for field in fields))
+
+    return CommandDefinition(name, apply, RunRequirement.NONE, fields)
+
+
 def _of_authority(name: str, command: Callable[..., None], *fields: str) -> CommandDefinition:
     """Return a command about the authority. The authority itself checks whether the operator may send it."""
 
@@ -115,10 +133,12 @@ class CommandRegistry(CommandHandling):
         authority: Authority,
         input_requests: InputRequests,
         trees: TreeDebuggingLink,
+        queue: QueueRunner,
         report: Reporter,
     ) -> None:
         super().__init__()
         self.trees = trees
+        self.queue = queue
         self.decided: Callable[[CommandDecided], None] = lambda event: None
         """Called with the result of a command that another node decides."""
         self._commands = {command.kind: command for command in self.COMMANDS}
@@ -196,6 +216,8 @@ class CommandRegistry(CommandHandling):
 
     def _start(self, command: ExecutiveCommand) -> bool:
         self._runs.start(self._request(command, command.inputs, command.autonomy))
+        if command.hold_queue:
+            self.queue.hold(f'by {_operator(command)}, with the start of {command.behavior!r}')
         return True
 
     def _switch(self, command: ExecutiveCommand) -> bool:
@@ -211,6 +233,7 @@ class CommandRegistry(CommandHandling):
         who = _operator(command)
         reason = f'by {who}' + (f': {command.reason}' if command.reason else '')
         run = self._runs.run
+        self.queue.hold_for_stop(f'STOP {reason}')
         if run is not None and command.run_id not in ('', run.run_id):
             self._report.log(ExecutiveLog.WARN, f'{who} stops what runs, and has seen another run')
         if run is None:
@@ -264,7 +287,7 @@ class CommandRegistry(CommandHandling):
         run = self._interrupted
         by, command_id = command.operator_id, command.id
         request = run_request(self._library, run.behavior, run.arguments, run.inputs, run.autonomy, by, command_id)
-        self._runs.start(replace(request, at=run.position()), run.run_id)
+        self._runs.start(replace(request, at=run.position(), queue_entry=run.queue_entry), run.run_id)
         return True
 
     def _abort_run(self, command: ExecutiveCommand) -> None:
@@ -275,6 +298,29 @@ class CommandRegistry(CommandHandling):
         self._report.log(
             ExecutiveLog.INFO, f'{command.operator_id or "an operator"} notes: {text}', run_id=command.run_id
         )
+
+    def _queue_add(self, command: ExecutiveCommand) -> None:
+        self.queue.add(
+            command.behavior,
+            command.arguments,
+            command.inputs,
+            command.autonomy,
+            command.queue_options[0],
+            command.operator_id,
+        )
+
+    def _queue_edit(self, command: ExecutiveCommand) -> None:
+        self.queue.edit(
+            command.queue_number,
+            command.queue_revision,
+            command.arguments,
+            command.inputs,
+            command.autonomy,
+            command.queue_options[0],
+        )
+
+    def _queue_hold(self, command: ExecutiveCommand) -> None:
+        self.queue.hold(f'by {_operator(command)}' + (f': {command.reason}' if command.reason else ''))
 
     COMMANDS: Final = (
         CommandDefinition('START', _start, RunRequirement.NONE),
@@ -305,6 +351,18 @@ class CommandRegistry(CommandHandling):
         _of_trees('TREE_DUMMY', 'path', 'outcome'),
         _of_trees('TREE_RECORD'),
         _of_trees('TREE_CLEAR'),
+        CommandDefinition('QUEUE_ADD', _queue_add, RunRequirement.NONE, ['behavior', 'queue_options']),
+        CommandDefinition('QUEUE_EDIT', _queue_edit, RunRequirement.NONE, ['queue_number', 'queue_options']),
+        _of_queue('QUEUE_REMOVE', QueueRunner.remove, 'queue_number'),
+        CommandDefinition(
+            'QUEUE_MOVE',
+            lambda self, sent: self.queue.move(sent.queue_number, sent.queue_before),
+            RunRequirement.NONE,
+            ['queue_number'],
+        ),
+        CommandDefinition('QUEUE_HOLD', _queue_hold, RunRequirement.NONE),
+        _of_queue('QUEUE_RELEASE', QueueRunner.release, 'queue_number'),
+        _of_queue('QUEUE_CLEAR', QueueRunner.clear, 'queue_number'),
         _of_authority('CLAIM_AUTHORITY', Authority.claim),
         _of_authority('RELEASE_AUTHORITY', Authority.release),
         _of_authority('HAND_OVER_AUTHORITY', Authority.hand_over, 'grantee'),
@@ -342,8 +400,14 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         'text': command.text,
         'because': command.reason,
     }
-    if command.kind in (ExecutiveCommand.START, ExecutiveCommand.AUTONOMY):
+    if command.kind in _WITH_AUTONOMY:
         fields['autonomy'] = int(command.autonomy)
+    if command.queue_number:
+        fields['entry' if command.kind != ExecutiveCommand.QUEUE_RELEASE else 'hold'] = command.queue_number
+    for options in command.queue_options:
+        names, default = options.get_fields_and_field_types(), QueueOptions()
+        changed = (name for name in names if getattr(options, name) != getattr(default, name))
+        fields['queue_options'] = {name: getattr(options, name) for name in changed}
     for name in ('wait_queue', 'wait_interaction'):
         if 0.0 <= getattr(command, name) < math.inf:
             fields[name] = round(float(getattr(command, name)), 3)

@@ -32,6 +32,7 @@ from flexbt_msgs.msg import (
     ExecutiveCommand,
     ExecutiveLog,
     ExecutiveStatus,
+    MissionQueue,
     PlaceList,
 )
 from flexbt_msgs.msg import Place as PlaceMessage
@@ -60,12 +61,14 @@ class ConsoleLink:
             for type, topic in (
                 (ExecutiveStatus, names.EXECUTIVE_STATUS),
                 (DecisionSubjects, names.EXECUTIVE_SUBJECTS),
+                (MissionQueue, names.EXECUTIVE_QUEUE),
                 (BehaviorStructure, names.EXECUTIVE_STRUCTURE),
                 (BehaviorList, names.EXECUTIVE_BEHAVIORS),
                 (PlaceList, names.PLACES),
             )
         }
         self._subjects_sent: list[tuple[str, int]] | None = None
+        self._queue_sent: MissionQueue | None = None
         self._log = node.create_publisher(ExecutiveLog, names.EXECUTIVE_LOG, names.transient_local_qos(names.LOG_DEPTH))
         # From the times when ping and echo were sent, a console estimates how late a status may be.
         self._echo = node.create_publisher(Header, names.EXECUTIVE_PONG, names.best_effort_qos())
@@ -114,6 +117,12 @@ class ConsoleLink:
         self._subjects_sent = sent
         self.publish(subjects)
         return True
+
+    def publish_queue(self, queue: MissionQueue) -> None:
+        """Send the mission queue if it is another object than before. On the executor thread."""
+        if queue is not self._queue_sent:
+            self._queue_sent = queue
+            self.publish(queue)
 
     def publish(self, message: Any) -> None:
         """Send the structure of a run, before the run's first status; or the list of behaviors."""

@@ -40,6 +40,8 @@ from flexbt_onboard.link.peers import PeersWatch
 from flexbt_onboard.link.reporter import Reporter, StorageProblems
 from flexbt_onboard.link.robot_state import RobotPlan, RobotPose
 from flexbt_onboard.link.tree_debugging import TreeDebuggingLink
+from flexbt_onboard.mission_queue.conditions import StartConditions
+from flexbt_onboard.mission_queue.queue_runner import QueueRunner
 from flexbt_onboard.node.executive_status import ShownStatus, StatusSources
 from flexbt_onboard.persistence.event_log import EventLog
 from flexbt_onboard.persistence.journal import await_closed
@@ -119,14 +121,15 @@ class Executive(RunReader):
         self._input_requests = InputRequests(runtime, self._admission, report, status)
         operator_names = OperatorNames(link, presence, report)
         trees = TreeDebuggingLink(runtime, ServiceLinks(runtime, parameters.peer_timeout), peers, status.changed)
+        queue = self._queue = self._open_queue(parameters, pose, peers)
         registry = CommandRegistry(
-            self._id, library, runs, operator_names, authority, self._input_requests, trees, report
+            self._id, library, runs, operator_names, authority, self._input_requests, trees, queue, report
         )
         ledger = CommandLedger(runtime, registry, self._journal, report, status)
         registry.decided = ledger.read
         link.listen(ledger.receive)
         actions = BehaviorActionServer(runtime, library, runs, self._admission)
-        runs.readers += (self, ledger, actions, UserdataServer(runtime, runs))
+        runs.readers += (self, ledger, actions, UserdataServer(runtime, runs), queue)
         store = MachineStore(self._file(parameters.machine_directory, ''))
         settings = SearchSettings(parameters.capability_directories, parameters.synthesis_memory)
         synthesizer = Synthesizer(runtime, library, store, report, runs, link, settings)
@@ -146,6 +149,7 @@ class Executive(RunReader):
                 self._input_requests,
                 ledger,
                 trees,
+                queue,
             )
         )
         ExecutiveDiagnostics(runtime, status, self._problems)
@@ -199,6 +203,22 @@ class Executive(RunReader):
             StopEnforcer(runtime, motion_stop, parameters.stop_timeout, report),
             parameters.autonomy,
             parameters.monitoring,
+        )
+
+    def _open_queue(self, parameters: ExecutiveParameters, pose: RobotPose, peers: PeersWatch) -> QueueRunner:
+        conditions = StartConditions(
+            self._runtime, parameters.places, parameters.battery_topic, pose.latest, lambda: pose.problem(peers.gone())
+        )
+        return QueueRunner(
+            self._runtime,
+            self.library,
+            self.runs,
+            self._admission,
+            self._journal,
+            self._report,
+            conditions,
+            lambda: self._problems.texts.get('journal', ''),
+            self._status.changed,
         )
 
     def read(self, event: RunEvent) -> None:
@@ -273,6 +293,7 @@ class Executive(RunReader):
             self._admission.open()
             self._report.log(ExecutiveLog.INFO, 'the executive is active')
             self._status.changed()
+            self._queue.consider()
 
     def _stop(self, why: str, refusal: str) -> BehaviorRun | None:
         self._admission.close(refusal)

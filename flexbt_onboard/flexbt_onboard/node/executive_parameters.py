@@ -43,6 +43,11 @@ class ExecutiveParameters(MotionParameters):
     plan_topic: str = parameter(
         'plan_topic', names.PLAN, 'topic of the path that the robot follows (nav_msgs/msg/Path), for operators'
     )
+    battery_topic: str = parameter(
+        'battery_topic',
+        names.BATTERY_STATE,
+        'topic of the charge of the battery (sensor_msgs/msg/BatteryState), for conditions of the mission queue',
+    )
     event_log_directory: str = parameter(
         'event_log_directory',
         '',

@@ -24,6 +24,7 @@ from flexbt_msgs.msg import (
     DecisionSubject,
     DecisionSubjects,
     ExecutiveStatus,
+    MissionQueue,
     PeerStatus,
     PendingDecision,
 )
@@ -37,6 +38,7 @@ from flexbt_onboard.link.reporter import StorageProblems
 from flexbt_onboard.link.robot_state import RobotPlan, RobotPose
 from flexbt_onboard.link.status_publisher import StatusPublisher
 from flexbt_onboard.link.tree_debugging import TreeDebuggingLink
+from flexbt_onboard.mission_queue.queue_runner import QueueRunner
 from flexbt_onboard.persistence.run_journal import InterruptedRun, RunJournal
 from flexbt_onboard.runs.run_snapshot import ActiveLeaf, RunDecision, RunSnapshot
 from flexbt_onboard.runs.run_supervisor import LastRun, RunSupervisor, ShownRun
@@ -145,10 +147,11 @@ def _levels(levels: Mapping[str, int]) -> list[AutonomyLevel]:
 
 
 class StatusPicture(NamedTuple):
-    """A status, and the subjects of its decisions."""
+    """A status, the subjects of its decisions, and the mission queue."""
 
     status: ExecutiveStatus
     subjects: DecisionSubjects
+    queue: MissionQueue
 
 
 @dataclass(frozen=True)
@@ -166,9 +169,10 @@ class StatusSources:
     input_requests: InputRequests
     ledger: CommandLedger
     trees: TreeDebuggingLink
+    queue: QueueRunner
 
     def picture(self) -> StatusPicture:
-        """Return the current status, and the subjects of its decisions."""
+        """Return the current status, with what belongs to it."""
         run, gone = self.runs.shown, self.peers.gone()
         status = status_of(
             run,
@@ -182,7 +186,9 @@ class StatusSources:
             '; '.join(filter(None, [self.admission.refusal, self.problems.text, self.clock.problem])),
         )
         status.tree_breakpoints, status.tree_holds = self.trees.breakpoints, self.trees.holds
-        return StatusPicture(status, subjects_of(run, self.input_requests.subjects()))
+        queue = self.queue.message
+        status.queue_length, status.queue_held, status.queue_entry = len(queue.entries), queue.held, self.queue.running
+        return StatusPicture(status, subjects_of(run, self.input_requests.subjects()), queue)
 
 
 class ShownStatus(StatusPublisher):
@@ -246,4 +252,5 @@ class ShownStatus(StatusPublisher):
     def _publish(self, picture: StatusPicture) -> None:
         if self._link.publish_subjects(picture.subjects):
             self._plan.judged(picture.subjects.subjects)
+        self._link.publish_queue(picture.queue)
         self._link.publish_status(picture.status)

@@ -30,6 +30,7 @@ stopping        a stop of a run was requested: ``run``, ``why``
 ended           a run ended: ``run``, ``behavior``, ``outcome``, ``message``
 command         a command or note of an operator: the fields of ExecutiveCommand that are set (at most 1,000
                 characters of a value), ``effect`` 'applied', 'refused' or 'ignored', ``why``
+queue           the mission queue is held or released, or an entry has ended: ``entry`` (0 for all), ``text``
 authority       ``holder``, ``requests``, ``text``
 operator        ``text``: consoles connected or disconnected, and the reaction of the executive
 lost            ``number`` of events that are missing at this place

@@ -36,6 +36,8 @@ from flexbt_core.values.text_files import open_private
 from flexbt_msgs.msg import CommandResult
 from flexbt_onboard.errors import OnboardError
 
+from .queue_entries import QueueState, are_changes
+
 REMEMBERED_COMMANDS: Final = 4096
 """Number of latest commands that are remembered, so that a resend after a restart is not applied again."""
 
@@ -65,13 +67,15 @@ class JournalState:
     """The state that the lines describe.
 
     ``begin`` is the run that has begun and not ended, and ``position`` its last position. ``autonomy`` is the level for
-    the next run, if an operator has set one. ``commands`` are the decided commands: code and reason by id.
+    the next run, if an operator has set one. ``commands`` are the decided commands: code and reason by id. ``queue`` is
+    the mission queue.
     """
 
     begin: dict[str, Any] | None = None
     position: Any = None
     autonomy: int | None = None
     commands: OrderedDict[str, tuple[int, str]] = field(default_factory=OrderedDict)
+    queue: QueueState = field(default_factory=QueueState)
 
     def apply(self, line: JournalLine) -> None:
         """Update the state with a line."""
@@ -85,6 +89,7 @@ class JournalState:
             self.begin = self.position = None
         if 'autonomy' in line:
             self.autonomy = line['autonomy']
+        self.queue.apply(line.get('queue', ()))
         for command_id, code, reason in line.get('commands', ()):
             self.commands[command_id] = (code, reason)
             self.commands.move_to_end(command_id)
@@ -97,6 +102,7 @@ class JournalState:
         lines: list[JournalLine] = [{'commands': commands}] if commands else []
         if self.autonomy is not None:
             lines.append({'autonomy': self.autonomy})
+        lines += [{'queue': [change]} for change in self.queue.changes()]
         if self.begin is not None:
             lines.append({'begin': self.begin})
             if self.position is not None:
@@ -398,18 +404,22 @@ def _write_whole(descriptor: int, data: bytes) -> None:
 # The format of the lines, and the reading of a file that may be corrupt.
 #
 # A line consists of the CRC-32 of the rest of the line as eight hexadecimal digits, its number, and a JSON object,
-# separated by spaces. The first line, number 0, is the head, ``{"format": 2}``. The others have some of these keys:
+# separated by spaces. The first line, number 0, is the head, ``{"format": 3}``. The others have some of these keys:
 #
-# - ``begin``: a run has begun, or continues with another behavior. The value is the request of the executive.
+# - ``begin``: a run has begun, or continues with another behavior. The value is the request of the executive. Its
+#   ``entry`` is the number of the entry of the mission queue that it runs; it is missing without one.
 # - ``position``: the position from which the machine of the run ``run`` can continue.
 # - ``end``: the run ``run`` has ended, or will not continue. The value is the reason.
 # - ``autonomy``: the level for the next run that an operator has set; null for the level of the parameter.
+# - ``queue``: changes of the mission queue (:mod:`.queue_entries`).
 # - ``commands``: lists of id, code and reason of the commands that were decided together with the rest of the line.
 #
 # Each line is self-contained, so that the lines after a corrupt one are usable.
 
-FORMAT: Final = 2
-"""Version of the format. Version 1 had neither head nor numbers."""
+FORMAT: Final = 3
+"""Version of the format. Version 1 had neither head nor numbers, version 2 no queue."""
+
+_READABLE: Final = (2, FORMAT)
 
 JournalLine = dict[str, Any]
 
@@ -461,7 +471,7 @@ def read_journal(data: bytes) -> FoundJournal:
             number, content = _decode(raw)
             if number == 0:
                 version = content.get('format')
-                if version != FORMAT:
+                if version not in _READABLE:
                     return FoundJournal(corruption=_of_format(version))
             elif problem := _problem_of(content):
                 raise ValueError(problem)
@@ -509,7 +519,7 @@ def _decode(raw: bytes) -> tuple[int, JournalLine]:
 def _of_format(version: Any) -> str:
     if version is None:
         return 'it does not begin as a journal does'
-    return f'it is of format {short_repr(version)}, and this version of FlexBT reads format {FORMAT} only'
+    return f'it is of format {short_repr(version)}, and this version of FlexBT reads formats 2 to {FORMAT}'
 
 
 def _is_of_format_1(raw: bytes) -> bool:
@@ -550,7 +560,8 @@ def _is_fit(name: str, value: Any) -> bool | None:
         }:
             are_told = all(map(_is_name, (run, behavior, by))) and _is_level(level)
             are_arguments = _is_list_of(given, _is_name, _is_text)
-            return are_told and are_arguments and _is_list_of(inputs, _is_name, _is_name, _is_text, _is_base64)
+            are_inputs = _is_list_of(inputs, _is_name, _is_name, _is_text, _is_base64)
+            return are_told and are_arguments and are_inputs and type(value.get('entry', 0)) is int
         # Check the parts that consoles see before the run resumes. Resuming checks the rest.
         case 'position', {'active': _, 'coming': _, 'levels': dict(levels), 'locked': _, 'breakpoints': _}:
             paths = (value[part] for part in ('active', 'coming', 'levels', 'locked', 'breakpoints'))
@@ -559,6 +570,8 @@ def _is_fit(name: str, value: Any) -> bool | None:
             return isinstance(value, str)
         case 'autonomy', _:
             return value is None or _is_level(value)
+        case 'queue', _:
+            return are_changes(value)
         case 'commands', _:
             return _is_list_of(value, _is_name, _is_code, lambda reason: isinstance(reason, str))
         case 'begin' | 'position', _:

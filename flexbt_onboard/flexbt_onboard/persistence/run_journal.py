@@ -21,14 +21,15 @@ from flexbt_core.clock.clock import Clock
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.engine.events import CommandDecided
 from flexbt_core.state_machine.engine.resume import RunPosition
-from flexbt_core.state_machine.model.definition import ROOT_PATH
+from flexbt_core.state_machine.model.definition import PREEMPTED, ROOT_PATH
 from flexbt_core.state_machine.model.userdata import StateMachineError
 from flexbt_core.values.text import sanitize_for_message, short_repr
 from flexbt_msgs.msg import BlackboardEntry, CommandResult
 from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.errors import CommandRefusedError
 
-from .journal import Journal, JournaledResult
+from .journal import STUCK_SECONDS, Journal, JournaledResult
+from .queue_entries import Changes
 
 REASON_LENGTH: Final = 2000
 """Maximum characters of the reason of a refusal. A longer reason is truncated in the middle."""
@@ -51,6 +52,8 @@ class InterruptedRun:
     locked: Sequence[str]
     breakpoints: Sequence[str]
     plain_position: Any
+    queue_entry: int = 0
+    """Number of the entry of the mission queue that it runs; 0 for none."""
 
     def position(self) -> RunPosition | None:
         """Return the position from which the run resumes; None for its beginning.
@@ -111,6 +114,7 @@ class RunJournal(Journal):
             locked=position.get('locked', []),
             breakpoints=position.get('breakpoints', []),
             plain_position=self.state.position,
+            queue_entry=begin.get('entry', 0),
         )
 
     def begin(self, run_id: str, request: RunRequest) -> None:
@@ -118,6 +122,8 @@ class RunJournal(Journal):
         if request.is_durable:
             applied = _results([CommandDecided(request.command_id, None)])
             self.append(applied, **({'begin': _begin(run_id, request)} if request.at is None else {}))
+            if request.queue_entry:
+                self.sync(2.0 * STUCK_SECONDS)  # else a crash now would leave the entry in the queue, and it ran twice
 
     def has(self, run_id: str) -> bool:
         """Return whether the journal records a run: the run is durable and has not ended."""
@@ -149,10 +155,20 @@ class RunJournal(Journal):
         if command_id not in self.state.commands:
             self.append([_result(command_id, reason)])
 
-    def end(self, run_id: str, why: str) -> None:
-        """Write that a run has ended, or will not resume."""
-        if self.has(run_id):
-            self.append(run=run_id, end=why)
+    def end(
+        self, run_id: str, why: str, outcome: str = PREEMPTED, message: str = '', *, is_forced: bool = False
+    ) -> None:
+        """Write that a run has ended, or will not resume; in the same line for the entry of the queue that it runs."""
+        begin = self.state.begin
+        if begin is not None and self.has(run_id):
+            entry = begin.get('entry', 0)
+            told = sanitize_for_message(message or why, REASON_LENGTH)
+            ended: dict[str, Any] = {'queue': [['ended', entry, outcome, told, is_forced]]} if entry else {}
+            self.append(run=run_id, end=why, **ended)
+
+    def change_queue(self, changes: Changes) -> None:
+        """Write changes of the mission queue in one line."""
+        self.append(queue=list(changes))
 
     @property
     def next_autonomy(self) -> int | None:
@@ -176,6 +192,7 @@ def _begin(run_id: str, request: RunRequest) -> dict[str, Any]:
         ],
         'by': request.by,
         'autonomy': request.autonomy,
+        **({'entry': request.queue_entry} if request.queue_entry else {}),
     }
 
 

@@ -111,6 +111,7 @@ class BehaviorRun(RunReader):
         self._activities = ActivityPoll()
         self._errors: dict[str, str] = {}  # last error of each active state, by path
         self._why_ended = ''
+        self._is_forced = False  # no state was entered since an operator has forced an outcome
         self._switches: deque[RunRequest] = deque()
         self._switched: RunBuilt | None = None  # reported once it is journaled
         self._has_ended = False
@@ -263,6 +264,7 @@ class BehaviorRun(RunReader):
             case StateEntered():
                 # Publish at once, since on_enter may take long. Other events wait for the end of the step, so that the
                 # effect of a command and its result are journaled in one line.
+                self._is_forced = False
                 self._tell(event)
                 self._activities.changed()
                 self._commit()
@@ -277,6 +279,7 @@ class BehaviorRun(RunReader):
 
     def _left(self, event: StateLeft) -> None:
         is_forced = event.reason is ExitReason.FORCED
+        self._is_forced = self._is_forced or is_forced
         error = self._errors.pop(event.path, '') if not is_forced else ''
         if event.target.startswith('/'):
             self._why_ended = ''  # the run continues, so the error is not its end
@@ -361,7 +364,7 @@ class BehaviorRun(RunReader):
                 self._findings.add(Violation(Property.STOP_STOPS, ROOT_PATH, text))
             values = machine.userdata()
             outputs = {key: values[key] for key in machine.definition.output_keys if key in values}
-            end = BehaviorEnded(outcome, message, outputs)
+            end = BehaviorEnded(outcome, message, outputs, self._is_forced)
         finally:
             self._tell(end)
 
@@ -431,7 +434,8 @@ class BehaviorRun(RunReader):
         return definition, RunBuilt(request, structure, behavior.operator_gone, float(behavior.operator_gone_after))
 
     def _switch(self, machine: MachineRun, wanted: RunRequest) -> None:
-        request = replace(wanted, autonomy=self._request.autonomy, is_durable=self._request.is_durable)
+        now = self._request
+        request = replace(wanted, autonomy=now.autonomy, is_durable=now.is_durable, queue_entry=now.queue_entry)
         try:
             definition, built = self._define(request)
         except BaseException as error:  # code of the behavior may raise anything

@@ -121,11 +121,15 @@ class StopAwaited(RunEvent):
 
 @dataclass(slots=True)
 class BehaviorEnded(RunEvent):
-    """The event that a run has ended after it was built. ``outputs`` are the values of the output keys."""
+    """The event that a run has ended after it was built. ``outputs`` are the values of the output keys.
+
+    ``is_forced``: by an outcome that an operator has forced.
+    """
 
     outcome: str
     message: str
     outputs: Mapping[str, Any]
+    is_forced: bool = False
 
 
 class RunShown(RunEvent):
@@ -195,8 +199,8 @@ class RunRecorder(RunReader):
             case StopRequested(_, why):
                 self._journal.end(run_id, why)  # a stopped run does not resume after a crash
                 self._event('stopping', why=why)
-            case BehaviorEnded(outcome, message):
-                self._journal.end(run_id, outcome)
+            case BehaviorEnded(outcome, message, _, is_forced):
+                self._journal.end(run_id, outcome, outcome, message, is_forced=is_forced)
                 self._event('ended', behavior=self._behavior, outcome=outcome, message=message)
                 severity = Severity.ERROR if outcome == ERROR else Severity.INFO
                 text = f'behavior {self._behavior!r} ended with {outcome!r}' + (f': {message}' if message else '')

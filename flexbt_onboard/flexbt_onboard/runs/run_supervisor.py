@@ -169,7 +169,9 @@ class RunSupervisor(RunReader):
     def abort(self, interrupted: InterruptedRun, why: str) -> None:
         """End an interrupted run, so that it cannot resume."""
         recorder = RunRecorder(interrupted.run_id, interrupted.behavior, self._journal, self._report)
-        recorder.read(BehaviorEnded(PREEMPTED, why, {}))
+        end = BehaviorEnded(PREEMPTED, why, {})
+        recorder.read(end)
+        self._tell(end)
         self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
 
     def read(self, event: RunEvent) -> None:

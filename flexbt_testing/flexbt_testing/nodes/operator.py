@@ -19,6 +19,7 @@ from flexbt_msgs.msg import (
     ExecutiveCommand,
     ExecutiveLog,
     ExecutiveStatus,
+    MissionQueue,
 )
 from flexbt_testing.waiting import RESEND_SECONDS, wait_until
 
@@ -34,6 +35,7 @@ class Operator:
         self.structures: list[BehaviorStructure] = []
         self.logs: list[ExecutiveLog] = []
         self.lists: list[BehaviorList] = []
+        self.queues: list[MissionQueue] = []
         self.sent: dict[str, ExecutiveCommand] = {}
         self._prefix = f'{uuid.uuid4().hex[:8]}-'
         self._numbers = itertools.count(1)
@@ -46,6 +48,7 @@ class Operator:
             (BehaviorStructure, names.EXECUTIVE_STRUCTURE, self.structures.append),
             (ExecutiveLog, names.EXECUTIVE_LOG, self.logs.append),
             (BehaviorList, names.EXECUTIVE_BEHAVIORS, self.lists.append),
+            (MissionQueue, names.EXECUTIVE_QUEUE, self.queues.append),
         ):
             node.create_subscription(kind, topic, receive, names.transient_local_qos(100))
         self._commands = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
@@ -64,6 +67,11 @@ class Operator:
     def run_id(self) -> str:
         """Run in the latest status."""
         return str(self.status.run_id)
+
+    @property
+    def queue(self) -> MissionQueue:
+        """Latest mission queue."""
+        return self.queues[-1] if self.queues else MissionQueue()
 
     def send(self, kind: int, *, id: str = '', **fields: Any) -> str:
         """Send a command for the current run and return its id."""

@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The mission queue as lines. Everything that came over the network is escaped."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from flexbt_console.mirror.records import MissionQueue, OnFailure, QueueEntry, QueueOptions
+from flexbt_console.mirror.view import View
+from flexbt_core.values.text import one_line, pluralize
+
+from .rendering import autonomy_text, stamp_text
+from .style import Line, Tone
+
+_VALUE: Final = 60
+"""Maximum characters shown of the value of an argument or input."""
+
+_UNITS: Final = ((86_400.0, 'd'), (3_600.0, 'h'), (60.0, 'min'))
+
+
+def queue_summary(view: View) -> str:
+    """Return the number of entries and whether the queue is held; '' if there is nothing to tell."""
+    snapshot = view.snapshot
+    if snapshot is None or not (snapshot.queue_length or snapshot.queue_held):
+        return ''
+    count = pluralize(snapshot.queue_length, 'entry', 'entries')
+    if not snapshot.queue_held:
+        return count
+    return Line(f'{count}, HELD: {one_line(snapshot.queue_held)}; "queue release" goes on', Tone.WARNING)
+
+
+def queue_lines(queue: MissionQueue) -> list[str]:
+    """Return the whole queue: why it is held, and two lines for each entry."""
+    held = [Line(f'HELD: {one_line(queue.held)}; "queue release" goes on', Tone.WARNING)] if queue.hold else []
+    entries = [line for entry in queue.entries for line in (entry_line(entry), f'      {entry_details(entry)}')]
+    return [*held, *(entries or ['the queue is empty'])]
+
+
+def entry_line(entry: QueueEntry) -> str:
+    """Return what an entry runs, and what it waits for, in one line."""
+    state, tone = ('RUNS', Tone.GOOD) if entry.running else (one_line(entry.waits_for) or 'next', Tone.PLAIN)
+    return Line(f'{entry.number:>4}  {what_text(entry)}: {state}', tone)
+
+
+def what_text(entry: QueueEntry) -> str:
+    """Return the behavior of an entry with its arguments and inputs."""
+    given = [f'{one_line(name)}={one_line(value, _VALUE)}' for name, value in entry.arguments]
+    given += [f'{one_line(one.key)}={one_line(one.text, _VALUE) or "..."}' for one in entry.inputs]
+    return ' '.join([one_line(entry.behavior), *given])
+
+
+def entry_details(entry: QueueEntry) -> str:
+    """Return the options of an entry, who added it, and how its last run ended."""
+    told = [*options_texts(entry.options), f'autonomy {autonomy_text(entry.autonomy)}']
+    if entry.operator:
+        told.append(f'by {one_line(entry.operator)}')
+    if entry.runs:
+        ended = one_line(entry.outcome) or 'it did not start'
+        why = f' ({one_line(entry.message)})' if entry.message else ''
+        told.append(f'{pluralize(entry.runs, "run")}, the last: {ended}{why}')
+    return '; '.join(told)
+
+
+def options_texts(options: QueueOptions) -> list[str]:
+    """Return the options that differ from those of an entry that runs once, in the words of the commands."""
+    told = [f'priority {options.priority}'] if options.priority else []
+    if options.battery >= 0.0:
+        told.append(f'battery {options.battery:.0%}')
+    if options.not_before:
+        told.append(f'after {stamp_text(options.not_before)}')
+    if options.window:
+        told.append(f'at {one_line(options.window)}')
+    if options.place:
+        told.append(f'within {options.distance:g} m of {one_line(options.place)}')
+    if options.count != 1:
+        told.append(f'{options.count} more times' if options.count else 'no end')
+    if options.interval:
+        told.append(f'every {duration_text(options.interval)}')
+    if options.on_failure is not OnFailure.HOLD:
+        times = f' {options.retries} times' if options.on_failure is OnFailure.RETRY else ''
+        told.append(f'on failure {options.on_failure.name.lower()}{times}')
+    if options.wanted:
+        told.append(f'wants {" or ".join(map(one_line, options.wanted))}')
+    return told
+
+
+def duration_text(seconds: float) -> str:
+    """Return a duration in the largest unit that divides it: 2 h, 90 min, 45 s."""
+    size, unit = next(((size, unit) for size, unit in _UNITS if seconds % size == 0.0), (1.0, 's'))
+    return f'{seconds / size:g} {unit}'

@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The rules of the mission queue, without ROS: who may change it, which entry is next, and what follows a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED
+from flexbt_core.values.text import sanitize_for_message
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.persistence.queue_entries import (
+    Change,
+    Changes,
+    EndedRun,
+    OnFailure,
+    QueueEntry,
+    QueueOptions,
+    QueueState,
+)
+
+ENTRIES: Final = 100
+"""Maximum number of entries."""
+
+QUEUE_SIZE: Final = 4_000_000
+"""Maximum bytes and characters of the arguments and inputs of all entries."""
+
+FAILURES: Final = frozenset({'failed', 'canceled', 'aborted', PREEMPTED, ERROR})
+"""Outcomes that are failures if an entry does not name those that are wanted."""
+
+_TEXT: Final = 500
+
+
+class MissionQueue:
+    """The queue of one executive. ``write`` makes changes durable after they are applied to ``state``.
+
+    ``running`` is the number of the entry whose run goes on, 0 for none.
+    """
+
+    def __init__(self, state: QueueState, write: Callable[[Changes], None]) -> None:
+        self.state = state
+        self.running = 0
+        self._write = write
+
+    def add(self, entry: QueueEntry) -> int:
+        """Add an entry, and return its number.
+
+        Raises:
+            CommandRefusedError: the queue is full.
+        """
+        if len(self.state.entries) >= ENTRIES:
+            raise CommandRefusedError(f'the queue has {ENTRIES} entries already; remove some')
+        self._check_size(entry)
+        number = self.state.last_entry + 1
+        self._apply(['put', replace(entry, number=number).to_plain()])
+        return number
+
+    def edit(self, changed: QueueEntry) -> None:
+        """Replace options and autonomy of the entry of the same number, and arguments and inputs that are given.
+
+        Raises:
+            CommandRefusedError: there is no such entry, or somebody has changed it meanwhile, or it is too large.
+        """
+        entry = self.entry(changed.number)
+        if entry.revision != changed.revision:
+            raise CommandRefusedError(f'entry {entry.number} was changed meanwhile; look at it again')
+        arguments, inputs = changed.arguments or entry.arguments, changed.inputs or entry.inputs
+        new = replace(
+            entry,
+            revision=entry.revision + 1,
+            options=changed.options,
+            autonomy=changed.autonomy,
+            arguments=arguments,
+            inputs=inputs,
+            failures=0,
+            due=entry.due if changed.options.interval == entry.options.interval else 0.0,
+        )
+        self._check_size(new)
+        self._apply(['put', new.to_plain()])
+
+    def remove(self, number: int) -> None:
+        """Remove an entry. A run of it goes on, and is its last one.
+
+        Raises:
+            CommandRefusedError: there is no such entry.
+        """
+        self._apply(['drop', self.entry(number).number])
+
+    def move(self, number: int, before: int) -> None:
+        """Move an entry before another one; 0: behind all of its priority.
+
+        Raises:
+            CommandRefusedError: there is no such entry, or the other one has another priority.
+        """
+        priority = self.entry(number).options.priority
+        if before and (other := self.entry(before).options.priority) != priority:
+            raise CommandRefusedError(
+                f'entry {before} has the priority {other}, and entry {number} {priority}: change the priority instead'
+            )
+        if before != number:
+            self._apply(['move', number, before])
+
+    def clear(self, newest: int) -> int:
+        """Remove all entries up to a number, and return how many. A run of one goes on."""
+        gone = [number for number in self.state.entries if number <= newest]
+        self._apply(*(['drop', number] for number in gone))
+        return len(gone)
+
+    def hold(self, why: str) -> None:
+        """Start no further entry until the release. A later hold replaces an earlier one, which cannot be released."""
+        self._apply(self._held(why))
+
+    def release(self, hold: int) -> None:
+        """End a hold.
+
+        Raises:
+            CommandRefusedError: the queue is not held, or held for another reason than the operator has seen.
+        """
+        if not self.state.hold:
+            raise CommandRefusedError('the queue is not held')
+        if hold != self.state.hold:
+            raise CommandRefusedError(f'the queue is held for another reason meanwhile: {self.state.held}')
+        self._apply(['release'])
+
+    def entry(self, number: int) -> QueueEntry:
+        """Return the entry of this number. Raises CommandRefusedError if there is none."""
+        found = self.state.entries.get(number)
+        if found is None:
+            raise CommandRefusedError(f'the queue has no entry {number}; it may have ended, or was removed')
+        return found
+
+    def next(self, obstacle: Callable[[QueueEntry], str]) -> QueueEntry | None:
+        """Return the first entry without an obstacle; None if there is none, or the queue is held."""
+        if self.state.hold or self.running:
+            return None
+        return next((entry for entry in self.state.entries.values() if not obstacle(entry)), None)
+
+    def settle(self, end: EndedRun, now: float, started: float | None = None) -> str:
+        """Note that a run of an entry has ended; ``now`` and ``started`` are times on the executive's clock, s.
+
+        Return the reason if the queue is held because of that; '' if not.
+        """
+        self.running = 0
+        changes, why = self._after(end, now, now if started is None else started)
+        if len(self.state.entries) <= sum(change[0] == 'drop' for change in changes):
+            why = ''  # nothing is left that could start
+        self._apply(*changes, *([self._held(why)] if why else ()), ['settled'])
+        return why
+
+    def _after(self, end: EndedRun, now: float, started: float) -> tuple[list[Change], str]:
+        entry = self.state.entries.get(end.number)
+        message = sanitize_for_message(end.message, _TEXT)
+        ended = f'by {end.outcome!r}' if end.outcome else 'before it began'
+        what = f'entry {end.number} ended {ended}' + (f': {message}' if message else '')
+        is_interrupted = end.outcome in (PREEMPTED, ERROR)
+        why = what if is_interrupted or end.is_forced else ''
+        if entry is None:  # removed meanwhile
+            return [], why
+        options = entry.options
+        told = {'runs': entry.runs + 1, 'outcome': end.outcome, 'message': message, 'failures': 0}
+        if is_interrupted:  # a person decides whether it runs again
+            return [['update', entry.number, told]], why
+        if is_failure(options, end.outcome):
+            told['failures'] = entry.failures + 1
+            if options.on_failure is OnFailure.DROP:
+                return [['drop', entry.number]], why
+            if options.on_failure is OnFailure.RETRY and entry.failures < options.retries:
+                return [['update', entry.number, told]], why
+            if options.on_failure is not OnFailure.CONTINUE:
+                return [['update', entry.number, {**told, 'failures': 0}]], what
+        if options.count == 1:
+            return [['drop', entry.number]], why
+        told['count'] = max(0, options.count - 1)
+        if not options.interval:
+            return [['update', entry.number, told]], why
+        told['due'] = max(now, started + options.interval)
+        return [['update', entry.number, told], ['move', entry.number, 0]], why
+
+    def _held(self, why: str) -> Change:
+        return ['hold', self.state.last_hold + 1, sanitize_for_message(why, _TEXT)]
+
+    def _check_size(self, entry: QueueEntry) -> None:
+        others = sum(one.size for one in self.state.entries.values() if one.number != entry.number)
+        if others + entry.size > QUEUE_SIZE:
+            raise CommandRefusedError(
+                f'arguments and inputs of all entries of the queue have at most {QUEUE_SIZE} bytes; with this one they '
+                f'would have {others + entry.size}'
+            )
+
+    def _apply(self, *changes: Change) -> None:
+        if changes:
+            self.state.apply(changes)
+            self._write(changes)
+
+
+def is_failure(options: QueueOptions, outcome: str) -> bool:
+    """Return whether an outcome is a failure; '' is: it could not start."""
+    return not outcome or (outcome not in options.wanted if options.wanted else outcome in FAILURES)

@@ -1,0 +1,346 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The runner of the mission queue, which starts the next entry when no behavior runs, and shows the queue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from typing import Any, Final
+
+from flexbt_common.calls.goal_server import GoalAdmission
+from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_common.values.message_fields import seconds_of, time_message
+from flexbt_core.clock.clock import Timer
+from flexbt_core.state_machine.engine.events import RunEvent, RunReader
+from flexbt_core.state_machine.model.definition import ERROR
+from flexbt_core.values.text import truncate_middle
+from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, ExecutiveLog, MissionQueue
+from flexbt_msgs.msg import QueueEntry as QueueEntryMessage
+from flexbt_msgs.msg import QueueOptions as QueueOptionsMessage
+from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
+from flexbt_onboard.behaviors.run_building import run_request
+from flexbt_onboard.errors import CommandRefusedError
+from flexbt_onboard.link.reporter import Reporter
+from flexbt_onboard.persistence.queue_entries import EndedRun, OnFailure, QueueEntry, QueueOptions
+from flexbt_onboard.persistence.run_journal import RunJournal
+from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused, RunRequested
+from flexbt_onboard.runs.run_supervisor import RunSupervisor
+
+from .conditions import StartConditions, check_options
+from .mission_queue import MissionQueue as Queue
+
+PERIOD: Final = 1.0
+"""Time between two checks of the conditions while an entry waits for them, s of wall time."""
+
+SHOWN: Final = 20
+"""Maximum number of arguments, and of inputs, of an entry that operators see."""
+
+SHOWN_TEXT: Final = 200
+"""Maximum characters of a value that operators see."""
+
+
+class QueueRunner(RunReader):
+    """The runner of the mission queue. Used on the executor thread, except :meth:`read`.
+
+    It takes an entry only while no run is active or interrupted, and the journal can be written: the run of an entry is
+    journaled before its first state is entered. ``journal_problem`` returns why the journal cannot be written, and
+    ``changed`` is called when operators have to see something new.
+    """
+
+    reads = (RunRequested, RunRefused, BehaviorEnded)
+
+    def __init__(
+        self,
+        runtime: Runtime,
+        library: BehaviorLibrary,
+        runs: RunSupervisor,
+        admission: GoalAdmission,
+        journal: RunJournal,
+        report: Reporter,
+        conditions: StartConditions,
+        journal_problem: Callable[[], str],
+        changed: Callable[[], None],
+    ) -> None:
+        self._runtime = runtime
+        self._library = library
+        self._runs = runs
+        self._admission = admission
+        self._report = report
+        self._conditions = conditions
+        self._journal_problem = journal_problem
+        self._changed = changed
+        self._queue = Queue(journal.state.queue.copy(), journal.change_queue)
+        self._is_active = False  # a run was requested, and its end was not read yet
+        self._waits: dict[int, str] = {}
+        self._started: float | None = None
+        self._timer: Timer | None = None
+        self._message: MissionQueue | None = None
+        self._recover(journal.corruption)
+
+    # -- what operators see -------------------------------------------------------------------------------------------
+
+    @property
+    def message(self) -> MissionQueue:
+        """The queue for operators; the same object until it changes."""
+        if self._message is None:
+            state, running = self._queue.state, self._queue.running
+            entries = [_entry_message(one, running, self._waits.get(one.number, '')) for one in state.entries.values()]
+            self._message = MissionQueue(hold=state.hold, held=state.held, entries=entries)
+        return self._message
+
+    @property
+    def running(self) -> int:
+        """Number of the entry that runs or was interrupted; 0 for none."""
+        return self._queue.running
+
+    # -- commands -----------------------------------------------------------------------------------------------------
+
+    def add(
+        self,
+        behavior: str,
+        arguments: Sequence[BehaviorArgument],
+        inputs: Sequence[BlackboardEntry],
+        autonomy: int,
+        options: QueueOptionsMessage,
+        operator: str,
+    ) -> None:
+        """Add an entry.
+
+        Raises:
+            CommandRefusedError: the behavior or an option is not valid, the queue is full, or the entry would be lost
+                in a crash.
+        """
+        if problem := self._journal_problem():
+            raise CommandRefusedError(f'the entry would be lost in a crash: {problem}')
+        given = [(one.name, one.value) for one in arguments]
+        request = run_request(self._library, behavior, given, inputs, autonomy, operator)
+        entry = QueueEntry(
+            0,
+            request.entry.name,
+            self._options(options),
+            tuple(given),
+            tuple(inputs),
+            request.autonomy,
+            operator,
+            self._now(),
+        )
+        self._queue.add(entry)
+        self._after_change()
+
+    def edit(
+        self,
+        number: int,
+        revision: int,
+        arguments: Sequence[BehaviorArgument],
+        inputs: Sequence[BlackboardEntry],
+        autonomy: int,
+        options: QueueOptionsMessage,
+    ) -> None:
+        """Change an entry; without arguments or inputs, it keeps those that it has.
+
+        Raises:
+            CommandRefusedError: there is no such entry, it was changed meanwhile, or something is not valid.
+        """
+        entry = self._queue.entry(number)
+        given = tuple((one.name, one.value) for one in arguments)
+        level = run_request(self._library, entry.behavior, given, inputs, autonomy, '').autonomy
+        changed = replace(entry, options=self._options(options), arguments=given, inputs=tuple(inputs), autonomy=level)
+        self._queue.edit(replace(changed, revision=revision))
+        self._after_change()
+
+    def remove(self, number: int) -> None:
+        """Remove an entry. Raises CommandRefusedError if there is none."""
+        self._queue.remove(number)
+        self._after_change()
+
+    def move(self, number: int, before: int) -> None:
+        """Move an entry. Raises CommandRefusedError: see :meth:`.mission_queue.MissionQueue.move`."""
+        self._queue.move(number, before)
+        self._after_change()
+
+    def clear(self, newest: int) -> None:
+        """Remove all entries up to a number."""
+        self._queue.clear(newest)
+        self._after_change()
+
+    def hold(self, why: str) -> None:
+        """Start no further entry."""
+        self._queue.hold(why)
+        self._report_held(why)
+
+    def hold_for_stop(self, why: str) -> None:
+        """Hold the queue for a STOP, if it has anything that could start."""
+        if self._queue.state.entries:
+            self.hold(why)
+
+    def release(self, hold: int) -> None:
+        """End a hold. Raises CommandRefusedError if the queue is not held, or for another reason meanwhile."""
+        self._queue.release(hold)
+        self._tell('the queue is released')
+        self._after_change()
+
+    # -- runs ---------------------------------------------------------------------------------------------------------
+
+    def read(self, event: RunEvent) -> None:
+        match event:
+            case RunRequested(request):  # on the executor thread
+                self._is_active = True
+                self._queue.running, self._started = request.queue_entry, self._now()
+                self._after_change()
+            case RunRefused(_, reason):
+                self._runtime.post(partial(self._ended, '', reason, is_forced=False))
+            case BehaviorEnded(outcome, message, _, is_forced):
+                self._runtime.post(partial(self._ended, outcome, message, is_forced=is_forced))
+
+    def consider(self) -> None:
+        """Start the next entry if one can start. Call it after any change that may allow a start."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        obstacle = self._obstacle()
+        now = self._now()
+        waits = {
+            number: obstacle or self._conditions.obstacle(entry, now)
+            for number, entry in self._queue.state.entries.items()
+            if number != self._queue.running
+        }
+        if waits != self._waits:
+            self._waits, self._message = waits, None
+            self._changed()
+        entry = None if obstacle else self._queue.next(lambda one: waits[one.number])
+        if entry is not None:
+            self._start(entry)
+        elif waits and (not obstacle or self._journal_problem()):
+            self._timer = self._runtime.post_in(PERIOD, self.consider)
+
+    def _obstacle(self) -> str:
+        """Return why no entry can start; '' if nothing prevents it except the conditions of each."""
+        if self._queue.state.hold:
+            return 'the queue is held'
+        if self._admission.refusal:
+            return self._admission.refusal
+        if self._is_active:
+            return 'a behavior runs'
+        if self._runs.interrupted is not None:
+            return 'a run was interrupted; resume or abort it'
+        return 'the journal cannot be written' if self._journal_problem() else ''
+
+    def _start(self, entry: QueueEntry) -> None:
+        by = f'{entry.operator or "an operator"} (entry {entry.number} of the queue)'
+        try:
+            request = run_request(self._library, entry.behavior, entry.arguments, entry.inputs, entry.autonomy, by)
+            self._runs.start(replace(request, queue_entry=entry.number))
+        except CommandRefusedError as error:
+            self._queue.running = entry.number
+            self._ended('', str(error), is_forced=False)
+
+    def _ended(self, outcome: str, message: str, *, is_forced: bool) -> None:
+        self._is_active = False
+        interrupted = self._runs.interrupted
+        if interrupted is not None:  # it was to be resumed, and still waits for that
+            self._queue.running = interrupted.queue_entry
+        elif self._queue.running:
+            self._settle(EndedRun(self._queue.running, outcome, message, is_forced))
+        elif self._queue.state.entries and (outcome == ERROR or is_forced):
+            self.hold(f'a run ended by {outcome!r}' + (f': {message}' if message else ''))
+        # Another turn of the executor: others have to read the end of this run before the next one starts.
+        self._runtime.post(self._after_change)
+
+    def _settle(self, end: EndedRun) -> None:
+        why = self._queue.settle(end, self._now(), self._started)
+        self._started = None
+        if why:
+            self._report_held(why)
+        elif end.number not in self._queue.state.entries:
+            self._tell(f'entry {end.number} of the queue is done', end.number)
+
+    def _recover(self, corruption: str) -> None:
+        """Continue after a restart. Entries may start once the executive is active."""
+        state, interrupted = self._queue.state, self._runs.interrupted
+        if state.ended is not None:  # the executive was killed between the end of the run and what follows from it
+            self._settle(state.ended)
+        if interrupted is not None and interrupted.queue_entry:
+            self._queue.running = interrupted.queue_entry
+            try:
+                interrupted.position()
+                run_request(self._library, interrupted.behavior, (), (), 0, '')
+            except CommandRefusedError as error:
+                self.hold(f'entry {interrupted.queue_entry} ran when the executive ended, and cannot continue: {error}')
+        elif corruption and state.entries:
+            self.hold('the journal is corrupt: whether an entry ran when the executive ended is not known')
+        if state.entries:
+            self._runtime.post(self.consider)
+
+    # -- helpers ------------------------------------------------------------------------------------------------------
+
+    def _options(self, message: QueueOptionsMessage) -> QueueOptions:
+        try:
+            on_failure = OnFailure(message.on_failure)
+        except ValueError:
+            raise CommandRefusedError(f'on_failure {message.on_failure} of an entry is not known here') from None
+        options = QueueOptions(
+            message.priority,
+            message.battery if not message.battery < 0.0 else -1.0,
+            seconds_of(message.not_before),
+            message.window,
+            message.place,
+            message.distance,
+            message.count,
+            message.interval,
+            on_failure,
+            message.retries,
+            tuple(message.wanted),
+        )
+        check_options(options, self._conditions.places)
+        return options
+
+    def _now(self) -> float:
+        return seconds_of(self._runtime.clock.stamp())
+
+    def _after_change(self) -> None:
+        self._message = None
+        self._changed()
+        self.consider()
+
+    def _report_held(self, why: str) -> None:
+        self._tell(f'the queue is held: {why}', severity=ExecutiveLog.WARN)
+        self._after_change()
+
+    def _tell(self, text: str, number: int = 0, severity: int = ExecutiveLog.INFO) -> None:
+        self._report.log(severity, text)
+        self._report.event('queue', entry=number, text=text)
+
+
+def options_message(options: QueueOptions) -> QueueOptionsMessage:
+    """Return the message of the options of an entry."""
+    fields: dict[str, Any] = asdict(options)
+    fields.update(not_before=time_message(options.not_before), wanted=list(options.wanted))
+    return QueueOptionsMessage(**{**fields, 'on_failure': int(options.on_failure)})
+
+
+def _entry_message(entry: QueueEntry, running: int, waits_for: str) -> QueueEntryMessage:
+    return QueueEntryMessage(
+        number=entry.number,
+        revision=entry.revision,
+        behavior=entry.behavior,
+        arguments=[
+            BehaviorArgument(name=name, value=truncate_middle(value, SHOWN_TEXT))
+            for name, value in entry.arguments[:SHOWN]
+        ],
+        inputs=[
+            BlackboardEntry(key=one.key, type=one.type, text=truncate_middle(one.text, SHOWN_TEXT))
+            for one in entry.inputs[:SHOWN]
+        ],
+        autonomy=entry.autonomy,
+        options=options_message(entry.options),
+        operator_id=entry.operator,
+        added=time_message(entry.added),
+        running=entry.number == running,
+        runs=entry.runs,
+        failures=entry.failures,
+        outcome=entry.outcome,
+        message=entry.message,
+        due=time_message(entry.due),
+        waits_for='' if entry.number == running else waits_for,
+    )
