@@ -28,30 +28,19 @@ def executives() -> Iterator[Any]:
 @pytest.fixture(scope='module')
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """Yield a browser for the tests of a module."""
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-    from web_browser import CHROMIUM, DRIVER, FLAGS
+    from flexbt_testing.browser import started_browser
 
-    options = webdriver.ChromeOptions()
-    options.binary_location = str(CHROMIUM)
-    for flag in FLAGS.split():
-        options.add_argument(f'--{flag}')
-    options.add_argument(f'--user-data-dir={tmp_path_factory.mktemp("chromium")}')
-    options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
-    started = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
-    try:
+    with started_browser(tmp_path_factory.mktemp('chromium')) as started:
         yield started
-    finally:
-        started.quit()
 
 
 @pytest.fixture
 def browser(driver: Any) -> Iterator[Any]:
     """Yield the browser at a page; nothing but a lost server may be in its console."""
-    from web_browser import Browser
+    from flexbt_testing.browser import Browser
 
-    yield Browser(driver)
-    complaints = [one['message'] for one in driver.get_log('browser') if one['level'] == 'SEVERE']
+    page = Browser(driver)
+    yield page
+    complaints = page.complaints()
     driver.get('about:blank')
-    # What is expected: a server that is lost, and nothing that the policy has held up.
-    assert [text for text in complaints if 'ERR_CONNECTION' not in text and 'WebSocket' not in text] == []
+    assert complaints == []  # of what the policy has held up, too

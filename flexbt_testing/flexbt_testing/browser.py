@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +26,19 @@ _FLAGS: Final = (
 NEEDS_BROWSER: Final = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason='no Chromium with its driver: apt install chromium chromium-driver'
 )
+AXE: Final = Path(sys.prefix, 'share', 'flexbt_studio', 'node_modules', 'axe-core', 'axe.min.js')
+"""The checker of accessibility axe-core, which ``make setup`` gets with the text editor of the studio."""
+NEEDS_AXE: Final = pytest.mark.skipif(
+    not AXE.is_file(), reason='axe-core is not installed: install npm, then make setup'
+)
+_RUN_AXE: Final = """
+const done = arguments[arguments.length - 1];
+const told = (rule, node) => `${rule.id}: ${node.target.flat().join(' ')}: ${node.failureSummary.split('\\n')[1].trim()}`;
+axe.run(document, {resultTypes: ['violations']}).then(
+  ({violations}) => done(violations.flatMap((rule) => rule.nodes.map((node) => told(rule, node)))),
+  (error) => done([String(error)]),
+);
+"""
 
 
 @contextlib.contextmanager
@@ -41,6 +55,7 @@ def started_browser(profile: Path) -> Iterator[Any]:
     options.add_argument(f'--user-data-dir={profile}')
     options.set_capability('goog:loggingPrefs', {'browser': 'ALL'})
     driver = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
+    driver.set_script_timeout(BROWSER_SECONDS)
     try:
         yield driver
     finally:
@@ -86,6 +101,41 @@ class Browser:
         for key in reversed(keys[:-1]):
             actions.key_up(key)
         actions.perform()
+
+    @contextlib.contextmanager
+    def emulated(self, width: int, height: int, *, mobile: bool = False, **media: str) -> Iterator[None]:
+        """Show the page in a window of this size, with these media features, during a ``with`` block."""
+        size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile}
+        features = [{'name': name.replace('_', '-'), 'value': value} for name, value in media.items()]
+        self.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', size)
+        self.driver.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': mobile})
+        self.driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': features})
+        try:
+            yield
+        finally:
+            self.driver.execute_cdp_cmd('Emulation.setEmulatedMedia', {'features': []})
+            self.driver.execute_cdp_cmd('Emulation.setTouchEmulationEnabled', {'enabled': False})
+            self.driver.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+    def violations(self) -> list[str]:
+        """Return what axe-core finds in the page as it is shown, in light and in dark: rule, element, and remedy."""
+        if not self.run('return Boolean(window.axe)'):
+            self.run(AXE.read_text('utf-8'))
+        found = []
+        for scheme in ('light', 'dark'):
+            with self.emulated(1400, 950, prefers_color_scheme=scheme):
+                found += [f'{scheme}: {one}' for one in self.driver.execute_async_script(_RUN_AXE)]
+        return found
+
+    def until_live(self) -> None:
+        """Wait until an operator's page is connected and shows the state of its robot."""
+        self.until_text('link', 'LIVE')
+        self.until(lambda: self.run('return document.body.classList.contains("blind")') is False)
+
+    def until_it_may_be_answered(self) -> None:
+        """Wait for as long as an operator's page takes no answer to what has just come up, in the time of the page."""
+        shown = self.run('return performance.now()')
+        self.until(lambda: self.run('return performance.now()') > shown + 400.0)
 
     def complaints(self) -> list[str]:
         """Return the errors of the page since the last call, except for connections that were lost."""

@@ -30,12 +30,12 @@ from flexbt_console.mirror.records import (
     SubjectValue,
 )
 from flexbt_console.mirror.trees import MirroredStatus, StatusChange, TreeReport
+from flexbt_testing.browser import NEEDS_BROWSER, Browser
 
 selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
 from selenium.webdriver.common.action_chains import ActionChains  # noqa: E402
 from selenium.webdriver.common.by import By  # noqa: E402
 from selenium.webdriver.common.keys import Keys  # noqa: E402
-from web_browser import NEEDS_BROWSER, Browser  # noqa: E402
 
 pytestmark = NEEDS_BROWSER
 
