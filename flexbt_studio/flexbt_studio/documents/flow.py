@@ -28,6 +28,8 @@ _ANY_KEY: Final = 'KEY'
 """What docstrings of states call keys that their parameters declare."""
 _KEPT: Final = ('result', 'response', 'message')
 """Parameters of states whose values are the keys that they write."""
+_ONLY_WITH: Final = re.compile(r'\bonly with an? (\w+)')
+"""What docstrings of states say of a key that depends on a parameter."""
 _WORD: Final = re.compile(r'[A-Za-z_]\w*')
 _IN_BRACES: Final = re.compile(r'\{([^{}]*)\}')
 
@@ -167,8 +169,15 @@ def state_keys(
     described = known.get(state.type.rpartition('.')[2])
     if described is None or state.kind != 'state':
         return set(), set(), False
-    reads = {one['name'] for one in described['inputs']}
-    writes = {one['name'] for one in described['outputs']}
+    given = {item.key for item in state.items('parameters')}
+    reads, writes = (
+        {
+            one['name']
+            for one in described[kind]
+            if not (only := _ONLY_WITH.search(one['description'])) or only[1] in given
+        }
+        for kind in ('inputs', 'outputs')
+    )
     is_all = True
     if _ANY_KEY in reads | writes:
         values = {item.key: document.value(item) for item in state.items('parameters')}

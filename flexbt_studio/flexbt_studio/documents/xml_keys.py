@@ -56,6 +56,8 @@ class KeyUse(NamedTuple):
     span: Span
     port: Port | None = None
     writes: bool = False
+    updates: bool = False
+    """Whether a script writes what it computes of the value before, as in ``key += 1``."""
 
     @property
     def role(self) -> str:
@@ -63,7 +65,7 @@ class KeyUse(NamedTuple):
         if self.form in ('argument', 'default'):
             return 'hands over'
         if self.form == 'script':
-            return 'writes' if self.writes else 'reads'
+            return 'reads and writes' if self.updates else 'writes' if self.writes else 'reads'
         if self.form == 'own':
             return 'removes'
         if self.port is None:
@@ -259,4 +261,6 @@ class KeyReader:
             if token.kind is TokenKind.NAME and key not in others and (writes or key not in self._types.scripts.enums):
                 start = at + token.offset
                 span = Span(part.value_start + places[start], part.value_start + places[start + len(key)])
-                yield KeyUse(key, element, name, 'script', span, port, writes)
+                yield KeyUse(
+                    key, element, name, 'script', span, port, writes, writes and following.value not in (':=', '=')
+                )

@@ -174,7 +174,7 @@ export class Actions {
     if (!part) return;
     if (part.kind === 'node' && part.data.kind !== 'subtree' && !part.data.name) {
       const name = await ask(`Name of ${part.title}`, '', 'The name of this node in logs, in requirements and in the graph.');
-      if (name) await this.run(() => ['set_value', {node: part.path, name: 'name', value: name}], () => part.path, `named ${name}`);
+      if (name) await this.run(() => ['set_value', {node: part.path, name: 'name', value: name}], () => part.path, `renamed to ${name}`);
     } else if (part.kind === 'tree' && !part.data.id) {
       const name = await ask('ID of the tree', '');
       if (name) await this.run(() => ['rename_tree', {id: part.path, new: name}], () => name, `named ${name}`);
