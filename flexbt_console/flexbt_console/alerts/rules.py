@@ -315,12 +315,14 @@ def _contacts(file: Path) -> dict[str, tuple[str, ...]]:
         why = (error.strerror or str(error)) if isinstance(error, OSError) else 'this is not YAML'
         raise UsageError(f'{file}{at} cannot be read: {why}') from None
     contacts: dict[str, tuple[str, ...]] = {}
-    for key, value in root.value if isinstance(root, yaml.MappingNode) else [(root, root)]:
+    expected = 'expected a line such as "anna: [address, address]" for each contact'
+    if not isinstance(root, yaml.MappingNode):
+        raise UsageError(f'{file}: {expected}')
+    for key, value in root.value:
         nodes = value.value if isinstance(value, yaml.SequenceNode) else [value]
         texts = [one.value if isinstance(one, yaml.ScalarNode) else '' for one in nodes]
         if not (isinstance(key, yaml.ScalarNode) and _NAME.fullmatch(key.value) and key.value not in contacts):
-            line = line_of(key) if isinstance(key, yaml.Node) else 1
-            raise UsageError(f'{file}:{line}: expected a line such as "anna: [address, address]" for each contact')
+            raise UsageError(f'{file}:{line_of(key)}: {expected}')
         if not texts or not all(0 < len(text) <= LONGEST_ADDRESS for text in texts):
             most = f'an address, or a list of them, of up to {LONGEST_ADDRESS} characters each'
             raise UsageError(f'{file}:{line_of(value)}: {key.value} needs {most}')
