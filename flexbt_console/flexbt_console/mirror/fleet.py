@@ -102,7 +102,7 @@ class Fleet:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._mirrors: dict[str, Mirror] = {}
-        self._pasts: dict[str, tuple[History, Lanes]] = {}
+        self._pasts: dict[str, tuple[Mirror, History, Lanes]] = {}
         self._listeners: list[Callable[[], None]] = []
         self.left_out = 0
         """Robots that were found and are not among these; see :meth:`note_left_out`."""
@@ -123,16 +123,14 @@ class Fleet:
             self._pasts.pop(name, None)
         self._tell()
 
-    def past(self, name: str) -> tuple[History, Lanes]:
-        """Return the past of a robot, and the lanes of its time line, which begin when this is called first.
-
-        Raises KeyError if the robot is not known.
-        """
+    def past(self, name: str, mirror: Mirror) -> tuple[History, Lanes]:
+        """Return the past of a robot, and the lanes of its time line, which begin when this is called first with its
+        mirror."""
         with self._lock:
-            if name not in self._pasts:
-                mirror = self._mirrors[name]
-                self._pasts[name] = History(mirror), Lanes(mirror)
-            return self._pasts[name]
+            known = self._pasts.get(name)
+            if known is None or known[0] is not mirror:
+                known = self._pasts[name] = mirror, History(mirror), Lanes(mirror)
+            return known[1:]
 
     def note_left_out(self, count: int, *, is_growing: bool = False) -> None:
         """Note how many robots were found but not added: there are too many, or the fleet is still growing."""

@@ -173,7 +173,8 @@ class WebServer:
         seat = self._pages[page] = robot, operator
         try:
             try:
-                self._robots.fleet.past(robot)  # from now on it is kept
+                mirror, link = self._robots.robot(robot)
+                past = PagePast(LivePast(*self._robots.fleet.past(robot, mirror), mirror.now), self._recordings)
                 await asyncio.to_thread(self._robots.open, robot, operator)
             except KeyError:  # the robot was forgotten just now
                 await page.refuse('NO SUCH ROBOT', self._not_found(robot), self._robots.fleet.overview())
@@ -182,9 +183,7 @@ class WebServer:
                 await page.refuse('TRY AGAIN', f'the server of the page cannot open {one_line(robot)} now: {error}')
                 return socket
             try:
-                mirror, link = self._robots.robot(robot)
                 station = self._station(mirror, link, operator)
-                past = PagePast(LivePast(*self._robots.fleet.past(robot), mirror.now), self._recordings)
                 if seat not in self._pictures:
                     self._pictures[seat] = Pictures(self._robots.fleet, robot, station, self._encoder)
                 features = {'asks_name': self._operator is not None, 'studio': self._has_studio}

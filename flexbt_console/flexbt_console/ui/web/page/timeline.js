@@ -3,7 +3,7 @@
 
 const LANES = ['states', 'nodes', 'decisions', 'commands', 'goals', 'faults'];
 const SIGNS = {states: '▶', decisions: '?', commands: '◆', goals: '◎', faults: '✗', success: '✓', failure: '✗', halted: '■'};
-const ROW = 18, AXIS = 20, CHARACTER = 6.4, LEAST_TEXT = 26;
+const ROW = 19, AXIS = 20, CHARACTER = 6.7, LEAST_TEXT = 26;
 const USUAL_SPAN = 60, LEAST_SPAN = 0.5, ZOOM = 1.5, SLOP = 4;
 const MOST_ENTRIES = 3000;  // of a lane, as on the server
 const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400];
@@ -238,7 +238,7 @@ export class Timeline {
       const y = AXIS + at * ROW, chosen = this.rowOf(row.first) === this.chosen;
       if (row.title && row.lane !== 'nodes' && at || row.lane === 'nodes' && rows[at - 1]?.lane !== 'nodes') parts.push(make('line', {class: 'between', x1: 0, x2: width, y1: y, y2: y}));
       for (const one of row.entries) parts.push(this.bar(one, y, row.entries[row.entries.indexOf(one) + 1]?.begin ?? width));
-      const head = make('g', {class: `row-name${chosen ? ' chosen' : ''}`, 'data-number': row.lane === 'nodes' ? row.first.number : null}, make('rect', {x: 0, y: y + 1, width: left - 4, height: ROW - 2}), make('text', {x: 4, y: y + 13}, cut(row.title, left - 10)));
+      const head = make('g', {class: `row-name${chosen ? ' chosen' : ''}`, 'data-number': row.lane === 'nodes' ? row.first.number : null}, make('rect', {x: 0, y: y + 1, width: left - 4, height: ROW - 2}), make('text', {x: 4, y: y + 14}, cut(row.title, left - 10)));
       if (row.lane === 'nodes') head.append(make('title', {}, row.first.key.replace('\n', ' ')));
       parts.push(head);
     });
@@ -253,7 +253,7 @@ export class Timeline {
     const outside = this.isPoint(entry) && wide < LEAST_TEXT, room = outside ? Math.min(next, text) - end : wide;
     const shown = outside ? cut(`${sign} ${words}`, room - 4) || (next - end > 9 ? sign : '') : wide >= LEAST_TEXT ? cut(`${sign} ${words}`, wide - 4) : wide >= 9 ? sign : '';
     return make('g', {class: `entry ${entry.lane} ${entry.tone}${entry.end === null ? ' open' : ''}`, 'data-number': entry.number},
-      make('rect', {x: from, y: y + 2, width: wide, height: ROW - 4, rx: 2}), ...(shown ? [make('text', {class: outside ? 'outside' : '', x: (outside ? end : from) + 2, y: y + 13}, shown)] : []),
+      make('rect', {x: from, y: y + 2, width: wide, height: ROW - 4, rx: 2}), ...(shown ? [make('text', {class: outside ? 'outside' : '', x: (outside ? end : from) + 2, y: y + 14}, shown)] : []),
       make('title', {}, `${this.clock(entry.begin)}  ${this.name(entry)}  ${entry.end === null ? 'goes on' : ago(entry.end - entry.begin)}\n${entry.text}`));
   }
 }
