@@ -41,6 +41,7 @@ from .spec import (
     Mode,
     Option,
     Part,
+    Role,
     Send,
     Show,
     seconds,
@@ -57,6 +58,11 @@ _PAGE = Option('--page', 'address of the page of the same robots, for programs',
 _PORT = Option('--port', 'port of the page (default 8465; 0 picks a free one)', 'NUMBER', read=port_number)
 _ADDRESS = Option(
     '--address', 'address to listen at (default 127.0.0.1: this computer only; any other requires a token)', 'IP'
+)
+_USERS = Option('--users', 'file of the users, with their roles: see "users"', 'FILE')
+_TLS = (
+    Option('--certificate', 'serve by HTTPS with this certificate and the chain that it needs (PEM)', 'FILE'),
+    Option('--key', 'private key of the certificate, unless it is in the same file (PEM)', 'FILE'),
 )
 _STUDIO = Option('--studio', 'serve the studio as well, for the missions in this folder', 'FOLDER')
 _SCAN_PERIOD = Option(
@@ -672,13 +678,16 @@ COMMANDS: Final = (
         'web',
         'page for a browser: machine, trees and map as pictures, decisions, commands and log',
         Mode.WEB,
-        options=(_ROBOT, _PORT, _ADDRESS, _STUDIO, _SCAN_PERIOD, _SLOW_LINK),
+        options=(_ROBOT, _PORT, _ADDRESS, _USERS, *_TLS, _STUDIO, _SCAN_PERIOD, _SLOW_LINK),
         details=(
             'It prints the address of the page and serves it until interrupted. The page has a line for each robot '
             'that is found, the most urgent first; ?robot=NAME opens one of them.',
             'At an address other than that of this computer, the page requires the token in the printed address. '
-            'FLEXBT_WEB_TOKEN sets the token, which is then required on this computer, too. Nothing is encrypted: on '
-            'an open network, use a tunnel (ssh -L 8465:localhost:8465 STATION).',
+            'FLEXBT_WEB_TOKEN sets the token, which is then required on this computer, too. With --users, each user '
+            'has a token and a role instead (see "users").',
+            'Without --certificate nothing is encrypted: on an open network, use one, or a tunnel (ssh -L '
+            '8465:localhost:8465 STATION).',
+            'Programs have the same by HTTP, below /api/: /api/openapi.json describes it.',
         ),
     ),
     CommandSpec(
@@ -697,6 +706,21 @@ COMMANDS: Final = (
         details=(
             'NAME is the beginning of a name, or "latest". The folder of an incident has the page as HTML, too, and a '
             'recording for "replay".',
+        ),
+    ),
+    CommandSpec(
+        'users',
+        'list the users of a page, or add or remove one',
+        Mode.USERS,
+        (Argument('FILE'),),
+        (
+            Option('--add', 'add a user, or give him a new token and role, and print the token', 'NAME'),
+            Option('--role', 'role of the added user: observer, operator (default) or maintainer', 'ROLE'),
+            Option('--remove', 'remove a user', 'NAME'),
+        ),
+        details=(
+            'An observer looks; an operator also starts, answers, pauses and stops; a maintainer also forces outcomes, '
+            'debugs, switches and edits. The file has only hashes of tokens. Start "web" again after a change.',
         ),
     ),
     CommandSpec(
@@ -736,6 +760,31 @@ COMMANDS: Final = (
         options=(_LEAVING, _PAGE),
     ),
 )
+
+
+MAINTENANCE: Final = frozenset(
+    {
+        'force',
+        'repeat',
+        'lock',
+        'unlock',
+        'breakpoint',
+        'clear',
+        'step',
+        'switch',
+        'synthesize',
+        'break',
+        *(spec.name for spec in COMMANDS if spec.name.startswith('tree ') and isinstance(spec.action, Send)),
+    }
+)
+"""Commands that override, debug or change what runs."""
+
+
+def role_for(command: CommandSpec) -> Role:
+    """Return the least role for a command."""
+    if command.name in MAINTENANCE:
+        return Role.MAINTAINER
+    return Role.OPERATOR if isinstance(command.action, Send) or command.name == 'incident' else Role.OBSERVER
 
 
 def find(name: str) -> CommandSpec | None:

@@ -282,7 +282,7 @@ def _run_web(line: CommandLine) -> ExitCode:
     folder = line.value('--studio')
     # The studio writes files, so it has a token on this computer, too.
     token = os.environ.get('FLEXBT_WEB_TOKEN', '') or (secrets.token_urlsafe(24) if folder else '')
-    access = Access.of(line.value('--address') or '127.0.0.1', token)
+    access = _access(line, Access.of(line.value('--address') or '127.0.0.1', token))
     only = dict.fromkeys(map(full_namespace, line.values('--robot')))
     with _open_runtime(line) as runtime:
         operator, simulator = _operator(line), SimulatorLink(runtime)
@@ -345,6 +345,50 @@ def _acknowledge(line: CommandLine) -> ExitCode:
     return ExitCode.OK
 
 
+def _access(line: CommandLine, access: Access) -> Access:
+    """Return the access with the users and the certificate of the line. Raises UsageError."""
+    import ssl
+
+    from .web.users import read_users
+
+    users = read_users(Path(line.value('--users'))) if line.has('--users') else {}
+    if line.has('--users') and not users:
+        raise UsageError(f'{line.value("--users")} has no user; "console users" adds one')
+    certificate = None
+    if line.has('--certificate'):
+        certificate = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+        try:
+            certificate.load_cert_chain(line.value('--certificate'), line.value('--key') or None)
+        except (OSError, ValueError) as error:
+            raise UsageError(f'--certificate {line.value("--certificate")}: cannot be used: {error}') from None
+    elif line.has('--key'):
+        raise UsageError('--key needs --certificate')
+    return replace(access, users=users, certificate=certificate)
+
+
+def _run_users(line: CommandLine) -> ExitCode:
+    from .web.users import NAME, User, new_token, read_users, role_of, token_hash, write_users
+
+    file, new, gone = Path(line.first_word), line.value('--add'), line.value('--remove')
+    users = read_users(file) if file.exists() or not new else {}
+    if new and not NAME.fullmatch(new):
+        raise UsageError(f'--add {new!r}: a name has letters, digits, and . _ @ -, at most 64')
+    if gone and gone not in {user.name for user in users.values()}:
+        raise UsageError(f'{file}: has no user {gone!r}')
+    if new or gone:
+        users = {token: user for token, user in users.items() if user.name not in (new, gone)}
+    if new:
+        token = new_token()
+        users[token_hash(token)] = User(new, role_of(line.value('--role') or 'operator', '--role'))
+    if new or gone:
+        write_users(file, users)
+    if new:
+        print(f'token of {new}, which is shown only now: {token}\nIn a browser, add it to the address: #token={token}')
+    else:
+        print('\n'.join(f'{user.name}  {user.role.name.lower()}' for user in users.values()) or 'no users')
+    return ExitCode.OK
+
+
 def _studio() -> Callable[[str, Access, FleetLink], web.Application]:
     """Return what makes the application of the studio, from the package that has it."""
     for point in entry_points(group=STUDIO_GROUP):
@@ -358,6 +402,7 @@ _RUNS: Final[Mapping[Mode, Callable[[CommandLine], ExitCode]]] = {
     Mode.ACKNOWLEDGE: _acknowledge,
     Mode.REPLAY: _run_replay,
     Mode.INCIDENTS: _run_incidents,
+    Mode.USERS: _run_users,
     Mode.RUN_TREE: _run_tree,
     Mode.COMPLETION: _complete,
     Mode.PROMPT: _run_interactive,

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import prompt_command_help, prompt_help
-from flexbt_console.commands.spec import Ask, CommandLine, Inquiry, Reading, Show
+from flexbt_console.commands.registry import role_for
+from flexbt_console.commands.spec import Ask, CommandLine, Inquiry, Reading, Role, Show
+from flexbt_console.errors import RefusedError
 from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.command_tracker import CommandState, Confirmation
 from flexbt_console.mirror.mirror import Mirror
@@ -47,6 +49,12 @@ class Station:
     leaving: str
     page: str = ''
     obstacles: SimulatorLink | None = None
+    role: Role = Role.MAINTAINER
+
+    def require(self, role: Role, what: str) -> None:
+        """Raise RefusedError if the role of the user is less."""
+        if self.role < role:
+            raise RefusedError(f'{what} needs the role {role.name.lower()}; yours is {self.role.name.lower()}')
 
     def carry_out(self, meaning: Meaning, view: View) -> OperatorCommand | Reading | RobotRequest | None:
         """Execute the meaning, based on ``view``. Return the command that was sent, or the text to show.
@@ -56,7 +64,9 @@ class Station:
             ConsoleError: the requested data has not arrived.
         """
         line, spec = meaning.line, meaning.line.spec
+        self.require(role_for(spec), f'"{spec.name}"')
         if meaning.command is not None:
+            self.require(Role.OPERATOR, 'an answer')
             command = self.attention.measured(meaning.command)
             self.link.send(command, self.timeout, meaning.label)
             return command

@@ -35,7 +35,7 @@ from flexbt_console.mirror.records import (
 from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, TreeNodes, TreeReport
 from flexbt_console.ui.web import picture
 from flexbt_console.ui.web import server as web_run
-from flexbt_console.ui.web.access import GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
+from flexbt_console.ui.web.access import ANYBODY, GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import (
@@ -561,7 +561,7 @@ def test_beyond_this_computer_there_is_a_token() -> None:
     first = Access.of('0.0.0.0')  # noqa: S104
     second = Access.of('192.0.2.1')
     assert len(first.token) > 20 and first.token != second.token
-    assert not first.knows_token('') and not first.knows_token(None) and first.knows_token(first.token)
+    assert first.user_of('') is first.user_of(None) is None and first.user_of(first.token) is ANYBODY
     assert first.page_address(80).endswith(f'#token={first.token}')
     assert second.knows_host('192.0.2.1:80') and not second.knows_host('example.com:80')
     with pytest.raises(UsageError):

@@ -13,8 +13,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from aiohttp import web
+from aiohttp import WSCloseCode, web
 
+from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
 from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, WrongTokens, greeting, guard, source_of
 
@@ -102,7 +103,10 @@ class StudioServer:
     async def _open(self, request: web.Request) -> web.StreamResponse:
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         await socket.prepare(request)
-        if await greeting(socket, self._access, self._wrong, source_of(request.remote)) is not None:
+        hello = await greeting(socket, self._access, self._wrong, source_of(request.remote))
+        if hello is not None and hello['user'].role < Role.MAINTAINER:
+            await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the studio needs the role maintainer')
+        elif hello is not None:
             await self._sessions.serve(socket)
         return socket
 

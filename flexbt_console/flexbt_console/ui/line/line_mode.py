@@ -23,7 +23,7 @@ from flexbt_console.present.events import SETTLE_SECONDS, Event, Follower
 from flexbt_console.present.json_form import encode_json, result_json, robots_json
 from flexbt_console.present.rendering import behavior_line, command_result_lines, left_out_text, robot_line
 from flexbt_console.present.style import coloured, has_colours
-from flexbt_console.ui.answers import meaning_of
+from flexbt_console.ui.answers import Meaning, meaning_of
 from flexbt_console.ui.station import RobotRequest, Station
 from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.work_thread import watchdog
@@ -69,14 +69,14 @@ class LineMode:
             return self._watch(self._line.seconds('--timeout'))
         view, is_heard = self._seen()
         run_before = view.snapshot.run_id if view.snapshot else ''
-        meaning = meaning_of(self._line, view, self._station.builder, self._spec.name)
+        meaning = self.identified(meaning_of(self._line, view, self._station.builder, self._spec.name))
         done = self._station.carry_out(meaning, view)
         if isinstance(done, OperatorCommand):
             return self._wait_for_answer(done, run_before)
         if isinstance(done, RobotRequest):
             done = done.ask(self._link, print_progress)
         assert done is not None
-        self._print(done.value, done.text)
+        self.tell(done.value, done.text)
         return ExitCode.REFUSED if done.is_refusal else ExitCode.OK if is_heard else ExitCode.NO_LINK
 
     def _seen(self) -> tuple[View, bool]:
@@ -92,7 +92,7 @@ class LineMode:
                     raise
         if spec.needs:
             timeout = LATCHED_SECONDS if is_command else self._station.timeout
-            with self._waiting_for(lambda: f'what {spec.name} needs to know of the robot'):
+            with self.waiting_for(lambda: f'what {spec.name} needs to know of the robot'):
                 view = self._link.wait_for(lambda now: now if spec.has_arrived(now) else None, timeout) or view
         if isinstance(action, Show) and action.history is not None:
             self._settle(action.history)
@@ -105,7 +105,7 @@ class LineMode:
                 return f'an executive ({view.problem or "none was heard yet"})'
             return f'a live status ({view.problem or f"the last one is {view.age or 0.0:.1f} s old"})'
 
-        with self._waiting_for(wanted):
+        with self.waiting_for(wanted):
             return self._link.live_view(self._station.timeout)
 
     def _settle(self, history: Callable[[Mirror], tuple[object, ...]]) -> None:
@@ -118,13 +118,18 @@ class LineMode:
                 QUIET_SECONDS,
             )
 
-    def _waiting_for(self, what: Callable[[], str]) -> AbstractContextManager[None]:
+    def identified(self, meaning: Meaning) -> Meaning:
+        """Return the meaning with the identifier that its command is to have."""
+        return meaning
+
+    def waiting_for(self, what: Callable[[], str]) -> AbstractContextManager[None]:
+        """Tell the user, during a ``with`` block that takes long, what is waited for."""
         return report_wait(self._clock, what, self._station.timeout)
 
     def _wait_for_answer(self, command: OperatorCommand, run_before: str) -> ExitCode:
         name, timeout = self._spec.name, self._station.timeout
         guard = ' or the stop guard' if command.kind is CommandKind.STOP else ''
-        with self._waiting_for(lambda: f'the answer of the executive{guard}'):
+        with self.waiting_for(lambda: f'the answer of the executive{guard}'):
             tracked = self._link.settled(command.id, timeout + 1.0) or self._mirror.command(command.id)
         if tracked is None:
             raise NoAnswerError('no answer')
@@ -133,12 +138,12 @@ class LineMode:
             exit_code = ExitCode.NO_LINK
         if exit_code is ExitCode.OK and self._line.has('--wait'):
             return self._wait_for_end(tracked, run_before)
-        self._print(result_json(name, tracked, exit_code), command_result_lines(tracked))
+        self.tell(result_json(name, tracked, exit_code), command_result_lines(tracked))
         return exit_code
 
     def _wait_for_end(self, tracked: TrackedCommand, run_before: str) -> ExitCode:
         if not self._as_json:
-            self._print(None, command_result_lines(tracked))
+            self.tell(None, command_result_lines(tracked))
         starting = self._spec.name == 'start'
         answer = self._mirror.view().snapshot
         if answer is None:
@@ -169,7 +174,7 @@ class LineMode:
         by_itself = ended.outcome not in ('', 'preempted', 'error')
         exit_code = ExitCode.OK if by_itself or not starting else ExitCode.REFUSED
         result = result_json(self._spec.name, tracked, exit_code, outcome=ended.outcome, message=ended.message)
-        self._print(result, [behavior_line(self._mirror.view())])
+        self.tell(result, [behavior_line(self._mirror.view())])
         return exit_code
 
     def _watch(self, seconds: float | None) -> ExitCode:
@@ -196,13 +201,14 @@ class LineMode:
             for name, value, text in events:
                 if self._as_json or text:
                     stamp = f'{time.strftime("%H:%M:%S")} '
-                    self._print({'event': name, 'time': time.time(), **value}, text, stamp)
+                    self.tell({'event': name, 'time': time.time(), **value}, text, stamp)
         view = self._mirror.view()
         if view.snapshot is None:
             raise NoLinkError(f'no executive was heard in {seconds:g} s')
         return ExitCode.OK if view.link is not LinkState.LOST else ExitCode.NO_LINK
 
-    def _print(self, value: Any, text: list[str], prefix: str = '') -> None:
+    def tell(self, value: Any, text: list[str], prefix: str = '') -> None:
+        """Print an answer: its value for programs, or its lines for people."""
         lines = '\n'.join(prefix + coloured(line, self._has_colours) for line in text)
         print(encode_json(value) if self._as_json else lines, flush=True)
 

@@ -9,19 +9,23 @@ import hmac
 import ipaddress
 import secrets
 import socket
+import ssl
 import time
 from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Final
 from urllib.parse import urlsplit
 
 from aiohttp import WSCloseCode, web
 from aiohttp.typedefs import Handler, Middleware
 
+from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
 from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import short_repr
+
+from .users import User, token_hash
 
 CLOSED_HEADERS: Final = {
     'X-Content-Type-Options': 'nosniff',
@@ -73,6 +77,7 @@ class WrongTokens:
 @dataclass(frozen=True)
 class Access:
     """``address`` is where it listens, ``names`` are further names of the computer; an empty ``token`` means none.
+    With ``users`` (by the hashes of their tokens) each has a token of his own. ``certificate``: it is served by HTTPS.
 
     A page of another site reaches this server in two ways: by its own address, which the browser sends in ``Origin``;
     and under a name of its own that it lets point to us (DNS rebinding), which is the ``Host``. So Host is an address
@@ -82,6 +87,8 @@ class Access:
     address: str = '127.0.0.1'
     token: str = ''
     names: frozenset[str] = frozenset({'localhost'})
+    users: Mapping[str, User] = field(default_factory=dict)
+    certificate: ssl.SSLContext | None = None
 
     @classmethod
     def of(cls, address: str, token: str = '') -> Access:
@@ -109,19 +116,26 @@ class Access:
         """Return whether a header ``Origin`` is the page of this server; without the header no page asked."""
         return origin is None or origin in (f'http://{host}', f'https://{host}')
 
-    def knows_token(self, token: object) -> bool:
-        """Return whether the token is right, or none is needed."""
-        if not self.token:
-            return True
-        received = token.encode(errors='replace') if isinstance(token, str) else b''  # JSON may hold lone surrogates
-        return hmac.compare_digest(received, self.token.encode(errors='surrogateescape'))
+    def user_of(self, token: object) -> User | None:
+        """Return the user with this token, ANYBODY where all are one, or None if the token is wrong."""
+        text = token if isinstance(token, str) else ''
+        if self.users:
+            return self.users.get(token_hash(text))  # of a hash, time tells nothing
+        received = text.encode(errors='replace')  # JSON may hold lone surrogates
+        is_right = not self.token or hmac.compare_digest(received, self.token.encode(errors='surrogateescape'))
+        return ANYBODY if is_right else None
 
     def page_address(self, port: int) -> str:
         """Return the address to open in a browser. The token follows ``#``: browsers do not send that part."""
         host = {'0.0.0.0': socket.gethostname(), '::': socket.gethostname()}.get(self.address, self.address)  # noqa: S104
         shown = f'[{host}]' if ':' in host else host
-        return f'http://{shown}:{port}/' + (f'#token={self.token}' if self.token else '')
+        scheme = 'http' if self.certificate is None else 'https'
+        token = self.token if not self.users else ''
+        return f'{scheme}://{shown}:{port}/' + (f'#token={token}' if token else '')
 
+
+ANYBODY: Final = User('', Role.MAINTAINER)
+"""The user where all are one."""
 
 HELLO_SECONDS: Final = 10.0
 """Time for the first message of a page, s."""
@@ -132,7 +146,7 @@ async def greeting(
 ) -> dict[str, Any] | None:
     """Return the first message of a page if it has the token; else close the WebSocket and return None.
 
-    Nothing is sent before that.
+    Nothing is sent before that. The message gets the key ``user``.
     """
     with contextlib.suppress(TimeoutError, TypeError, ValueError, RecursionError):
         hello = load_json(await socket.receive_str(timeout=HELLO_SECONDS))
@@ -140,8 +154,9 @@ async def greeting(
             raise TypeError
         while wait := wrong.wait(source):
             await asyncio.sleep(wait)
-        if 'hello' in hello and access.knows_token(hello['hello']):
-            return hello
+        user = access.user_of(hello['hello']) if 'hello' in hello else None
+        if user is not None:
+            return {**hello, 'user': user}
         wrong.note(source)
     await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
     return None

@@ -26,7 +26,7 @@ from flexbt_core.clock.clock import SteadyClock
 from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import escape_lines, one_line
 
-from .access import Access, WrongTokens, greeting
+from .access import ANYBODY, Access, WrongTokens, greeting
 from .drawings import NO_DRAWING, Drawing, Drawings, machine_drawing
 from .past import PagePast, moment_part
 from .picture import COMMAND_PART, PERIOD, Pictures, map_message, robot_lines
@@ -54,7 +54,7 @@ class PageLink:
 
     def __init__(self, socket: web.WebSocketResponse, drawings: Drawings, source: str) -> None:
         self.source = source
-        self.operator = ''
+        self.operator, self.user = '', ANYBODY
         self._socket = socket
         self._drawings = drawings
         self._changed = asyncio.Event()
@@ -103,7 +103,8 @@ class PageLink:
         """Return whether the first message has the token. Nothing is sent before that."""
         hello = await greeting(self._socket, access, wrong, self.source)
         if hello is not None:
-            self.operator = operator_name(hello)
+            self.user = hello['user']
+            self.operator = self.user.name or operator_name(hello)
         return hello is not None
 
     async def refuse(self, word: str, text: str, robots: Sequence[RobotOverview] = ()) -> None:

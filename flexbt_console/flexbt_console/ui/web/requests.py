@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, Final
 
 from flexbt_console.commands.completion import candidates
-from flexbt_console.commands.spec import Reading
+from flexbt_console.commands.spec import Reading, Role
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.records import OperatorCommand
 from flexbt_console.mirror.view import View
@@ -177,6 +177,7 @@ def _remove_obstacle(name: str, station: Station) -> Reading:
 def _simulator(station: Station) -> Any:
     if station.builder.operator is None:
         raise RefusedError('an observer cannot drop obstacles; omit --observer')
+    station.require(Role.OPERATOR, 'an obstacle')
     if station.obstacles is None or not station.obstacles.is_possible():
         raise RefusedError('there is no simulator that serves simulation_interfaces; obstacles cannot be dropped here')
     return station.obstacles

@@ -7,10 +7,12 @@ import asyncio
 import contextlib
 import logging
 import signal
+import ssl
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from typing import TYPE_CHECKING, Final
@@ -21,6 +23,7 @@ from aiohttp.typedefs import Handler
 
 from flexbt_common.files import USER_DIRECTORY, home_path
 from flexbt_common.pictures.markup import STYLE
+from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
 from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.mirror import Mirror
@@ -33,7 +36,9 @@ from .drawings import Drawings
 from .page_link import PageLink
 from .past import LivePast, PagePast, Recordings
 from .picture import Pictures
+from .programs import Programs
 from .requests import MESSAGE_BYTES
+from .users import User
 
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
@@ -100,6 +105,10 @@ class WebServer:
         self._has_studio = studio is not None
         if studio is not None:
             application.add_subapp('/studio/', studio)
+        programs = Programs(
+            self._robots, self._station, self._access, lambda user: self.operator(user.name or 'program', user)
+        )
+        application.add_subapp('/api/', programs.application())
         application.on_startup.append(self.start)
         application.on_cleanup.append(self.end)
         application.router.add_get('/link', self.open_page)
@@ -165,7 +174,7 @@ class WebServer:
         if len(self._pages) >= MOST_PAGES:
             await page.refuse('TOO MANY PAGES', f'{MOST_PAGES} pages are open already; close one')
             return socket
-        operator = self._operator(page.operator) if self._operator is not None else ''
+        operator = self.operator(page.operator, page.user)
         operators = {one for _, one in self._pages.values()}
         if operator not in operators and len(operators) >= MOST_OPERATORS:
             await page.refuse('TOO MANY OPERATORS', f'{MOST_OPERATORS} operators have pages open; close one')
@@ -183,10 +192,11 @@ class WebServer:
                 await page.refuse('TRY AGAIN', f'the server of the page cannot open {one_line(robot)} now: {error}')
                 return socket
             try:
-                station = self._station(mirror, link, operator)
+                station = replace(self._station(mirror, link, operator), role=page.user.role)
                 if seat not in self._pictures:
                     self._pictures[seat] = Pictures(self._robots.fleet, robot, station, self._encoder)
-                features = {'asks_name': self._operator is not None, 'studio': self._has_studio}
+                asks_name = self._operator is not None and not page.user.name
+                features = {'asks_name': asks_name, 'studio': self._has_studio}
                 await page.serve(robot, station, self._pictures[seat], past, **features)
             finally:
                 await asyncio.to_thread(self._robots.close, robot, operator)
@@ -195,6 +205,10 @@ class WebServer:
             if seat in self._pictures and seat not in self._pages.values():
                 self._pictures.pop(seat).close()
         return socket
+
+    def operator(self, name: str, user: User) -> str:
+        """Return the operator for a name and a user; '' for that of the server, and for those who only look."""
+        return self._operator(name) if self._operator is not None and user.role > Role.OBSERVER else ''
 
     def _named(self, name: str) -> str | None:
         """Return the robot that a page requests by name, with or without the leading slash; None if it is unknown.
@@ -259,14 +273,16 @@ async def _serve(application: web.Application, access: Access, port: int, report
     ended = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, ended.set)
-    async with serving(application, access.address, port) as used:
+    async with serving(application, access.address, port, access.certificate) as used:
         report(access.page_address(used))
         await ended.wait()
 
 
 @contextlib.asynccontextmanager
-async def serving(application: web.Application, address: str, port: int) -> AsyncIterator[int]:
-    """Serve during a ``with`` block, and yield the port. ``port`` 0 chooses a free one.
+async def serving(
+    application: web.Application, address: str, port: int, certificate: ssl.SSLContext | None = None
+) -> AsyncIterator[int]:
+    """Serve during a ``with`` block, and yield the port. ``port`` 0 chooses a free one. HTTPS with a ``certificate``.
 
     Raises:
         UsageError: the address or port cannot be used.
@@ -285,7 +301,7 @@ async def serving(application: web.Application, address: str, port: int) -> Asyn
         assert runner.server is not None
         loop, accept = asyncio.get_running_loop(), partial(connections.accept, runner.server)
         try:
-            listener = await loop.create_server(accept, address, port, reuse_address=True)
+            listener = await loop.create_server(accept, address, port, reuse_address=True, ssl=certificate)
         except (OSError, OverflowError) as error:
             raise UsageError(
                 f'cannot serve at {address}, port {port}: {error}; --port names another, --port 0 takes a free one'

@@ -1,0 +1,504 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The interface for programs: status, commands, events, incidents and recordings over HTTP, below ``/api/``.
+
+A command is one of line mode, with its arguments and options as the keys of a JSON object. Line mode itself reads it,
+sends it and awaits its answer; the exit code becomes the status of the answer. ``/api/openapi.json`` describes it all.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from http import HTTPStatus
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+from aiohttp import web
+from aiohttp.typedefs import Handler
+
+from flexbt_common.files import INCIDENTS, USER_DIRECTORY, home_path
+from flexbt_console.commands.command_line import check, parse
+from flexbt_console.commands.registry import COMMANDS, role_for
+from flexbt_console.commands.spec import CommandLine, CommandSpec, Option, Send
+from flexbt_console.errors import ConsoleError, ExitCode, UsageError
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.present.events import Follower
+from flexbt_console.present.json_form import encode_json, failure_json, robots_json, status_json
+from flexbt_console.recording.incidents import incident_named, incidents_in
+from flexbt_console.ui.answers import Meaning
+from flexbt_console.ui.line.line_mode import LineMode
+from flexbt_console.ui.station import Station
+from flexbt_core.clock.clock import SteadyClock
+from flexbt_core.clock.rates import SenderRates
+from flexbt_core.values.json_data import load_json
+from flexbt_core.values.text import did_you_mean, one_line, short_repr
+
+from .access import Access, WrongTokens, source_of
+from .users import User
+
+if TYPE_CHECKING:
+    from flexbt_console.link.fleet_link import FleetLink
+    from flexbt_console.link.robot_link import RobotLink
+
+OWN: Final = '_'
+"""Name of the robot without a namespace, in a path."""
+
+BODY_BYTES: Final = 1_000_000
+"""Maximum size of the body of a request."""
+
+MOST_AT_ONCE: Final = 16
+"""Commands that are carried out at the same time, and streams of events that are open, at most each."""
+
+RATE: Final = 20.0
+BURST: Final = 100
+"""Requests of a user: per second, and at once."""
+
+OPEN_SECONDS: Final = 30.0
+"""Time for which a robot stays open after a request, s: what a command needs to know is there for the next one."""
+
+EVENT_SECONDS: Final = 0.2
+IDLE_SECONDS: Final = 15.0
+"""Time between two looks for events, and after which a stream without events sends a comment, s."""
+
+STATUS: Final = {
+    ExitCode.OK: HTTPStatus.OK,
+    ExitCode.USAGE: HTTPStatus.BAD_REQUEST,
+    ExitCode.REFUSED: HTTPStatus.CONFLICT,
+    ExitCode.TIMEOUT: HTTPStatus.GATEWAY_TIMEOUT,
+    ExitCode.NO_LINK: HTTPStatus.SERVICE_UNAVAILABLE,
+    ExitCode.FAULT: HTTPStatus.INTERNAL_SERVER_ERROR,
+}
+"""HTTP statuses of exit codes."""
+
+_KEY: Final = 'Idempotency-Key'
+_NAMESPACE: Final = uuid.UUID('0b5de8ad-52a5-4cc8-8f6e-8a60a55d7a39')
+_LEFT_OUT: Final = frozenset({'--png', '--size', '--scan'})
+
+
+class Answer(NamedTuple):
+    """The answer of a command: its exit code, and what it is for programs."""
+
+    code: ExitCode
+    value: Any
+
+
+class _Performance(LineMode):
+    """A command of line mode whose answer is kept instead of printed. ``identifier``: that of its command, or ''."""
+
+    def __init__(self, line: CommandLine, station: Station, link: Any, identifier: str) -> None:
+        super().__init__(line, station, link, SteadyClock())
+        self._identifier = identifier
+        self.value: Any = None
+
+    def tell(self, value: Any, text: list[str], prefix: str = '') -> None:
+        """Keep the last answer."""
+        self.value = {'text': [str(one) for one in text]} if value is None else value
+
+    def waiting_for(self, what: Callable[[], str]) -> AbstractContextManager[None]:
+        """Tell nobody."""
+        return nullcontext()
+
+    def identified(self, meaning: Meaning) -> Meaning:
+        """See :meth:`LineMode.identified`."""
+        if meaning.command is None or not self._identifier:
+            return meaning
+        return replace(meaning, command=replace(meaning.command, id=self._identifier))
+
+
+def perform(line: CommandLine, station: Station, link: Any, identifier: str = '') -> Answer:
+    """Carry out a command and wait for its answer. Not on the executor thread."""
+    name = line.spec.name
+    one = _Performance(line, station, link, identifier)
+    try:
+        check(line)
+        return Answer(one.run(), one.value)
+    except ConsoleError as error:
+        return Answer(error.exit_code, failure_json(name, error.exit_code, str(error)))
+
+
+def line_of(spec: CommandSpec, given: Mapping[str, Any]) -> CommandLine:
+    """Return the line of a command from the keys of a JSON object; see :func:`schema_of`.
+
+    Raises:
+        UsageError: a key is unknown, a value has the wrong type, or an argument is missing.
+    """
+    words: list[str] = []
+    known = [*(key_of(one.name) for one in spec.arguments), *(key_of(one.name) for one in options_of(spec))]
+    for key in given:
+        if key not in known:
+            raise UsageError(f'{spec.name} has no {short_repr(key)}{did_you_mean(key, known)}')
+    for argument in spec.arguments:
+        value = given.get(key_of(argument.name))
+        texts = [] if value is None else _texts(value, argument.repeated, argument.name)
+        if argument.required and not texts:
+            raise UsageError(f'{spec.name}: {key_of(argument.name)!r} is missing')
+        words += texts
+    options: list[str] = []
+    for option in options_of(spec):
+        value = given.get(key_of(option.name))
+        if option.value is None:
+            if value not in (None, True, False):
+                raise UsageError(f'{key_of(option.name)!r} is true or false, not {short_repr(value)}')
+            options += [option.name] * bool(value)
+        elif value is not None:
+            options += [word for text in _texts(value, option.repeated, option.name) for word in (option.name, text)]
+    return parse([*spec.name.split(), *options, '--', *words])
+
+
+def _texts(value: Any, is_repeated: bool, name: str) -> list[str]:
+    several = value if isinstance(value, list) and is_repeated else [value]
+    for one in several:
+        if isinstance(one, bool) or not isinstance(one, (str, int, float)):
+            what = 'texts or numbers' if is_repeated else 'a text or a number'
+            raise UsageError(f'{key_of(name)!r} has to be {what}, not {short_repr(value)}')
+    return [str(one) for one in several]
+
+
+def key_of(name: str) -> str:
+    """Return the key of an argument or option."""
+    return name.lstrip('-').lower().split('=')[0].replace('-', '_').replace(' ', '_')
+
+
+def options_of(spec: CommandSpec) -> list[Option]:
+    """Return the options of a command that programs may give."""
+    return [one for one in spec.options if one.name not in _LEFT_OUT]
+
+
+def offered() -> list[CommandSpec]:
+    """Return the commands for programs: all but those that are modes of a terminal."""
+    return [spec for spec in COMMANDS if spec.in_prompt]
+
+
+class Programs:
+    """The interface. ``station`` makes the station of an operator, whose name ``operator`` makes from a user's."""
+
+    def __init__(
+        self,
+        robots: FleetLink,
+        station: Callable[[Mirror, RobotLink, str], Station],
+        access: Access,
+        operator: Callable[[User], str],
+    ) -> None:
+        self._robots, self._station, self._access, self._operator = robots, station, access, operator
+        self._wrong = WrongTokens()
+        self._rates = SenderRates(RATE, BURST, time.monotonic)
+        self._threads = ThreadPoolExecutor(MOST_AT_ONCE, 'programs')
+        self._busy = self._streams = 0
+        self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
+        self._closing: set[asyncio.Task[None]] = set()
+
+    def application(self) -> web.Application:
+        """Return the application to be mounted at ``/api/``."""
+        application = web.Application(middlewares=[self._known])
+        application.router.add_get('/openapi.json', self._description)
+        application.router.add_get('/robots', self._list)
+        application.router.add_get('/robots/{robot}', self._status)
+        application.router.add_get('/robots/{robot}/events', self._events)
+        application.router.add_post('/robots/{robot}/commands/{command}', self._command)
+        application.router.add_get('/incidents', self._incidents)
+        application.router.add_get('/incidents/{name}/{file:.+}', self._incident_file)
+        application.router.add_get('/recordings', self._recordings)
+        application.router.add_get('/recordings/{name}', self._recording)
+        application.on_cleanup.append(self._end)
+        return application
+
+    async def _end(self, _application: web.Application) -> None:
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+    @web.middleware
+    async def _known(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Answer only users, and not too often; turn errors into answers."""
+        source = source_of(request.remote)
+        if wait := self._wrong.wait(source):
+            return _problem(HTTPStatus.TOO_MANY_REQUESTS, f'wrong tokens came from here; try again in {wait:.0f} s')
+        scheme, _, token = request.headers.get('Authorization', '').partition(' ')
+        user = self._access.user_of(token.strip() if scheme.lower() == 'bearer' else '')
+        if user is None:
+            if token:
+                self._wrong.note(source)
+            answer = _problem(HTTPStatus.UNAUTHORIZED, 'send "Authorization: Bearer TOKEN" with the token of a user')
+            answer.headers['WWW-Authenticate'] = 'Bearer'
+            return answer
+        if not self._rates.allows(user.name.encode() or source.encode()):
+            return _problem(HTTPStatus.TOO_MANY_REQUESTS, f'more than {RATE:g} requests a second')
+        request['user'] = user
+        try:
+            return await handler(request)
+        except web.HTTPException as error:
+            return _problem(HTTPStatus(error.status), error.text or error.reason)
+        except ConsoleError as error:
+            return _problem(STATUS[error.exit_code], str(error))
+
+    async def _description(self, _request: web.Request) -> web.Response:
+        return _json(description())
+
+    async def _list(self, _request: web.Request) -> web.Response:
+        robots = robots_json(self._robots.fleet.overview())
+        return _json({'robots': [{**one, 'robot': _segment(one['robot'])} for one in robots]})
+
+    async def _status(self, request: web.Request) -> web.Response:
+        return _json(status_json(self._robots.robot(self._name(request))[0].view()))
+
+    async def _command(self, request: web.Request) -> web.Response:
+        """Carry out a command for a user; wait for its answer."""
+        user, robot = request['user'], self._name(request)
+        name = request.match_info['command'].replace('_', ' ').replace('-', ' ')
+        specs = {spec.name.replace('-', ' '): spec for spec in offered()}
+        if name not in specs:
+            raise web.HTTPNotFound(text=f'there is no command {short_repr(name)}{did_you_mean(name, specs)}')
+        spec = specs[name]
+        if user.role < role_for(spec):
+            what = f'{spec.name} needs the role {role_for(spec).name.lower()}; {user.name} has {user.role.name.lower()}'
+            raise web.HTTPForbidden(text=what)
+        line = line_of(spec, await _body(request))
+        key = request.headers.get(_KEY, '')
+        identifier = uuid.uuid5(_NAMESPACE, f'{user.name}\n{robot}\n{key}').hex if key else ''
+        if self._busy >= MOST_AT_ONCE:
+            raise web.HTTPServiceUnavailable(text=f'{MOST_AT_ONCE} commands wait for their answers; try again later')
+        self._busy += 1
+        try:
+            operator = self._operator(user)
+            await self._keep_open(robot, operator)
+            mirror, link = self._robots.robot(robot)
+            station = replace(self._station(mirror, link, operator), role=user.role)
+            work = asyncio.get_running_loop().run_in_executor(self._threads, perform, line, station, link, identifier)
+            code, value = await asyncio.shield(work)  # a program that is gone does not take its command back
+        finally:
+            self._busy -= 1
+        return _json(value, STATUS[code])
+
+    async def _events(self, request: web.Request) -> web.StreamResponse:
+        """Send the events of a robot from now on, as server-sent events; the first ones are the present state."""
+        robot = self._name(request)
+        if self._streams >= MOST_AT_ONCE:
+            raise web.HTTPServiceUnavailable(text=f'{MOST_AT_ONCE} streams are open; close one')
+        self._streams += 1
+        answer = web.StreamResponse(headers={'Content-Type': 'text/event-stream', 'Cache-Control': 'no-cache'})
+        try:
+            await answer.prepare(request)
+            follower = Follower(self._robots.robot(robot)[0])
+            silent_since = time.monotonic()
+            while True:
+                await self._keep_open(robot, '')
+                for event in follower.events(self._robots.robot(robot)[0].view()):
+                    data = encode_json({'time': time.time(), **event.value})
+                    await answer.write(f'event: {event.name}\ndata: {data}\n\n'.encode())
+                    silent_since = time.monotonic()
+                if time.monotonic() > silent_since + IDLE_SECONDS:
+                    await answer.write(b': still here\n\n')
+                    silent_since = time.monotonic()
+                await asyncio.sleep(EVENT_SECONDS)
+        except (ConnectionError, KeyError):
+            return answer  # the program is gone, or the robot was forgotten
+        finally:
+            self._streams -= 1
+
+    async def _incidents(self, _request: web.Request) -> web.Response:
+        known = await asyncio.to_thread(incidents_in, home_path(INCIDENTS))
+        shown = [{'name': one.folder.name, 'files': _files(one.folder), **one.facts} for one in known]
+        return _json({'incidents': shown})
+
+    async def _incident_file(self, request: web.Request) -> web.StreamResponse:
+        found = await asyncio.to_thread(incident_named, home_path(INCIDENTS), request.match_info['name'])
+        file = request.match_info['file']
+        if file not in _files(found.folder):
+            raise web.HTTPNotFound(text=f'{found.folder.name} has no {short_repr(file)}')
+        return web.FileResponse(found.folder / file)
+
+    async def _recordings(self, _request: web.Request) -> web.Response:
+        return _json({'recordings': sorted(_recorded())})
+
+    async def _recording(self, request: web.Request) -> web.StreamResponse:
+        file = _recorded().get(request.match_info['name'])
+        if file is None:
+            raise web.HTTPNotFound(text='there is no such recording')
+        return web.FileResponse(file)
+
+    def _name(self, request: web.Request) -> str:
+        """Return the robot of a path."""
+        given = request.match_info['robot']
+        name = '/' if given == OWN else f'/{given}'
+        if name not in self._robots.fleet.names:
+            known = [_segment(one) for one in self._robots.fleet.names]
+            raise web.HTTPNotFound(text=f'no robot {short_repr(given)} was found{did_you_mean(given, known)}')
+        return name
+
+    async def _keep_open(self, robot: str, operator: str) -> None:
+        """Let all of a robot be received from now on, and for a while after the last call."""
+        seat, loop = (robot, operator), asyncio.get_running_loop()
+        if seat in self._open:
+            self._open[seat].cancel()
+        else:
+            await asyncio.to_thread(self._robots.open, robot, operator)
+        if seat in self._open:  # another request was faster
+            self._open[seat].cancel()
+        self._open[seat] = loop.call_later(OPEN_SECONDS, self._close, seat)
+
+    def _close(self, seat: tuple[str, str]) -> None:
+        del self._open[seat]
+        task = asyncio.ensure_future(asyncio.to_thread(self._robots.close, *seat))
+        self._closing.add(task)
+        task.add_done_callback(self._closing.discard)
+
+
+async def _body(request: web.Request) -> dict[str, Any]:
+    """Return the object in the body of a request, {} without one. Raises UsageError."""
+    data = b''
+    while part := await request.content.readany():
+        data += part
+        if len(data) > BODY_BYTES:
+            raise web.HTTPRequestEntityTooLarge(BODY_BYTES, len(data))
+    if not data:
+        return {}
+    if request.content_type != 'application/json':
+        raise web.HTTPUnsupportedMediaType(text='the body is JSON: Content-Type: application/json')
+    try:
+        given = load_json(data.decode())
+    except (ValueError, RecursionError) as error:
+        raise UsageError(f'the body is not JSON: {one_line(str(error), 200)}') from None
+    if not isinstance(given, dict):
+        raise UsageError(f'the body has to be an object, not {short_repr(given)}')
+    return given
+
+
+def _json(value: Any, status: HTTPStatus = HTTPStatus.OK) -> web.Response:
+    return web.Response(text=encode_json(value), status=status, content_type='application/json')
+
+
+def _problem(status: HTTPStatus, text: str) -> web.Response:
+    return _json({'result': status.phrase.lower(), 'reason': one_line(text, 2000)}, status)
+
+
+def _segment(robot: str) -> str:
+    return robot.strip('/') or OWN
+
+
+def _files(folder: Path) -> list[str]:
+    return sorted(
+        str(file.relative_to(folder)) for file in folder.rglob('*') if file.is_file() and not file.is_symlink()
+    )
+
+
+def _recorded() -> dict[str, Path]:
+    return {file.name: file for file in home_path(USER_DIRECTORY).glob('*.mcap') if not file.is_symlink()}
+
+
+# The description of the interface, OpenAPI 3.1.
+
+
+def schema_of(spec: CommandSpec) -> dict[str, Any]:
+    """Return the JSON schema of the object that a command takes."""
+    properties: dict[str, Any] = {}
+    for argument in spec.arguments:
+        properties[key_of(argument.name)] = _schema(argument.name, argument.repeated)
+    for option in options_of(spec):
+        text = one_line(option.help, 500)
+        is_flag = option.value is None
+        shown = {'type': 'boolean'} if is_flag else _schema(option.value or '', option.repeated)
+        properties[key_of(option.name)] = {**shown, 'description': text}
+    required = [key_of(argument.name) for argument in spec.arguments if argument.required]
+    return {'type': 'object', 'properties': properties, 'additionalProperties': False} | (
+        {'required': required} if required else {}
+    )
+
+
+def _schema(written: str, is_repeated: bool) -> dict[str, Any]:
+    one = {'type': ['string', 'number'], 'description': f'as {written} of the command line'}
+    return {'type': 'array', 'items': one} if is_repeated else one
+
+
+def description() -> dict[str, Any]:
+    """Return the OpenAPI document."""
+    robot = {'name': 'robot', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
+    robot['description'] = f'namespace of the robot; {OWN} for the one without'
+    key = {'name': _KEY, 'in': 'header', 'schema': {'type': 'string', 'maxLength': 200}}
+    key['description'] = 'a request with the same key has its effect once'
+    name = {'name': 'name', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
+    file = {'name': 'file', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
+
+    def get(what: str, *parameters: Any, content: str = 'application/json', of: str = '') -> dict[str, Any]:
+        identifier = of or what.split(',')[0].title().replace(' ', '')
+        good = {'description': what, 'content': {content: {'schema': _ANY}}}
+        return {
+            'get': {
+                'summary': what,
+                'operationId': identifier[0].lower() + identifier[1:],
+                'parameters': list(parameters),
+                'responses': {'200': good, **_PROBLEMS},
+            }
+        }
+
+    paths: dict[str, Any] = {
+        '/robots': get('list the robots, the most urgent first', of='listRobots'),
+        '/robots/{robot}': get('status of a robot', robot),
+        '/robots/{robot}/events': get('events of a robot as a stream', robot, content='text/event-stream'),
+        '/incidents': get('list the incidents, newest first', of='listIncidents'),
+        '/incidents/{name}/{file}': get('file of an incident', name, file, content='application/octet-stream'),
+        '/recordings': get('list the recordings', of='listRecordings'),
+        '/recordings/{name}': get('recording', name, content='application/octet-stream'),
+    }
+    for spec in offered():
+        path = f'/robots/{{robot}}/commands/{spec.name.replace(" ", "_")}'
+        words = spec.name.replace('-', ' ').title().replace(' ', '')
+        body: dict[str, Any] = {'content': {'application/json': {'schema': schema_of(spec)}}}
+        body |= {'required': any(argument.required for argument in spec.arguments)}
+        paths[path] = {
+            'post': {
+                'summary': one_line(spec.summary, 300),
+                'description': ' '.join([*spec.details, f'Role: {role_for(spec).name.lower()}.']),
+                'operationId': words[0].lower() + words[1:] + 'Command',
+                'parameters': [robot, *([key] if isinstance(spec.action, Send) else [])],
+                'requestBody': body,
+                'responses': {
+                    '200': {'description': 'the answer', 'content': {'application/json': {'schema': _ANY}}},
+                    **_PROBLEMS,
+                },
+            }
+        }
+    return {
+        'openapi': '3.1.0',
+        'info': {
+            'title': 'FlexBT',
+            'version': version('flexbt_console'),
+            'description': 'Robots, their missions, incidents and recordings, for programs.',
+            'license': {'name': 'BSD-3-Clause', 'identifier': 'BSD-3-Clause'},
+        },
+        'servers': [{'url': '/api'}],
+        'security': [{'token': []}],
+        'paths': paths,
+        'components': {
+            'securitySchemes': {'token': {'type': 'http', 'scheme': 'bearer'}},
+            'schemas': {
+                'Problem': {
+                    'type': 'object',
+                    'properties': {'result': {'type': 'string'}, 'reason': {'type': 'string'}},
+                    'required': ['result', 'reason'],
+                }
+            },
+        },
+    }
+
+
+_ANY: Final[dict[str, Any]] = {'type': 'object'}
+_PROBLEMS: Final = {
+    str(int(status)): {
+        'description': text,
+        'content': {'application/json': {'schema': {'$ref': '#/components/schemas/Problem'}}},
+    }
+    for status, text in (
+        (HTTPStatus.BAD_REQUEST, 'not written as it has to be'),
+        (HTTPStatus.UNAUTHORIZED, 'the token is missing or wrong'),
+        (HTTPStatus.FORBIDDEN, 'the role is too low'),
+        (HTTPStatus.NOT_FOUND, 'there is no such robot, command or file'),
+        (HTTPStatus.CONFLICT, 'refused: it had no effect'),
+        (HTTPStatus.TOO_MANY_REQUESTS, 'too many requests'),
+        (HTTPStatus.SERVICE_UNAVAILABLE, 'the executive is not heard'),
+        (HTTPStatus.GATEWAY_TIMEOUT, 'no answer in time; it is not known whether the command had an effect'),
+    )
+}

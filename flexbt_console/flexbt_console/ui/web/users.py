@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The users of a page and of programs: names, roles, and hashes of their tokens, in a YAML file.
+
+    ann: {role: operator, token: 'sha256:…'}
+
+A token is made by :func:`new_token`, never chosen by a person: so a plain hash of it cannot be guessed from.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from flexbt_console.commands.spec import Role
+from flexbt_console.errors import UsageError
+from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_core.values.text_files import open_regular, write_text
+from flexbt_core.values.yaml_data import load_yaml
+
+NAME: Final = re.compile(r'[A-Za-z0-9_.@-]{1,64}')
+MOST_USERS: Final = 1000
+_BYTES: Final = 1_000_000
+_PREFIX: Final = 'sha256:'
+
+
+@dataclass(frozen=True)
+class User:
+    """A person or a program."""
+
+    name: str
+    role: Role
+
+
+def new_token() -> str:
+    """Return a token of 192 random bits."""
+    return secrets.token_urlsafe(24)
+
+
+def token_hash(token: str) -> str:
+    """Return what stands in the file for a token."""
+    return _PREFIX + hashlib.sha256(token.encode(errors='replace')).hexdigest()
+
+
+def read_users(file: Path) -> dict[str, User]:
+    """Return the users by the hashes of their tokens.
+
+    Raises:
+        UsageError: the file cannot be read, can be written by others, or is not written as it has to be.
+    """
+    try:
+        if file.stat().st_mode & 0o022:
+            raise UsageError(f'{file}: others can change who may do what; chmod go-w {file}')
+        with open(file, encoding='utf-8', opener=open_regular) as stream:
+            text = stream.read(_BYTES + 1)
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f'{file}: cannot be read: {error}') from None
+    if len(text) > _BYTES:
+        raise UsageError(f'{file}: has more than {_BYTES} characters')
+    try:
+        known = load_yaml(text)
+    except ValueError as error:
+        raise UsageError(f'{file}: {error}') from None
+    if not isinstance(known, dict) or len(known) > MOST_USERS:
+        raise UsageError(f'{file}: has to have an entry for each user, at most {MOST_USERS}; "console users" adds them')
+    users: dict[str, User] = {}
+    for name, entry in known.items():
+        where = f'{file}: {short_repr(name)}'
+        if not isinstance(name, str) or not NAME.fullmatch(name):
+            raise UsageError(f'{where}: a name has letters, digits, and . _ @ -, at most 64')
+        if not isinstance(entry, dict) or entry.keys() != {'role', 'token'}:
+            raise UsageError(f'{where}: has to have role and token')
+        token = str(entry['token'])
+        if not re.fullmatch(rf'{_PREFIX}[0-9a-f]{{64}}', token) or token in users:
+            raise UsageError(f'{where}: token has to be {_PREFIX} and the hash of a token of its own')
+        users[token] = User(name, role_of(str(entry['role']), where))
+    return users
+
+
+def role_of(text: str, where: str = 'role') -> Role:
+    """Return the role with this name. Raises UsageError."""
+    names = [role.name.lower() for role in Role]
+    if text not in names:
+        near = did_you_mean(text, names)
+        raise UsageError(f'{where}: there is no role {short_repr(text)}; known: {", ".join(names)}{near}')
+    return Role[text.upper()]
+
+
+def write_users(file: Path, users: Mapping[str, User]) -> None:
+    """Replace the file. Raises UsageError if it cannot be written."""
+    entries = {user.name: {'role': user.role.name.lower(), 'token': token} for token, user in users.items()}
+    try:
+        is_new = not file.exists()
+        write_text(file, yaml.safe_dump(entries, sort_keys=True))
+        if is_new:
+            file.chmod(0o600)
+    except OSError as error:
+        raise UsageError(f'{file}: cannot be written: {error}') from None

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The interface for programs: a mission over HTTPS, users with roles, and what is refused."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import json
+import os
+import ssl
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from flexbt_console.commands.spec import Role
+from flexbt_console.errors import UsageError
+from flexbt_console.ui.web.programs import BODY_BYTES, description, line_of, offered
+from flexbt_console.ui.web.users import read_users, token_hash
+from flexbt_testing.waiting import DEADLINE, wait_until
+
+CERTIFICATE = Path(__file__).with_name('localhost.pem')
+"""Made for these tests alone: its key is in the same file."""
+
+
+class Client:
+    """A program with the token of a user."""
+
+    def __init__(self, port: int, token: str = '') -> None:
+        self.port, self.token = port, token
+
+    def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, Any]:
+        """Return the status and the JSON of an answer."""
+        trusted = ssl.create_default_context(cafile=str(CERTIFICATE))
+        with contextlib.closing(
+            http.client.HTTPSConnection('localhost', self.port, timeout=DEADLINE, context=trusted)
+        ) as connection:
+            sent = {
+                'Authorization': f'Bearer {self.token}',
+                **{key.replace('_', '-'): it for key, it in headers.items()},
+            }
+            data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
+            if data is not None:
+                sent.setdefault('Content-Type', 'application/json')
+            connection.request(method, f'/api{path}', data, sent)
+            answer = connection.getresponse()
+            told = answer.read()
+            return answer.status, json.loads(told) if answer.getheader('Content-Type', '').startswith(
+                'application/json'
+            ) else told
+
+    def command(self, name: str, body: Any = None, **headers: str) -> tuple[int, Any]:
+        return self.ask('POST', f'/robots/{ROBOT}/commands/{name}', body, **headers)
+
+
+ROBOT = f'programs{os.getpid()}'
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield the port of a page, and the tokens of its users."""
+    file = tmp_path_factory.mktemp('site') / 'users.yaml'
+    tokens = {}
+    for role in ('observer', 'operator', 'maintainer'):
+        done = console('users', str(file), '--add', f'{role}_1', '--role', role)
+        tokens[role] = done.stdout.split('now: ')[1].split()[0]
+    assert file.stat().st_mode & 0o777 == 0o600 and not any(token in file.read_text() for token in tokens.values())
+    words = ['web', '--users', str(file), '--certificate', str(CERTIFICATE), '--port', '0', '--namespace', ROBOT]
+    process = subprocess.Popen([sys.executable, '-m', 'flexbt_console', *words], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    address = process.stdout.readline()
+    assert 'https://127.0.0.1:' in address and 'token' not in address, address
+    try:
+        yield int(address.split(':')[2].split('/')[0]), tokens
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def console(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, '-m', 'flexbt_console', *words], capture_output=True, text=True, check=True)
+
+
+def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Any, executives: Any) -> None:
+    port, tokens = site
+    executives(ROBOT, heartbeat=0.2)
+    observer, operator = Client(port, tokens['observer']), Client(port, tokens['operator'])
+    wait_until(lambda: observer.ask('GET', f'/robots/{ROBOT}')[1].get('link') == 'live', 'the robot')
+    assert [one['robot'] for one in observer.ask('GET', '/robots')[1]['robots']] == [ROBOT]
+    heard: list[str] = []
+    thread = threading.Thread(target=listen, args=(port, tokens['observer'], heard), daemon=True)
+    thread.start()
+    wait_until(lambda: heard, 'the first event')
+
+    status, refused = observer.command('start', {'name': 'Drive'})
+    assert status == 403 and 'start needs the role operator; observer_1 has observer' in refused['reason']
+    status, behaviors = observer.command('behaviors')
+    assert status == 200 and 'Drive' in json.dumps(behaviors)
+
+    # The same request four times at once, as a program does that lost the answer: the run is started once.
+    with ThreadPoolExecutor(4) as pool:
+        started = [pool.submit(operator.command, 'start', {'name': 'Drive'}, Idempotency_Key='k1') for _ in range(4)]
+        answers = [one.result() for one in started]
+    assert {(status, answer['result']) for status, answer in answers} == {(200, 'applied')}, answers
+    assert len({answer['id'] for _, answer in answers}) == 1
+    run = observer.ask('GET', f'/robots/{ROBOT}')[1]['run_id']
+    status, answer = operator.command('start', {'name': 'Drive'})
+    assert status == 409 and answer['reason'], 'another key: a second start'
+    assert observer.ask('GET', f'/robots/{ROBOT}')[1]['run_id'] == run
+
+    wait_until(lambda: observer.ask('GET', f'/robots/{ROBOT}')[1]['decisions'], 'the question')
+    status, answer = operator.command('input', {'value': '1 2 0'})
+    assert (status, answer['result']) == (200, 'applied'), answer
+    status, answer = operator.command('force', {'path': '/Accept', 'outcome': 'failed'})
+    assert status == 403 and 'maintainer' in answer['reason']
+    status, answer = operator.command('stop')
+    assert (status, answer['result']) == (200, 'applied')
+    wait_until(lambda: not observer.ask('GET', f'/robots/{ROBOT}')[1]['active_states'], 'the end')
+    wait_until(lambda: any('"idle"' in text or 'preempted' in text for text in heard), lambda: heard[-3:])
+
+
+def listen(port: int, token: str, heard: list[str]) -> None:
+    """Add what a stream of events sends to a list."""
+    trusted = ssl.create_default_context(cafile=str(CERTIFICATE))
+    connection = http.client.HTTPSConnection('localhost', port, timeout=DEADLINE, context=trusted)
+    connection.request('GET', f'/api/robots/{ROBOT}/events', headers={'Authorization': f'Bearer {token}'})
+    answer = connection.getresponse()
+    with contextlib.suppress(OSError, ValueError):
+        while line := answer.readline():
+            heard.append(line.decode())
+
+
+def test_what_is_refused_and_why(site: Any) -> None:
+    port, tokens = site
+    maintainer = Client(port, tokens['maintainer'])
+    for token in ('', 'wrong', tokens['observer'][:-1]):
+        assert Client(port, token).ask('GET', '/robots')[0] == 401
+    for path, body, status, reason in (
+        ('/robots/nobody/commands/start', {}, 404, "no robot 'nobody' was found"),
+        (f'/robots/{ROBOT}/commands/strat', {}, 404, "did you mean 'start'?"),
+        (f'/robots/{ROBOT}/commands/start', {}, 400, "'name' is missing"),
+        (f'/robots/{ROBOT}/commands/start', {'name': ['a']}, 400, "'name' has to be a text or a number"),
+        (f'/robots/{ROBOT}/commands/start', {'name': 'a', 'speed': 1}, 400, "start has no 'speed'"),
+        (f'/robots/{ROBOT}/commands/start', b'{', 400, 'the body is not JSON'),
+        (f'/robots/{ROBOT}/commands/start', b'[' * 100_000, 400, 'the body is not JSON'),
+        (f'/robots/{ROBOT}/commands/start', [1], 400, 'the body has to be an object'),
+        (f'/robots/{ROBOT}/commands/note', {'text': '--help'}, 503, ''),
+        (f'/robots/{ROBOT}/commands/start', b' ' * (BODY_BYTES + 10), 413, ''),
+    ):
+        code, answer = maintainer.ask('POST', path, body)
+        assert (code, reason in answer['reason']) == (status, True), (path, body if len(str(body)) < 99 else '', answer)
+    assert maintainer.ask('POST', f'/robots/{ROBOT}/commands/note', b'{}', Content_Type='text/plain')[0] == 415
+    assert maintainer.ask('GET', '/robots', Origin='https://elsewhere.example')[0] == 403
+    assert maintainer.ask('GET', '/robots', Host='elsewhere.example')[0] == 421
+    assert maintainer.ask('GET', '/incidents/..%2f..%2fx/y')[0] in (400, 404)
+
+
+def test_the_description_has_each_command_once_and_nothing_hangs_in_the_air() -> None:
+    known = description()
+    identifiers = [one['operationId'] for path in known['paths'].values() for one in path.values()]
+    assert len(identifiers) == len(set(identifiers))
+    for spec in offered():
+        assert f'/robots/{{robot}}/commands/{spec.name.replace(" ", "_")}' in known['paths']
+    for path, methods in known['paths'].items():
+        (operation,) = methods.values()
+        named = {one['name'] for one in operation['parameters'] if one['in'] == 'path'}
+        assert named == {part[1:-1] for part in path.split('/') if part.startswith('{')}, path
+    assert json.loads(json.dumps(known)) == known
+
+
+@given(st.data())
+def test_what_the_schema_allows_is_a_line_and_nothing_else_is_in_it(data: st.DataObject) -> None:
+    spec = data.draw(st.sampled_from([one for one in offered() if one.arguments]))
+    text = st.text(max_size=20)
+    given_ = {
+        argument.name.lower().split('=')[0].replace(' ', '_'): data.draw(
+            st.lists(text, min_size=1, max_size=3) if argument.repeated else text
+        )
+        for argument in spec.arguments
+    }
+    try:
+        line = line_of(spec, given_)
+    except UsageError:
+        return  # such as a name with =, which two arguments share
+    told = ' '.join(line.words)
+    for value in given_.values():
+        for one in value if isinstance(value, list) else [value]:
+            assert str(one) in told, 'no text is an option, or lost'
+    assert not line.options and line.spec.name.startswith(spec.name)
+
+
+def test_a_file_of_users_that_is_not_right_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / 'users.yaml'
+    good = f'ann: {{role: operator, token: "{token_hash("t")}"}}\n'
+    file.write_text(good)
+    file.chmod(0o600)
+    assert [(one.name, one.role) for one in read_users(file).values()] == [('ann', Role.OPERATOR)]
+    for text, reason in (
+        (good.replace('operator', 'oprator'), "there is no role 'oprator'; known: observer, operator, maintainer"),
+        (good + good.replace('ann', 'bob'), 'the hash of a token of its own'),
+        (good.replace('sha256:', ''), 'token has to be sha256:'),
+        (good.replace('ann', '"a b"'), 'a name has letters, digits'),
+        ('- ann\n', 'has to have an entry for each user'),
+        ('ann: [', 'users.yaml'),
+    ):
+        file.write_text(text)
+        with pytest.raises(UsageError, match=reason.replace('[', r'\[')):
+            read_users(file)
+    file.chmod(0o666)
+    with pytest.raises(UsageError, match='others can change who may do what'):
+        read_users(file)
