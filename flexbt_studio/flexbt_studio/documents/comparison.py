@@ -436,14 +436,12 @@ class _Union:
         if kinds:
             self.marks[self.path(part)] = kinds
             before, after = (span, None) if part in self.ghosts else (twin, span)
-            self._list(self.path(part), kinds, part.title, lines, before, after, is_listed)
+            if is_listed:
+                self._list(self.path(part), kinds, part.title, lines, before, after)
 
-    def _list(
-        self, path: str, kinds: list[str], title: str, lines: list[str], before: Any, after: Any, is_listed: bool = True
-    ) -> None:
-        if is_listed:
-            entry = {'path': path, 'kinds': kinds, 'title': title, 'lines': lines, 'before': before, 'after': after}
-            self.changes.append(entry)
+    def _list(self, path: str, kinds: list[str], title: str, lines: list[str], before: Any, after: Any) -> None:
+        entry = {'path': path, 'kinds': kinds, 'title': title, 'lines': lines, 'before': before, 'after': after}
+        self.changes.append(entry)
 
     def note_transitions(self, new: Part, old: Part) -> None:
         """Note what has changed of the transitions of a state, and add those that it has no longer."""
