@@ -240,6 +240,37 @@ def test_a_machine_is_checked_and_helped(folder: Path) -> None:
     with_editor(folder, story)
 
 
+def test_names_of_a_machine_are_found_and_renamed_in_all_files(folder: Path) -> None:
+    (folder / 'site.yaml').write_text('round:\n  - /Again only after /Wait > done\n')
+    machine = MACHINE.replace('finishd', 'finished')
+    (folder / 'round.yaml').write_text(machine)
+
+    async def story(editor: Editor) -> None:
+        await editor.show('round.yaml', machine)
+        at = editor.at('round.yaml', machine, 'Again}')
+        found = await editor.client.text_document_references_async(
+            lsp.ReferenceParams(lsp.ReferenceContext(include_declaration=True), *at)
+        )
+        assert found is not None
+        assert [(one.uri, one.range.start.line) for one in found] == [
+            (editor.uri('round.yaml'), 7),
+            (editor.uri('round.yaml'), 8),
+            (editor.uri('site.yaml'), 1),
+        ]
+        renamed = await editor.client.text_document_rename_async(lsp.RenameParams(*at, 'Wait more'))
+        assert renamed is not None and renamed.changes is not None
+        texts = {'round.yaml': machine, 'site.yaml': (folder / 'site.yaml').read_text()}
+        for name, text in texts.items():
+            after = edited(text, list(renamed.changes[editor.uri(name)]))
+            assert after == text.replace('Again', 'Wait more')
+        with pytest.raises(JsonRpcException, match='its code'):
+            await editor.client.text_document_prepare_rename_async(
+                lsp.PrepareRenameParams(*editor.at('round.yaml', machine, 'done: Again'))
+            )
+
+    with_editor(folder, story)
+
+
 def test_a_text_with_an_error_is_told_and_still_helped(folder: Path) -> None:
     async def story(editor: Editor) -> None:
         broken = TREE.replace('</Sequence>', '<')

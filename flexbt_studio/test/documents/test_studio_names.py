@@ -342,11 +342,11 @@ def test_python_keeps_its_quotes(site: Site) -> None:
 def test_whatever_has_a_name_gets_it_back(tmp_path: Path, registry: NodeRegistry) -> None:
     """Rename every name at every place where it stands, and rename it back."""
     texts = {file: text for file, text in FILES.items() if file not in ('site.yaml', 'plan.yaml')}
+    site = Site(tmp_path, registry, FILES)
     renamed = 0
     kinds = set()
     for file, text in texts.items():
         for word in re.finditer(r'\w+', text):
-            site = Site(tmp_path / f'{file}{word.start()}', registry, FILES) if renamed == 0 else site
             try:
                 named = site.names.at(file, word.start())
                 made = site.names.rename(named, 'Zz9')
@@ -429,8 +429,8 @@ def test_random_trees_in_three_files_run_as_before(seed: int, tmp_path: Path) ->
             done += 1
             if tree == 'Main':
                 others = {new if name == key else name: value for name, value in values.items()}
-                statuses, board = run(joined(site.texts), others) or ([], {})
-                assert (statuses, {key if name == new else name: one for name, one in board.items()}) == before
+                after, board = run(joined(site.texts), others) or ([], {})
+                assert (after, {key if name == new else name: one for name, one in board.items()}) == before
             else:
                 assert run(joined(site.texts), values) == before, (
                     f'{key} of {tree}\n{joined(files)}\n{joined(site.texts)}'
