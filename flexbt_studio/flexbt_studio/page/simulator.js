@@ -36,7 +36,7 @@ export class Simulator {
     this.panel = html('div', {id: 'sim-on', hidden: true},
       html('div', {class: 'buttons'}, button('run', 'Run This File', () => this.run(), {class: 'primary'}), this.goal, button('cancel', 'End the Run', () => this.cancel()), html('a', {id: 'sim-operate', href: `simulator/${location.hash}`, target: '_blank', rel: 'noopener'}, "operator's page")),
       html('div', {class: 'buttons', role: 'group', 'aria-label': 'what if'}, 'What if: ', this.what, this.which, this.level, button('happen', 'Happens', () => this.happen()), button('over', 'All Faults End', () => this.end())),
-      html('div', {class: 'buttons'}, button('drop', 'Drop Obstacles on the Map', () => this.aim(!this.drops), {'aria-pressed': 'false'}), button('take', 'Remove Them', () => { for (const [name] of this.known.obstacles ?? []) this.link?.send({remove_obstacle: name}); })));
+      html('div', {class: 'buttons'}, button('drop', 'Drop Obstacles on the Map', () => this.aim(!this.drops), {'aria-pressed': 'false'}), button('take', 'Remove Them', () => { for (const [name] of this.known.obstacles ?? []) this.link?.send({remove_obstacle: name}); }, {disabled: true})));
     this.view = html('aside', {id: 'sim-view', 'aria-label': 'simulation', hidden: true}, html('p', {}, html('strong', {class: 'badge warning'}, 'SIMULATION'), ' ', hint, ' ', cursor), this.asked, canvas);
     byId('graph-body').append(this.view);
     byId('runs').append(html('details', {id: 'simulator', name: 'job', ontoggle: (event) => { if (event.target.open) this.opened(); }}, html('summary', {}, 'Simulation', html('span', {id: 'sim-state', class: 'hint'})),
@@ -110,6 +110,7 @@ export class Simulator {
     for (const name of ['plan', 'scan', 'places', 'obstacles']) if (name in parts) this.map.set(name, parts[name]);
     if ('plan' in parts) this.map.set('goal', parts.plan.at(-1) ?? null);
     if ('pose' in parts) this.map.setPose(parts.pose);
+    if ('obstacles' in parts) byId('sim-take').disabled = !parts.obstacles.length;
     if (!('decisions' in parts)) return;
     const asked = parts.decisions.find((one) => one.kind === 'input');
     this.asked.hidden = !asked;

@@ -66,6 +66,7 @@ class Sessions:
         self._workbench = workbench
         self._access = access
         self._simulation: Simulation | None = None
+        self._ending = asyncio.Lock()
         self._robots = robots
         self._live: LiveRobots | None = None
         self._groot2: dict[str, Groot2Robot] = {}
@@ -265,11 +266,12 @@ class Sessions:
             raise
 
     async def _end_simulation(self, of: Simulation | None = None) -> None:
-        """End the simulated robot, or only this one."""
-        simulation = self._simulation
-        if simulation is not None and of in (None, simulation):
-            self._simulation = None
-            await simulation.close()
+        """End the simulated robot, or only this one. Its processes are gone when this returns."""
+        async with self._ending:
+            simulation = self._simulation
+            if simulation is not None and of in (None, simulation):
+                self._simulation = None
+                await simulation.close()
 
     def _watch_groot2(self, name: str) -> str:
         if name not in self._groot2:

@@ -54,7 +54,6 @@ _WORLD: Final = re.compile(r'^(?:robots|plan)\s*:', re.MULTILINE)
 _PACKAGE: Final = 'flexbt_studio_run'
 """Package of the behavior that is run."""
 _GROUP: Final = 'flexbt.behaviors'
-_ENTRY: Final = 'open_file'
 _LAST_LINES: Final = 5
 
 Tell = Callable[[dict[str, Any]], None]
@@ -100,17 +99,16 @@ def behavior_files(project: Project, file: str) -> tuple[dict[str, str], str]:
         own, copied, _ = behavior_copy(project, file)
         files = {f'python/{name}': text for name, text in copied.items()}
         value = f'{own.removesuffix(".py").replace("/", ".")}:{behavior.get("class", "")}'
-        name = behavior.get('name') or behavior.get('class', '')
+        entry = str(behavior.get('class', ''))
     else:
-        stem = Path(file).stem
-        files = {f'python/{_PACKAGE}/__init__.py': '', f'python/{_PACKAGE}/{stem}.yaml': document.text}
-        value = f'{_PACKAGE}:{stem}.yaml'
-        name = behavior.get('name') or stem
+        entry = re.sub(r'[^\w.-]', '_', Path(file).stem)
+        files = {f'python/{_PACKAGE}/__init__.py': '', f'python/{_PACKAGE}/{entry}.yaml': document.text}
+        value = f'{_PACKAGE}:{entry}.yaml'
     if not any(point.value == value for point in entry_points(group=_GROUP)):
         metadata = f'python/{_PACKAGE}-0.dist-info'
         files[f'{metadata}/METADATA'] = f'Metadata-Version: 2.1\nName: {_PACKAGE}\nVersion: 0\n'
-        files[f'{metadata}/entry_points.txt'] = f'[{_GROUP}]\n{_ENTRY} = {value}\n'
-    return files, str(name)
+        files[f'{metadata}/entry_points.txt'] = f'[{_GROUP}]\n{entry} = {value}\n'
+    return files, str(behavior.get('name') or entry)
 
 
 class Simulation:
@@ -405,8 +403,9 @@ class Simulation:
         known = [one.name for one in view.behaviors]
         found = next((one for one in (f'{_PACKAGE}/{name}', name) if one in known), None)
         if found is None:
-            error = next((one.error for one in view.behaviors if one.name.endswith(_ENTRY)), '')
-            error = error or f'it is not among {", ".join(map(short_repr, known))}'
+            raise StudioError(f'the executive has no behavior {short_repr(name)}{did_you_mean(name, known)}')
+        error = next(one.error for one in view.behaviors if one.name == found)
+        if error:
             raise StudioError(f'the executive cannot run the behavior {short_repr(name)}: {one_line(error, 500)}')
         return shlex.quote(found)
 
