@@ -91,6 +91,7 @@ export class Debugger {
   // Send a line of the operator, which belongs to a decision or to none. With data, its answer comes as a value.
   do(line, decision = null, data = false) {
     if (line.length > LONGEST) this.told(`The command has ${line.length} characters, ${LONGEST} are possible; nothing was sent`, 'warning');
+    else if (this.studio.player.showsPast && line !== 'stop') this.told('The player shows the past; nothing was sent. Go back to now first (Esc in the player); only STOP is sent from here', 'warning');
     else if (!this.link?.send({do: line, decision, data})) this.told('There is no connection to the operator\'s page; nothing was sent', 'error');
   }
 

@@ -59,14 +59,22 @@ export class Live {
   take(event) {
     this.last = event;
     if (!this.isOn || event.robot !== this.robot || !this.player.isLive) return;
+    byId('live').className = event.link === 'live' ? 'good' : 'warning';
+    this.player.push(this.moment(event));
+  }
+
+  moment(event) {
     const isLive = event.link === 'live';
-    byId('live').className = isLive ? 'good' : 'warning';
     const moment = {time: performance.now() / 1000, title: `${isLive ? '' : `NO LINK, last known state${event.problem ? ` (${event.problem})` : ''}: `}${event.behavior || 'no behavior'} ${event.state}`, event};
     // Lines and statuses are made when they are shown: the places of a tree's nodes may arrive later.
     Object.defineProperty(moment, 'lines', {get: () => this.lines(event)});
     moment.statuses = () => this.statuses(event);
-    this.player.push(moment);
+    return moment;
   }
+
+  // The past of the robot, which the server keeps: lanes since a revision, or null if it has none; what was at a time.
+  lanes(revision) { return this.studio.link.request('past', {robot: this.robot, revision}); }
+  async at(time) { return this.moment(await this.studio.link.request('past', {robot: this.robot, time})); }
 
   // The trees of an event that are shown: of several runs of one tree that which runs, or else the last.
   shown(event) { return [...new Map([...event.trees].sort((one, other) => one.running - other.running).map((one) => [one.tree, one])).values()]; }

@@ -3,6 +3,7 @@
 
 import {byId, html, svg} from './choice.js';
 import {widthOf} from './graph.js';
+import {Timeline} from './timeline.js';
 
 const SIGNS = {RUNNING: '▶', SUCCESS: '✓', FAILURE: '✗', SKIPPED: '»', IDLE: '■', NEVER: '∅'};
 const WORDS = {IDLE: 'HALTED', NEVER: 'never'};
@@ -26,12 +27,32 @@ export function statusesAt(entries, places) {
   return found;
 }
 
+// Lanes of a run of which the statuses of nodes are known at each moment: a part for each time that a node ran.
+function lanesOf(moments, name) {
+  const entries = [], open = new Map();
+  const close = (place, end, word) => { Object.assign(open.get(place), {end, word: word.toLowerCase(), tone: {FAILURE: 'error', SUCCESS: 'good'}[word] ?? ''}); open.delete(place); };
+  let before = new Map();
+  for (const {time, statuses} of moments) {
+    const now = statuses();
+    for (const [place, status] of now) {
+      if (status === before.get(place)) continue;
+      if (status !== 'RUNNING' && !open.has(place) && !['SUCCESS', 'FAILURE'].includes(status)) continue;
+      if (!open.has(place)) { const entry = {number: entries.length + 1, lane: 'nodes', key: place, label: name(...place.split('\n')), begin: time, end: null, word: '', tone: '', text: '', count: 1}; entries.push(entry); open.set(place, entry); }
+      if (status !== 'RUNNING') close(place, time, status === 'IDLE' ? 'HALTED' : status);
+    }
+    for (const place of [...open.keys()]) if (!now.has(place)) close(place, time, 'HALTED');
+    before = now;
+  }
+  return entries;
+}
+
 // A moment is {title, lines, time, statuses()}: time in seconds, or null where only the order counts; statuses() returns a map by
 // placeOf. on.follow(file, path) brings a node into view, on.paint() draws the statuses, on.name(file, path) → name of a node.
 export class Player {
   constructor(on) {
     this.on = on;
     this.moments = [];
+    this.wanted = null;
     this.at = 0;
     this.statuses = new Map();
     const button = (id, mark, title, act) => html('button', {type: 'button', id: `player-${id}`, title, 'aria-label': title, onclick: act}, mark);
@@ -40,10 +61,13 @@ export class Player {
     this.count = html('span', {id: 'player-count', class: 'hint'});
     this.title = html('strong', {id: 'player-title'});
     this.told = html('p', {id: 'player-told', 'aria-live': 'polite'});
+    this.lanes = html('div', {id: 'player-lanes', hidden: true});
+    this.timeline = new Timeline(this.lanes, {moment: (time) => this.show(time)});
+    setInterval(() => this.askLanes(), 1000);
     this.isFollowing = html('input', {id: 'player-follow', type: 'checkbox', checked: true});
     this.bar = html('div', {id: 'player', role: 'group', 'aria-label': 'player', hidden: true},
       html('div', {}, this.title, html('label', {}, this.isFollowing, ' Follow'), button('end', '×', 'End (Esc)', () => this.end())),
-      html('div', {}, html('span', {class: 'seg'}, button('first', '⇤', 'First moment (Home)', () => this.go(0)), button('back', '‹', 'Step back (, or ←)', () => this.step(-1)), this.pause, button('next', '›', 'Step (. or →)', () => this.step(1)), button('last', '⇥', 'Last moment, or now (End)', () => this.go(Infinity))), this.line, this.count), this.told);
+      this.lanes, html('div', {}, html('span', {class: 'seg'}, button('first', '⇤', 'First moment (Home)', () => this.first()), button('back', '‹', 'Step back (, or ←)', () => this.step(-1)), this.pause, button('next', '›', 'Step (. or →)', () => this.step(1)), button('last', '⇥', 'Last moment, or now (End)', () => this.last())), this.line, this.count), this.told);
     byId('graph-body').after(this.bar);
     this.line.addEventListener('input', () => { const value = Number(this.line.value); this.go(this.isTimed ? this.moments.findLastIndex((one) => one.time - this.moments[0].time <= value + 1e-9) : Math.round(value)); });
     addEventListener('keydown', (event) => this.key(event), {capture: true});
@@ -52,13 +76,15 @@ export class Player {
   get isOpen() { return !this.bar.hidden; }
   // Whether the line is of seconds; one that takes no time is of moments.
   get isTimed() { return this.moments.length > 0 && this.moments.at(-1).time > this.moments[0].time; }
+  // Whether the robot is shown as it was. Nothing may be sent to it then but a stop.
+  get showsPast() { return this.isLive && (this.wanted !== null || !this.isAtEnd && this.moments.length > 0); }
   get isAtEnd() { return this.at === this.moments.length - 1; }
 
   key(event) {
     if (!this.isOpen || document.querySelector('dialog[open]') || event.ctrlKey || event.altKey || event.metaKey) return;
     const inBar = this.bar.contains(event.target), isField = event.target.closest?.('input, textarea, select, .cm-editor, #text');
-    const act = (inBar ? {ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), ArrowDown: () => this.step(-1), ArrowUp: () => this.step(1), Home: () => this.go(0), End: () => this.go(Infinity), ' ': event.target === this.line ? () => this.toggle() : null}[event.key] : null)
-      ?? (inBar || !isField ? {',': () => this.step(-1), '.': () => this.step(1), Escape: () => this.end()}[event.key] : null);
+    const act = (inBar ? {ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), ArrowDown: () => this.step(-1), ArrowUp: () => this.step(1), Home: () => this.first(), End: () => this.last(), ' ': event.target === this.line ? () => this.toggle() : null}[event.key] : null)
+      ?? (inBar || !isField ? {',': () => this.step(-1), '.': () => this.step(1), Escape: () => { if (this.past) this.timeline.go(null); else this.end(); }}[event.key] : null);
     if (!act) return;
     event.preventDefault();
     event.stopPropagation();
@@ -70,7 +96,11 @@ export class Player {
     this.stop();
     if (!this.isOpen) this.before = document.activeElement;
     else this.ended();
-    Object.assign(this, {moments, isLive, owner, ended, at: 0, statuses: new Map()});
+    Object.assign(this, {moments, isLive, owner, ended, at: 0, statuses: new Map(), past: null, wanted: null, hasPast: false, isAsking: false});
+    this.timeline.clear();
+    this.askLanes();
+    this.lanes.hidden = true;
+    if (!isLive && this.isTimed) this.showLanes({entries: lanesOf(moments, this.on.name), revision: 1, begin: moments[0].time, end: moments.at(-1).time, wall: null, live: false});
     this.title.textContent = title;
     this.bar.hidden = false;
     this.line.focus();
@@ -81,7 +111,7 @@ export class Player {
   push(moment) {
     const wasAtEnd = this.isAtEnd || !this.moments.length;
     this.moments.push(moment);
-    const old = this.moments.findIndex((one) => one.time >= moment.time - RING_S);
+    const old = this.hasPast ? this.moments.length - 1 : this.moments.findIndex((one) => one.time >= moment.time - RING_S);
     this.moments.splice(0, old);
     this.at = Math.max(0, this.at - old);
     if (wasAtEnd || old > this.at) this.go(wasAtEnd ? Infinity : 0); else this.showLine();
@@ -92,7 +122,7 @@ export class Player {
     this.stop();
     const hadFocus = this.bar.contains(document.activeElement);
     this.bar.hidden = true;
-    Object.assign(this, {moments: [], statuses: new Map(), owner: null, isLive: false});
+    Object.assign(this, {moments: [], statuses: new Map(), owner: null, isLive: false, past: null, wanted: null, hasPast: false});
     this.ended();
     this.on.paint();
     if (hadFocus) if (this.before?.isConnected && this.before.getClientRects().length) this.before.focus(); else byId('picture').querySelector('[tabindex="0"]')?.focus();
@@ -104,9 +134,44 @@ export class Player {
     this.pause.textContent = '▶';
   }
 
-  step(count) { this.stop(); this.go(this.at + count); }
+  first() { if (this.hasPast) this.timeline.go(this.timeline.begin); else this.go(0); }
+  last() { if (this.hasPast) this.timeline.go(null); else this.go(Infinity); }
+  step(count) { this.stop(); if (this.hasPast) this.timeline.jump('change', Math.sign(count)); else this.go(this.at + count); }
+
+  // Lanes of a robot come from the server, as far as that keeps its past.
+  async askLanes() {
+    const {owner, isLive} = this;
+    if (!isLive || !owner?.lanes || this.isAsking) return;
+    this.isAsking = true;
+    try {
+      const lanes = await owner.lanes(this.timeline.revision);
+      if (this.owner === owner && lanes) { this.hasPast = true; this.showLanes(lanes); }
+    } catch { /* the server is away; it is asked again */ }
+    this.isAsking = false;
+  }
+
+  showLanes(lanes) {
+    this.lanes.classList.toggle('has-past', this.hasPast);
+    if (this.lanes.hidden) { this.lanes.hidden = false; this.timeline.take(lanes); if (!lanes.live) this.timeline.all(); } else this.timeline.take(lanes);
+  }
+
+  // What was chosen on the lanes; null is now.
+  async show(time) {
+    if (!this.hasPast) { this.stop(); this.go(time === null ? Infinity : this.moments.findLastIndex((one) => one.time <= time + 1e-9), true); return; }
+    this.wanted = time;
+    if (time === null) this.past = null;
+    else if (!this.isFetching) {
+      this.isFetching = true;
+      const {owner} = this;
+      try { const past = await owner.at(time); if (this.owner === owner && this.wanted !== null) this.past = past; } catch (refusal) { this.timeline.tell(refusal.message); }
+      this.isFetching = false;
+      if (this.owner === owner && this.wanted !== null && this.wanted !== time) { this.show(this.wanted); return; }
+    }
+    this.go(this.at);
+  }
 
   toggle() {
+    if (this.hasPast) { if (this.past) this.timeline.go(null); else this.timeline.jump('change', -1); return; }
     if (this.isLive) { this.go(this.isAtEnd ? this.at - 1 : Infinity); return; }
     if (this.timer) { this.stop(); return; }
     if (this.isAtEnd) this.go(0);
@@ -119,12 +184,13 @@ export class Player {
     if (this.timer) this.pause.textContent = '‖';
   }
 
-  go(index) {
+  go(index, isFromLanes = false) {
     if (!this.moments.length) return;
     this.at = Math.max(0, Math.min(index, this.moments.length - 1));
-    const moment = this.moments[this.at], before = this.statuses;
+    const moment = this.past ?? this.moments[this.at], before = this.statuses;
     this.statuses = moment.statuses();
-    this.told.setAttribute('aria-live', (this.isLive && this.isAtEnd) || this.timer ? 'off' : 'polite');
+    if (!this.isLive && !this.lanes.hidden && !isFromLanes) Object.assign(this.timeline, {at: moment.time}).redraw();
+    this.told.setAttribute('aria-live', (this.isLive && this.isAtEnd && !this.past) || this.timer ? 'off' : 'polite');
     this.told.replaceChildren(html('b', {}, moment.title), ...moment.lines.map((line) => html('span', {class: line.startsWith('✗') ? 'error' : null}, line)));
     this.showLine();
     this.on.paint();
@@ -141,11 +207,11 @@ export class Player {
     const {moments, at} = this, first = moments[0], last = moments.at(-1), moment = moments[at];
     this.line.max = this.isTimed ? last.time - first.time : moments.length - 1;
     this.line.value = this.isTimed ? moment.time - first.time : at;
-    const when = this.isLive ? (this.isAtEnd ? 'now' : `${(last.time - moment.time).toFixed(1)} s ago`) : moment.time === null ? '' : `${moment.time.toFixed(3)} s`;
+    const when = this.past ? `PAST ${this.timeline.label}` : this.isLive ? (this.isAtEnd ? 'now' : `${(last.time - moment.time).toFixed(1)} s ago`) : moment.time === null ? '' : `${moment.time.toFixed(3)} s`;
     this.count.textContent = this.isLive ? when : [when, `${at + 1} of ${moments.length}`].filter(Boolean).join(' · ');
     this.line.setAttribute('aria-label', `moments of ${this.title.textContent}`);
     this.line.setAttribute('aria-valuetext', this.count.textContent);
-    if (this.isLive) this.pause.textContent = this.isAtEnd ? '‖' : '▶';
+    if (this.isLive) this.pause.textContent = this.isAtEnd && !this.past ? '‖' : '▶';
     this.on.moved?.(at);
   }
 

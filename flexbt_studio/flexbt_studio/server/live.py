@@ -11,6 +11,7 @@ from flexbt_console.mirror.records import ExecutiveSnapshot
 from flexbt_console.mirror.view import View
 from flexbt_console.present.debugging import breakpoint_text, held_text, mark_of
 from flexbt_console.present.rendering import stamp_text
+from flexbt_console.ui.web.past import LivePast
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import StudioError
 
@@ -30,6 +31,7 @@ class LiveRobots:
         self._robots = robots
         self._tell = tell
         self._watched: set[str] = set()
+        self._pasts: dict[str, LivePast] = {}
         self._shown: dict[str, dict[str, Any]] = {}
         self._changed = asyncio.Event()
         self._loop = asyncio.get_running_loop()
@@ -51,10 +53,24 @@ class LiveRobots:
             raise StudioError(f'no robot {short_repr(name)} was found{did_you_mean(name, known)}')
         if name not in self._watched:
             self._watched.add(name)
+            mirror = self._robots.robot(name)[0]
+            self._pasts[name] = LivePast(*self._robots.fleet.past(name, mirror), mirror.now)
             await asyncio.to_thread(self._robots.open, name)
         self._shown.pop(name, None)  # the page that asks has not seen it
         self._changed.set()
         return name
+
+    async def past(self, arguments: dict[str, Any]) -> dict[str, Any] | None:
+        """Return the lanes of a ``robot`` since a ``revision``, or the event of a moment (``time``, s) of its past; None
+        for what has no past here, such as a program."""
+        match arguments:
+            case {'robot': str(name), 'revision': int(revision)}:
+                past = self._pasts.get(name)
+                return None if past is None else await asyncio.to_thread(past.lanes, revision)
+            case {'robot': str(name), 'time': int(time) | float(time)} if name in self._pasts:
+                mirror = await asyncio.to_thread(self._pasts[name].moment, time)
+                return live_event(name, mirror.view())
+        raise StudioError('past: its arguments are a robot, and a revision or a time')
 
     def _wake(self) -> None:
         """Note a change. From any thread."""

@@ -152,6 +152,8 @@ class Sessions:
                 result = await self._layout(arguments)
             elif method == 'watch':
                 result = await self._watch(str(arguments.get('robot', '')))
+            elif method == 'past':
+                result = None if self._live is None else await self._live.past(arguments)
             elif method.startswith('simulator_'):
                 result = await self._simulate(page, method, arguments)
             elif method == 'groot2':

@@ -9,16 +9,16 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
 from studio_page import StudioPage, served
 
-from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import ActiveState, ExecutiveSnapshot, ExecutiveState
-from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, MirroredTree
-from flexbt_console.mirror.view import View
+from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange, TreeNodes, TreeReport
+from flexbt_core.clock.clock import SteadyClock
 from flexbt_studio.server.web_server import StudioServer
 from flexbt_testing.browser import NEEDS_BROWSER
 
@@ -307,16 +307,23 @@ def test_a_comparison_tells_what_a_change_does(page: StudioPage, folder: Path) -
         assert shown(page) == {'Inspect/0': 'running', 'Inspect/0/0': 'running', 'Inspect/0/0/0': 'running'}
 
 
+def choose(page: StudioPage, node: str) -> None:
+    """Click the name of a node beside its lane."""
+    rows = page.driver.find_elements('css selector', '#player-lanes .row-name')
+    next(row for row in rows if node in (row.get_attribute('textContent') or '')).click()
+
+
 class Robots:
-    """One robot, whose picture is set by the test; what LiveRobots uses of FleetLink."""
+    """One robot, whose messages are those of the test; what LiveRobots uses of FleetLink."""
 
     def __init__(self) -> None:
-        self.fleet = SimpleNamespace(names=('base',), add_listener=self._listen)
+        self.mirror = Mirror(SteadyClock())
+        self.fleet = Fleet()
+        self.fleet.add('base', self.mirror)
         self.own = 'base'
-        self._view = View(LinkState.LIVE, 0.0)
-
-    def _listen(self, listener: Any) -> None:
-        self._heard = listener
+        self._sequence = 0
+        self._names: list[str] = []
+        self._structure = 0
 
     def open(self, name: str) -> None:
         """Watch the robot."""
@@ -324,17 +331,24 @@ class Robots:
     close = open
 
     def robot(self, name: str) -> list[Any]:
-        return [SimpleNamespace(view=lambda: self._view)]
+        """Return its mirror."""
+        return [self.mirror]
 
-    def show(self, statuses: dict[str, int], *, link: LinkState = LinkState.LIVE, active: str = '/Rest') -> None:
-        """Show a tree with these nodes, and an active state of the machine."""
-        nodes = tuple(MirroredNode(uid, 0, path, '', path) for uid, path in enumerate(statuses, 1))
-        values = tuple(map(MirroredStatus, statuses.values()))
-        tree = MirroredTree('run', 'Inspect', nodes, values, values, sequence=1)
+    def show(self, statuses: dict[str, int], *, active: str = '/Rest') -> None:
+        """Send a tree with these nodes, and an active state of the machine."""
+        self._sequence += 1
+        if [*statuses] != self._names:
+            self._names, self._structure = [*statuses], self._structure + 1
+            nodes = [MirroredNode(uid, 0, path, '', path) for uid, path in enumerate(statuses, 1)]
+            self.mirror.receive_tree_structure(TreeNodes('run', 'Inspect', nodes, 0.0, self._structure))
+        values = [*map(MirroredStatus, statuses.values())]
+        changes = [StatusChange(0.0, uid, value) for uid, value in enumerate(values, 1)]
+        report = TreeReport('run', self._sequence, values, changes, 0.0, False, False, self._structure)
+        self.mirror.receive_tree_status(report)
         state = (ActiveState(active),)
-        snapshot = ExecutiveSnapshot('id', 1, state=ExecutiveState.RUNNING, behavior='drive', active_states=state)
-        self._view = View(link, 0.0, snapshot=snapshot, trees=(tree,))
-        self._heard()
+        for number in (2 * self._sequence, 2 * self._sequence + 1):  # of one alone the age is not known
+            told = {'state': ExecutiveState.RUNNING, 'behavior': 'drive', 'active_states': state}
+            self.mirror.receive_snapshot(ExecutiveSnapshot('id', number, heartbeat_period=10.0, **told))
 
 
 def test_a_robot_is_watched_and_its_past_is_kept(
@@ -360,14 +374,19 @@ def test_a_robot_is_watched_and_its_past_is_kept(
         page.until(lambda: shown(page) == dict.fromkeys(('Inspect/0', 'Inspect/0/0', 'Inspect/0/0/0'), 'running'))
         robots.show(later)
         page.until(lambda: shown(page).get('Inspect/0/0/1') == 'running' and shown(page)['Inspect/0/0/0'] == 'failure')
-        # Back in time, while the robot goes on.
-        page.run('document.getElementById("player-line").focus()')
+        # Back in time, while the robot goes on: to where the node failed, and to the change before.
+        page.until(lambda: page.run('return document.querySelectorAll("#player-lanes .entry.error").length') == 1)
+        page.run('document.querySelector("#player-lanes .timeline-body").focus()')
+        choose(page, 'ComputePathToPose::3')
+        page.press('[')
+        page.until_text('player-count', 'PAST')
+        page.until(lambda: shown(page).get('Inspect/0/0/0') == 'failure')
         page.press(LEFT)
-        page.until_text('player-count', 's ago')
-        assert shown(page)['Inspect/0/0/0'] == 'running'
+        page.until(lambda: shown(page).get('Inspect/0/0/0') == 'running')
+        choose(page, 'ComputePathToPose::3')
         robots.show({**later, 'Wait::4': 2})
         page.until(lambda: page.run('return document.getElementById("live").className') == 'good')
-        robots.show({**later, 'Wait::4': 2}, link=LinkState.LOST)
+        robots.mirror.sender_gone()
         page.until(lambda: page.run('return document.getElementById("live").className') == 'warning')
         assert shown(page)['Inspect/0/0/0'] == 'running'
         page.press(END)

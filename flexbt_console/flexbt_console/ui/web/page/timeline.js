@@ -63,7 +63,7 @@ export class Timeline {
 
   get isShown() { return this.body.clientWidth > 0 && this.body.clientHeight > 0; }
   get now() { return this.isLive ? this.end + (performance.now() - this.heard) / 1000 : this.end; }
-  clock(time) { return new Date(1000 * (this.wall + time)).toTimeString().slice(0, 8); }
+  clock(time) { return this.wall === null ? `${time.toFixed(1)} s` : new Date(1000 * (this.wall + time)).toTimeString().slice(0, 8); }
 
   // What the badge says: how far the moment that is shown is from now, or from the beginning of a recording.
   get label() { return this.at === null ? '' : this.isLive ? `−${ago(Math.max(0, this.now - this.at))}` : `${ago(this.at - this.begin)} of ${ago(this.end - this.begin)}`; }
@@ -103,7 +103,7 @@ export class Timeline {
     const times = {
       failure: () => all.filter((one) => one.tone === 'error' && (this.chosen ? this.rowOf(one) === this.chosen : one.lane !== 'nodes')).map((one) => one.lane === 'faults' ? one.begin : ended(one)),
       decision: () => all.filter((one) => one.lane === 'decisions').map((one) => one.begin),
-      change: () => all.filter((one) => (this.chosen ? this.rowOf(one) === this.chosen : one.lane !== 'nodes')).flatMap((one) => [one.begin, ended(one)]),
+      change: () => all.filter((one) => (!this.chosen || this.rowOf(one) === this.chosen)).flatMap((one) => [one.begin, ended(one)]),
     }[kind]();
     return [...new Set(times)].sort((one, other) => one - other);
   }
@@ -210,6 +210,7 @@ export class Timeline {
     this.range.value = this.at ?? this.now;
     this.range.setAttribute('aria-valuetext', this.label || 'now');
     this.live.disabled = this.at === null;
+    this.live.hidden = this.wall === null;
     if (!this.isShown) return;
     this.left = width < 480 ? 70 : 120;
     this.scale = (width - this.left - 6) / this.span;
@@ -228,9 +229,9 @@ export class Timeline {
     this.svg.setAttribute('width', width);
     this.svg.setAttribute('height', height);
     const step = STEPS.find((one) => one * this.scale >= 90) ?? STEPS.at(-1);
-    for (let tick = Math.ceil((from + this.wall) / step) * step - this.wall; tick <= to; tick += step) {
+    for (let tick = Math.ceil((from + (this.wall ?? 0)) / step) * step - (this.wall ?? 0); tick <= to; tick += step) {
       if (tick < this.begin - step) continue;
-      const text = step < 1 ? `${this.clock(tick)}.${Math.round(10 * ((this.wall + tick) % 1))}` : this.clock(tick);
+      const text = step < 1 && this.wall !== null ? `${this.clock(tick)}.${Math.round(10 * ((this.wall + tick) % 1))}` : this.clock(tick);
       parts.push(make('line', {class: 'tick', x1: x(tick), x2: x(tick), y1: 0, y2: height}), make('text', {class: 'axis', x: x(tick) + 3, y: 13}, text));
     }
     if (x(this.begin) > left) parts.push(make('rect', {class: 'before', x: left, y: AXIS, width: x(this.begin) - left, height: height - AXIS}));
