@@ -32,6 +32,7 @@ from .live import LiveRobots
 from .page_text import PageText
 from .simulator import NAME as SIMULATION
 from .simulator import Simulation, behavior_files, project_files, worlds
+from .versions import revisions, text_at
 from .workbench import Workbench, shown_finding
 from .worker import Worker
 
@@ -158,6 +159,8 @@ class Sessions:
                 result = await self._simulate(page, method, arguments)
             elif method == 'groot2':
                 result = await self._groot2_command(arguments)
+            elif method in ('revisions', 'text_at', 'compared'):
+                result = await self._version(method, arguments)
             elif method == 'cancel_job':
                 self._jobs.cancel(arguments.get('number', 0))
                 result = None
@@ -199,6 +202,22 @@ class Sessions:
                 loop = asyncio.get_running_loop()
                 return await loop.run_in_executor(self._drawing, self._layouts.machine, states, folded)
         raise StudioError('layout: its arguments are a file and the list of folded paths')
+
+    async def _version(self, method: str, arguments: dict[str, Any]) -> Any:
+        """Answer a request about versions of a ``file``, on other threads: git may be slow, and so a large picture."""
+        workbench = self._workbench
+        match method, arguments:
+            case 'revisions', {'file': str(file)}:
+                return await asyncio.to_thread(revisions, workbench.project.path(file))
+            case 'text_at', {'file': str(file), 'revision': str(revision), 'name': str(name)}:
+                return await asyncio.to_thread(text_at, workbench.project.path(file), revision, name)
+            case 'compared', {'file': str(file), 'before': str(before), 'after': str(after)}:
+                loop = asyncio.get_running_loop()
+                found = await loop.run_in_executor(self._drawing, workbench.compared, file, before, after)
+                states = found['view'].get('states', [])
+                layout = partial(self._layouts.machine, states, [])
+                return {**found, 'layout': await loop.run_in_executor(self._drawing, layout) if states else None}
+        raise StudioError(f'{method}: wrong arguments')
 
     async def _watch(self, name: str) -> str:
         """Show what runs on a robot by events ``live``, and return its name. Raises StudioError if there is none.

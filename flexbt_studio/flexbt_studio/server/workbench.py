@@ -21,18 +21,32 @@ from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_onboard.behaviors.machine_behavior import installed_states
 from flexbt_server.node_types import node_registry
+from flexbt_studio.documents.comparison import compared
 from flexbt_studio.documents.diagnostics import Checker
 from flexbt_studio.documents.document import Document, Problem
 from flexbt_studio.documents.editor_help import MachineHelp, TreeHelp
-from flexbt_studio.documents.names import Mention, Names
 from flexbt_studio.documents.flow import flow
+from flexbt_studio.documents.names import Mention, Names
 from flexbt_studio.documents.palette import node_types, states
-from flexbt_studio.documents.project import Project, tree_places
+from flexbt_studio.documents.project import MOST_BYTES, Project, document_for, tree_places
 from flexbt_studio.documents.text import Lines, TextEdit, applied
+from flexbt_studio.documents.xml_document import XmlDocument
 from flexbt_studio.errors import ConflictError, StudioError
 from flexbt_studio.tool_process import ToolCopy, behavior_copy, check_copy, new_folder
 
 from .page_text import PageText, shown
+from .proposals import (
+    GOAL_JOBS,
+    add_palette,
+    chosen_types,
+    goal_copy,
+    goals,
+    models_of,
+    models_text,
+    palette_files,
+    with_models,
+    with_result,
+)
 
 _Request = TypeVar('_Request', bound=Callable[..., Any])
 _MARK: Final = '_is_request'
@@ -57,6 +71,8 @@ class Workbench:
         classes, broken = installed_states()
         self._states = states(classes)
         self.notes += broken
+        for file in palette_files(self.project):
+            self.notes += add_palette(self._registry, file, self.project.text(file))
         self._checker = Checker(self.project, self._registry, self._skills)
         self._names = Names(self.project, self._registry, self._checker.trees, self._states)
         self._help = TreeHelp(self.project, self._registry)
@@ -71,15 +87,20 @@ class Workbench:
         mock: Sequence[str] = (),
         set: Sequence[str] = (),
         plan: str = '',
+        **asked: Any,
     ) -> ToolCopy:
         """Return the copy of the project for a job: ``prove``, ``compare`` (with what is on disk), or ``run``.
+
+        Jobs for goals need no ``file``; what is ``asked`` for is as in :func:`.proposals.goal_copy`.
 
         ``require`` are requirements of a proof, ``mock`` and ``set`` what leaves do and what the blackboard has in a
         run, as the tools take them. ``plan`` is the text of a file of mocks.
         """
+        if job in GOAL_JOBS:
+            return goal_copy(self.project, job, **asked)
         document = self.project.open(file).document
         is_tree = document.language == 'xml'
-        if job not in ('prove', 'compare', 'run') or (job == 'run' and not is_tree):
+        if asked or job not in ('prove', 'compare', 'run') or (job == 'run' and not is_tree):
             raise StudioError(
                 f'{file}: there is no job {short_repr(job)} for it; there are prove, compare, and run for trees'
             )
@@ -93,6 +114,9 @@ class Workbench:
                 opened = self.project.open_files.get(one)
                 texts[f'before/{one}'] = self.project.text(one) if opened is None else opened.saved_text
                 words += ['--against', f'before/{one}']
+        for one in palette_files(self.project) if is_tree else ():
+            texts[one] = self.project.text(one)
+            words += ['--models', one]
         if plan:
             texts[_PLAN] = plan
             words += ['--mock', _PLAN]
@@ -303,10 +327,6 @@ class Workbench:
         return self._names.at(file, PageText(self.project.text(file)).from_page(offset))._asdict()
 
     @request
-    def trees(self, file: str) -> dict[str, str]:
-        """Return the file of each tree of the project by its ID. If several have an ID, that near ``file`` counts."""
-        return {id: place.file for id, place in tree_places(self.project, file).items()}
-    @request
     def uses(self, file: str, offset: int) -> dict[str, Any]:
         """Return what the name at an offset means (``kind``, ``name``), and where it is used in all files."""
         named = self._names.at(file, PageText(self.project.text(file)).from_page(offset))
@@ -349,6 +369,49 @@ class Workbench:
             'source': text[lines.start(mention.span.start) : lines.end(mention.span.start)].strip(),
         }
 
+    @request
+    def trees(self, file: str) -> dict[str, str]:
+        """Return the file of each tree of the project by its ID. If several have an ID, that near ``file`` counts."""
+        return {id: place.file for id, place in tree_places(self.project, file).items()}
+
+    def compared(self, file: str, before: str, after: str) -> dict[str, Any]:
+        """Return what has changed between two texts of a file, see :func:`.comparison.compared`. From any thread."""
+        if len(before) + len(after) > MOST_BYTES:
+            raise StudioError(f'both texts have more than {MOST_BYTES} characters, too many for a picture')
+        documents = [document_for(file, text) for text in (before, after)]
+        found = compared(*(PageText(one.text).spans_to_page(self._view(one)) for one in documents))
+        return {**found, 'problems': [problem.message for one in documents for problem in one.problems]}
+
+    @request
+    def goals(self) -> list[dict[str, Any]]:
+        """Return the goals that can be planned or synthesized for, see :func:`.proposals.goals`."""
+        return goals(self.project)
+
+    @request
+    def with_result(self, file: str, result: str) -> str:
+        """Return the text of an open file with the result of a job for a goal in it."""
+        return shown(with_result(self.project.open(file).document, result))
+
+    @request
+    def models(self, file: str, into: bool) -> str:
+        """Return models of node types: a file with those that ``file`` uses (all if it is ''), or ``into`` its text."""
+        document = self.project.open(file).document if file else None
+        types = chosen_types(self._registry, document)
+        if not types:
+            raise StudioError(f'{file} uses only node types of BehaviorTree.CPP, which editors know')
+        if into and isinstance(document, XmlDocument):
+            return shown(with_models(document, types))
+        return models_text(types)
+
+    @request
+    def import_models(self, file: str, text: str) -> dict[str, Any]:
+        """Open a new file with the models of another one, and make their node types known. Return it, and all types."""
+        made = models_of(text)
+        self.project.create(file, made)
+        known = {one.id for one in self._registry}
+        problems = add_palette(self._registry, file, made)
+        added = [one.id for one in self._registry if one.id not in known]
+        return {'model': self.model(file), 'types': node_types(self._registry), 'added': added, 'problems': problems}
 
     @request
     def clip(self, file: str, part: str) -> str:
