@@ -26,7 +26,7 @@ from rcl_interfaces.msg import Log
 
 from flexbt_common.middleware.received_messages import Received
 from flexbt_console.errors import UsageError
-from flexbt_console.mirror.lanes import Lane, LaneEntry, Lanes
+from flexbt_console.mirror.lanes import Lane, LaneEntry
 from flexbt_console.present.maps import save_map
 from flexbt_console.present.rendering import status_lines
 from flexbt_console.present.style import glyphs
@@ -279,12 +279,9 @@ def _write_pages(request: Request, part: Path, lost: list[str]) -> None:
 def _sections_of(part: Path, first: Occurrence) -> Iterator[_Section]:
     """Return the parts of the page that the recording tells. Raises UsageError if it tells nothing."""
     file = part / RECORDING
-    begin = min(one.time for one in read_run(file)) * 1e-9  # raises UsageError if it cannot be read
     player = RunPlayer(file)
-    lanes = Lanes(player.mirror)
-    moment = min(max(0.0, first.time - begin), player.duration)
-    player.go_to(player.duration)
-    entries = lanes.since(0)
+    moment = min(max(0.0, first.time - player.begin * 1e-9), player.duration)
+    entries = player.lanes().since(0)
     if entries:
         write_text(part / 'timeline.svg', lanes_svg(entries, player.duration, moment))
         yield _Section('Time line', picture='timeline.svg')

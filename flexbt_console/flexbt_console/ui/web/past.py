@@ -17,6 +17,7 @@ from flexbt_console.mirror.lanes import LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.present.json_form import fields_of
 from flexbt_console.recording.player import RunPlayer
+from flexbt_console.recording.run_file import RECORDING
 from flexbt_core.values.text import did_you_mean, short_repr
 
 from .picture import LOG_LINES, left_out_lines, log_part, parts_of
@@ -98,7 +99,7 @@ class RecordedPast:
 
 
 class Recordings:
-    """The recordings in a folder. A name leads to no file elsewhere. Thread-safe."""
+    """The recordings in a folder, and those of incidents. A name leads to no file elsewhere. Thread-safe."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -108,11 +109,20 @@ class Recordings:
     def names(self) -> list[dict[str, Any]]:
         """Return the name, size and time of change of each recording, the newest first."""
         found: list[tuple[float, dict[str, Any]]] = []
-        for file in self._folder.glob('*.mcap'):
+        for file in (*self._folder.glob('*.mcap'), *self._folder.glob(f'incidents/[0-9]*/{RECORDING}')):
             if file.is_file() and not file.is_symlink():
-                facts = file.stat()
-                found.append((facts.st_mtime, {'name': file.name, 'bytes': facts.st_size, 'changed': facts.st_mtime}))
+                facts, name = file.stat(), str(file.relative_to(self._folder).with_suffix(''))
+                name = name.removesuffix(f'/{Path(RECORDING).stem}') if '/' in name else file.name
+                found.append((facts.st_mtime, {'name': name, 'bytes': facts.st_size, 'changed': facts.st_mtime}))
         return [one for _, one in sorted(found, key=itemgetter(0), reverse=True)[:MOST_NAMES]]
+
+    def file(self, name: str) -> Path:
+        """Return the file of a recording. Raises UsageError."""
+        known = [one['name'] for one in self.names()]
+        if name not in known:
+            raise UsageError(f'{self._folder} has no recording {short_repr(name)}{did_you_mean(name, known)}')
+        file = self._folder / name
+        return file / RECORDING if file.is_dir() else file
 
     def past(self, name: str) -> RecordedPast:
         """Return a recording by its name.
@@ -120,10 +130,7 @@ class Recordings:
         Raises:
             UsageError: there is none of this name, or it cannot be read, or is too large.
         """
-        known = [one['name'] for one in self.names()]
-        if name not in known:
-            raise UsageError(f'{self._folder} has no recording {short_repr(name)}{did_you_mean(name, known)}')
-        file = self._folder / name
+        file = self.file(name)
         facts = file.stat()
         key = name, facts.st_mtime_ns, facts.st_size
         with self._lock:  # others wait until it is read, which they may want, too

@@ -40,6 +40,7 @@ from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
 from .access import Access, WrongTokens, source_of
+from .past import Recordings
 from .users import User
 
 if TYPE_CHECKING:
@@ -189,6 +190,7 @@ class Programs:
         self._wrong = WrongTokens()
         self._rates = SenderRates(RATE, BURST, time.monotonic)
         self._threads = ThreadPoolExecutor(MOST_AT_ONCE, 'programs')
+        self._recorded = Recordings(home_path(USER_DIRECTORY))
         self._busy = self._streams = 0
         self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
         self._closing: set[asyncio.Task[None]] = set()
@@ -204,7 +206,7 @@ class Programs:
         application.router.add_get('/incidents', self._incidents)
         application.router.add_get('/incidents/{name}/{file:.+}', self._incident_file)
         application.router.add_get('/recordings', self._recordings)
-        application.router.add_get('/recordings/{name}', self._recording)
+        application.router.add_get('/recordings/{name:.+}', self._recording)
         application.on_cleanup.append(self._end)
         return application
 
@@ -312,13 +314,10 @@ class Programs:
         return web.FileResponse(found.folder / file)
 
     async def _recordings(self, _request: web.Request) -> web.Response:
-        return _json({'recordings': sorted(_recorded())})
+        return _json({'recordings': await asyncio.to_thread(self._recorded.names)})
 
     async def _recording(self, request: web.Request) -> web.StreamResponse:
-        file = _recorded().get(request.match_info['name'])
-        if file is None:
-            raise web.HTTPNotFound(text='there is no such recording')
-        return web.FileResponse(file)
+        return web.FileResponse(await asyncio.to_thread(self._recorded.file, request.match_info['name']))
 
     def _name(self, request: web.Request) -> str:
         """Return the robot of a path."""
@@ -383,10 +382,6 @@ def _files(folder: Path) -> list[str]:
     return sorted(
         str(file.relative_to(folder)) for file in folder.rglob('*') if file.is_file() and not file.is_symlink()
     )
-
-
-def _recorded() -> dict[str, Path]:
-    return {file.name: file for file in home_path(USER_DIRECTORY).glob('*.mcap') if not file.is_symlink()}
 
 
 # The description of the interface, OpenAPI 3.1.
