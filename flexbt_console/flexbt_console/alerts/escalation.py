@@ -28,6 +28,13 @@ TITLE_LENGTH: Final = 150
 TEXT_LENGTH: Final = 500
 """Maximum characters of the title of a message, and of one of its lines."""
 
+FIND_SECONDS: Final = 120.0
+"""Time after the start in which robots are found that were heard before, s. Then they count as silent."""
+
+REMEMBERED_ROBOTS: Final = 100
+REMEMBERED_SECONDS: Final = 30 * 86_400.0
+"""Number of robots that are remembered, and for how long after they were heard, s."""
+
 LONGEST: Final = 1e8
 """Longest time for which a need is believed to have lasted, s: three years."""
 
@@ -123,6 +130,9 @@ class Escalation:
     things: dict[int, Thing] = field(default_factory=dict)
     calls: dict[int, Call] = field(default_factory=dict)
     last_id: int = 0
+    heard: dict[str, float] = field(default_factory=dict)
+    """The robots, and in which hour they were last heard, in s."""
+    started: float = math.inf
     left_out: int = 0
     """Needs for which there was no room in the last step."""
 
@@ -135,6 +145,7 @@ class Escalation:
         """Decide the calls at ``now``, s, which only grows; quiet hours are by the ``local`` time of the day."""
         known = {(thing.robot, thing.condition, thing.key): thing for thing in self.things.values()}
         self.left_out = 0
+        robots = [*robots, *self._missing(now, robots)]
         needs: dict[int, SeenNeed] = {}
         for robot in robots:
             there = set()
@@ -163,6 +174,19 @@ class Escalation:
         """Note who has acknowledged which things."""
         for number in self.things.keys() & by.keys():
             self.things[number].acknowledged = self.things[number].acknowledged or by[number]
+
+    def _missing(self, now: float, robots: Sequence[SeenRobot]) -> list[SeenRobot]:
+        """Return the robots that were heard before, perhaps before a restart, and are not found any more."""
+        self.started = min(self.started, now)
+        present = {robot.name: robot.is_live for robot in robots}
+        live = {name: now // 3600.0 * 3600.0 for name, is_live in present.items() if is_live}
+        if any(self.heard.get(name) != hour for name, hour in live.items()):
+            latest = sorted({**self.heard, **live}.items(), key=lambda one: one[1])[-REMEMBERED_ROBOTS:]
+            self.heard = {name: hour for name, hour in latest if now - hour < REMEMBERED_SECONDS}
+        if now - self.started < FIND_SECONDS:
+            return []
+        need = SeenNeed(Urgency.UNREACHABLE, '', 0.0, 'unreachable: not found')
+        return [SeenRobot(name, False, (need,)) for name in self.heard if name not in present]
 
     def _has_room(self, present: Iterable[str]) -> bool:
         """Return whether one more thing may be remembered; forget one of a robot that is not there any more for it."""

@@ -34,6 +34,7 @@ SEND_SECONDS: Final = 30.0
 _TABLES: Final = (
     'CREATE TABLE IF NOT EXISTS things (id INTEGER PRIMARY KEY, value TEXT NOT NULL)',
     'CREATE TABLE IF NOT EXISTS calls (id INTEGER PRIMARY KEY, value TEXT NOT NULL)',
+    'CREATE TABLE IF NOT EXISTS robots (id INTEGER PRIMARY KEY, value TEXT NOT NULL)',
     'CREATE TABLE IF NOT EXISTS acknowledgments (thing INTEGER PRIMARY KEY, operator TEXT NOT NULL)',
 )
 
@@ -81,11 +82,12 @@ class Store:
 
     def _load(self) -> Escalation:
         self._connection = connect(self.file)
-        self._saved = {table: self._rows(table) for table in ('things', 'calls')}
+        self._saved = {table: self._rows(table) for table in ('things', 'calls', 'robots')}
         things = {number: Thing(**json.loads(text)) for number, text in self._saved['things'].items()}
         calls = {number: Call(**json.loads(text)) for number, text in self._saved['calls'].items()}
         (last,) = self._connection.execute('PRAGMA user_version').fetchone()
-        return Escalation(things, calls, max(last, *things, *calls, 0))
+        heard = json.loads(self._saved['robots'].get(1, '{}'))
+        return Escalation(things, calls, max(last, *things, *calls, 0), heard)
 
     def save(self) -> str:
         """Write what has changed in the memory, in one transaction. Return why it is not written, or ''."""
@@ -93,6 +95,7 @@ class Store:
         now = {
             'things': {number: json.dumps(asdict(thing)) for number, thing in memory.things.items()},
             'calls': {number: json.dumps(asdict(call)) for number, call in memory.calls.items()},
+            'robots': {1: json.dumps(memory.heard)},
         }
         if now == self._saved:
             return ''

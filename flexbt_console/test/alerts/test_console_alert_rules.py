@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_console.alerts.escalation import (
+    FIND_SECONDS,
     MOST_THINGS,
     Escalation,
     SeenNeed,
@@ -189,6 +190,25 @@ def test_the_clock_may_be_set_while_the_program_does_not_run(tmp_path: Path) -> 
         assert [call.contact for call in store.memory.calls.values()] == ['anna']
     store.memory.step(5_600.0, local, look, known)
     assert [call.contact for call in store.memory.calls.values()] == ['anna', 'ben']
+    store.close()
+
+
+def test_a_robot_that_was_heard_before_a_restart_and_is_not_found_is_silent(tmp_path: Path) -> None:
+    known = rules_of(rule(Step(0.0, ('anna',)), conditions=(Urgency.UNREACHABLE,)))
+    local, there = datetime(2026, 1, 1, tzinfo=UTC), [SeenRobot(name, True, ()) for name in ROBOTS]
+    store = Store(tmp_path / 'alerts.db')
+    store.memory.step(0.0, local, there, known)
+    assert store.save() == ''
+    store.close()
+    store = Store(tmp_path / 'alerts.db')
+    for seconds in (50_000.0, 50_000.0 + FIND_SECONDS - 1.0):
+        store.memory.step(seconds, local, there[:1], known)
+        assert not store.memory.calls
+    for seconds in (50_000.0 + FIND_SECONDS, 60_000.0):
+        store.memory.step(seconds, local, there[:1], known)
+        assert [call.title for call in store.memory.calls.values()] == ['/b is silent']
+    store.memory.step(60_001.0, local, there, known)
+    assert not store.memory.things
     store.close()
 
 
