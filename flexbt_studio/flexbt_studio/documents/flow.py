@@ -63,8 +63,10 @@ def flow(project: Project, file: str, palette: Sequence[Mapping[str, Any]]) -> l
 
 
 def _keys(scope: str, uses: Sequence[_Use], given: Mapping[str, str], *, is_ordered: bool) -> Iterator[dict[str, Any]]:
-    for key in dict.fromkeys(use.key for use in uses):
-        own = [use for use in uses if use.key == key]
+    by_key: dict[str, list[_Use]] = {}
+    for use in uses:
+        by_key.setdefault(use.key, []).append(use)
+    for key, own in by_key.items():
         first = next((use for use in own if use.role not in ('hands over', 'uses')), None)
         is_early = is_ordered and first is not None and first.role == 'reads' and key not in given
         yield {

@@ -517,8 +517,10 @@ class Names:
         outside += self._embedding(self._names_of(named.file, named.owner))
         for file, other, state in outside:
             item = state.tables.get('remapping', Table()).find(old)
-            if item is not None:
-                made.add(file, [other.renamed(item.key_span, new)])
+            kept = other.default_key(state, old) if isinstance(other, YamlDocument) else None
+            if item is not None or kept is not None:
+                spans = [*([item.key_span] if item else ()), *([kept.span] if kept else ())]
+                made.add(file, [other.renamed(span, new) for span in spans])
             elif is_interface:
                 made.add(file, other.put(state, 'remapping', new, old, other.name))
         self._in_requirements(

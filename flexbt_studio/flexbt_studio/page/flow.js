@@ -3,6 +3,7 @@
 
 import {byId, html, svg} from './choice.js';
 
+const MOST_KEYS = 500;  // that are listed
 const SIGNS = {writes: 'W', reads: 'R', 'reads and writes': 'RW', removes: '×', 'hands over': '→', uses: '?'};
 
 export class Flow {
@@ -53,11 +54,11 @@ export class Flow {
   }
 
   show() {
-    const scope = this.scope(), rows = this.keys.filter((one) => one.scope === scope);
+    const scope = this.scope(), all = this.keys.filter((one) => one.scope === scope), rows = all.slice(0, MOST_KEYS);
     this.rows = rows;
     this.shown = scope;
     if (!rows.some((one) => one.key === this.chosen)) this.chosen = null;
-    this.title.textContent = `Keys of ${this.on.file().parts.get(scope)?.title ?? 'this file'}`;
+    this.title.textContent = `Keys of ${this.on.file().parts.get(scope)?.title ?? 'this file'}${all.length > rows.length ? ` (${rows.length} of ${all.length})` : ''}`;
     this.list.replaceChildren(...rows.map((one, index) => {
       const count = (word) => one.uses.filter((use) => use.role.includes(word)).length, faults = this.faults(one);
       const told = [`${count('writes')} W`, `${count('reads')} R`, ...(one.given ? [`from ${one.given}`] : []), ...faults];

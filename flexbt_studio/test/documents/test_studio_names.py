@@ -93,6 +93,9 @@ machine:
       behavior: {use: Round}
       transitions: {finished: over, failed: First}
       remapping: {place: place}
+    Third:
+      behavior: {use: Round, default_keys: [place]}
+      transitions: {finished: over, failed: over}
 """
 REQUIREMENTS = """\
 # What the site requires.
@@ -268,7 +271,8 @@ def test_an_outcome_is_renamed_where_the_behavior_is_embedded(site: Site) -> Non
             ('{done: finished}', '{done: done}'),
         ],
         day_yaml=[
-            ('{finished: over, failed: over}', '{done: over, failed: over}'),
+            ('{finished: over, failed: over}\n    Second', '{done: over, failed: over}\n    Second'),
+            ('[place]}\n      transitions: {finished: over', '[place]}\n      transitions: {done: over'),
             ('{finished: over, failed: First}', '{done: over, failed: First}'),
         ],
         site_yaml=[('=finished before', '=done before'), ('=finished only', '=done only')],
@@ -296,7 +300,8 @@ def test_an_input_key_of_a_behavior_keeps_the_keys_around_it(site: Site) -> None
         'where',
         round_yaml=[('[place]', '[where]'), ('{data: place}', '{data: where}')],
         day_yaml=[
-            ('{finished: over, failed: over}\n', '{finished: over, failed: over}\n      remapping: {where: place}\n'),
+            ('over}\n    Second', 'over}\n      remapping: {where: place}\n    Second'),
+            ('default_keys: [place]', 'default_keys: [where]'),
             ('{place: place}', '{where: place}'),
         ],
     )
@@ -308,7 +313,11 @@ def test_a_behavior_and_its_parameter_are_renamed(site: Site) -> None:
         site.at('round.yaml', 'name: ', 'Round'),
         'Tour',
         round_yaml=[('name: Round', 'name: Tour')],
-        day_yaml=[('{use: Round,', '{use: Tour,'), ('{use: Round}', '{use: Tour}')],
+        day_yaml=[
+            ('{use: Round, parameters', '{use: Tour, parameters'),
+            ('{use: Round}', '{use: Tour}'),
+            ('Round, default', 'Tour, default'),
+        ],
         site_yaml=[('Round:', 'Tour:')],
     )
     site.rename(site.at('round.yaml', 'timeout: $', 'limit'), 'most')
