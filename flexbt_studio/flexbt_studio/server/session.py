@@ -278,7 +278,7 @@ class Sessions:
         if self._simulation is not None and self._simulation.state['state'] != 'ended':
             raise StudioError('a simulated robot runs already; stop it first')
         await self._end_simulation()
-        self._simulation = simulation = Simulation(self._access, self.tell)
+        self._simulation = simulation = Simulation(self._access, self.tell, is_alone=self._robots is None)
         page.simulation = simulation
         try:
             await simulation.start(world, speed)

@@ -45,6 +45,8 @@ SPEEDS: Final = (0.1, 100.0)
 """Least and greatest number of simulated seconds in a second."""
 START_SECONDS: Final = 120.0
 """Time until the robot is there, s."""
+END_SECONDS: Final = 2.0
+"""Time for the processes to end when they are asked to, s; then they are killed."""
 ANSWER_SECONDS: Final = 10.0
 """Time for an answer of the simulator or the BT server, s."""
 WORLD_BYTES: Final = 1_000_000
@@ -117,8 +119,10 @@ class Simulation:
     Pages are told events ``simulator`` with a ``state``: starting, running, or ended, with a ``message``.
     """
 
-    def __init__(self, access: Access, tell: Tell) -> None:
+    def __init__(self, access: Access, tell: Tell, *, is_alone: bool) -> None:
+        """``is_alone``: this process has no other robots, so that its profile of the network can be chosen."""
         self._access = access
+        self._is_alone = is_alone
         self._tell = tell
         self._folder = tempfile.TemporaryDirectory(prefix='flexbt_simulation_', ignore_cleanup_errors=True)
         self._things = contextlib.AsyncExitStack()
@@ -166,11 +170,14 @@ class Simulation:
 
         folder = Path(self._folder.name)
         domain = self._things.enter_context(reserved_domain())
-        network = {'ROS_DOMAIN_ID': str(domain), discovery.RANGE: 'LOCALHOST', discovery.PROFILE: ''}
-        if Path(os.environ.get(discovery.PROFILE, '')).name == 'this_computer.xml':
-            network = {'ROS_DOMAIN_ID': str(domain)}
+        network = {'ROS_DOMAIN_ID': str(domain)}
+        if not self._is_alone and Path(os.environ.get(discovery.PROFILE, '')) != discovery.profile('this_computer'):
+            network |= {discovery.RANGE: 'LOCALHOST'}  # another profile is in use here
+        else:
+            discovery.only_this_computer(network)
         path = {name: f'{folder / inner}:{os.environ.get(name, "")}' for name, inner in _PATHS.items()}
-        self._environment = {**os.environ, **network, **path, 'OMP_NUM_THREADS': '1'}
+        own = {name: value for name, value in os.environ.items() if name != discovery.PROFILE}
+        self._environment = {**own, **network, **path, 'OMP_NUM_THREADS': '1'}
         known = folder / 'places.yaml'
         if places:
             poses = {name: dict(zip(('x', 'y', 'yaw'), pose, strict=False)) for name, pose in places.items()}
@@ -275,14 +282,17 @@ class Simulation:
     async def close(self) -> None:
         """End the robot: its processes are gone when this returns."""
         processes, self._processes = self._processes, {}
-        for process in processes.values():
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
+        ended = asyncio.gather(*(process.wait() for process in processes.values()))
+        for number in (signal.SIGINT, signal.SIGKILL):
+            for process in processes.values():
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, number)
+            await asyncio.wait([ended], timeout=END_SECONDS)
         ending: list[asyncio.Future[Any]] = [*self._watchers, *self._pages]
         for one in ending:
             one.cancel()
         await asyncio.gather(*ending, return_exceptions=True)
-        await asyncio.gather(*(process.wait() for process in processes.values()))
+        await ended
         await self._things.aclose()
         self._folder.cleanup()
         if self._state['state'] != 'ended':
