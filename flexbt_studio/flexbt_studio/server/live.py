@@ -61,8 +61,8 @@ class LiveRobots:
         return name
 
     async def past(self, arguments: dict[str, Any]) -> dict[str, Any] | None:
-        """Return the lanes of a ``robot`` since a ``revision``, or the event of a moment (``time``, s) of its past; None
-        for what has no past here, such as a program."""
+        """Return the lanes of a ``robot`` since a ``revision``, or the event of a moment (``time``, s) of its past.
+        None for what has no past here, such as a program."""
         match arguments:
             case {'robot': str(name), 'revision': int(revision)}:
                 past = self._pasts.get(name)

@@ -347,8 +347,8 @@ class Robots:
         self.mirror.receive_tree_status(report)
         state = (ActiveState(active),)
         for number in (2 * self._sequence, 2 * self._sequence + 1):  # of one alone the age is not known
-            told = {'state': ExecutiveState.RUNNING, 'behavior': 'drive', 'active_states': state}
-            self.mirror.receive_snapshot(ExecutiveSnapshot('id', number, heartbeat_period=10.0, **told))
+            told = ExecutiveSnapshot('id', number, 10.0, ExecutiveState.RUNNING, behavior='drive', active_states=state)
+            self.mirror.receive_snapshot(told)
 
 
 def test_a_robot_is_watched_and_its_past_is_kept(

@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The past of a robot on its page: everything shows the moment, decisions and commands are those of now."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiohttp import ClientSession
+from web_support import PLAN, WebRobot, served
+
+from flexbt_common import names
+from flexbt_console.errors import UsageError
+from flexbt_console.mirror.records import ActiveState, CommandKind, FramedPose, GridMap, LogLine, LogSeverity
+from flexbt_console.recording.run_file import write_recording
+from flexbt_console.ui.web.past import Recordings
+from flexbt_msgs.msg import ActiveState as ActiveStateMessage
+from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_testing.browser import NEEDS_BROWSER, Browser
+from flexbt_testing.waiting import DEADLINE
+
+
+@contextlib.asynccontextmanager
+async def page(port: int) -> AsyncIterator[Any]:
+    """Provide what asks the server as a page: ``ask('past', moment=3.0)`` gives the next answer of that kind."""
+    async with (
+        ClientSession() as session,
+        session.ws_connect(f'http://127.0.0.1:{port}/link', max_msg_size=0) as socket,
+    ):
+        await socket.send_json({'hello': None, 'operator': None})
+
+        async def ask(kind: str, **message: Any) -> Any:
+            if message:
+                await socket.send_json(message)
+            async with asyncio.timeout(DEADLINE):
+                while True:
+                    answer = await socket.receive()
+                    content = answer.json() if isinstance(answer.data, str) else {}
+                    if kind in content:
+                        return content[kind]
+
+        await ask('hello')
+        yield ask
+
+
+def drive(robot: WebRobot) -> None:
+    """Let a robot drive for ten seconds; it loses its path at 5 s."""
+    for second in range(1, 11):
+        robot.clock.set(float(second))
+        if second == 5:
+            robot.mirror.receive_log(LogLine('e', 50, LogSeverity.ERROR, 'lost the path', '/Drive', 'r1', 5.0))
+        state = ActiveState('/Drive' if second < 8 else '/Ask', float(second < 8))
+        pose = FramedPose(1.0 + second / 10, 2.0)
+        robot.show(heartbeat_period=10.0, active_states=(state,), robot_pose=pose, stamp=float(second))
+
+
+def test_two_pages_show_different_moments_and_neither_answers_from_the_past() -> None:
+    robot = WebRobot(is_drawn=True)
+
+    async def run(port: int) -> None:
+        async with page(port) as one, page(port) as other:
+            await asyncio.to_thread(drive, robot)
+            robot.show(PLAN)
+            lanes = await one('lanes', lanes=0)
+            assert lanes['live'] and {entry['lane'] for entry in lanes['entries']} >= {'states', 'decisions', 'faults'}
+            (fault,) = [entry for entry in lanes['entries'] if entry['lane'] == 'faults' and entry['begin'] == 5.0]
+            assert fault['tone'] == 'error' and 'lost the path' in fault['text']
+            assert (await one('lanes', lanes=lanes['revision']))['entries'] == []
+            early, late = await one('past', moment=4.5), await other('past', moment=9.0)
+            assert (early['pose']['x'], late['pose']['x']) == (1.4, 1.9)
+            assert early['active']['paths'][-1] == '/Drive' and late['active']['paths'][-1] == '/Ask'
+            assert not any('lost' in line['text'] for line in early['log'])
+            assert any('lost' in line['text'] for line in late['log'])
+            assert early['decisions'] == [] and early['machine'] and early['trees']
+            for line in ({'answer': 'done'}, {'do': 'confirm'}, {'do': 'pause'}, {'do': 'stopp'}, {'obstacle': [1, 1]}):
+                told = await one('told', **line, decision='d1')
+                assert 'shows the past; nothing was sent' in told['text']
+            assert robot.sent == []
+            await one('parts', do='stop', decision=None)
+            assert [sent.kind for sent in await asyncio.to_thread(robot.wait_sent, 1)] == [CommandKind.STOP]
+            robot.show(PLAN)
+            assert 'driven' in await one('parts', moment=None)
+            assert 'applied' in (await one('told', answer='done', decision='d1'))['text']
+            for wrong in (
+                {'moment': 'x'},
+                {'moment': True},
+                {'lanes': '1'},
+                {'moment': 1.0, 'of': 3},
+                {'moment': 1e300},
+            ):
+                assert (await other('lanes' if 'lanes' in wrong else 'past', **wrong))['problem']
+            assert (await other('past', moment=-1e9))['time'] == -1e9  # the earliest that is known
+
+    with served({'robot': robot.station()}) as port:
+        asyncio.run(run(port))
+
+
+def test_a_map_that_has_changed_is_that_of_the_moment() -> None:
+    robot = WebRobot()
+    maps: list[bytes] = []
+
+    async def run(port: int) -> None:
+        async with ClientSession() as session, session.ws_connect(f'http://127.0.0.1:{port}/link') as socket:
+            await socket.send_json({'hello': None})
+
+            async def until(kind: str, count: int) -> None:
+                async with asyncio.timeout(DEADLINE):
+                    while len(maps) < count or kind:
+                        answer = await socket.receive()
+                        if isinstance(answer.data, bytes):
+                            maps.append(answer.data)
+                        elif kind in answer.json():
+                            kind = ''
+
+            await until('parts', 1)
+            robot.clock.set(5.0)
+            robot.mirror.receive_map(GridMap(2, 1, 0.05, 0.0, 0.0, b'\0\x64'))
+            await until('', 2)
+            await socket.send_json({'moment': 2.0})
+            await until('past', 3)
+            await socket.send_json({'moment': 6.0})
+            await until('past', 4)
+            await socket.send_json({'moment': None})
+            await until('parts', 5)
+        assert maps[2] == maps[0] and maps[1] == maps[3] == maps[4]
+
+    with served({'robot': robot.station()}) as port:
+        asyncio.run(run(port))
+
+
+def recording(file: Path) -> Path:
+    """Write a run of five seconds in /Plan."""
+    said = []
+    for second in range(6):
+        status = ExecutiveStatus(executive_id='e', state=ExecutiveStatus.RUNNING, run_id='r', behavior='Recorded')
+        status.active_states, status.sequence = [ActiveStateMessage(path='/Plan')], second + 1
+        said.append((second * 10**9, names.EXECUTIVE_STATUS, status))
+    write_recording(file, said)
+    return file
+
+
+def test_recordings_are_those_of_the_folder_and_a_name_leads_nowhere_else(tmp_path: Path) -> None:
+    folder, outside = tmp_path / 'flexbt', tmp_path / 'secret.mcap'
+    folder.mkdir()
+    recording(outside)
+    recording(folder / 'run.mcap')
+    (folder / 'link.mcap').symlink_to(outside)
+    (folder / 'broken.mcap').write_bytes(b'no recording')
+    (folder / 'sub.mcap').mkdir()
+    os.mkfifo(folder / 'pipe.mcap')
+    known = Recordings(folder)
+    assert sorted(one['name'] for one in known.names()) == ['broken.mcap', 'run.mcap']
+    for name in (
+        '../secret.mcap',
+        str(outside),
+        'link.mcap',
+        'sub.mcap',
+        'pipe.mcap',
+        '',
+        '.',
+        'run.mcap\0',
+        'RUN.mcap',
+    ):
+        with pytest.raises(UsageError, match='has no recording') as refused:
+            known.past(name)
+        assert 'secret' not in str(refused.value).replace(repr(name), '')
+    with pytest.raises(UsageError, match='is not an MCAP file'):
+        known.past('broken.mcap')
+    past = known.past('run.mcap')
+    assert known.past('run.mcap') is past
+    snapshot = past.moment(3.0).view().snapshot
+    assert snapshot is not None and (snapshot.behavior, snapshot.sequence) == ('Recorded', 4)
+    lanes = past.lanes(0)
+    assert (lanes['begin'], lanes['end'], lanes['live']) == (0.0, 5.0, False)
+    assert [entry['label'] for entry in lanes['entries']] == ['Plan']
+
+
+@NEEDS_BROWSER
+def test_the_page_goes_to_a_failure_and_back_and_confirms_nothing_there(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path))
+    (tmp_path / '.ros' / 'flexbt').mkdir(parents=True)
+    recording(tmp_path / '.ros' / 'flexbt' / 'patrol.mcap')
+    robot = WebRobot(is_drawn=True)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        drive(robot)
+        robot.show(PLAN)
+        browser.until(lambda: browser.run('return document.querySelectorAll(".lanes .faults").length') > 0)
+        browser.press('t')
+        browser.press('[', '[')  # before that at 5 s there is the one that was there when the page was opened
+        browser.press(']')
+        browser.until_text('past', 'PAST')
+        browser.until_text('past-log', 'lost the path')
+        browser.until_text('pose', 'x 1.50')
+        assert not browser.driver.find_element('id', 'log').is_displayed()
+        # The decision is that of now, and is shut.
+        assert 'Drive' in browser.text('decision-line')
+        assert browser.run('return [...document.querySelectorAll("[data-choice]")].every((one) => one.disabled)')
+        browser.run('document.activeElement.blur()')
+        browser.press('1')
+        browser.press('\ue007')  # Enter
+        browser.until_text('told', 'shows the past')
+        # While the robot goes on, the moment stays.
+        robot.show(PLAN, robot_pose=FramedPose(3.0, 2.0))
+        robot.mirror.receive_log(LogLine('e', 51, LogSeverity.INFO, 'goes on', '/Drive', 'r1', 11.0))
+        browser.until(lambda: 'goes on' in (browser.run('return document.getElementById("log").textContent')))
+        assert 'x 1.50' in browser.text('pose') and 'goes on' not in browser.text('past-log')
+        assert robot.sent == []
+        browser.press('!')
+        assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.STOP]
+        robot.show(PLAN, robot_pose=FramedPose(3.0, 2.0))
+        # Back: an answer is picked anew, and not sooner than somebody can have read it.
+        browser.press('\ue00c')
+        browser.until(lambda: not browser.driver.find_element('id', 'past').is_displayed())
+        browser.until_text('pose', 'x 3.00')
+        assert browser.driver.find_element('id', 'log').is_displayed()
+        browser.run('document.activeElement.blur()')
+        browser.press('\ue007')
+        browser.until_text('told', 'pick an answer')
+        assert len(robot.sent) == 1
+        # A recording, and back.
+        browser.driver.find_element('id', 'recordings').click()
+        browser.until_text('dialog-body', 'patrol.mcap')
+        browser.driver.find_element('css selector', '#dialog-body li button').click()
+        browser.until_text('past', 'RECORDING')
+        browser.until_text('timeline-title', 'patrol.mcap')
+        browser.until(lambda: browser.run('return document.querySelectorAll(".lanes .states").length') == 1)
+        browser.driver.find_element('id', 'past').click()
+        browser.until_text('pose', 'x 3.00')
