@@ -29,6 +29,12 @@ def queue_summary(view: View) -> str:
     return Line(f'{count}, HELD: {one_line(snapshot.queue_held)}; "queue release" goes on', Tone.WARNING)
 
 
+def queue_title(queue: MissionQueue) -> str:
+    """Return the number of entries, and why the queue is held."""
+    held = f', HELD: {one_line(queue.held)}' if queue.hold else ''
+    return f'mission queue: {pluralize(len(queue.entries), "entry", "entries")}{held}'
+
+
 def queue_lines(queue: MissionQueue) -> list[str]:
     """Return the whole queue: why it is held, and two lines for each entry."""
     held = [Line(f'HELD: {one_line(queue.held)}; "queue release" goes on', Tone.WARNING)] if queue.hold else []

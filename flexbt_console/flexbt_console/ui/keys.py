@@ -176,6 +176,14 @@ def _of_held(verb: str) -> Written:
     return lines
 
 
+def _no_queue(view: View) -> str:
+    return '' if view.queue is not None else 'the robot has not sent its mission queue'
+
+
+def _has_queue(view: View, operator: str | None) -> bool:
+    return view.queue is not None and bool(view.queue.entries or view.queue.hold)
+
+
 def _repeat(view: View, operator: str | None) -> list[str]:
     return _at_each(view.active_paths, 'repeat', 'repeat', ())
 
@@ -327,6 +335,14 @@ KEYS: Final = (
         rank=3,
         needs=_is_held,
         sends=True,
+    ),
+    KeyBinding(
+        'm',
+        'queue',
+        'Show the mission queue: add, edit, move or remove entries, hold or release it',
+        blocked=_no_queue,
+        rank=3,
+        needs=_has_queue,
     ),
     KeyBinding(
         'c',

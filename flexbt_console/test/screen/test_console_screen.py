@@ -56,8 +56,11 @@ from flexbt_console.mirror.records import (
     GridMap,
     LogLine,
     LogSeverity,
+    MissionQueue,
     OperatorCommand,
     Peer,
+    QueueEntry,
+    QueueOptions,
     ResultCode,
     StateKind,
     StateStructure,
@@ -315,6 +318,42 @@ def test_enter_answers_the_decision_on_the_screen_and_no_later_one() -> None:
         assert sent.wait_interaction >= 0.0 and sent.wait_queue >= 0.0
 
     on_screen(robot, steps)
+
+
+@pytest.mark.parametrize('size', SIZES)
+def test_the_queue_is_on_the_screen_and_its_key_offers_what_can_be_done(size: tuple[int, int]) -> None:
+    robot = Robot()
+    entries = (
+        QueueEntry(4, 'Patrol', waits_for='the queue is held', operator='bob'),
+        QueueEntry(7, 'In\x1b[2Jspect', QueueOptions(count=3, interval=600.0), waits_for='the queue is held'),
+    )
+    robot.mirror.receive_queue(MissionQueue('e', 2, 'STOP by bob', entries))
+    idle = {'state': ExecutiveState.IDLE, 'active_states': (), 'queue_length': 2, 'queue_held': 'STOP by bob'}
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        if size[0] >= 80:
+            assert 'queue: 2 entries, HELD' in text_of(app)
+            robot.show(**idle)
+            await seen(robot, pilot)
+            for text in ('HELD: STOP by bob', '4  Patrol: the queue is held', 'every 10 min'):
+                assert text in text_of(app), text
+        await pilot.press('m', *'release', 'enter')
+        robot.show()
+        await seen(robot, pilot)
+        for keys in (['m'], ['7'], ['enter'], [*'remove'], ['enter']):
+            await pilot.press(*keys)
+            await pilot.pause()
+        sent = [(one.kind, one.queue_number) for one in robot.link.sent]
+        assert sent == [(CommandKind.QUEUE_RELEASE, 2), (CommandKind.QUEUE_REMOVE, 7)]
+        robot.show()
+        await seen(robot, pilot)
+        for keys in (['m'], ['4'], ['enter'], [*'edit'], ['enter']):
+            await pilot.press(*keys)
+            await pilot.pause()
+        assert app._line.value == 'queue edit 4 '
+
+    robot.show(queue_length=2, queue_held='STOP by bob')
+    on_screen(robot, steps, size)
 
 
 def test_a_decision_that_is_gone_is_not_answered() -> None:

@@ -103,11 +103,12 @@ def _of_trees(name: str, *fields: str) -> CommandDefinition:
     return CommandDefinition(name, apply, RunRequirement.NONE, fields)
 
 
-def _of_queue(name: str, command: Callable[..., None], *fields: str) -> CommandDefinition:
-    """Return a command of the mission queue. ``fields`` of the message are its arguments."""
+def _of_queue(name: str, command: Callable[[QueueRunner, ExecutiveCommand], None], *fields: str) -> CommandDefinition:
+    """Return a command of the mission queue, which decides and journals it in one line."""
 
     def apply(registry: CommandRegistry, sent: ExecutiveCommand) -> None:
-        command(registry.queue, *(getattr(sent, field) for field in fields))
+        with registry.queue.deciding(sent.id):
+            command(registry.queue, sent)
 
     return CommandDefinition(name, apply, RunRequirement.NONE, fields)
 
@@ -231,7 +232,7 @@ class CommandRegistry(CommandHandling):
 
     def _stop(self, command: ExecutiveCommand) -> None:
         who = _operator(command)
-        reason = f'by {who}' + (f': {command.reason}' if command.reason else '')
+        reason = _because(f'by {who}', command)
         run = self._runs.run
         self.queue.hold_for_stop(f'STOP {reason}')
         if run is not None and command.run_id not in ('', run.run_id):
@@ -299,29 +300,6 @@ class CommandRegistry(CommandHandling):
             ExecutiveLog.INFO, f'{command.operator_id or "an operator"} notes: {text}', run_id=command.run_id
         )
 
-    def _queue_add(self, command: ExecutiveCommand) -> None:
-        self.queue.add(
-            command.behavior,
-            command.arguments,
-            command.inputs,
-            command.autonomy,
-            command.queue_options[0],
-            command.operator_id,
-        )
-
-    def _queue_edit(self, command: ExecutiveCommand) -> None:
-        self.queue.edit(
-            command.queue_number,
-            command.queue_revision,
-            command.arguments,
-            command.inputs,
-            command.autonomy,
-            command.queue_options[0],
-        )
-
-    def _queue_hold(self, command: ExecutiveCommand) -> None:
-        self.queue.hold(f'by {_operator(command)}' + (f': {command.reason}' if command.reason else ''))
-
     COMMANDS: Final = (
         CommandDefinition('START', _start, RunRequirement.NONE),
         # Everyone who sees a fault must be able to stop the robot, no matter what else they know.
@@ -351,18 +329,13 @@ class CommandRegistry(CommandHandling):
         _of_trees('TREE_DUMMY', 'path', 'outcome'),
         _of_trees('TREE_RECORD'),
         _of_trees('TREE_CLEAR'),
-        CommandDefinition('QUEUE_ADD', _queue_add, RunRequirement.NONE, ['behavior', 'queue_options']),
-        CommandDefinition('QUEUE_EDIT', _queue_edit, RunRequirement.NONE, ['queue_number', 'queue_options']),
-        _of_queue('QUEUE_REMOVE', QueueRunner.remove, 'queue_number'),
-        CommandDefinition(
-            'QUEUE_MOVE',
-            lambda self, sent: self.queue.move(sent.queue_number, sent.queue_before),
-            RunRequirement.NONE,
-            ['queue_number'],
-        ),
-        CommandDefinition('QUEUE_HOLD', _queue_hold, RunRequirement.NONE),
-        _of_queue('QUEUE_RELEASE', QueueRunner.release, 'queue_number'),
-        _of_queue('QUEUE_CLEAR', QueueRunner.clear, 'queue_number'),
+        _of_queue('QUEUE_ADD', QueueRunner.add, 'behavior', 'queue_options'),
+        _of_queue('QUEUE_EDIT', QueueRunner.edit, 'queue_number', 'queue_options'),
+        _of_queue('QUEUE_REMOVE', lambda queue, sent: queue.remove(sent.queue_number), 'queue_number'),
+        _of_queue('QUEUE_MOVE', lambda queue, sent: queue.move(sent.queue_number, sent.queue_before), 'queue_number'),
+        _of_queue('QUEUE_HOLD', lambda queue, sent: queue.hold(_because(f'by {_operator(sent)}', sent))),
+        _of_queue('QUEUE_RELEASE', lambda queue, sent: queue.release(sent.queue_number), 'queue_number'),
+        _of_queue('QUEUE_CLEAR', lambda queue, sent: queue.clear(sent.queue_number), 'queue_number'),
         _of_authority('CLAIM_AUTHORITY', Authority.claim),
         _of_authority('RELEASE_AUTHORITY', Authority.release),
         _of_authority('HAND_OVER_AUTHORITY', Authority.hand_over, 'grantee'),
@@ -376,6 +349,10 @@ class CommandRegistry(CommandHandling):
 
 def _operator(command: ExecutiveCommand) -> str:
     return f'operator {command.operator_id}' if command.operator_id else 'the operator'
+
+
+def _because(what: str, command: ExecutiveCommand) -> str:
+    return what + (f': {command.reason}' if command.reason else '')
 
 
 def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, Final
@@ -15,14 +16,14 @@ from flexbt_core.clock.clock import Timer
 from flexbt_core.state_machine.engine.events import RunEvent, RunReader
 from flexbt_core.state_machine.model.definition import ERROR
 from flexbt_core.values.text import truncate_middle
-from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, ExecutiveLog, MissionQueue
+from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, ExecutiveCommand, ExecutiveLog, MissionQueue
 from flexbt_msgs.msg import QueueEntry as QueueEntryMessage
 from flexbt_msgs.msg import QueueOptions as QueueOptionsMessage
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
-from flexbt_onboard.persistence.queue_entries import EndedRun, OnFailure, QueueEntry, QueueOptions
+from flexbt_onboard.persistence.queue_entries import Changes, EndedRun, OnFailure, QueueEntry, QueueOptions
 from flexbt_onboard.persistence.run_journal import RunJournal
 from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused, RunRequested
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
@@ -70,7 +71,9 @@ class QueueRunner(RunReader):
         self._conditions = conditions
         self._journal_problem = journal_problem
         self._changed = changed
-        self._queue = Queue(journal.state.queue.copy(), journal.change_queue)
+        self._journal = journal
+        self._command_id: str | None = None
+        self._queue = Queue(journal.state.queue.copy(), self._write)
         self._is_active = False  # a run was requested, and its end was not read yet
         self._waits: dict[int, str] = {}
         self._started: float | None = None
@@ -96,15 +99,20 @@ class QueueRunner(RunReader):
 
     # -- commands -----------------------------------------------------------------------------------------------------
 
-    def add(
-        self,
-        behavior: str,
-        arguments: Sequence[BehaviorArgument],
-        inputs: Sequence[BlackboardEntry],
-        autonomy: int,
-        options: QueueOptionsMessage,
-        operator: str,
-    ) -> None:
+    @contextmanager
+    def deciding(self, command_id: str) -> Iterator[None]:
+        """Journal a command as applied in the line of its change, so that a resend after a crash changes nothing."""
+        self._command_id = command_id
+        try:
+            yield
+        finally:
+            self._command_id = None
+
+    def _write(self, changes: Changes) -> None:
+        command_id, self._command_id = self._command_id, None
+        self._journal.change_queue(changes, command_id)
+
+    def add(self, command: ExecutiveCommand) -> None:
         """Add an entry.
 
         Raises:
@@ -113,41 +121,33 @@ class QueueRunner(RunReader):
         """
         if problem := self._journal_problem():
             raise CommandRefusedError(f'the entry would be lost in a crash: {problem}')
-        given = [(one.name, one.value) for one in arguments]
-        request = run_request(self._library, behavior, given, inputs, autonomy, operator)
-        entry = QueueEntry(
-            0,
-            request.entry.name,
-            self._options(options),
-            tuple(given),
-            tuple(inputs),
-            request.autonomy,
-            operator,
-            self._now(),
-        )
-        self._queue.add(entry)
+        self._queue.add(self._entry(command, command.behavior))
         self._after_change()
 
-    def edit(
-        self,
-        number: int,
-        revision: int,
-        arguments: Sequence[BehaviorArgument],
-        inputs: Sequence[BlackboardEntry],
-        autonomy: int,
-        options: QueueOptionsMessage,
-    ) -> None:
+    def edit(self, command: ExecutiveCommand) -> None:
         """Change an entry; without arguments or inputs, it keeps those that it has.
 
         Raises:
             CommandRefusedError: there is no such entry, it was changed meanwhile, or something is not valid.
         """
-        entry = self._queue.entry(number)
-        given = tuple((one.name, one.value) for one in arguments)
-        level = run_request(self._library, entry.behavior, given, inputs, autonomy, '').autonomy
-        changed = replace(entry, options=self._options(options), arguments=given, inputs=tuple(inputs), autonomy=level)
-        self._queue.edit(replace(changed, revision=revision))
+        entry = self._queue.entry(command.queue_number)
+        changed = self._entry(command, entry.behavior)
+        self._queue.edit(replace(changed, number=entry.number, revision=command.queue_revision))
         self._after_change()
+
+    def _entry(self, command: ExecutiveCommand, behavior: str) -> QueueEntry:
+        given = tuple((one.name, one.value) for one in command.arguments)
+        request = run_request(self._library, behavior, given, command.inputs, command.autonomy, command.operator_id)
+        return QueueEntry(
+            0,
+            request.entry.name,
+            self._options(command.queue_options[0]),
+            given,
+            tuple(request.inputs),
+            request.autonomy,
+            request.by,
+            self._now(),
+        )
 
     def remove(self, number: int) -> None:
         """Remove an entry. Raises CommandRefusedError if there is none."""

@@ -166,9 +166,9 @@ class RunJournal(Journal):
             ended: dict[str, Any] = {'queue': [['ended', entry, outcome, told, is_forced]]} if entry else {}
             self.append(run=run_id, end=why, **ended)
 
-    def change_queue(self, changes: Changes) -> None:
-        """Write changes of the mission queue in one line."""
-        self.append(queue=list(changes))
+    def change_queue(self, changes: Changes, command_id: str | None = None) -> None:
+        """Write changes of the mission queue, and that the command that requested them was applied, in one line."""
+        self.append(_results([CommandDecided(command_id, None)]), queue=list(changes))
 
     @property
     def next_autonomy(self) -> int | None:

@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An executive in a process of its own, to be killed: its behavior counts confirmations in its userdata.
 
-Usage: durable_process.py JOURNAL_DIRECTORY
+Usage: durable_process.py JOURNAL_DIRECTORY [KILL_AT]
+
+With KILL_AT it kills itself at the write of the journal of this number: before the disk has it, or after it if the
+number is negative.
 """
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import sys
@@ -112,9 +116,50 @@ def crashing() -> OperatableStateMachine:
     return machine
 
 
+class Mark(EventState):
+    """Writes into a file that it ran."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self._mark = name
+
+    def execute(self, userdata: UserData) -> str:
+        with Path(sys.argv[1], 'marks').open('a') as file:
+            file.write(f'{self._mark}\n')
+        return 'done'
+
+
+def marking(name: str, outcome: str) -> OperatableStateMachine:
+    """Mark that it ran, and end."""
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        OperatableStateMachine.add('Mark', Mark(name), {'done': outcome})
+    return machine
+
+
+def kill_at(number: int) -> None:
+    """Kill this process at a write of the journal; see the module."""
+    real, count = os.fdatasync, 0
+
+    def sync(descriptor: Any) -> None:
+        nonlocal count
+        count += 1
+        if count == number:
+            os.kill(os.getpid(), signal.SIGKILL)
+        real(descriptor)
+        if count == -number:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    os.fdatasync = sync
+
+
 def setup(runtime: NodeRuntime) -> Any:
     """Make the executive."""
     machines = {'Test': counting, 'Changed': counting, 'Spoil': spoiling, 'Crash': crashing, 'Stuck': sticking}
+    for name, outcome in (('A', 'finished'), ('B', 'failed'), ('C', 'finished')):
+        machines[name] = functools.partial(marking, name, outcome)
+    if len(sys.argv) > 2:
+        kill_at(int(sys.argv[2]))
     library = BehaviorLibrary(entry_of(behavior_of(make, name)) for name, make in machines.items())
     parameters = ExecutiveParameters(peers=(), journal_directory=sys.argv[1], event_log_directory=sys.argv[1])
     return open_executive(runtime, parameters, library)

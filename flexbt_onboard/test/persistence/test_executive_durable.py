@@ -7,6 +7,7 @@ FLEXBT_KILLS sets how often the executive is killed, FLEXBT_SEED when.
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import random
 import resource
@@ -22,7 +23,7 @@ import pytest
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus, QueueOptions
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.errors import OnboardError
 from flexbt_onboard.node.executive import open_executive
@@ -52,15 +53,22 @@ class DurableBench(Operator):
         self._launched = 0
         self._process: ForkedProcess | subprocess.Popen[bytes] | None = None
 
-    def launch(self) -> int:
-        """Start the executive; gives the state that it shows first."""
+    def launch(self, *kill_at: int) -> int:
+        """Start the executive; gives the state that it shows first. ``kill_at``: see durable_process."""
         known = {status.executive_id for status in self.statuses}
         self._launched = len(self.statuses)
         script = str(Path(__file__).with_name('durable_process.py'))
         with (self.directory / 'log').open('ab') as log:
-            self._process = logged_python_process([script, str(self.directory)], log.fileno(), LOADED)
+            self._process = logged_python_process(
+                [script, str(self.directory), *map(str, kill_at)], log.fileno(), LOADED
+            )
         wait_until(lambda: self.statuses and self.status.executive_id not in known, 'first status')
         return int(self.status.state)
+
+    @property
+    def has_ended(self) -> bool:
+        """True if the process is gone."""
+        return self._process is not None and self._process.poll() is not None
 
     def result(self, command_id: str) -> CommandResult:
         """Return the result of a command, which is sent until there is one, as a console does."""
@@ -312,3 +320,78 @@ def test_where_neither_journal_nor_event_log_can_be_used_nothing_is_told_but_tha
             open_executive(runtime, parameters, BehaviorLibrary(()))
         runtime.call(lambda: None)  # what was asked for before has been done
         assert faults == []
+
+
+def has_news(bench: DurableBench, count: int) -> bool:
+    """Return whether more statuses have come than these, or the executive is gone."""
+    return len(bench.statuses) > count or bench.has_ended
+
+
+QUEUE_KILLS = int(os.environ.get('FLEXBT_QUEUE_KILLS', '6'))
+WRITES = 16
+"""Writes of the journal for three entries, at least."""
+
+
+@pytest.mark.parametrize(
+    'kill_at', sorted(random.Random(SEED).sample([*range(1, WRITES), *range(-WRITES, 0)], QUEUE_KILLS))
+)
+def test_no_entry_of_the_queue_is_lost_or_runs_twice_wherever_the_executive_is_killed(
+    bench: DurableBench, kill_at: int
+) -> None:
+    bench.launch(kill_at)
+    marks = bench.directory / 'marks'
+    retry, drop = (QueueOptions(on_failure=how, retries=1) for how in (QueueOptions.RETRY, QueueOptions.DROP))
+    wanted = [('A', retry), ('B', drop), ('C', retry)]
+    sent: list[str] = []
+    resumed: list[int] = []
+    deadline = time.monotonic() + 300.0
+    while time.monotonic() < deadline:
+        if bench.has_ended:
+            if bench.launch() == ExecutiveStatus.INTERRUPTED:
+                assert 1 <= bench.status.queue_entry <= 3
+                resumed.append(bench.status.queue_entry)
+                bench.send(C.RESUME_RUN, id=f'resume-{len(resumed)}')
+            for command_id in sent:  # as a console does, which does not know what was decided
+                bench.resend(command_id)
+        answers = [bench.answer(command_id) for command_id in sent]
+        if len(sent) < len(wanted) and all(answers):
+            behavior, options = wanted[len(sent)]
+            sent.append(f'add-{behavior}')
+            bench.send(C.QUEUE_ADD, id=sent[-1], run_id='', behavior=behavior, autonomy=3, queue_options=[options])
+        if len(sent) == len(wanted) and all(answers) and not bench.has_ended:
+            assert {one.code for one in answers if one} == {CommandResult.APPLIED}
+            if bench.status.state == ExecutiveStatus.IDLE and not bench.status.queue_length:
+                break
+        with contextlib.suppress(AssertionError):
+            wait_until(functools.partial(has_news, bench, len(bench.statuses)), 'a status', 1.0)
+        for command_id, answer in zip(sent, answers, strict=False):
+            if answer is None and not bench.has_ended:
+                bench.resend(command_id)
+    assert bench.status.queue_length == 0, bench.queue
+    assert not bench.status.queue_held
+    ran = marks.read_text().split()
+    for number, name in enumerate('ABC', 1):
+        # The state that was active is entered again by a resumed run: docs/how_to/real_robot.md.
+        assert 1 <= ran.count(name) <= 1 + resumed.count(number), (kill_at, ran, resumed)
+
+
+def test_an_entry_that_cannot_continue_after_a_crash_holds_the_queue(bench: DurableBench) -> None:
+    bench.launch()
+    options = [QueueOptions(on_failure=QueueOptions.CONTINUE)]
+    for behavior in ('Spoil', 'A'):
+        bench.applied(C.QUEUE_ADD, run_id='', behavior=behavior, autonomy=3, queue_options=options)
+    bench.wait_active('/Spoil')
+    bench.logged('cannot be journaled')
+    bench.kill()
+    assert bench.launch() == ExecutiveStatus.INTERRUPTED
+    bench.wait_for(
+        lambda status: 'entry 1 ran when the executive ended, and cannot continue' in status.queue_held, 'hold'
+    )
+    assert 'cannot continue where it was' in bench.refused(C.RESUME_RUN)
+    bench.applied(C.ABORT_RUN)
+    bench.wait_for(lambda status: "entry 1 ended by 'preempted'" in status.queue_held, 'another hold')
+    bench.applied(C.QUEUE_REMOVE, queue_number=1, run_id='')
+    hold = wait_until(lambda: bench.queue.hold, 'the hold')
+    bench.applied(C.QUEUE_RELEASE, queue_number=hold, run_id='')
+    bench.wait_for(lambda status: not status.queue_length, 'the end of entry 2')
+    assert (bench.directory / 'marks').read_text() == 'A\n'

@@ -33,6 +33,7 @@ from flexbt_console.mirror.mirror import Change, Mirror
 from flexbt_console.mirror.records import Behavior, OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_console.present.debugging import debug_lines, marks_of_nodes
+from flexbt_console.present.queue import entry_details, entry_line, queue_title
 from flexbt_console.present.style import Line, Tone
 from flexbt_console.ui.answers import CHANGED, Bound, Local, Meaning, choose
 from flexbt_console.ui.keys import KEYS, KeyBinding, help_lines
@@ -609,6 +610,36 @@ class OperatorScreen(OrderedApp):
             self.open(ChoiceList(node.path, offered), lambda which: self.do([*lines.values()][which]))
 
         self.open(ChoiceList(key.help, entries), chosen)
+
+    def _do_queue(self, key: KeyBinding, view: View) -> None:
+        """Let the operator select an entry of the mission queue and what to do with it, or a line for all of it."""
+        queue = view.queue
+        assert queue is not None
+        offers = {'queue add ...': 'queue add '}
+        offers |= {line: line for line in (queue.hold and 'queue release', 'queue hold', 'queue clear') if line}
+
+        def run(line: str) -> None:
+            if line.endswith(' '):
+                self._line.open(line)
+                self.draw()
+            else:
+                self.do(line)
+
+        def chosen(number: int) -> None:
+            if number >= len(queue.entries):
+                run([*offers.values()][number - len(queue.entries)])
+                return
+            entry = queue.entries[number].number
+            lines = [f'queue move {entry} first', f'queue move {entry} last', f'queue remove {entry}']
+            lines.append(f'queue edit {entry} ')
+            choices = [Entry(line, (line, line.split()[1])) for line in lines]
+            self.open(ChoiceList(entry_line(queue.entries[number]), choices), lambda which: run(lines[which]))
+
+        entries = [
+            Entry(f'{entry_line(one)}  {entry_details(one)}', (str(one.number), one.behavior)) for one in queue.entries
+        ]
+        entries += [Entry(text, (line.strip(), line.split()[1])) for text, line in offers.items()]
+        self.open(ChoiceList(queue_title(queue), entries), chosen)
 
     def _do_start(self, key: KeyBinding, view: View) -> None:
         behaviors = view.behaviors or ()

@@ -101,7 +101,7 @@ class ChoiceList(ModalScreen[int | None]):
     def compose(self) -> ComposeResult:
         """See :class:`textual.screen.Screen`."""
         with Vertical(classes='dialog') as dialog:
-            dialog.border_title, dialog.border_subtitle = self._title, HOW_TO_CHOOSE
+            dialog.border_title, dialog.border_subtitle = Text(self._title), HOW_TO_CHOOSE
             yield FindField(placeholder='type to find')
             yield OptionList()
 

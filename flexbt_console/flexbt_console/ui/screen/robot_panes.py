@@ -30,6 +30,7 @@ from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import cut, cut_middle, fold
 from flexbt_console.present.debugging import marks_of_nodes
 from flexbt_console.present.maps import Frame, draw_map, where_text
+from flexbt_console.present.queue import queue_lines, queue_summary
 from flexbt_console.present.rendering import (
     autonomy_needed,
     autonomy_text,
@@ -80,9 +81,16 @@ class MachinePane:
     def draw(self, view: View, columns: int, rows: int, nothing: str) -> Text:
         """Return the pane in this many rows of this many cells; ``nothing`` is shown while no behavior runs."""
         self._page = max(1, rows - 1)
-        shown = self._all(view, columns, rows) if self._from is not None else self._of_now(view, columns, rows)
-        if not shown and view.snapshot is not None and not view.running:
-            shown = [Line(nothing, Tone.DIM)]
+        queue = queue_summary(view)
+        room = rows - bool(queue)
+        shown = self._all(view, columns, room) if self._from is not None else self._of_now(view, columns, room)
+        if view.snapshot is not None and not view.running:
+            shown = shown or [Line(nothing, Tone.DIM)]
+            if queue and view.queue is not None and len(shown) < room:
+                shown += [toned(cut(line, columns), line) for line in queue_lines(view.queue)[: rows - len(shown)]]
+                queue = ''
+        if queue:
+            shown.append(toned(cut(f'queue: {queue}', columns), queue))
         text = styled(shown)
         if not view.live:
             text.stylize('dim')

@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The queue of a running executive: runs one after the other, holds, conditions, races, limits, and a full disk."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import BatteryState
+
+from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_core.values.places import Place
+from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveStatus, QueueOptions
+from flexbt_msgs.msg import ExecutiveCommand as C
+from flexbt_onboard.mission_queue import queue_runner
+from flexbt_onboard.mission_queue.mission_queue import ENTRIES, QUEUE_SIZE
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import wait_until
+
+LATER = Time(sec=2_000_000_000)
+HOLD, CONTINUE, RETRY, DROP = QueueOptions.HOLD, QueueOptions.CONTINUE, QueueOptions.RETRY, QueueOptions.DROP
+
+
+class Gate(EventState):
+    """Wait for the test, and leave by the outcome that it says."""
+
+    entered = 0
+    outcome: str | None = None
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['finished', 'failed'], desired_rate=100)
+
+    def on_enter(self, userdata: UserData) -> None:
+        type(self).entered += 1
+
+    def execute(self, userdata: UserData) -> str | None:
+        outcome, type(self).outcome = self.outcome, None
+        return outcome
+
+
+class Work(EventState):
+    """Note that it ran, and fail as often as it was told."""
+
+    ran = 0
+    failures = 0
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['finished', 'failed'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        kind = type(self)
+        kind.ran += 1
+        kind.failures -= 1
+        return 'failed' if kind.failures >= 0 else 'finished'
+
+
+class Break(EventState):
+    """Raise an error."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['finished'], desired_rate=None)
+
+    def execute(self, userdata: UserData) -> str:
+        raise RuntimeError('broken')
+
+
+def machine_of(state: type[EventState]) -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        made = state()
+        OperatableStateMachine.add('Only', made, {outcome: outcome for outcome in made.outcomes})
+    return machine
+
+
+BEHAVIORS = [behavior_of(lambda: machine_of(Gate), 'Gate'), behavior_of(lambda: machine_of(Work), 'Work')]
+BEHAVIORS.append(behavior_of(lambda: machine_of(Break), 'Break'))
+
+
+class QueueBench(ExecutiveBench):
+    """An executive whose queue the test fills."""
+
+    def add(self, behavior: str, on_failure: int = HOLD, **options: Any) -> int:
+        """Add an entry, and return its number."""
+        options.setdefault('on_failure', on_failure)
+        known = {one.number for one in self.queue.entries}
+        self.applied(C.QUEUE_ADD, behavior=behavior, autonomy=3, run_id='', queue_options=[QueueOptions(**options)])
+        numbers = wait_until(lambda: {one.number for one in self.queue.entries} - known, 'the new entry')
+        return int(max(numbers))
+
+    def numbers(self) -> list[int]:
+        return [one.number for one in self.queue.entries]
+
+    def release(self) -> None:
+        self.applied(C.QUEUE_RELEASE, queue_number=self.queue.hold)
+
+    def wait_held(self, why: str) -> None:
+        wait_until(lambda: why in self.queue.held, lambda: f'the queue held: {why}; {self.queue}')
+
+    def wait_entries(self, *numbers: int) -> None:
+        wait_until(lambda: self.numbers() == list(numbers), lambda: f'the entries {numbers}; {self.queue}')
+
+    def wait_for_text(self, number: int, text: str) -> None:
+        def told() -> list[str]:
+            return [one.waits_for for one in self.queue.entries if one.number == number]
+
+        wait_until(lambda: any(text in one for one in told()), lambda: f'{text}; {told()}')
+
+
+def parameters_of(directory: Path) -> ExecutiveParameters:
+    return ExecutiveParameters(peers=(), journal_directory=str(directory), places={'dock': Place(1.0, 2.0)})
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[QueueBench]:
+    Gate.entered = Work.ran = Work.failures = 0
+    Gate.outcome = None
+    monkeypatch.setattr(queue_runner, 'PERIOD', 0.05)
+    bench = QueueBench(*BEHAVIORS, parameters=parameters_of(tmp_path))
+    yield bench
+    bench.close()
+
+
+def test_three_entries_of_which_one_fails_and_the_queue_goes_on_after_the_release(bench: QueueBench) -> None:
+    bench.applied(C.QUEUE_HOLD, reason='until all are there')
+    Work.failures = 1
+    first, second, third = bench.add('Work'), bench.add('Work', count=2), bench.add('Work', priority=5)
+    bench.wait_entries(third, first, second)
+    bench.wait_held('by operator tester: until all are there')
+    bench.release()
+    bench.wait_held(f"entry {third} ended by 'failed'")
+    assert Work.ran == 1
+    assert bench.numbers() == [third, first, second]
+    assert bench.queue.entries[0].outcome == 'failed'
+    bench.applied(C.QUEUE_MOVE, queue_number=second, queue_before=first)
+    bench.wait_entries(third, second, first)
+    bench.release()
+    bench.wait_entries()
+    assert Work.ran == 5
+    assert not bench.queue.held
+
+
+def test_a_stop_holds_the_queue_also_while_nothing_runs(bench: QueueBench) -> None:
+    one = bench.add('Gate')
+    bench.wait_active('/Only')
+    assert bench.status.queue_entry == one
+    bench.applied(C.STOP)
+    bench.wait_held(f"entry {one} ended by 'preempted'")
+    assert bench.wait_idle() == 'preempted'
+    assert bench.numbers() == [one]  # a person decides whether it runs again
+    bench.release()
+    bench.wait_active('/Only')
+    Gate.outcome = 'finished'
+    bench.wait_entries()
+    later = bench.add('Work', not_before=LATER)
+    bench.applied(C.STOP)
+    bench.wait_held('STOP by operator tester')
+    bench.applied(C.QUEUE_CLEAR, queue_number=later)
+    bench.wait_entries()
+    assert Work.ran == 0
+
+
+def test_faults_and_forced_ends_hold_whatever_is_said_of_failures(bench: QueueBench) -> None:
+    broken = bench.add('Break', CONTINUE)
+    bench.wait_held(f"entry {broken} ended by 'error'")
+    bench.applied(C.QUEUE_REMOVE, queue_number=broken)
+    gate, work = bench.add('Gate', CONTINUE), bench.add('Work')
+    bench.release()
+    bench.wait_active('/Only')
+    bench.applied(C.FORCE, path='/Only', outcome='failed')
+    bench.wait_held(f"entry {gate} ended by 'failed'")
+    assert bench.numbers() == [work]  # it went on, and is held
+    assert Work.ran == 0
+    Work.failures = 1
+    bench.release()
+    bench.wait_held(f'entry {work}')  # by its own rule
+    retried, dropped = bench.add('Work', RETRY, retries=2), bench.add('Work', DROP, count=3)
+    bench.applied(C.QUEUE_REMOVE, queue_number=work)
+    Work.ran, Work.failures = 0, 2
+    bench.release()
+    bench.wait_entries()
+    assert Work.ran == 3 + 3
+    assert {retried, dropped}.isdisjoint(bench.numbers())
+
+
+def test_a_behavior_started_by_hand_goes_first_and_holds_the_queue_if_it_is_told(bench: QueueBench) -> None:
+    bench.applied(C.QUEUE_HOLD)
+    work = bench.add('Work')
+    bench.start('Gate')
+    bench.wait_active('/Only')
+    bench.release()
+    bench.wait_for_text(work, 'a behavior runs')
+    Gate.outcome = 'finished'
+    bench.wait_entries()
+    again = bench.add('Work', not_before=LATER)
+    bench.start('Gate', hold_queue=True)
+    bench.wait_held("with the start of 'Gate'")
+    assert bench.numbers() == [again]
+
+
+def test_conditions_of_battery_and_place(bench: QueueBench) -> None:
+    node = bench.console.node
+    batteries = bench.console.call(
+        lambda: node.create_publisher(BatteryState, 'battery_state', qos_profile_sensor_data)
+    )
+    poses = bench.console.call(lambda: node.create_publisher(PoseStamped, 'pose', qos_profile_sensor_data))
+
+    def send(charge: float, x: float) -> None:
+        pose = PoseStamped()
+        pose.header.frame_id = 'map'
+        pose.pose.position.x, pose.pose.position.y = x, 2.0
+        batteries.publish(BatteryState(percentage=charge))
+        poses.publish(pose)
+
+    number = bench.add('Work', battery=0.5, place='dock', distance=1.5)
+    bench.wait_for_text(number, 'charge of the battery is not known')
+    lacking = ((0.4, 1.0, 'battery below 50%'), (float('nan'), 1.0, 'not known'), (55.0, 9.0, 'from dock'))
+    for charge, x, text in lacking:
+
+        def seen(charge: float = charge, x: float = x, text: str = text) -> bool:
+            send(charge, x)
+            return text in bench.queue.entries[0].waits_for
+
+        wait_until(seen, text)
+    assert Work.ran == 0
+
+    def done() -> bool:
+        send(0.55, 2.0)
+        return not bench.numbers()
+
+    wait_until(done, 'the run')
+    assert Work.ran == 1
+    for options, why in (({'place': 'dok', 'distance': 1.0}, 'did you mean'), ({'window': '25:00-1'}, '22:00-06:00')):
+        wrong = [QueueOptions(on_failure=HOLD, **options)]
+        assert why in bench.refused(C.QUEUE_ADD, behavior='Work', queue_options=wrong)
+
+
+def test_of_two_operators_the_slower_one_is_refused(bench: QueueBench) -> None:
+    bench.applied(C.QUEUE_HOLD)
+    hold = wait_until(lambda: bench.queue.hold, 'the hold')
+    number = bench.add('Work')
+    options = [QueueOptions(on_failure=HOLD, count=7)]
+    sent = [bench.send(C.QUEUE_EDIT, queue_number=number, queue_options=options, operator_id=who) for who in 'ab']
+    codes = sorted(bench.result(one).code for one in sent)
+    assert codes == [CommandResult.APPLIED, CommandResult.REFUSED]
+    bench.applied(C.STOP)  # holds it again, and whoever has not seen that does not release it
+    assert 'another reason' in bench.refused(C.QUEUE_RELEASE, queue_number=hold)
+    newest = bench.add('Work')
+    bench.applied(C.QUEUE_CLEAR, queue_number=number)
+    bench.wait_entries(newest)  # what came later is not lost
+    assert f'no entry {number}' in bench.refused(C.QUEUE_REMOVE, queue_number=number)
+    bench.applied(C.CLAIM_AUTHORITY, operator_id='a')
+    assert 'authority' in bench.refused(C.QUEUE_HOLD, operator_id='b')
+
+
+def test_the_queue_is_bounded(bench: QueueBench) -> None:
+    bench.applied(C.QUEUE_HOLD)
+    queue, options = bench.executive._queue, [QueueOptions(on_failure=HOLD)]
+    large = [BlackboardEntry(key='k', type='string', data=b'x' * 900_000)]
+
+    def add(count: int, inputs: list[BlackboardEntry]) -> list[str]:
+        refusals = []
+        for _ in range(count):
+            try:
+                queue.add(C(behavior='Work', inputs=inputs, autonomy=1, queue_options=options, operator_id='flooder'))
+            except Exception as error:
+                refusals.append(str(error))
+        return refusals
+
+    refused = bench.runtime.call(lambda: add(10, large))
+    assert len(refused) == 10 - QUEUE_SIZE // 900_000
+    assert f'at most {QUEUE_SIZE} bytes' in refused[0]
+    refused = bench.runtime.call(lambda: add(10_000, []))
+    assert len(refused) == 10_000 - (ENTRIES - QUEUE_SIZE // 900_000)
+    wait_until(lambda: len(bench.queue.entries) == ENTRIES, 'a full queue')
+    bench.applied(C.QUEUE_CLEAR, queue_number=max(bench.numbers()))
+    bench.wait_entries()
+
+
+def test_with_a_full_disk_nothing_is_added_and_nothing_starts_until_it_can_be_written(
+    bench: QueueBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.applied(C.QUEUE_HOLD)
+    bench.add('Work')
+    is_full = threading.Event()
+
+    def filling(real: Callable[[int], None]) -> Callable[[int], None]:
+        def sync(descriptor: int) -> None:
+            if is_full.is_set():
+                raise OSError(errno.ENOSPC, 'No space left on device')
+            real(descriptor)
+
+        return sync
+
+    for name in ('fdatasync', 'fsync'):
+        monkeypatch.setattr(os, name, filling(getattr(os, name)))
+    is_full.set()
+    bench.release()
+    bench.logged('cannot be written')
+    assert 'lost in a crash' in bench.refused(C.QUEUE_ADD, behavior='Work', queue_options=[QueueOptions(on_failure=1)])
+    assert Work.ran <= 1  # the release may have been the write that failed
+    is_full.clear()
+    bench.wait_entries()
+    assert Work.ran == 1
+
+
+def test_an_entry_whose_behavior_was_uninstalled_holds_the_queue(tmp_path: Path) -> None:
+    Work.ran = Work.failures = 0
+    bench = QueueBench(*BEHAVIORS, parameters=parameters_of(tmp_path))
+    bench.applied(C.QUEUE_HOLD)
+    gone, work = bench.add('Gate'), bench.add('Work')
+    bench.close()
+    bench = QueueBench(BEHAVIORS[1], parameters=parameters_of(tmp_path))
+    try:
+        bench.wait_entries(gone, work)
+        bench.wait_held('by operator tester')  # a hold outlives the executive
+        bench.release()
+        bench.wait_held(f'entry {gone} ended before it began')
+        assert bench.status.state == ExecutiveStatus.IDLE
+        bench.applied(C.QUEUE_REMOVE, queue_number=gone)
+        bench.release()
+        bench.wait_entries()
+        assert Work.ran == 1
+    finally:
+        bench.close()
