@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.records import (
@@ -36,9 +37,9 @@ SNAPSHOT = ExecutiveSnapshot(
 )
 
 
-def event(snapshot: ExecutiveSnapshot | None) -> dict[str, object]:
+def event(snapshot: ExecutiveSnapshot | None) -> dict[str, Any]:
     made = live_event('/', View(LinkState.LIVE, 0.0, snapshot=snapshot))
-    read: dict[str, object] = json.loads(json.dumps(made, allow_nan=False))
+    read: dict[str, Any] = json.loads(json.dumps(made, allow_nan=False))
     return read
 
 
@@ -50,7 +51,7 @@ def test_a_held_tree_is_told_once_and_not_with_each_heartbeat() -> None:
 
 def test_what_is_set_and_held_is_told_by_tree_path_and_run() -> None:
     told = event(SNAPSHOT)
-    [hold] = told['holds']  # type: ignore[misc]
+    [hold] = told['holds']
     assert (hold['run'], hold['tree'], hold['path'], hold['since']) == ('r1', 'Main', f'Add{HOSTILE}', 90.0)
     assert 'HELD before Add' in hold['text'] and 'ann' in hold['text']
     assert not {'\u202e', '\x1b'} & {*hold['text']}
