@@ -33,7 +33,8 @@ NEEDS_AXE: Final = pytest.mark.skipif(
 )
 _RUN_AXE: Final = """
 const done = arguments[arguments.length - 1];
-const told = (rule, node) => `${rule.id}: ${node.target.flat().join(' ')}: ${node.failureSummary.split('\\n')[1].trim()}`;
+const first = (node) => node.failureSummary.split('\\n')[1].trim();
+const told = (rule, node) => `${rule.id}: ${node.target.flat().join(' ')}: ${first(node)}`;
 axe.run(document, {resultTypes: ['violations']}).then(
   ({violations}) => done(violations.flatMap((rule) => rule.nodes.map((node) => told(rule, node)))),
   (error) => done([String(error)]),

@@ -91,7 +91,8 @@ class Workspace:
     def _get_text_editor(self, lock: int) -> None:
         """Get the text editor of the studio where npm is. Without it, or without a network, the studio has a plain one.
 
-        `studio --get-editor` does it, and leaves the lock file there when it has succeeded.
+        `studio --get-editor` does it, here with axe-core, which tests use, and leaves the lock file there when it has
+        succeeded.
         """
         own = self.layout.root / 'flexbt_studio' / 'flexbt_studio' / 'page' / 'package-lock.json'
         there = self.layout.venv / 'share' / 'flexbt_studio' / 'package-lock.json'
@@ -106,7 +107,7 @@ class Workspace:
                     log,
                     shown=shown,
                     what='getting the text editor',
-                    environment=self.environment,
+                    environment={**self.environment, 'NPM_CONFIG_INCLUDE': 'dev'},
                     directory=self.layout.root,
                     keep_open=[lock],
                 )

@@ -119,12 +119,13 @@ export function codePane(parent, on) {
     offset: () => shown.state.selection.main.head,
     focus: () => view?.focus(),
     hasFocus: () => view?.hasFocus ?? false,
-    // Two texts side by side; the right one can be edited. Returns {text()}.
+    // Two texts side by side; the right one can be edited. Returns {text(), show(span in the left one, span in the right one)}.
     merge(place, theirs, mine) {
       const root = place.attachShadow({mode: 'open'});
-      const common = [lineNumbers(), THEME, syntaxHighlighting(COLORS)];
-      const made = new MergeView({a: {doc: theirs, extensions: [...common, EditorState.readOnly.of(true)]}, b: {doc: mine, extensions: [...common, history(), keymap.of([...historyKeymap, ...defaultKeymap])]}, parent: root, root, revertControls: 'a-to-b', collapseUnchanged: {}});
-      return {text: () => made.b.state.doc.toString()};
+      const common = [lineNumbers(), THEME, syntaxHighlighting(COLORS)], named = (name) => EditorView.contentAttributes.of({'aria-label': name, tabindex: '0'});
+      const made = new MergeView({a: {doc: theirs, extensions: [...common, named('text on disk, or before'), EditorState.readOnly.of(true)]}, b: {doc: mine, extensions: [...common, named('your text'), history(), keymap.of([...historyKeymap, ...defaultKeymap])]}, parent: root, root, revertControls: 'a-to-b', collapseUnchanged: {}, diffConfig: {scanLimit: 5000, timeout: 500}});
+      const show = (view, span) => { if (span && span[1] <= view.state.doc.length) view.dispatch({selection: {anchor: span[0], head: span[1]}, effects: EditorView.scrollIntoView(span[0], {y: 'center'})}); };
+      return {text: () => made.b.state.doc.toString(), show(left, right) { show(made.a, left); show(made.b, right); }};
     },
   };
 }

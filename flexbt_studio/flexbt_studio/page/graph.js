@@ -9,7 +9,7 @@ const MARGIN = 80;     // units of the picture around the pane in which texts ar
 const TINY = 0.4;      // pixels for a unit below which the second line of a node is left out
 const SLOP = 5;        // pixels that the pointer moves before it drags an item
 
-// An item is {path, parent, name, label, level, span, element, box: [x, y, width, height], isFolded, count}. They come parents
+// An item is {path, parent, name, label, note, level, span, element, box: [x, y, width, height], isFolded, count}. They come parents
 // first, in the order of the keys. on.select(path), on.fold(path), on.open(path), on.drop(from, to, zone), on.zones(from, to)
 // with the zones at which it may be dropped, on.problem(path) → text, on.drawn().
 export class Graph {
@@ -81,7 +81,7 @@ export class Graph {
       const problem = this.on.problem(one.path, one.isFolded);
       one.element.classList.toggle('bad', problem !== '');
       if (problem) one.element.setAttribute('aria-invalid', 'true'); else one.element.removeAttribute('aria-invalid');
-      one.element.setAttribute('aria-label', `${one.label}${one.isFolded ? `, folded, ${one.count} inside` : ''}${problem ? `, problem: ${problem}` : ''}`);
+      one.element.setAttribute('aria-label', `${one.label}${one.isFolded ? `, ${one.count} inside, folded` : ''}${one.note ? `, ${one.note}` : ''}${problem ? `, problem: ${problem}` : ''}`);
       one.element.querySelector('.flag')?.remove();
       if (problem && one.box) {
         const [x, y, width] = one.box;

@@ -54,7 +54,7 @@ export function drawMachine(view, layout, folded) {
     const at = level(one.path);
     items.push({
       path: one.path, parent: one.parent, level: at, name, span: one.span, open: one.label_span, element, box: place, isFolded, count: isContainer ? (hidden.get(one.path) ?? 0) + one.transitions.length : one.transitions.length, state: one,
-      label: `${name}, ${WORDS[one.kind]}${one.type ? ` ${one.type}` : ''}${one.initial ? ', initial' : ''}${one.locked ? `, locked: ${one.locked}` : ''}${one.comments.length ? `, note: ${one.comments.join(' ')}` : ''}`,
+      label: `${name}, ${[one.type, WORDS[one.kind]].filter(Boolean).join(', ')}`, note: [one.initial ? 'initial' : '', one.locked ? `locked: ${one.locked}` : '', one.comments.join(' ')].filter(Boolean).join(', '),
     });
     for (const way of one.transitions) {
       const edge = edges.get(outcomePath(one.path, way.outcome)), needed = LEVELS[one.autonomy.find((entry) => entry.outcome === way.outcome)?.level] ?? '';

@@ -55,7 +55,7 @@ export function drawTrees(view, folded) {
       right = Math.max(right, box.left + box.width);
       const element = svg('g', {class: `node ${kind}${box.isFolded ? ' folded-node' : ''}`}, shape(kind, box.left, y, box.width),
         svg('text', {class: 'type', x: box.left + box.width / 2, y: y + 19, 'text-anchor': 'middle'}, box.title),
-        svg('text', {class: 'detail', x: box.left + box.width / 2, y: y + 35, 'text-anchor': 'middle'}, box.detail));
+        svg('text', {class: 'detail', x: box.left + box.width / 2, y: y + 35, 'text-anchor': 'middle'}, ` ${box.detail}`));
       if (kind === 'subtree') element.append(svg('path', {class: 'double', d: `M${box.left + 4} ${y}V${y + HEIGHT}M${box.left + box.width - 4} ${y}V${y + HEIGHT}`}));
       if (one.comments?.length) element.append(svg('g', {class: 'note'}, svg('title', {}, one.comments.join('\n')), svg('path', {d: `M${box.left - 4} ${y - 6}h12v9h-7l-3 4v-4h-2z`})));
       if (box.isFolded) {
@@ -70,7 +70,7 @@ export function drawTrees(view, folded) {
       const name = isTree ? one.type : one.name && one.name !== one.type ? one.name : one.type;
       items.push({
         path: one.path, parent: isTree ? null : box.parent.one.path, level: box.depth + 1, name, span: one.span, open: one.open ?? one.span, element, box: [box.left, y, box.width, HEIGHT], isFolded: box.isFolded, count: box.count, node: isTree ? null : one, tree: isTree ? one : null,
-        label: isTree ? `${box.detail} ${one.type}` : `${one.type}${one.name && one.name !== one.type ? ` "${one.name}"` : ''}, ${one.kind || 'unknown node'}${ports(one) ? `, ${ports(one)}` : ''}${one.comments.length ? `, note: ${one.comments.join(' ')}` : ''}`,
+        label: [one.type, isTree ? box.detail : one.kind || 'unknown', isTree ? '' : one.name, isTree ? '' : ports(one)].filter(Boolean).join(', '), note: one.comments.join(' '),
       });
     }
     // One line for each parent: the browser leaves out what is not in the pane.
