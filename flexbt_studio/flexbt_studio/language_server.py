@@ -241,10 +241,10 @@ def make_server() -> FlexbtLanguageServer:
 
     @feature(lsp.TEXT_DOCUMENT_DEFINITION)
     def definition(ls: FlexbtLanguageServer, asked: lsp.DefinitionParams) -> lsp.Location | None:
-        file = ls.file(asked.text_document.uri)
-        is_tree = ls.project.open(file).document.language == 'xml'
-        found = ls.trees.definition(file, ls.offset(file, asked.position)) if is_tree else None
-        return None if found is None else ls.location(found)
+        try:
+            return ls.location(ls.names.definition(ls.named(asked.text_document, asked.position)))
+        except StudioError:
+            return None
 
     @feature(lsp.TEXT_DOCUMENT_REFERENCES)
     def references(ls: FlexbtLanguageServer, asked: lsp.ReferenceParams) -> list[lsp.Location]:

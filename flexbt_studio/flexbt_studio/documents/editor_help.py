@@ -16,7 +16,7 @@ from flexbt_core.behavior_tree.model.definition import NodeManifest
 
 from .machine_document import LEVELS
 from .palette import node_type
-from .project import Place, Project, tree_places
+from .project import Project, tree_places
 from .text import Span
 from .xml_document import XmlDocument
 
@@ -187,15 +187,6 @@ class TreeHelp:
         default = '' if port['default'] is None else f', default `{port["default"]}`'
         head = f'**{name}** ({port["direction"]} {port["type"]}{default})'
         return Help(word, '\n\n'.join(part for part in (head, port['description']) if part))
-
-    def definition(self, file: str, offset: int) -> Place | None:
-        """Return where the tree is defined that a sub-tree at an offset runs; None for anything else."""
-        text = self._project.open(file).document.text
-        tag = _tag_at(text, offset)
-        if tag is None or not tag.name.startswith('SubTree'):
-            return None
-        id = re.compile(r'<[^<>]*?\bID\s*=\s*["\']([^"\'<>]+)').match(text, tag.start)
-        return None if id is None else tree_places(self._project, file).get(id[1])
 
     def _manifest(self, text: str, tag: _Tag) -> NodeManifest | None:
         name = re.compile(r'[\w:.-]*').match(text, tag.start + 1)

@@ -279,6 +279,36 @@ class Names:
 
     # Uses.
 
+    def definition(self, named: Named) -> Place:
+        """Return where something gets its name; for a key its first use in the tree. Raises StudioError."""
+        spans: list[Span] = []
+        document = self._project.document(named.file)
+        if isinstance(document, XmlDocument):
+            if named.kind == 'tree':
+                return Place(named.file, document.value_span(document.trees[named.owner], 'ID'))
+            if named.kind == 'node':
+                return Place(named.file, document.value_span(document.at(named.owner), 'name'))
+            tree = document.trees.get(named.owner)
+            uses = document.keys.readable(tree) if tree is not None else ()
+            spans += (use.span for use in uses if use.key == named.name)
+            models = (one for one in document.models if one.attributes.get('ID') == named.owner)
+            spans += (document.value_span(one, 'name') for model in models for one in model.children)
+        elif isinstance(document, MachineDocument):
+            state = document.states.get(named.owner)
+            tables = {'state': (), 'outcome': ('outcomes',), 'userdata': _INTERFACE}.get(named.kind, ())
+            items = (state.tables.get(table, Table()).find(named.name) for table in tables) if state else ()
+            spans += (item.key_span if item.key_span.end else item.span for item in items if item is not None)
+            spans += [state.label_span] if state is not None else []
+            for head in document.behaviors:
+                own = [one for one in head['parameters'] if (named.kind, named.name) == ('parameter', one['name'])]
+                own += (
+                    [{'span': head.get('name_span')}] if (named.kind, named.name) == ('behavior', head['name']) else []
+                )
+                spans += (Span(*one['span']) for one in own if one['span'])
+        if not spans:
+            raise StudioError(f'{named.file} does not define {named.name} by a name of its own')
+        return Place(named.file, spans[0])
+
     def uses(self, named: Named) -> list[Mention]:
         """Return where a name is used, with what is to be looked at last."""
         if named.kind == 'key':

@@ -469,6 +469,29 @@ def elements(text: str) -> list[Element]:
 
 
 @pytest.mark.parametrize(
+    ('file', 'before', 'name', 'place'),
+    [
+        ('deliver.xml', '<SubTree ID="', 'Give"', ('more/give.xml', '"Give"')),
+        ('deliver.xml', '<SubTree ID="Give" name="give" ', 'what', ('more/give.xml', '{what}')),
+        ('round.yaml', 'received: ', 'Drive', ('round.yaml', ' Drive:')),
+        ('round.yaml', 'declined: ', 'finished', ('round.yaml', '[finished')),
+        ('round.yaml', 'bt_file: ', 'Deliver', ('deliver.xml', 'Tree ID="Deliver')),
+        ('day.yaml', 'behavior: {use: ', 'Round', ('round.yaml', ' Round')),
+        ('round.yaml', 'timeout: $', 'limit', ('round.yaml', 'limit:')),
+        ('day.yaml', 'transitions: {', 'finished', ('round.yaml', '[finished')),
+        ('day.yaml', 'remapping: {', 'place', ('round.yaml', '[place')),
+        ('more/give.xml', '<Grip name="plan" ', 'object', ('more/give.xml', 'port name="object')),
+    ],
+)
+def test_a_name_leads_to_its_definition(site: Site, file: str, before: str, name: str, place: tuple[str, str]) -> None:
+    found = site.names.definition(site.at(file, before, name))
+    where, text = place
+    word = re.search(r'\w+$', text.rstrip('":}')) or re.search(r'\w+', text)
+    assert word is not None
+    assert (found.file, found.span.start) == (where, FILES[where].index(text) + word.start())
+
+
+@pytest.mark.parametrize(
     ('file', 'before', 'name', 'new', 'told'),
     [
         ('deliver.xml', '<BehaviorTree ID="', 'Deliver', 'Give', 'already, in more/give.xml'),
