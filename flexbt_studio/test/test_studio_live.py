@@ -55,7 +55,7 @@ def test_what_is_set_and_held_is_told_by_tree_path_and_run() -> None:
     assert (hold['run'], hold['tree'], hold['path'], hold['since']) == ('r1', 'Main', f'Add{HOSTILE}', 90.0)
     assert 'HELD before Add' in hold['text'] and 'ann' in hold['text']
     assert not {'\u202e', '\x1b'} & {*hold['text']}
-    marks = [(one['path'], one['mark'], one['condition']) for one in told['points']]  # type: ignore[attr-defined]
+    marks = [(one['path'], one['mark'], one['condition']) for one in told['points']]
     assert marks == [('Add', 'breakpoint', 'x > 1'), ('Rest', 'dummy ?', ''), ('Rest', 'unknown ?', '')]
     assert (told['breakpoints'], told['waiting'], told['runners']) == (['/Rest'], ['/Rest'], {'r1': '/Run'})
 

@@ -21,6 +21,7 @@ const RESULTS = ['SUCCESS', 'FAILURE'].map((label) => ({label}));
 
 const keyOf = (hold) => `${hold.run} ${hold.since}`;
 const lastOf = (path) => path.split('/').at(-1).replace(/::\d+$/, '');
+const list = (lines) => html('ul', {}, ...lines.map((line) => html('li', {}, line)));
 const timeOf = (stamp) => (!stamp ? '' : stamp >= FIRST_WALL ? new Date(1000 * stamp).toLocaleTimeString() : `${stamp.toFixed(1)} s`);
 
 export class Debugger {
@@ -340,25 +341,30 @@ export class Debugger {
     const runs = [];
     for (const run of event.trees.filter((one) => one.running)) if (Object.values(await live.find(run)).some(([name]) => name === file.name)) runs.push(run);
     if (!runs.length) { this.told(`No tree of ${file.name} runs; its next run reads the file as it is saved`, 'warning'); return; }
-    const states = [...new Set(runs.map((run) => event.runners[run.run]).filter(Boolean))];
+    const faults = this.faults(file), states = faults.length ? [] : [...new Set(runs.map((run) => event.runners?.[run.run]).filter(Boolean))];
     const chosen = await sheet(`${file.name}: let the robot use this version`, [
       html('p', {}, `The run of ${runs.map((run) => run.tree).join(', ')} goes on with the version that it has begun with. The next run reads the file as it is saved on the robot. If it has an error, the robot keeps the last good version and says so.`),
-      html('p', {}, states.length ? `To use it now, the robot leaves the state and enters it again: the tree is halted, and begins anew.` : 'No state of a machine runs this tree, so it cannot be begun anew from here.')],
+      ...faults, ...(faults.length ? [] : [html('p', {}, states.length ? 'To use it now, the robot leaves the state and enters it again: the tree is halted, and begins anew.' : 'No state of a machine runs this tree, so it cannot be begun anew from here.')])],
     [['Save', {}, states.length ? '' : 'primary'], ...states.map((state) => [`Save and Repeat ${state}`, {state}, 'primary']), ['Cancel', null, '']]);
     if (chosen && await this.saved(file) && chosen.state) this.do(`repeat ${word(chosen.state)}`);
   }
 
   async offerMachine(file, states) {
-    const {against, does} = machineChanges(states, file.view.states, this.event.active), faults = file.findings.filter((one) => one.severity === 'error').map((one) => one.message), {name, parameters} = file.view.behavior ?? {name: this.event.behavior, parameters: []};
-    const list = (lines) => html('ul', {}, ...lines.map((line) => html('li', {}, line)));
+    const {against, does} = machineChanges(states, file.view.states, this.event.active), faults = this.faults(file), {name, parameters} = file.view.behavior ?? {name: this.event.behavior, parameters: []};
     const chosen = await sheet(`${file.name}: switch the robot to this version`, [
-      ...(against.length || faults.length ? [html('p', {class: 'error'}, 'The robot would refuse it:'), list([...against, ...faults])] : []),
+      ...(against.length ? [html('p', {class: 'error'}, 'The robot would refuse it:'), list(against)] : []), ...faults,
       html('p', {}, does.length ? 'A switch keeps the active states, and changes:' : 'States and transitions are as on the robot; values of parameters are not compared.'), list(does),
       html('p', {class: 'hint'}, 'The robot reads the file as it is installed there. A file that this robot has not installed from here stays as it was.')],
     [...(against.length || faults.length ? [] : [['Save and Switch', true, 'primary']]), [against.length || faults.length ? 'Close' : 'Cancel', null, '']]);
     if (!chosen || !await this.saved(file)) return;
     const values = parameters.length ? await ask('Parameters, NAME=VALUE …', parameters.map((one) => `${one.name}=${one.default ?? ''}`).join(' '), 'As for "switch" at the prompt. What is left out gets its default.') : '';
     if (values !== null) this.do(`switch ${word(name || this.event.behavior)} ${values}`.trim());
+  }
+
+  // What is wrong with a file, as the checker says.
+  faults(file) {
+    const all = file.findings.filter((one) => one.severity === 'error').map((one) => one.message);
+    return all.length ? [html('p', {class: 'error'}, 'This version has errors, and the robot would refuse it:'), list(all)] : [];
   }
 
   async saved(file) {
