@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import json
 import random
+import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -47,6 +50,9 @@ LONGEST_PAUSE: Final = 600.0
 MOST_LISTED: Final = 20
 """Maximum number of things that a message lists; it counts the others."""
 
+LONGEST_BODY: Final = 8_000
+"""Maximum characters of a message: a task has to fit into a pipe, which has 64 kB."""
+
 _TYPES: Final = {Severity.INFO: 'info', Severity.WARNING: 'warning', Severity.CRITICAL: 'failure'}
 _SENDER: Final = (sys.executable, '-P', '-m', 'flexbt_console.alerts.sender')
 
@@ -74,7 +80,7 @@ class _Process:
         self._until = time.monotonic() + SEND_SECONDS + 5.0
         assert self._process.stdin is not None
         try:  # a task is shorter than what a pipe holds
-            self._process.stdin.write(json.dumps(task).encode())
+            self._process.stdin.write(json.dumps(task, ensure_ascii=False).encode(errors='replace'))
             self._process.stdin.close()
         except BrokenPipeError:
             return
@@ -130,9 +136,7 @@ class Calling:
         self._ahead = time.time() - self._steady()
         store.memory.resume(time.time())
         if store.set_aside:
-            log.error(
-                f'{store.file} was damaged, and is kept as {store.set_aside}; what is there is called about again'
-            )
+            log.error(f'{store.file} was damaged, and is kept as {store.set_aside}; people may be called again')
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
         """Work until interrupted, or ``until`` is true."""
@@ -149,11 +153,11 @@ class Calling:
 
     def _decide(self) -> None:
         memory = self._store.memory
-        acknowledged = self._store.take_acknowledgments()
-        for number, operator in acknowledged.items():
-            if number in memory.things and not memory.things[number].acknowledged:
-                self._log.info(f'{operator} has acknowledged {number}: {memory.things[number].robot}')
-        memory.acknowledge(acknowledged)
+        acknowledged = {}
+        with suppress(sqlite3.Error):
+            acknowledged = self._store.read('acknowledgment')
+        for number in memory.acknowledge(acknowledged):
+            self._log.info(f'{acknowledged[number]} has acknowledged {number}: {memory.things[number].robot}')
         memory.step(self._steady() + self._ahead, self._local(), self._look(), self.rules)
         if memory.left_out and not self._left_out:
             self._log.error(f'{memory.left_out} needs of robots are too many to call about: acknowledge some')
@@ -161,19 +165,15 @@ class Calling:
         for call in [one for one in memory.calls.values() if one.address >= len(self._addresses_of(one.contact))]:
             self._log.warning(f'{call.contact} has no such address any more; not sent: {call.title}')
             del memory.calls[call.id]
-        if self._save():
-            self._store.drop_acknowledgments(acknowledged)
+        self._save(acknowledged)
 
-    def _save(self) -> bool:
-        problem = self._store.save()
-        if problem != self._problem:
-            consequence = 'calls go on, but a restart may repeat them'
-            text = (
-                f'{self._store.file} cannot be written: {problem}; {consequence}' if problem else 'it is written again'
-            )
-            (self._log.error if problem else self._log.info)(text)
+    def _save(self, acknowledged: Iterable[int] = ()) -> None:
+        problem = self._store.save(acknowledged)
+        if problem and problem != self._problem:
+            self._log.error(f'{self._store.file}: {problem}; calls go on, but a restart may repeat them')
+        elif self._problem and not problem:
+            self._log.info(f'{self._store.file} is written again')
         self._problem = problem
-        return not problem
 
     def _send(self) -> None:
         for (contact, number), at in self._addresses.items():
@@ -218,17 +218,16 @@ class Calling:
         """Note how an attempt has ended."""
         batch, at.batch, at.process = at.batch, [], None
         memory, failure = self._store.memory, answer.get('reason')
-        left = {call.id for call in batch}
-        if failure is None:
-            left = set()
-        elif not self._problem:  # a process that was killed may have delivered
-            left = self._store.undelivered(left)
+        left: Collection[int] = () if failure is None else {call.id for call in batch}
+        if left and not self._problem:  # a process that was killed may have delivered
+            with suppress(sqlite3.Error):
+                left = self._store.read('call')
         for call in batch:
             if call.id not in left:
                 memory.calls.pop(call.id, None)
             call.is_begun = not answer.get('is_certain', False)
         self._save()
-        if batch and not left:
+        if all(call.id not in left for call in batch):
             at.failures, at.next_try = 0, 0.0
             self._log.info(f'{contact} was called: {message_of(batch)[0]}')
             return
@@ -280,42 +279,40 @@ def message_of(batch: Sequence[Call]) -> tuple[str, str, str]:
     worst = max((call.severity for call in calls if not call.is_over), default=None)
     type = 'success' if worst is None else _TYPES[Severity(worst)]
     again = ['This may be a repetition: an attempt to send it has not ended well.'] * any(one.is_begun for one in calls)
-    if len(calls) == 1:
-        return calls[0].title, '\n'.join([*calls[0].lines, *again]), type
-    listed = [line for call in calls[:MOST_LISTED] for line in (f'- {call.title}', *(f'  {one}' for one in call.lines))]
-    more = [f'and {len(calls) - MOST_LISTED} more'] * (len(calls) > MOST_LISTED)
-    return f'{len(calls)} things: {calls[0].title}, ...', '\n'.join([*listed, *more, *again]), type
+    title, lines = calls[0].title, calls[0].lines
+    if len(calls) > 1:
+        title = f'{len(calls)} things: {title}, ...'
+        listed = [[f'- {call.title}', *(f'  {line}' for line in call.lines)] for call in calls[:MOST_LISTED]]
+        lines = [*chain(*listed), *[f'and {len(calls) - MOST_LISTED} more'] * (len(calls) > MOST_LISTED)]
+    return title, '\n'.join([*again, *lines])[:LONGEST_BODY], type
 
 
 def check_lines(rules: AlertRules, robots: Sequence[SeenRobot]) -> list[str]:
-    """Return the rules in words, and what would go out about the robots that are there.
+    """Return the rules in words, the services of the contacts, and what would go out about the robots that are there.
 
     Raises:
         UsageError: apprise does not know an address.
     """
-    addresses = [address for known in rules.addresses.values() for address in known]
-    names = iter(_services(addresses))
-    services = {contact: [next(names) for _ in known] for contact, known in rules.addresses.items()}
-    unknown = [
-        f'{contact}: apprise does not know address {number}; its documentation lists services and their addresses'
-        for contact, known in services.items()
-        for number, name in enumerate(known, 1)
-        if not name
-    ]
-    if unknown:
-        raise UsageError('\n'.join(unknown))
-    lines = [rule_text(rule, services) for rule in rules.rules]
+    lines = [f'line {rule.line}: {rule_text(rule)}' for rule in rules.rules]
+    names = iter(_services([*chain(*rules.addresses.values())]))
+    for contact, addresses in rules.addresses.items():
+        services = [next(names) for _ in addresses]
+        if '' in services:
+            raise UsageError(
+                f'{contact}: apprise does not know address {services.index("") + 1}; see its documentation'
+            )
+        lines.append(f'{contact}: {", ".join(services)}')
     for robot in robots:
         for need in robot.needs:
             rule = rules.rule_of(robot.name, need.condition)
-            whom = f'call {", ".join(rule.steps[0].contacts)} (rule in line {rule.line})' if rule else 'no rule: nobody'
+            whom = f'call {", ".join(rule.steps[0].contacts)} (line {rule.line})' if rule else 'no rule: nobody'
             lines.append(f'now {one_line(robot.name)}: {need.text}: {whom}')
     if not any(robot.needs for robot in robots):
         lines.append('now nothing would go out' if robots else 'no robot was heard: now nothing would go out')
     return lines
 
 
-def send_test(rules: AlertRules, contact: str) -> list[str]:
+def send_test(rules: AlertRules, contact: str) -> str:
     """Send a message to each address of a contact. Return how that went.
 
     Raises:
@@ -323,14 +320,13 @@ def send_test(rules: AlertRules, contact: str) -> list[str]:
     """
     if not rules.addresses.get(contact):
         raise UsageError(f'no rule calls a contact of this name; there are {", ".join(rules.addresses) or "none"}')
-    addresses, told, has_failed = rules.addresses[contact], [], False
-    for number, (address, service) in enumerate(zip(addresses, _services(addresses), strict=True), 1):
-        task = {'address': address, 'title': 'FlexBT: a test', 'body': f'This reaches {contact}.', 'type': 'info'}
-        failure = _Process({**task, 'state': '', 'calls': []}).wait().get('reason')
-        has_failed = has_failed or failure is not None
-        told.append(f'address {number} ({service or "unknown to apprise"}): {failure or "sent"}')
-    if has_failed:
-        raise ConsoleError('\n'.join(told))
+    text = {'title': 'FlexBT: a test', 'body': f'This reaches {contact}.', 'type': 'info', 'state': '', 'calls': []}
+    addresses = rules.addresses[contact]
+    reasons = [_Process({**text, 'address': address}).wait().get('reason') for address in addresses]
+    parts = zip(_services(addresses), reasons, strict=True)
+    told = '\n'.join(f'{service or "unknown to apprise"}: {reason or "sent"}' for service, reason in parts)
+    if any(reasons):
+        raise ConsoleError(told)
     return told
 
 

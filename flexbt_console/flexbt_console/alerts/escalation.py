@@ -21,6 +21,9 @@ from .rules import CONDITIONS, AlertRules, Severity, condition_name
 MOST_THINGS: Final = 1000
 """Maximum number of things that are remembered."""
 
+MOST_UNSAID: Final = 1000
+"""Number of calls from which on those that nobody has got are dropped when their thing is over."""
+
 MOST_OF_ROBOT: Final = 100
 """Maximum number of needs of one robot that are looked at."""
 
@@ -170,10 +173,12 @@ class Escalation:
         for thing in list(self.things.values()):
             self._call(thing, now, local, needs.get(thing.id), rules)
 
-    def acknowledge(self, by: Mapping[int, str]) -> None:
-        """Note who has acknowledged which things."""
-        for number in self.things.keys() & by.keys():
-            self.things[number].acknowledged = self.things[number].acknowledged or by[number]
+    def acknowledge(self, by: Mapping[int, str]) -> list[int]:
+        """Note who has acknowledged which things. Return those that are new."""
+        new = [number for number in by if number in self.things and not self.things[number].acknowledged]
+        for number in new:
+            self.things[number].acknowledged = by[number]
+        return new
 
     def _missing(self, now: float, robots: Sequence[SeenRobot]) -> list[SeenRobot]:
         """Return the robots that were heard before, perhaps before a restart, and are not found any more."""
@@ -216,6 +221,8 @@ class Escalation:
         waiting = [call for call in self.calls.values() if call.thing == thing.id and not call.is_begun]
         for call in waiting:  # nobody has been told yet
             call.title = f'{call.title} (over since {at})'
+            if len(self.calls) > MOST_UNSAID:
+                del self.calls[call.id]
         rule = rules.rule_of(thing.robot, _condition(thing))
         if rule is not None and rule.over:
             told = [contact for contact in thing.told if contact not in {call.contact for call in waiting}]

@@ -330,13 +330,10 @@ def _contacts(file: Path) -> dict[str, tuple[str, ...]]:
     return contacts
 
 
-def rule_text(rule: Rule, services: Mapping[str, Sequence[str]]) -> str:
-    """Return a rule in words. ``services`` are the names of the services of a contact."""
-    whom = [
-        f'{"after" if number else "if it lasts"} {step.after:g} s call '
-        + ', '.join(f'{one} ({", ".join(services.get(one, ()))})' for one in step.contacts)
-        for number, step in enumerate(rule.steps)
-    ]
-    what = ', '.join(map(condition_name, rule.conditions))
-    over = '; tell them when it is over' if rule.over else ''
-    return f'{what} of {", ".join(rule.robots)}, {rule.severity.name.lower()}: {"; ".join(whom)}{over}'
+def rule_text(rule: Rule) -> str:
+    """Return a rule in words."""
+    steps = [f'after {step.after:g} s call {", ".join(step.contacts)}' for step in rule.steps]
+    what = f'{", ".join(map(condition_name, rule.conditions))} of {", ".join(rule.robots)}'
+    return '; then '.join(
+        [f'{what}, {rule.severity.name.lower()}: {steps[0]}', *steps[1:], *['tell the end'] * rule.over]
+    )

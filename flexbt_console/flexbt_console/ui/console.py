@@ -40,7 +40,7 @@ from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import encode_json, failure_json
 from flexbt_console.present.style import Line, Tone, coloured, has_colours
 from flexbt_core.clock.clock import seconds_asleep
-from flexbt_core.values.text import escape_lines, one_line
+from flexbt_core.values.text import escape_lines
 
 from .terminal import TerminalWatch
 
@@ -306,20 +306,20 @@ def _run_alerts(line: CommandLine) -> ExitCode:
     from flexbt_console.alerts.calling import Calling, check_lines, send_test
     from flexbt_console.alerts.escalation import SeenRobot, seen
     from flexbt_console.alerts.rules import load_rules
-    from flexbt_console.alerts.store import SEND_SECONDS, Store, state_file
+    from flexbt_console.alerts.store import SEND_SECONDS, Store
     from flexbt_console.ui.line.line_mode import found_robots, report_wait
     from flexbt_core.clock.clock import SteadyClock
 
     file = Path(line.first_word)
     rules = load_rules(file)
     if line.has('--test'):
-        print('\n'.join(send_test(rules, line.value('--test'))))
+        print(send_test(rules, line.value('--test')))
         return ExitCode.OK
     watching = replace(line, options={**line.options, '--observer': []})
     store = None
     if not line.has('--check'):
         with report_wait(SteadyClock(), lambda: 'the end of what an earlier program sends', SEND_SECONDS):
-            store = Store(state_file(line.value('--state')))
+            store = Store(_state_file(line))
     keep_stdout_for_python()
     with _open_runtime(watching) as runtime:
         fleet = _fleet(watching, runtime, None, rules.robots).fleet
@@ -338,11 +338,17 @@ def _run_alerts(line: CommandLine) -> ExitCode:
 
 
 def _acknowledge(line: CommandLine) -> ExitCode:
-    from flexbt_console.alerts.store import acknowledge, state_file
+    from flexbt_console.alerts.store import acknowledge
 
-    for thing in acknowledge(state_file(line.value('--state')), map(int, line.words), operator_name(line)):
-        print(one_line(f'acknowledged {thing.id}: {thing.robot}: {thing.text}'))
+    acknowledged = acknowledge(_state_file(line), [*map(int, line.words)], operator_name(line))
+    print('\n'.join(f'acknowledged {text}' for text in acknowledged))
     return ExitCode.OK
+
+
+def _state_file(line: CommandLine) -> Path:
+    from flexbt_common.files import USER_DIRECTORY, home_path
+
+    return home_path(line.value('--state') or f'{USER_DIRECTORY}/alerts.db')
 
 
 def _access(line: CommandLine, access: Access) -> Access:
