@@ -188,13 +188,18 @@ def read_events(files: Iterable[Path]) -> Iterator[LoggedEvent]:
         except TextFileError as error:
             raise TextFileError(f'{file}: {error}') from None
         with lines:
-            for line in lines:
-                try:
-                    event = load_json(line)
-                except (ValueError, RecursionError):
-                    continue
-                if _is_event(event):
-                    yield event
+            yield from events_in(lines)
+
+
+def events_in(lines: Iterable[str]) -> Iterator[LoggedEvent]:
+    """Yield the events in lines of an event log; see :func:`read_events`."""
+    for line in lines:
+        try:
+            event = load_json(line)
+        except (ValueError, RecursionError):
+            continue
+        if _is_event(event):
+            yield event
 
 
 def _is_event(entry: object) -> bool:

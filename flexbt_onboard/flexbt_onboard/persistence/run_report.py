@@ -8,9 +8,10 @@ import dataclasses
 import json
 import math
 import sys
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from flexbt_common.command_line import SuggestingArgumentParser, is_full, run_program
 from flexbt_common.files import USER_DIRECTORY, home_path
@@ -19,6 +20,10 @@ from flexbt_core.values.text_files import write_text
 
 from .event_log import newest_log, rotated
 from .run_metrics import ROOT, Intervention, RunMetrics, metrics_of, read_events
+from .run_spans import SpanError, ended_runs, send_spans, spans_of
+
+MOST_WAITING: Final = 100
+"""Maximum number of runs that wait for a collector; the oldest are left out."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,15 +33,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _report(arguments: Sequence[str] | None) -> int:
     options = _parser().parse_args(arguments)
+    if options.follow and not options.otlp:
+        print('run_report: --follow needs --otlp', file=sys.stderr)
+        return 2
     try:
-        runs = metrics_of(read_events(_files(options.files)), wall=options.wall)
+        runs = metrics_of(read_events(_files(options.files)), wall=options.wall or bool(options.otlp))
         chosen = [run for run in runs if run.run.startswith(options.run)] if options.run else runs[-1:]
         if options.list:
             print('\n'.join(_summary(run) for run in runs) or 'no runs')
+        elif options.follow:
+            _send_as_they_end(options.otlp, _files(options.files)[-1])
         elif len(chosen) != 1:
             what = f'{len(chosen)} runs begin with {options.run!r}' if options.run else 'the event log has no run'
             print(one_line(f'run_report: {what}; --list shows them'), file=sys.stderr)
             return 1
+        elif options.otlp:
+            send_spans(options.otlp, spans_of(chosen[0]))
         elif options.svg:
             write_text(options.svg, timeline(chosen[0]))
             print(options.svg)
@@ -44,12 +56,28 @@ def _report(arguments: Sequence[str] | None) -> int:
             print(json.dumps(as_json(chosen[0]), allow_nan=False))
         else:
             print('\n'.join(as_text(chosen[0])))
+    except SpanError as error:
+        print(one_line(f'run_report: {error}'), file=sys.stderr)
+        return 1
     except OSError as error:
         if isinstance(error, BrokenPipeError) or is_full(error):
             raise
         print(one_line(f'run_report: {error}'), file=sys.stderr)
         return 2
     return 0
+
+
+def _send_as_they_end(url: str, file: Path) -> None:
+    """Send each run that ends from now on. One that a collector does not take is sent again with the next one."""
+    waiting: deque[dict[str, Any]] = deque(maxlen=MOST_WAITING)
+    for run in ended_runs(file):
+        waiting.append(spans_of(run))
+        try:
+            while waiting:
+                send_spans(url, waiting[0])
+                waiting.popleft()
+        except SpanError as error:
+            print(one_line(f'run_report: {error}; {len(waiting)} runs wait for it'), file=sys.stderr, flush=True)
 
 
 def as_json(run: RunMetrics) -> dict[str, object]:
@@ -139,6 +167,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--json', action='store_true', help='print JSON')
     parser.add_argument('--svg', metavar='FILE', help='write a picture of the timeline')
     parser.add_argument('--wall', action='store_true', help="wall time instead of the node's clock")
+    parser.add_argument('--otlp', metavar='URL', help='send it to a collector of OpenTelemetry (OTLP over HTTP)')
+    parser.add_argument('--follow', action='store_true', help='with --otlp: each run that ends from now on')
     return parser
 
 

@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
+import subprocess
+import sys
+import threading
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from xml.etree import ElementTree
 
 import pytest
@@ -23,6 +28,7 @@ from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.persistence.run_metrics import RunMetrics, metrics_of, read_events
 from flexbt_onboard.persistence.run_report import as_json, as_text, main, timeline
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 def parsed(picture: str) -> ElementTree.Element:
@@ -336,3 +342,67 @@ def test_lines_of_any_json_are_events_or_left_out(
         json.dumps(as_json(run), allow_nan=False)
         parsed(timeline(run))
         assert as_text(run)
+
+
+class Collector(BaseHTTPRequestHandler):
+    """A collector of OpenTelemetry that keeps what it takes, and refuses the first request."""
+
+    taken: ClassVar[list[dict[str, Any]]] = []
+    refused: ClassVar[int] = 1
+
+    def do_POST(self) -> None:
+        data = json.loads(self.rfile.read(int(self.headers['Content-Length'])))
+        is_refused, Collector.refused = Collector.refused > 0, Collector.refused - 1
+        if not is_refused and self.path == '/v1/traces':
+            Collector.taken.append(data)
+        self.send_response(503 if is_refused else 200)
+        self.end_headers()
+
+    def log_message(self, *_: Any) -> None:
+        pass
+
+
+def test_runs_are_sent_as_spans_also_while_the_log_is_rotated_and_a_collector_refuses(tmp_path: Path) -> None:
+    file = tmp_path / 'executive.jsonl'
+    file.write_text('{"time": 1, "stamp": 1, "event": "executive", "state": "started"}\n')
+    server = HTTPServer(('127.0.0.1', 0), Collector)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    url = f'http://127.0.0.1:{server.server_port}'
+    words = ['-m', 'flexbt_onboard.persistence.run_report', str(file), '--otlp', url, '--follow']
+    process = subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)
+    try:
+
+        def one_more() -> bool:
+            seed = next(seeds)
+            if seed % 7 == 0:
+                file.rename(tmp_path / 'executive.1.jsonl')
+            with file.open('a') as log:
+                log.writelines(json.dumps({**event, 'run': f'r{seed}'}) + '\n' for event in random_run(seed)[0])
+            return len(Collector.taken) >= 5
+
+        seeds = itertools.count(1)
+        wait_until(one_more, 'runs', 2 * DEADLINE)
+    finally:
+        process.kill()
+        process.wait()
+        server.shutdown()
+    for body in Collector.taken:
+        (scope,) = body['resourceSpans'][0]['scopeSpans']
+        spans = {one['spanId']: one for one in scope['spans']}
+        assert len(spans) == len(scope['spans']) and len({one['traceId'] for one in spans.values()}) == 1
+        roots = [one for one in spans.values() if not one['parentSpanId']]
+        assert [one['name'] for one in roots] == ['behavior B']
+        for one in spans.values():
+            assert int(one['startTimeUnixNano']) <= int(one['endTimeUnixNano'])
+            assert one['parentSpanId'] in ('', *spans)
+    assert len(Collector.taken) >= 5
+
+
+def test_a_collector_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / 'executive.jsonl'
+    file.write_text(''.join(json.dumps(event) + '\n' for event in random_run(3)[0]))
+    assert main([str(file), '--otlp', 'http://127.0.0.1:9']) == 1
+    assert main([str(file), '--otlp', 'localhost']) == 1
+    assert main([str(file), '--follow']) == 2
+    told = capsys.readouterr().err
+    assert 'http://127.0.0.1:9/v1/traces' in told and 'such as http://localhost:4318' in told and 'needs --otlp' in told

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Runs as spans of OpenTelemetry: a trace for each run, a span for each visit of a state or machine.
+
+They are sent by OTLP over HTTP in its JSON form (https://opentelemetry.io/docs/specs/otlp/), which collectors take at
+``/v1/traces``. That form is simple, so this needs no library.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from flexbt_core.values.text_files import open_regular
+
+from .run_metrics import ROOT, LoggedEvent, RunMetrics, events_in, metrics_of
+
+SEND_SECONDS: Final = 10.0
+"""Time for a collector to answer, s."""
+
+FOLLOW_SECONDS: Final = 1.0
+"""Time between two looks into the event log, s."""
+
+MOST_EVENTS: Final = 50_000
+"""Events of a run that are kept until it ends."""
+
+_MOST_RUNS: Final = 16
+_AT_ONCE: Final = 4_000_000
+FAILED: Final = frozenset({'failed', 'error', 'preempted', 'canceled'})
+"""Outcomes with which a span has the status ERROR."""
+
+_INTERNAL: Final = 1
+_OK: Final = 1
+_ERROR: Final = 2
+
+
+class SpanError(Exception):
+    """A collector that cannot be reached, or refuses the spans."""
+
+
+def ended_runs(file: Path, is_over: Callable[[], bool] = lambda: False) -> Iterator[RunMetrics]:
+    """Yield each run that ends in an event log from now on, with wall times; also when the log is rotated meanwhile.
+
+    A run that began before, or has more than MOST_EVENTS events, is told by those events that are known.
+    """
+    runs: dict[str, list[LoggedEvent]] = {}
+    known = file.stat().st_size if file.exists() else 0
+    inode = file.stat().st_ino if known else 0
+    while not is_over():
+        lines: list[str] = []
+        with contextlib.suppress(OSError), open(file, 'rb', opener=open_regular) as log:
+            facts = os.fstat(log.fileno())
+            if facts.st_ino != inode or facts.st_size < known:
+                inode, known = facts.st_ino, 0
+            log.seek(known)
+            data = log.read(_AT_ONCE)
+            whole = data.rpartition(b'\n')[0]
+            known += len(whole) + bool(whole)
+            lines = whole.decode(errors='replace').splitlines()
+        for event in events_in(lines):
+            run = str(event.get('run', ''))
+            if run:
+                runs.setdefault(run, []).append(event)
+                del runs[run][:-MOST_EVENTS]
+            if event['event'] == 'ended' and run:
+                first = {**runs[run][0], 'event': 'started', 'behavior': event.get('behavior', '')}
+                has_start = runs[run][0]['event'] in ('started', 'resumed')
+                yield from metrics_of(runs[run] if has_start else [first, *runs[run]], wall=True)
+                del runs[run]
+        while len(runs) > _MOST_RUNS:
+            del runs[next(iter(runs))]
+        if not lines:
+            time.sleep(FOLLOW_SECONDS)
+
+
+def spans_of(run: RunMetrics, robot: str = '') -> dict[str, Any]:
+    """Return the body of a request for a run with wall times. The same run always has the same identifiers."""
+    trace = hashlib.sha256(run.run.encode(errors='replace')).hexdigest()[:32]
+    root = _span(trace, f'behavior {run.behavior}', run.begin, run.end, '', trace[:16], run.outcome, run.message)
+    root['attributes'] = _attributes({'flexbt.run': run.run, 'flexbt.by': run.by, 'flexbt.faults': run.faults})
+    root['events'] = [
+        _event(one.time, one.command.lower(), operator=one.operator, effect=one.effect, text=one.text)
+        for one in run.interventions
+    ]
+    spans, open_visits = [root], {ROOT: (trace[:16], run.end)}
+    for number, visit in enumerate(sorted(run.visits, key=lambda visit: (visit.begin, visit.path.count('/')))):
+        own = hashlib.sha256(f'{run.run} {number} {visit.path}'.encode(errors='replace')).hexdigest()[:16]
+        parent = open_visits.get(_around(visit.path), open_visits[ROOT])[0] if visit.path != ROOT else trace[:16]
+        span = _span(trace, visit.path, visit.begin, visit.end, parent, own, visit.outcome)
+        waits = [wait for wait in run.waits if wait.path == visit.path and visit.begin <= wait.begin <= visit.end]
+        span['attributes'] = _attributes({'flexbt.reason': visit.reason})
+        span['events'] = [_event(one.begin, 'waits', kind=one.kind, seconds=one.end - one.begin) for one in waits]
+        open_visits[visit.path] = own, visit.end
+        spans.append(span)
+    resource = {'service.name': 'flexbt', 'service.version': version('flexbt_onboard'), 'robot': robot}
+    scope = {'scope': {'name': 'flexbt_onboard.run_spans'}, 'spans': spans}
+    return {'resourceSpans': [{'resource': {'attributes': _attributes(resource)}, 'scopeSpans': [scope]}]}
+
+
+def send_spans(url: str, body: Mapping[str, Any]) -> None:
+    """Send the spans of a run to a collector, such as http://localhost:4318.
+
+    Raises:
+        SpanError: it cannot be reached, or refuses them.
+    """
+    address = url if url.rstrip('/').endswith('/v1/traces') else f'{url.rstrip("/")}/v1/traces'
+    if not address.startswith(('http://', 'https://')):
+        raise SpanError(f'{url}: give the address of a collector, such as http://localhost:4318')
+    headers = {'Content-Type': 'application/json'}
+    request = urllib.request.Request(address, json.dumps(body).encode(), headers)  # noqa: S310 - checked above
+    try:
+        with urllib.request.urlopen(request, timeout=SEND_SECONDS):  # noqa: S310
+            pass
+    except (OSError, ValueError) as error:
+        raise SpanError(f'{address}: {error}') from error
+
+
+def _span(
+    trace: str, name: str, begin: float, end: float, parent: str, own: str, outcome: str, message: str = ''
+) -> dict[str, Any]:
+    status = {'code': _ERROR if outcome in FAILED else _OK, 'message': message} if outcome else {}
+    return {
+        'traceId': trace,
+        'spanId': own,
+        'parentSpanId': parent,
+        'name': name,
+        'kind': _INTERNAL,
+        'startTimeUnixNano': _nanoseconds(begin),
+        'endTimeUnixNano': _nanoseconds(max(begin, end)),
+        'status': status,
+    }
+
+
+def _event(time: float, name: str, **attributes: Any) -> dict[str, Any]:
+    return {'timeUnixNano': _nanoseconds(time), 'name': name, 'attributes': _attributes(attributes)}
+
+
+def _attributes(values: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {'key': key, 'value': {'stringValue': value} if isinstance(value, str) else {'doubleValue': float(value)}}
+        for key, value in values.items()
+        if value != ''
+    ]
+
+
+def _around(path: str) -> str:
+    return path.rpartition('/')[0] or ROOT
+
+
+def _nanoseconds(seconds: float) -> str:
+    return str(round(seconds * 1e9))
