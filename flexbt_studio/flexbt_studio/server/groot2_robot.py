@@ -13,15 +13,14 @@ import json
 import re
 import shlex
 import time
-from collections.abc import Awaitable, Callable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Any, Final
 
 import msgpack
 import zmq
 import zmq.asyncio
 
-from flexbt_console.mirror.records import BreakpointKind, TreeBreakpoint, TreeHold
-from flexbt_console.present.debugging import breakpoint_text, held_text, mark_of
+from flexbt_console.mirror.records import BreakpointKind, ExecutiveSnapshot, TreeBreakpoint, TreeHold
 from flexbt_core.behavior_tree.model.errors import Source, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.xml.parser import Element, parse
@@ -37,6 +36,8 @@ from flexbt_server.groot2.protocol import (
 )
 from flexbt_studio.documents.project import MOST_BYTES
 from flexbt_studio.errors import StudioError
+
+from .live import debugged
 
 PERIOD: Final = 0.1
 """Time between two requests for statuses, s. After 5 s without any, a program ignores its hooks."""
@@ -102,6 +103,7 @@ class Groot2Robot:
         self._statuses: dict[int, NodeStatus] = {}
         self._held = 0
         """Uid of the node at whose breakpoint the tree stands; 0 for none."""
+        self._held_since = 0.0
         self._points: dict[int, TreeBreakpoint] = {}
         """What is set before the tick of each node."""
         self._problem = 'it has not answered yet'
@@ -252,6 +254,7 @@ class Groot2Robot:
                     self._nodes[one['uid']],
                     status=NodeStatus[one['desired_status']] if one['mode'] else 0,
                     once=one['once'] is True,
+                    stamp=self._points[one['uid']].stamp if one['uid'] in self._points else time.time(),
                     problem='' if one['enabled'] is True else 'it is disabled',
                 )
                 for one in json.loads(content)
@@ -292,7 +295,7 @@ class Groot2Robot:
             if uid in self._points and self._points[uid].kind is BreakpointKind.BREAK:
                 with contextlib.suppress(StudioError):
                     _, self._statuses = await self._ask_statuses()
-                self._held = uid
+                self._held, self._held_since = uid, time.time()
                 self._show_event()
 
     # The protocol.
@@ -356,7 +359,9 @@ class Groot2Robot:
             'nodes': len(self._nodes),
             'statuses': {self._nodes[uid]: status.name for uid, status in self._statuses.items() if status},
         }
-        hold = TreeHold(tree['run'], self._id, self._nodes.get(self._held, ''), reason='breakpoint')
+        hold = TreeHold(tree['run'], self._id, self._nodes.get(self._held, ''), '', self._held_since, 'breakpoint')
+        holds, points = ((hold,) if self._held else ()), tuple(self._points.values())
+        snapshot = ExecutiveSnapshot('', 0, tree_holds=holds, tree_breakpoints=points)
         return {
             'event': 'live',
             'robot': self.name,
@@ -366,33 +371,8 @@ class Groot2Robot:
             'state': 'held' if self._held else 'running' if is_running else 'not running',
             'active': [],
             'trees': [tree] if self._id else [],
-            **debugged([hold] if self._held else [], [*self._points.values()]),
+            **debugged(snapshot),
         }
-
-
-def debugged(holds: Sequence[TreeHold], points: Sequence[TreeBreakpoint]) -> dict[str, Any]:
-    """Return what is held and what was set at trees, by the paths of nodes in a run, for an event for pages."""
-    return {
-        'holds': [
-            {'run': one.run_id, 'tree': one.tree, 'path': one.path, 'text': held_text(one, ''), 'acts': []}
-            for one in holds
-        ],
-        'points': [
-            {
-                'tree': one.tree,
-                'path': one.path,
-                'kind': one.kind.name.lower(),
-                'mark': mark_of(one),
-                'condition': one.condition,
-                'problem': one.problem,
-                'text': breakpoint_text(one),
-            }
-            for one in points
-        ],
-        'breakpoints': [],
-        'waiting': [],
-        'runners': {},
-    }
 
 
 def _words(line: str) -> list[str]:

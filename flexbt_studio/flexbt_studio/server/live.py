@@ -112,11 +112,11 @@ def live_event(name: str, view: View) -> dict[str, Any]:
             }
             for tree in view.trees
         ],
-        **({} if snapshot is None else _debugged(snapshot)),
+        **({} if snapshot is None else debugged(snapshot)),
     }
 
 
-def _debugged(snapshot: ExecutiveSnapshot) -> dict[str, Any]:
+def debugged(snapshot: ExecutiveSnapshot) -> dict[str, Any]:
     """Return what the debugger has set and holds: in trees, by the paths of nodes in a run, and in the machine."""
     return {
         'holds': [
