@@ -73,10 +73,13 @@ class Store:
                     file.with_name(name).replace(self.set_aside + name.removeprefix(file.name))
             self.memory = self._load()
 
-    def _load(self) -> Escalation:
+    def _open(self) -> None:
         self._connection = _connect(self.file)
         rows = self._connection.execute("SELECT * FROM memory WHERE kind != 'acknowledgment'").fetchall()
         self._saved = {(kind, number): text for kind, number, text in rows}
+
+    def _load(self) -> Escalation:
+        self._open()
         found: dict[str, dict[int, Any]] = {'thing': {}, 'call': {}, 'rest': {}}
         for (kind, number), text in self._saved.items():
             found[kind][number] = json.loads(text)
@@ -98,6 +101,8 @@ class Store:
                 self._connection.executemany('REPLACE INTO memory VALUES (?, ?, ?)', changed)
                 self._connection.executemany('DELETE FROM memory WHERE kind = ? AND id = ?', gone)
         except (sqlite3.Error, OSError) as error:
+            with suppress(sqlite3.Error, OSError):  # the file may have been moved or removed
+                self._open()
             return str(error)
         self._saved = now
         return ''

@@ -8,6 +8,7 @@ import os
 import random
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -21,7 +22,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_console.alerts import calling
+from flexbt_console.alerts import calling, store
 from flexbt_console.alerts.calling import BURST, MOST_LISTED, Calling, check_lines, send_test
 from flexbt_console.alerts.escalation import SeenNeed, SeenRobot
 from flexbt_console.alerts.store import Store, acknowledge
@@ -332,20 +333,31 @@ def test_an_acknowledgment_by_another_process_ends_the_escalation(
         acknowledge(state, [], 'eve')
 
 
-def test_a_full_disk_is_told_and_calls_go_on(
-    tmp_path: Path, programs: Callable[[Path], Program], service: Service
+def test_a_full_disk_and_a_file_that_is_gone_are_told_and_calls_go_on(
+    tmp_path: Path, programs: Callable[[Path], Program], service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = programs(write(tmp_path, RULE, anna=service.address))
     (pages,) = program.store._connection.execute('PRAGMA page_count').fetchone()
-    program.store._connection.execute(f'PRAGMA max_page_count = {pages}')
+    connect = store._connect
+
+    def full(file: Path) -> sqlite3.Connection:
+        connection = connect(file)
+        connection.execute(f'PRAGMA max_page_count = {pages}')
+        return connection
+
+    monkeypatch.setattr(store, '_connect', full)
+    program.store._open()
     program.robots = asks(*map(str, range(60)))
     program.run(lambda: service.got and program.is_idle())
     assert 'database or disk is full; calls go on' in str(program.log)
-    program.store._connection.execute('PRAGMA max_page_count = 10000')
+    monkeypatch.setattr(store, '_connect', connect)
     program.run(lambda: 'is written again' in str(program.log))
+    program.store.file.unlink()
+    program.robots = asks(*map(str, range(59)))
+    program.run(lambda: str(program.log).count('is written again') == 2)
     program.close()
     again = programs(tmp_path / 'alerts.yaml')
-    again.robots = asks(*map(str, range(60)), 'one more')
+    again.robots = asks(*map(str, range(59)), 'one more')
     again.run(lambda: len(service.got) == 2 and again.is_idle())
     assert '60 things' in service.got[0]['title'] and 'asks one more' in service.got[1]['message']
 
@@ -369,7 +381,7 @@ def test_changed_rules_count_and_wrong_ones_do_not(
 DRIVER = """
 import json, sys
 from pathlib import Path
-from flexbt_console.alerts import calling
+from flexbt_console.alerts import calling, store
 from flexbt_console.alerts.escalation import SeenNeed, SeenRobot
 from flexbt_console.alerts.store import Store
 from flexbt_console.mirror.fleet import Urgency
