@@ -111,7 +111,7 @@ def test_a_plan_becomes_a_change_of_the_open_file(folder: Path) -> None:
             text = await page.ask('with_result', file='main.xml', result=event['result'][0]['tree'])
             document = XmlDocument(text)
             assert not document.problems and list(document.trees) == ids
-            assert '<GoTo' in text and '\r' not in text
+            assert '<GoTo' in text and '<Action ID="GoTo">' in text and '\r' not in text
             assert ('<Spin/>' in text) == (name == '')
         assert (folder / 'main.xml').read_bytes() == TREE.encode()
 

@@ -339,8 +339,8 @@ def compared(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, A
     """
     old_parts, new_parts = parts(before), parts(after)
     match(old_parts, new_parts)
-    union = _Union(old_parts, new_parts)
     moves = moved(new_parts)
+    union = _Union(old_parts, new_parts, moves)
     for part in union.parts:
         twin = part.twin
         if part in union.ghosts or twin is None:
@@ -372,7 +372,7 @@ def _changed(old: Part, new: Part) -> Iterator[str]:
 class _Union:
     """The parts of the later version, with those that were removed at their places, and the changes."""
 
-    def __init__(self, before: Sequence[Part], after: Sequence[Part]) -> None:
+    def __init__(self, before: Sequence[Part], after: Sequence[Part], moves: set[Part]) -> None:
         self.ghosts = {part for part in before if part.twin is None}
         self.marks: dict[str, list[str]] = {}
         self.changes: list[dict[str, Any]] = []
@@ -384,7 +384,7 @@ class _Union:
                 if part.twin is None:
                     self._hosts[part] = host
                     behind[host, last].append(part)
-                elif part.twin.parent is host:
+                elif part.twin.parent is host and part.twin not in moves:
                     last = part.twin
         self.parts: list[Part] = []
         pending = [after[0]]

@@ -163,6 +163,31 @@ export function compareLines(before, after) {
   return rows;
 }
 
+// The hunks of a difference, whole lines with one that stays between them: {start, end, text, was, line, after, rows}. Text takes
+// the place of start to end, where was is; line and after are the numbers of their first lines.
+export function hunks(before, after) {
+  const found = [];
+  let at = 0, line = 1, to = 1, last = null;
+  for (const [kind, text] of compareLines(before, after)) {
+    if (kind === ' ') last = null;
+    else {
+      if (!last) found.push(last = {start: at, end: at, text: '', was: '', line, after: to, rows: []});
+      last.rows.push([kind, text]);
+      if (kind === '+') last.text += text; else { last.was += text; last.end += text.length; }
+    }
+    if (kind !== '+') { at += text.length; line += 1; }
+    if (kind !== '-') to += 1;
+  }
+  return found;
+}
+
+// The edit of a hunk after a change, which has made this text; null if its lines, or the place where it comes, are no longer there.
+export function placed({start, end, text, was}, change, now) {
+  const first = mapOffset(change, start), last = Math.max(first, mapOffset(change, end, true));
+  const isAtLine = first === 0 || now[first - 1] === '\n' || first === now.length;
+  return now.slice(first, last) === was && isAtLine ? [first, last, text] : null;
+}
+
 // A change that turns one text into another.
 export function difference(before, after) {
   const made = builder();

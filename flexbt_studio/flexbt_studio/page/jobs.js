@@ -4,6 +4,8 @@
 import {byId, html} from './choice.js';
 import {outcomePath} from './machine_drawing.js';
 import {placeOf, statusesAt} from './player.js';
+import {exportModels, Goals, importModels} from './proposals.js';
+import {compareVersions} from './versions.js';
 
 const SHOWN = 100;  // lines of a dry run before and after the one that is shown
 const DOES = {
@@ -34,18 +36,21 @@ export class Jobs {
     const field = (id, label, hint, name) => html('div', {}, html('label', {for: id}, label), html('textarea', {id, rows: 2, spellcheck: 'false', placeholder: hint, onchange: (event) => studio.remember(`${name}-${studio.file.name}`, event.target.value)}));
     const button = (id, text, act) => html('button', {type: 'button', id, onclick: act}, text);
     const section = (id, title, ...parts) => html('details', {id, name: 'job'}, html('summary', {}, title, html('span', {id: `${id}-state`, class: 'hint'})), ...parts);
+    this.goals = new Goals(studio, this, section, button);
     byId('runs').append(
       section('prove-job', 'Proof', html('div', {class: 'buttons'}, button('prove', 'Prove', () => this.prove()), option('prove-on-save', 'on each save', this.isOnSave, (isOn) => { this.isOnSave = isOn; studio.remember('prove-on-save', isOn); }), option('tint-never', 'tint what is never reached', this.tintsNever = true, (isOn) => { this.tintsNever = isOn; })),
         html('p', {id: 'proof-told', class: 'hint'}), html('ul', {id: 'proof-list', class: 'list'}), field('requirements', 'Requirements, one a line', 'never =FAILURE', 'require')),
       section('compare-job', 'What This Change Does', html('div', {class: 'buttons'}, button('compare', 'Compare with Disk', () => this.compare())), html('div', {id: 'compare-told'})),
       section('run-job', 'Dry Run', html('div', {class: 'buttons'}, html('select', {id: 'run-tree', 'aria-label': 'tree', onchange: () => { this.rowsOf = null; this.show(); }}), button('run', 'Run', () => this.dryRun()), button('copy-plan', 'Copy Plan', () => { navigator.clipboard?.writeText(this.plan()); studio.told('Plan copied: bt_tool run FILE --mock mocks.yaml does the same'); }), option('tint-dry', 'tint what no run has reached', this.tintsDry = false, (isOn) => { this.tintsDry = isOn; })),
-        html('div', {id: 'mocks'}), field('board', 'Blackboard, one KEY: VALUE a line', 'speed: 0.5', 'board'), html('p', {id: 'run-told', class: 'hint'}), html('ol', {id: 'run-lines', class: 'list mono'})));
+        html('div', {id: 'mocks'}), field('board', 'Blackboard, one KEY: VALUE a line', 'speed: 0.5', 'board'), html('p', {id: 'run-told', class: 'hint'}), html('ol', {id: 'run-lines', class: 'list mono'})), this.goals.section);
     for (const one of byId('runs').querySelectorAll('details')) one.addEventListener('toggle', () => this.show());
     byId('proof').addEventListener('click', () => (this.proofs.has(studio.file?.name) ? this.open('prove-job') : this.prove()));
     byId('proof-cancel').addEventListener('click', () => this.cancel(this.proofs.get(studio.file.name)));
   }
 
-  commands(page) { return [page('prove', 'Prove this file', ['F9'], () => this.prove()), page('compare', 'Show what this change does', ['Shift+F9'], () => this.compare()), page('dry_run', 'Dry run', ['F10'], () => this.dryRun())]; }
+  commands(page) { return [page('prove', 'Prove this file', ['F9'], () => this.prove()), page('compare', 'Show what this change does', ['Shift+F9'], () => this.compare()), page('dry_run', 'Dry run', ['F10'], () => this.dryRun()),
+    page('goal', 'Make a tree or machine for a goal (plan, synthesize)', null, () => this.goals.ask()), page('versions', 'Compare with an earlier version (disk, git)', ['Alt+F9'], () => compareVersions(this.studio)),
+    page('export_models', 'Export models of node types (TreeNodesModel, Groot2)', null, () => exportModels(this.studio)), page('import_models', 'Import a palette of another project (TreeNodesModel, Groot2)', null, () => importModels(this.studio))]; }
 
   open(id) {
     byId(id).open = true;
@@ -72,7 +77,7 @@ export class Jobs {
       entry.event = {state: refusal.kind === 'lost' ? 'canceled' : 'failed', message: refusal.message};
     }
     if (entry.state !== 'running') return null;
-    const refused = entry.event.result?.[0]?.findings && !entry.event.result[0].proofs ? entry.event.result[0].findings : null;
+    const refused = entry.event.result?.[0]?.findings?.length && !entry.event.result[0].proofs ? entry.event.result[0].findings : null;
     const state = refused ? 'failed' : entry.event.state;
     entry.message = refused ? refused.map((one) => `${one.line ? `${one.file}:${one.line}: ` : ''}${one.message}`).join('\n') : entry.event.message;
     for (const [owner] of Object.values(entry.event.nodes ?? {})) entry.files.add(owner);
@@ -90,7 +95,7 @@ export class Jobs {
     if (entry?.state !== 'running') return;
     entry.state = 'canceled';
     this.waiting.delete(entry.number);
-    for (const entries of [this.proofs, this.changes, this.runs]) if (entries.get(entry.file.name) === entry) entries.delete(entry.file.name);
+    for (const entries of [this.proofs, this.changes, this.runs, this.goals.entries]) if (entries.get(entry.file.name) === entry) entries.delete(entry.file.name);
     if (entry.number !== null) this.studio.link.request('cancel_job', {number: entry.number}).catch(() => {});
     this.show();
   }
@@ -320,6 +325,7 @@ export class Jobs {
     this.compared = key;
     byId('compare-job-state').textContent = change?.state === 'done' ? (change.event.result[0].comparisons.some((one) => one.only || one.differences.length) ? 'differs' : 'the same') : change?.state === 'running' ? 'comparing…' : '';
     this.showRun(file, this.runs.get(file?.name));
+    this.goals.show();
     if (byId('sheet-change')?.isConnected) this.sheet?.();
   }
 }

@@ -115,14 +115,15 @@ def goal_copy(
 def with_result(document: Document, result: str) -> str:
     """Return the text of a document with the trees of a plan, or the synthesized machine, in it.
 
-    Trees take the place of those with the same IDs, or come behind the others. A machine takes that of the machine.
+    Trees take the place of those with the same IDs, or come behind the others; models of node types that are not
+    installed come with them. A machine takes the place of the machine.
     Raises StudioError if the document has no place for it.
     """
     if isinstance(document, XmlDocument):
         made = XmlDocument(result)
         for id in made.trees:
             document = XmlDocument(applied(document.text, _tree_edits(document, made, id)), document.file)
-        return document.text
+        return with_models(document, result)
     lines, written = document.text.splitlines(keepends=True), result.splitlines(keepends=True)
     begins = [next((at for at, line in enumerate(one) if _MACHINE.match(line)), None) for one in (lines, written)]
     if document.language != 'yaml' or None in begins:
@@ -163,10 +164,10 @@ def models_text(types: Iterable[NodeManifest]) -> str:
     return '\n'.join(models_document(types)) + '\n'
 
 
-def with_models(document: XmlDocument, types: Iterable[NodeManifest]) -> str:
-    """Return the text of a document with the models that it lacks. Raises StudioError."""
+def with_models(document: XmlDocument, models: str) -> str:
+    """Return the text of a document with those of the models of another text that it lacks. Raises StudioError."""
     known = {model['id'] for model in document.view()['models']}
-    asked = [one for one in XmlDocument(models_text(types)).view()['models'] if one['id'] not in known]
+    asked = [one for one in XmlDocument(models).view()['models'] if one['id'] not in known]
     text = document.text
     for part in (asked[:1], asked[1:]):  # the first may make <TreeNodesModel>; the others come at one place
         now = XmlDocument(text, document.file)

@@ -400,7 +400,7 @@ class Workbench:
         if not types:
             raise StudioError(f'{file} uses only node types of BehaviorTree.CPP, which editors know')
         if into and isinstance(document, XmlDocument):
-            return shown(with_models(document, types))
+            return shown(with_models(document, models_text(types)))
         return models_text(types)
 
     @request
