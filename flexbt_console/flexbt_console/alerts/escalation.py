@@ -16,7 +16,7 @@ from flexbt_console.mirror.records import Decision
 from flexbt_console.present.rendering import choice_line, need_text
 from flexbt_core.values.text import one_line
 
-from .rules import CONDITIONS, AlertRules, Severity, condition_name
+from .rules import CONDITIONS, AlertRules, Rule, condition_name
 
 MOST_THINGS: Final = 1000
 """Maximum number of things that are remembered."""
@@ -148,7 +148,8 @@ class Escalation:
         """Decide the calls at ``now``, s, which only grows; quiet hours are by the ``local`` time of the day."""
         known = {(thing.robot, thing.condition, thing.key): thing for thing in self.things.values()}
         self.left_out = 0
-        robots = [*robots, *self._missing(now, robots)]
+        missing = [one for one in self._missing(now, robots) if not rules.robots or one.name in rules.robots]
+        robots = [*robots, *missing]
         needs: dict[int, SeenNeed] = {}
         for robot in robots:
             there = set()
@@ -157,10 +158,10 @@ class Escalation:
                 key = robot.name, name, hashlib.sha256(need.key.encode(errors='replace')).hexdigest()[:32]
                 if rules.rule_of(robot.name, need.condition) is None:
                     continue
-                if key not in known and not self._has_room({one.name for one in robots}):
-                    self.left_out += 1
-                    continue
                 if key not in known:
+                    if not self._has_room({one.name for one in robots}):
+                        self.left_out += 1
+                        continue
                     seconds = need.seconds if math.isfinite(need.seconds) else 0.0
                     since = now - min(max(seconds, 0.0), LONGEST)
                     known[key] = Thing(self._new_id(), *key, since, need.text, need.choices, need.decision)
@@ -212,8 +213,7 @@ class Escalation:
                 thing.text, thing.choices = need.text, need.choices
             thing.called, thing.step = now, thing.step + 1
             thing.told = list(dict.fromkeys([*thing.told, *step.contacts]))
-            title, lines = _message(thing, now, local, rules)
-            self._queue(thing, step.contacts, rule.severity, title, lines, rules)
+            self._queue(thing, step.contacts, rules, rule, *_message(thing, now, local, rules))
 
     def _end(self, thing: Thing, local: datetime, rules: AlertRules) -> None:
         del self.things[thing.id]
@@ -226,24 +226,15 @@ class Escalation:
         rule = rules.rule_of(thing.robot, _condition(thing))
         if rule is not None and rule.over:
             told = [contact for contact in thing.told if contact not in {call.contact for call in waiting}]
-            title = f'{_title(thing)}: over since {at}'
-            self._queue(thing, told, rule.severity, title, [thing.text], rules, is_over=True)
+            self._queue(thing, told, rules, rule, f'{_title(thing)}: over since {at}', [thing.text])
 
     def _queue(
-        self,
-        thing: Thing,
-        contacts: Iterable[str],
-        severity: Severity,
-        title: str,
-        lines: list[str],
-        rules: AlertRules,
-        *,
-        is_over: bool = False,
+        self, thing: Thing, contacts: Iterable[str], rules: AlertRules, rule: Rule, title: str, lines: list[str]
     ) -> None:
         for contact in contacts:
             for address in range(len(rules.addresses.get(contact, ()))):
-                number = self._new_id()
-                self.calls[number] = Call(number, contact, address, thing.id, severity, title, [*lines], is_over)
+                number, is_over = self._new_id(), thing.id not in self.things
+                self.calls[number] = Call(number, contact, address, thing.id, rule.severity, title, lines, is_over)
 
     def _new_id(self) -> int:
         self.last_id += 1

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import traceback
 from collections import Counter
@@ -209,6 +210,8 @@ def test_a_robot_that_was_heard_before_a_restart_and_is_not_found_is_silent(tmp_
         assert [call.title for call in store.memory.calls.values()] == ['/b is silent']
     store.memory.step(60_001.0, local, there, known)
     assert not store.memory.things
+    store.memory.step(60_002.0, local, there[:1], dataclasses.replace(known, robots=('/a',)))
+    assert not store.memory.things  # nobody wants to know any more
     store.close()
 
 
