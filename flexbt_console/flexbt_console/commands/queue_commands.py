@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -24,7 +25,10 @@ from flexbt_core.values.text import short_repr
 
 from .command_builder import CommandBuilder, check_behavior
 from .operator_values import assignment, autonomy_level, start_input, whole_number
-from .spec import UNSEEN, CommandLine, Reading, Send
+from .spec import UNSEEN, CommandLine, Reading, Send, Typed
+
+HOLD_OPTION: Final = '--hold'
+"""The option by which a line names the hold that it ends; see MissionQueue.msg."""
 
 WHERE: Final = ('first', 'last')
 """Words for a place in the queue, instead of the number of an entry."""
@@ -124,6 +128,12 @@ _NONE: Final[dict[str, dict[str, Any]]] = {
 }
 
 
+def conditions(typed: Typed) -> Iterable[str]:
+    """Return the beginnings of conditions, and the places of the robot."""
+    places = (f'near={place}' for place in sorted(typed.view.places))
+    return (*CONDITIONS, *places) if typed.view.snapshot is not None else ()
+
+
 def _moment(text: str) -> float:
     for form in ('%Y-%m-%dT%H:%M', '%Y-%m-%dT%H:%M:%S'):
         try:
@@ -212,7 +222,7 @@ def _remove(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorC
 
 
 def _release(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
-    hold = queue_of(view).hold
+    hold = entry_number(line.value(HOLD_OPTION)) if line.has(HOLD_OPTION) else queue_of(view).hold
     if not hold:
         raise RefusedError('the queue is not held')
     return _command(builder, view, CommandKind.QUEUE_RELEASE, queue_number=hold)

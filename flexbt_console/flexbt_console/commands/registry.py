@@ -99,7 +99,7 @@ _QUEUE_OPTIONS = (
         'condition of a start (all must hold)',
         'CONDITION',
         repeated=True,
-        values=lambda typed: queue_commands.CONDITIONS,
+        values=queue_commands.conditions,
         read=queue_commands.condition,
     ),
     Option('--repeat', 'number of runs (default 1, or no end with --every)', 'COUNT', read=queue_commands.repetitions),
@@ -113,7 +113,9 @@ _QUEUE_OPTIONS = (
         values=lambda typed: queue_commands.FAILURES,
         read=queue_commands.on_failure,
     ),
-    Option('--wanted', 'outcome that is no failure (default: see below)', 'OUTCOME', repeated=True),
+    Option(
+        '--wanted', 'outcome that is no failure (default: all but failed, canceled, aborted)', 'OUTCOME', repeated=True
+    ),
 )
 _QUEUE_DETAILS: Final = (
     'CONDITION is battery=PERCENT (at least), time=22:00-06:00 (local time of the robot), after=+10m or '
@@ -547,6 +549,14 @@ COMMANDS: Final = (
         'queue release',
         'let the mission queue go on',
         queue_commands.RELEASE,
+        options=(
+            Option(
+                queue_commands.HOLD_OPTION,
+                'hold that was seen, by its number (default: that which this console shows)',
+                'NUMBER',
+                read=queue_commands.entry_number,
+            ),
+        ),
         details=('It is refused if the queue was held again for another reason than this console shows.',),
         needs=(Part.QUEUE,),
     ),

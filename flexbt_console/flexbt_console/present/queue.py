@@ -44,8 +44,13 @@ def queue_lines(queue: MissionQueue) -> list[str]:
 
 def entry_line(entry: QueueEntry) -> str:
     """Return what an entry runs, and what it waits for, in one line."""
-    state, tone = ('RUNS', Tone.GOOD) if entry.running else (one_line(entry.waits_for) or 'next', Tone.PLAIN)
-    return Line(f'{entry.number:>4}  {what_text(entry)}: {state}', tone)
+    text = f'{entry.number:>4}  {what_text(entry)}: {state_text(entry)}'
+    return Line(text, Tone.GOOD if entry.running else Tone.PLAIN)
+
+
+def state_text(entry: QueueEntry) -> str:
+    """Return whether an entry runs, or what it waits for."""
+    return 'RUNS' if entry.running else one_line(entry.waits_for) or 'next'
 
 
 def what_text(entry: QueueEntry) -> str:

@@ -362,14 +362,14 @@ def test_panels_are_arranged_by_keys_and_remembered(browser: Browser) -> None:
         address = f'http://127.0.0.1:{port}/'
         browser.driver.get(address)
         until_drawn(browser)
-        assert browser.run(COLUMNS) == [['mac', 'tim'], ['map', 'tre', 'log']]
+        assert browser.run(COLUMNS) == [['mac', 'que', 'tim'], ['map', 'tre', 'log']]
         browser.run(grip)
         browser.press(Keys.ARROW_LEFT)
-        assert browser.run(COLUMNS) == [['map', 'mac', 'tim'], ['tre', 'log']]
+        assert browser.run(COLUMNS) == [['map', 'mac', 'que', 'tim'], ['tre', 'log']]
         browser.press(Keys.ARROW_DOWN)  # the focus has stayed
-        assert browser.run(COLUMNS) == [['mac', 'map', 'tim'], ['tre', 'log']]
+        assert browser.run(COLUMNS) == [['mac', 'map', 'que', 'tim'], ['tre', 'log']]
         before = browser.run(height)
-        browser.run('document.querySelectorAll("[aria-orientation=horizontal]")[2].focus()')
+        browser.run('document.querySelectorAll("[aria-orientation=horizontal]")[3].focus()')
         browser.press(Keys.ARROW_DOWN, Keys.ARROW_DOWN)
         larger = browser.run(height)
         assert larger > before + 50
@@ -377,7 +377,7 @@ def test_panels_are_arranged_by_keys_and_remembered(browser: Browser) -> None:
         assert not browser.driver.find_element(By.ID, 'log').is_displayed()
         browser.driver.refresh()
         until_drawn(browser)
-        assert browser.run(COLUMNS) == [['mac', 'map', 'tim'], ['tre', 'log']]
+        assert browser.run(COLUMNS) == [['mac', 'map', 'que', 'tim'], ['tre', 'log']]
         assert not browser.driver.find_element(By.ID, 'log').is_displayed()
         assert browser.run(CUT_OFF) == []
         browser.driver.find_element(By.CSS_SELECTOR, '#trees-pane .enlarge').click()
@@ -385,12 +385,12 @@ def test_panels_are_arranged_by_keys_and_remembered(browser: Browser) -> None:
         assert browser.run(height) > 500
         browser.driver.find_element(By.CSS_SELECTOR, '#trees-pane .enlarge').click()
         browser.run('document.getElementById("reset").click()')
-        assert browser.run(COLUMNS) == [['mac', 'tim'], ['map', 'tre', 'log']]
+        assert browser.run(COLUMNS) == [['mac', 'que', 'tim'], ['map', 'tre', 'log']]
         for saved in ('{', '5', '{"columns": [["map-pane"]]}', '{"columns": [[], 3], "shares": 7, "folded": {}}'):
             browser.run('localStorage.setItem("flexbt-panels-wide", arguments[0])', saved)
             browser.driver.refresh()
             until_drawn(browser)
-            assert browser.run(COLUMNS) == [['mac', 'tim'], ['map', 'tre', 'log']]
+            assert browser.run(COLUMNS) == [['mac', 'que', 'tim'], ['map', 'tre', 'log']]
 
 
 def test_a_panel_is_dragged_to_another_column(browser: Browser) -> None:
@@ -400,7 +400,7 @@ def test_a_panel_is_dragged_to_another_column(browser: Browser) -> None:
         start = browser.driver.find_element(By.CSS_SELECTOR, '#log-pane .grip')
         end = browser.driver.find_element(By.CSS_SELECTOR, '#machine-pane h2')
         ActionChains(browser.driver).click_and_hold(start).move_to_element(end).release().perform()
-        browser.until(lambda: browser.run(COLUMNS) == [['log', 'mac', 'tim'], ['map', 'tre']])
+        browser.until(lambda: browser.run(COLUMNS) == [['log', 'mac', 'que', 'tim'], ['map', 'tre']])
 
 
 def test_two_browsers_are_two_operators_and_each_is_asked_once(browser: Browser) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -24,7 +25,10 @@ from flexbt_console.mirror.records import (
     DriveProgress,
     ExecutiveState,
     FramedPose,
+    MissionQueue,
     Peer,
+    QueueEntry,
+    QueueOptions,
     Subject,
     Subjects,
     SubjectValue,
@@ -124,6 +128,48 @@ def test_everything_is_seen_and_nothing_of_it_is_html(browser: Browser) -> None:
             assert browser.run(under) == 'stop' and browser.run('return document.body.scrollWidth') <= 390
         finally:
             browser.driver.execute_cdp_cmd('Emulation.clearDeviceMetricsOverride', {})
+
+
+def test_the_queue_is_seen_and_its_buttons_move_remove_add_and_release(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.show()
+    entries = (
+        QueueEntry(4, NASTY, QueueOptions(priority=1), running=True),
+        QueueEntry(5, 'Patrol', waits_for='battery below 30%', outcome='failed', runs=1, message=NASTY),
+        QueueEntry(7, 'Patrol', waits_for='a behavior runs'),
+    )
+    robot.mirror.receive_queue(MissionQueue('e', 3, NASTY, entries))
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_text('queue', 'RUNS')
+        for id, text in (
+            ('queue', f'4 {NASTY} RUNS'),
+            ('queue', 'battery below 30%'),
+            ('queue-held', f'HELD: {NASTY}'),
+        ):
+            browser.until_text(id, text)
+        assert browser.run('return document.images.length') == 0
+
+        def button(title: str) -> Any:
+            return browser.driver.find_element(By.CSS_SELECTOR, f'#queue [title="{title}"]')
+
+        # Only entries of the same priority change their places.
+        assert [button(f'Move up entry {number}').is_enabled() for number in (4, 5, 7)] == [False, False, True]
+        button('Move up entry 7').click()
+        button('Remove entry 5').click()
+        browser.driver.find_element(By.ID, 'queue-hold').click()
+        # The page releases the hold that it shows, and no later one.
+        browser.until(lambda: len(robot.sent) == 3)
+        asked = [(one.kind, one.queue_number, one.queue_before) for one in robot.sent]
+        assert asked == [
+            (CommandKind.QUEUE_MOVE, 7, 5),
+            (CommandKind.QUEUE_REMOVE, 5, 0),
+            (CommandKind.QUEUE_RELEASE, 3, 0),
+        ]
+        robot.mirror.receive_queue(MissionQueue('e'))
+        browser.until(lambda: browser.driver.find_element(By.ID, 'queue-hold').text == 'Hold')
+        assert 'The queue is empty' in browser.driver.find_element(By.ID, 'queue-pane').text
 
 
 def test_a_click_answers_the_decision_it_was_made_for(browser: Browser) -> None:
@@ -387,6 +433,9 @@ def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_shown_agai
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
         browser.until_text('decision-line', 'number 0 (+39 more)')
+        browser.driver.get(f'http://127.0.0.1:{port}/?robot=robot&decision=w7')  # as in the message of an alert
+        browser.until_live()
+        browser.until_text('decision-line', 'number 7 (+39 more)')
         browser.press('a', Keys.END)
         browser.until_text('decision-line', 'number 39')
         browser.run('document.activeElement.blur()')

@@ -150,7 +150,7 @@ def kill_at(number: int) -> None:
         if count == -number:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    os.fdatasync = sync
+    os.fdatasync = sync  # type: ignore[assignment]
 
 
 def setup(runtime: NodeRuntime) -> Any:

@@ -358,7 +358,7 @@ def test_no_entry_of_the_queue_is_lost_or_runs_twice_wherever_the_executive_is_k
             behavior, options = wanted[len(sent)]
             sent.append(f'add-{behavior}')
             bench.send(C.QUEUE_ADD, id=sent[-1], run_id='', behavior=behavior, autonomy=3, queue_options=[options])
-        if len(sent) == len(wanted) and all(answers) and not bench.has_ended:
+        if len(answers) == len(wanted) and all(answers) and not bench.has_ended:
             assert {one.code for one in answers if one} == {CommandResult.APPLIED}
             if bench.status.state == ExecutiveStatus.IDLE and not bench.status.queue_length:
                 break

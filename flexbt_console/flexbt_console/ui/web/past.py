@@ -34,6 +34,7 @@ PAST_PARTS: Final = frozenset(
         'status',
         'active',
         'decisions',
+        'queue',
         'machine',
         'trees',
         'tree_states',

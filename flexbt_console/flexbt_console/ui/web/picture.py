@@ -20,6 +20,7 @@ from flexbt_console.mirror.records import OCCUPIED, Decision, GridMap, LogLine, 
 from flexbt_console.mirror.trees import MirroredNode, MirroredTree
 from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import encode_json, fields_of
+from flexbt_console.present.queue import entry_details, state_text, what_text
 from flexbt_console.present.rendering import (
     BOOLEANS,
     age_text,
@@ -123,6 +124,7 @@ def parts_of(view: View, operator: str | None) -> dict[str, Any]:
         'scan': [[round(x, 2), round(y, 2)] for x, y in view.surroundings.scan],
         'places': {name: [pose.x, pose.y] for name, pose in [*view.places.items()][:MOST_LISTED]},
         'behaviors': _behaviors(view),
+        'queue': _queue(view),
     }
 
 
@@ -286,6 +288,27 @@ def _behaviors(view: View) -> list[dict[str, Any]]:
         }
         for behavior in (view.behaviors or ())[:MOST_LISTED]
     ]
+
+
+def _queue(view: View) -> dict[str, Any] | None:
+    queue = view.queue
+    if queue is None:
+        return None
+    shown = []
+    for before, entry, after in zip((None, *queue.entries), queue.entries, (*queue.entries[1:], None), strict=False):
+        peers = [other is not None and other.options.priority == entry.options.priority for other in (before, after)]
+        shown.append(
+            {
+                'number': entry.number,
+                'running': entry.running,
+                'text': what_text(entry),
+                'state': state_text(entry),
+                'details': entry_details(entry),
+                'up': f'queue move {entry.number} {before.number}' if before is not None and peers[0] else '',
+                'down': f'queue move {after.number} {entry.number}' if after is not None and peers[1] else '',
+            }
+        )
+    return {'hold': queue.hold, 'held': one_line(queue.held), 'entries': shown}
 
 
 def times_part(view: View) -> dict[str, Any]:

@@ -164,6 +164,33 @@ function drawMachine() {
   machineView.reveal(shown(active.states[0]?.path));
 }
 
+// The mission queue: of the past without buttons. A row is made again only when it has changed, so that a button keeps the focus.
+let queueShown = '';
+
+function drawQueue() {
+  const {queue} = seen(), acts = isLive() && wanted === null && Boolean(queue);
+  for (const id of ['queue-add', 'queue-hold']) byId(id).disabled = !acts;
+  const text = JSON.stringify([queue, acts]);
+  if (text === queueShown) return;
+  queueShown = text;
+  byId('queue-held').textContent = queue?.held ? `HELD: ${queue.held}` : '';
+  byId('queue-hold').textContent = queue?.hold ? 'Release' : 'Hold';
+  const focused = byId('queue').contains(document.activeElement) && document.activeElement.title;
+  byId('queue').replaceChildren(...(queue?.entries ?? []).map((entry) => {
+    const buttons = [['↑', 'Move up', entry.up], ['↓', 'Move down', entry.down], ['✕', 'Remove', `queue remove ${entry.number}`]].map(([sign, what, line]) => {
+      const button = element('button', {type: 'button', class: 'quiet', title: `${what} entry ${entry.number}`}, sign);
+      button.disabled = !acts || !line;
+      button.addEventListener('click', () => commands.do(line));
+      return button;
+    });
+    const state = element('span', {class: entry.running ? 'running' : 'dim'}, entry.state);
+    return element('li', {}, element('div', {}, element('strong', {}, `${entry.number}  ${entry.text}`), ' ', state, element('div', {class: 'hint'}, entry.details)), ...buttons);
+  }));
+  if (focused) [...byId('queue').querySelectorAll('button')].find(({title}) => title === focused)?.focus();
+}
+byId('queue-hold').addEventListener('click', () => commands.do(known.queue?.hold ? `queue release --hold ${known.queue.hold}` : 'queue hold'));
+byId('queue-add').addEventListener('click', () => commands.start('queue add'));
+
 function treePane(id) {
   const svg = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
   const drawing = element('div', {class: 'drawing', tabindex: '0', role: 'group', 'aria-label': 'diagram of the tree: + and - zoom, arrows move it, 0 fits it'}, svg);
@@ -221,6 +248,7 @@ function drawHead() {
   byId('past').textContent = `${recording ? 'RECORDING' : 'PAST'} ${timeline.label} ✕`;
   byId('timeline-title').textContent = recording ? plain(`Time line of ${recording}`) : 'Time line';
   const acts = live && wanted === null;
+  drawQueue();
   bar.allow(acts, wanted === null ? undefined : 'this page shows the past: go back to now first (Esc)');
   const running = Boolean(status?.running);
   byId('pause').firstChild.data = known.actions.pause?.lines[0] === 'resume' ? 'Go on ' : 'Pause ';
@@ -318,6 +346,7 @@ function takeParts(parts) {
   if (['machine', 'folded', 'active', 'decisions', 'status', 'link'].some((name) => name in parts)) drawMachine();
   if ('machine' in parts && !past && known.machine && foldedOf(known.machine.behavior).size) foldMachine();
   if (parts.trees || parts.tree_states) drawTrees();
+  if (parts.queue) drawQueue();
   if (parts.left_out) byId('left-out').textContent = seen().left_out.join('; ');
   if (parts.robots || parts.robots_left_out) drawRobots();
   if (parts.obstacles || 'simulator' in parts) drawObstacles();
@@ -462,8 +491,8 @@ const link = new ServerLink({
   },
 });
 byId('reset').addEventListener('click', panels(byId('panels'), 'flexbt', {
-  wide: [['machine-pane', 'timeline-pane'], ['map-pane', 'trees-pane', 'log-pane']],
-  narrow: [['map-pane', 'machine-pane', 'trees-pane', 'timeline-pane', 'log-pane']],
+  wide: [['machine-pane', 'queue-pane', 'timeline-pane'], ['map-pane', 'trees-pane', 'log-pane']],
+  narrow: [['map-pane', 'machine-pane', 'trees-pane', 'queue-pane', 'timeline-pane', 'log-pane']],
 }, '(max-width: 640px), (max-height: 520px)').reset);
 new ResizeObserver(drawTrees).observe(byId('trees-pane'));
 setInterval(drawHead, 500);

@@ -147,9 +147,8 @@ export class Commands {
     return body;
   }
 
-  start() {
-    const {behaviors, status} = this.now();
-    const verb = status?.running ? 'switch' : 'start';
+  start(verb = this.now().status?.running ? 'switch' : 'start') {
+    const {behaviors} = this.now();
     const rows = behaviors.map((behavior) => (
       {text: behavior.name, names: [behavior.name], about: behavior.description, refusal: behavior.error, run: () => this.fill(verb, behavior)}));
     this.read(`${verb} a behavior`, rows.length ? this.list(rows) : 'The robot has not sent its list of behaviors');
@@ -199,7 +198,7 @@ export class Commands {
       byId('dialog').close();
       const now = this.now().behaviors.find(({name}) => name === behavior.name);
       if (now?.machine !== behavior.machine) this.tell(`${plain(behavior.name)} has changed since the form was opened; nothing was sent. Check it again`, 'warning');
-      else this.do([verb, behavior.name, ...fields.flatMap((written) => written()), ...(unseen ? ['--unseen'] : [])].map(word).join(' '));
+      else this.do([...verb.split(' '), behavior.name, ...fields.flatMap((written) => written()), ...(unseen ? ['--unseen'] : [])].map(word).join(' '));
     });
     this.read(`${verb} ${behavior.name}`, form);
   }
