@@ -159,13 +159,8 @@ class _RuleParts(YamlParts):
 
     def read(self, text: str, file: Path) -> AlertRules:
         entries = self._table(self.root(text), 'the file', _KEYS, ('rules',))
-        contacts = self._one(entries, 'contacts', lambda name: _contacts_file(file, name), None)
-        if contacts is not None:
-            try:
-                self._contacts = _contacts(contacts)
-            except UsageError as error:
-                self.problem(entries['contacts'], str(error))
-                self._contacts = None
+        if 'contacts' in entries:
+            self._contacts = self._one(entries, 'contacts', lambda name: _contacts(file, name), None)
         rules: list[Rule] = []
         for node in self.sequence(entries['rules'], 'rules') if 'rules' in entries else ():
             rules.append(self._rule(node, rules))
@@ -179,7 +174,7 @@ class _RuleParts(YamlParts):
             self._several(entries, 'robots', full_namespace, ()),
             self._one(entries, 'time_zone', _zone, None),
             self._quiet(entries['quiet_hours']) if 'quiet_hours' in entries else None,
-            (file,) if contacts is None else (file, contacts),
+            (file, *(file.parent / one.value for one in [entries.get('contacts')] if isinstance(one, yaml.ScalarNode))),
         )
 
     def _rule(self, node: yaml.Node, before: Sequence[Rule]) -> Rule:
@@ -290,18 +285,15 @@ def _variable(contact: str) -> str:
     return ENVIRONMENT + re.sub(r'\W', '_', contact).upper()
 
 
-def _contacts_file(file: Path, name: str) -> Path:
-    if '://' in name:
-        raise UsageError('give the name of a file, and write addresses there')
-    return file.parent / name
-
-
-def _contacts(file: Path) -> dict[str, tuple[str, ...]]:
-    """Read the file of contacts: the addresses of each, in the words of apprise.
+def _contacts(rules: Path, name: str) -> dict[str, tuple[str, ...]]:
+    """Read the file of contacts, by its name in a file of rules: the addresses of each, in the words of apprise.
 
     Raises:
         UsageError: it cannot be used, or others may read it.
     """
+    if '://' in name:
+        raise UsageError('give the name of a file, and write addresses there')
+    file = rules.parent / name
     try:
         with open(file, 'rb', opener=open_regular) as content:
             kept = os.fstat(content.fileno())
