@@ -41,7 +41,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_axe_finds_nothing_in_the_studio(page: StudioPage, folder: Path, editor: Path | None) -> None:
-    found = []
+    found: list[str] = []
 
     def look(where: str) -> None:
         found.extend(f'{where}: {one}' for one in page.violations())
