@@ -23,7 +23,7 @@ HISTORY_BYTES: Final = 64_000_000
 """Bytes of the past of one robot, at most; what is oldest is forgotten."""
 
 CHUNK_BYTES: Final = 1_000_000
-CHUNK_CALLS: Final = 1_000
+CHUNK_CALLS: Final = 500
 """Bytes, and messages, after which a chunk is compressed; to show a moment, at most one chunk is read."""
 
 MOST_SCANS: Final = 600

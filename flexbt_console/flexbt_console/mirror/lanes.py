@@ -9,6 +9,7 @@ from collections import OrderedDict, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from operator import attrgetter
 from typing import Any, Final
 
 from flexbt_core.values.text import one_line
@@ -119,11 +120,14 @@ class Lanes:
         }
         mirror.add_reader(self._take)
 
-    def since(self, revision: int = 0) -> list[LaneEntry]:
+    def since(self, revision: int = 0, most: int | None = None) -> list[LaneEntry]:
         """Return copies of the entries that are new or have changed since a :attr:`revision`, those of each lane in
-        the order of their beginning."""
+        the order in which they began. With ``most``, return the first ones, in the order of their revisions."""
         with self._lock:
-            return [replace(one) for lane in self._lanes.values() for one in lane if one.revision > revision]
+            found = [one for lane in self._lanes.values() for one in lane if one.revision > revision]
+            if most is not None:
+                found = sorted(found, key=attrgetter('revision'))[:most]
+            return [replace(one) for one in found]
 
     def _take(self, now: float, method: str, arguments: tuple[Any, ...]) -> None:
         if method in self._takers:

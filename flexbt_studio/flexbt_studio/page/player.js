@@ -145,9 +145,11 @@ export class Player {
     this.isAsking = true;
     try {
       const lanes = await owner.lanes(this.timeline.revision);
+      this.hasMore = this.owner === owner && lanes?.more;
       if (this.owner === owner && lanes) { this.hasPast = true; this.showLanes(lanes); }
     } catch { /* the server is away; it is asked again */ }
     this.isAsking = false;
+    if (this.hasMore) this.askLanes();
   }
 
   showLanes(lanes) {

@@ -18,7 +18,6 @@ from flexbt_common.errors import ResourceError
 from flexbt_console.errors import ConsoleError, RefusedError
 from flexbt_console.mirror.fleet import RobotOverview
 from flexbt_console.mirror.records import OperatorCommand
-from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import encode_json
 from flexbt_console.present.style import tone_of
 from flexbt_console.ui.station import Session, Station
@@ -248,8 +247,11 @@ class PageLink:
             return
         name, number = past_of(message)
         if 'lanes' in message:
-            lanes = await self._later(lambda: self._past.of(name).lanes(int(number or 0)))
-            await self._send({'lanes': {'of': name, **lanes}})
+            revision = int(number or 0)
+            made_lanes = self._later(
+                lambda: encode_json({'lanes': {'of': name, **self._past.of(name).lanes(revision)}})
+            )
+            await self._send_text(await made_lanes)
             return
         was_past, self._is_past = self._is_past, number is not None
         if number is None:
@@ -257,21 +259,21 @@ class PageLink:
             self._changed.set()
             return
 
-        def made() -> tuple[View, dict[str, Any], bytes]:
+        def made() -> tuple[Drawing | None, str, bytes]:
             mirror = self._past.of(name).moment(number)
             view = mirror.view()
-            map = view.surroundings.map
-            return view, moment_part(mirror, None), b'' if map is None else map_message(map)
+            drawing = machine_drawing(view.structure, self._folded) if view.structure else None
+            map = b'' if view.surroundings.map is None else map_message(view.surroundings.map)
+            more = {'of': name, 'time': number, 'folded': drawing.key if drawing else '', 'map': bool(map)}
+            return drawing, encode_json({'past': {**moment_part(mirror, None), **more}}), map
 
-        view, part, map = await self._later(made)
-        drawing = machine_drawing(view.structure, self._folded) if view.structure else None
+        drawing, text, map = await self._later(made)
         is_new = self._is_past and map != self._map
         self._map = map if is_new else self._map
         if is_new and map:
             async with self._sending, asyncio.timeout(SEND_SECONDS):
                 await self._socket.send_bytes(map)
-        folded = drawing.key if drawing else ''
-        await self._send({'past': {**part, 'of': name, 'time': number, 'folded': folded, 'map': bool(map)}})
+        await self._send_text(text)
         if drawing:
             self._offer(drawing)
 

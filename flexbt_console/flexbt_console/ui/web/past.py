@@ -6,14 +6,14 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror.history import History
-from flexbt_console.mirror.lanes import LaneEntry, Lanes
+from flexbt_console.mirror.lanes import Lanes
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.present.json_form import fields_of
 from flexbt_console.recording.player import RunPlayer
@@ -27,6 +27,8 @@ MOST_MEMORY: Final = 200_000_000
 """Recordings that are open at the same time, for all pages, and bytes of the messages of each, at most."""
 
 MOST_NAMES: Final = 200
+MOST_SENT: Final = 2000
+"""Entries of lanes in one answer, at most."""
 
 PAST_PARTS: Final = frozenset(
     {
@@ -73,10 +75,14 @@ class LivePast:
 
     def lanes(self, revision: int) -> dict[str, Any]:
         """See :class:`Past`."""
-        known = self._lanes.revision
         now = self._now()
-        part = _lanes_part(self._lanes.since(revision), known)
-        return {**part, 'begin': self._history.begin, 'end': now, 'wall': time.time() - now, 'live': True}
+        return {
+            **_lanes_part(self._lanes, revision),
+            'begin': self._history.begin,
+            'end': now,
+            'wall': time.time() - now,
+            'live': True,
+        }
 
 
 class RecordedPast:
@@ -95,8 +101,13 @@ class RecordedPast:
         """See :class:`Past`."""
         with self._lock:
             lanes = self._player.lanes()
-        part = _lanes_part(lanes.since(revision), lanes.revision)
-        return {**part, 'begin': 0.0, 'end': self._player.duration, 'wall': self._player.begin * 1e-9, 'live': False}
+        return {
+            **_lanes_part(lanes, revision),
+            'begin': 0.0,
+            'end': self._player.duration,
+            'wall': self._player.begin * 1e-9,
+            'live': False,
+        }
 
 
 class Recordings:
@@ -156,8 +167,12 @@ class PagePast:
         return self._recordings.past(recording) if recording else self._robot
 
 
-def _lanes_part(entries: Sequence[LaneEntry], revision: int) -> dict[str, Any]:
-    return {'revision': revision, 'entries': [fields_of(one, 'revision') for one in entries]}
+def _lanes_part(lanes: Lanes, revision: int) -> dict[str, Any]:
+    """Return the next entries, and whether there are ``more``."""
+    found = lanes.since(revision, MOST_SENT)
+    entries = [{**fields_of(one, 'revision'), 'text': '' if one.text == one.key else one.text} for one in found]
+    last = found[-1].revision if found else revision
+    return {'revision': last, 'entries': entries, 'more': len(found) == MOST_SENT}
 
 
 def moment_part(mirror: Mirror, operator: str | None) -> dict[str, Any]:

@@ -476,6 +476,7 @@ function takeMessage(message) {
     lanesAsked = 0;
     if (message.lanes.problem) takeMoment(message.lanes);
     else if (message.lanes.of === recording) timeline.take(message.lanes);
+    if (message.lanes.more) askLanes();
   } else if (message.candidates) commands.candidates(message.candidates);
 }
 

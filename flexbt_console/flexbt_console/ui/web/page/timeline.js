@@ -5,6 +5,7 @@ const LANES = ['states', 'nodes', 'decisions', 'commands', 'goals', 'faults'];
 const SIGNS = {states: '▶', decisions: '?', commands: '◆', goals: '◎', faults: '✗', success: '✓', failure: '✗', halted: '■'};
 const ROW = 19, AXIS = 20, CHARACTER = 6.7, LEAST_TEXT = 26;
 const USUAL_SPAN = 60, LEAST_SPAN = 0.5, ZOOM = 1.5, SLOP = 4;
+const MOST_ROWS = 200;
 const MOST_ENTRIES = 3000;  // of a lane, as on the server
 const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400];
 
@@ -50,7 +51,7 @@ export class Timeline {
     this.redraw();
   }
 
-  take({entries, revision, begin, end, wall, live}) {
+  take({entries, revision, begin, end, wall, live}) {  // those that are new since the last time
     if (revision < this.revision) this.entries.clear();
     Object.assign(this, {revision, begin, end, wall, isLive: live, heard: performance.now()});
     for (const entry of entries) this.entries.set(entry.number, entry);
@@ -192,6 +193,8 @@ export class Timeline {
     const rows = [];
     for (const entry of entries) {
       const begin = x(entry.begin), end = Math.max(x(entry.end ?? this.now), begin + 3);
+      const hides = rows.find(({entries: shown}) => shown.at(-1).begin >= begin - 2 && shown.at(-1).end >= end - 1);  // it would not be seen
+      if (hides && (entry.tone !== 'error' || hides.entries.at(-1).entry.tone === 'error')) continue;
       const text = this.isPoint(entry) ? end + 14 + Math.min(150, CHARACTER * this.name(entry).length) : end;
       let row = rows.find((one) => one.free <= begin + 1) ?? (rows.length < 4 ? null : rows.reduce((one, other) => other.free < one.free ? other : one));
       if (!row) rows.push(row = {free: 0, entries: []});
@@ -220,8 +223,8 @@ export class Timeline {
     const rows = LANES.flatMap((lane) => {
       const of = seen.filter((one) => one.lane === lane), groups = new Map();
       const key = (one) => lane === 'states' ? one.key.split('/').length : lane === 'nodes' ? this.rows.get(one.key) : 0;
-      for (const one of of) groups.set(key(one), [...(groups.get(key(one)) ?? []), one]);
-      const made = [...groups].sort(([one], [other]) => one - other).flatMap(([, group]) => this.pack(group, x).map((row, at) => ({...row, lane, label: lane === 'nodes' ? (at ? '' : group[0].label) : '', first: group[0]})));
+      for (const one of of) { if (!groups.has(key(one))) groups.set(key(one), []); groups.get(key(one)).push(one); }
+      const made = [...groups].sort(([one], [other]) => one - other).slice(0, MOST_ROWS).flatMap(([, group]) => this.pack(group, x).map((row, at) => ({...row, lane, label: lane === 'nodes' ? (at ? '' : group[0].label) : '', first: group[0]})));
       return made.map((row, at) => ({...row, title: lane === 'nodes' ? row.label : at ? '' : lane[0].toUpperCase() + lane.slice(1)}));
     });
     const height = Math.max(this.body.clientHeight, 2 * AXIS + rows.length * ROW), parts = [];
