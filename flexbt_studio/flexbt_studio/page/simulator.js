@@ -41,7 +41,7 @@ export class Simulator {
     byId('graph-body').append(this.view);
     byId('runs').append(html('details', {id: 'simulator', name: 'job', ontoggle: (event) => { if (event.target.open) this.opened(); }}, html('summary', {}, 'Simulation', html('span', {id: 'sim-state', class: 'hint'})),
       html('p', {class: 'hint'}, 'A simulated robot on this computer, apart from all others: no real robot moves.'),
-      html('div', {class: 'buttons'}, this.worlds, this.speed, button('start', 'Start', () => this.toggle())), this.panel));
+      html('div', {class: 'buttons'}, this.worlds, html('label', {}, 'speed ', this.speed), button('start', 'Start', () => this.toggle())), this.panel));
     this.map = new RobotMap(canvas, hint, {
       pose: (...pose) => { this.goal.value = pose.map((one) => one.toFixed(2)).join(' '); },
       obstacle: (x, y) => this.link?.send({obstacle: [x, y]}),

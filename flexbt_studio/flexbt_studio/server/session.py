@@ -258,32 +258,35 @@ class Sessions:
             case 'stop', _:
                 await self._end_simulation()
                 return None
-        if simulation is None:
-            raise StudioError('there is no simulated robot; start it')
-        match method.removeprefix('simulator_'), arguments:
-            case 'run', {'file': str(file), 'tree': str(tree), 'goal': str(goal)}:
+            case 'run' | 'cancel' | 'what_if', _ if simulation is None:
+                raise StudioError('there is no simulated robot; start it')
+            case 'run', {'file': str(file), 'tree': str(tree), 'goal': str(goal)} if simulation is not None:
                 simulation.write_project(await self._work(project_files, workbench.project))
                 if not file.endswith('.xml'):
                     if file.endswith('.py') and not page.runs_code:
                         raise StudioError(f'{file}: this would run its code, which nobody has allowed in this page')
                     return await simulation.run_behavior(*await self._work(behavior_files, workbench.project, file))
                 return await simulation.run_tree(await self._work(workbench.tree_texts, file), tree, goal)
-            case 'cancel', _:
+            case 'cancel', _ if simulation is not None:
                 return await simulation.stop()
-            case 'what_if', {'fault': str(fault), 'entity': str(entity), 'parameters': dict(more), 'clear': bool(ends)}:
+            case (
+                'what_if',
+                {'fault': str(fault), 'entity': str(entity), 'parameters': dict(more), 'clear': bool(ends)},
+            ) if simulation is not None:
                 return await simulation.what_if(fault, entity, more, clear=ends)
         raise StudioError(f'{short_repr(method)}: there is no such request, or its arguments are wrong')
 
     async def _start_simulation(self, page: Page, world: str, speed: float) -> None:
-        if self._simulation is not None and self._simulation.state['state'] != 'ended':
+        if self._simulation is not None and self._simulation.is_over:
+            await self._end_simulation()
+        if self._simulation is not None:
             raise StudioError('a simulated robot runs already; stop it first')
-        await self._end_simulation()
         self._simulation = simulation = Simulation(self._access, self.tell, is_alone=self._robots is None)
         page.simulation = simulation
         try:
             await simulation.start(world, speed)
         except BaseException:
-            await self._end_simulation()
+            await self._end_simulation(simulation)
             raise
 
     async def _end_simulation(self, of: Simulation | None = None) -> None:

@@ -138,6 +138,11 @@ class Simulation:
         self._robot = '/'
         self._pages: set[asyncio.Future[web.StreamResponse]] = set()
         self._run: Any = None
+        self._closing: asyncio.Task[None] | None = None
+        self._busy = asyncio.Lock()
+        """Held while processes are started or ended."""
+        self.is_over = False
+        """Whether it has ended, or ends."""
 
     @property
     def state(self) -> dict[str, Any]:
@@ -150,19 +155,19 @@ class Simulation:
         if not low <= speed <= high:
             raise StudioError(f'speed {speed:g}: write a number of simulated seconds in a second, {low:g} to {high:g}')
         content = _content(world) if world else {}
-        robots = [str(name) for name in content.get('robots') or {}]
+        robots, doors = _names(content, 'robots'), _names(content, 'doors')
         namespace = f'/{robots[0]}' if len(robots) > 1 else ''
         self._robot = namespace or '/'
-        doors = [str(name) for name in content.get('doors') or {}]
         self._set({'state': 'starting', 'doors': doors, 'robots': robots, 'speed': speed})
         try:
-            await self._begin(world, speed, namespace, content.get('places') or {})
+            async with self._busy:
+                await self._begin(world, speed, namespace, content.get('places'))
         except (ImportError, LookupError, OSError, RuntimeError) as error:
             raise StudioError(f'the simulator cannot be started: {one_line(str(error), 500)}') from error
         waiting = asyncio.create_task(self._wait())
         self._watchers.add(waiting)
 
-    async def _begin(self, world: str, speed: float, namespace: str, places: Mapping[str, Any]) -> None:
+    async def _begin(self, world: str, speed: float, namespace: str, places: Any) -> None:
         from ament_index_python.packages import get_package_prefix, get_package_share_directory
 
         from flexbt_common import discovery
@@ -179,8 +184,8 @@ class Simulation:
         own = {name: value for name, value in os.environ.items() if name != discovery.PROFILE}
         self._environment = {**own, **network, **path, 'OMP_NUM_THREADS': '1'}
         known = folder / 'places.yaml'
-        if places:
-            poses = {name: dict(zip(('x', 'y', 'yaw'), pose, strict=False)) for name, pose in places.items()}
+        if isinstance(places, dict) and all(isinstance(pose, list) for pose in places.values()):
+            poses = {str(name): dict(zip(('x', 'y', 'yaw'), pose, strict=False)) for name, pose in places.items()}
             known.write_text(yaml.safe_dump(poses))
         elif not world:
             known = Path(get_package_share_directory('flexbt_sim'), 'maps', 'rooms_places.yaml')
@@ -207,6 +212,8 @@ class Simulation:
         await self._connect(self._runtime)
 
     async def _launch(self, name: str) -> None:
+        if self.is_over:
+            raise StudioError('the simulated robot was stopped')
         log = Path(self._folder.name, f'{name}.log')
         ending = shutil.which('setpriv')  # the kernel ends it with the studio, however that ends
         words = [*([ending, '--pdeathsig', 'KILL', '--'] if ending else []), *self._commands[name]]
@@ -228,7 +235,7 @@ class Simulation:
         code = await process.wait()
         if self._processes.get(name) is process:
             last = ' / '.join(log.read_text(errors='replace').splitlines()[-_LAST_LINES:])
-            self._set({'state': 'ended', 'message': f'{name} has ended with code {code}: {one_line(last, 800)}'})
+            self._fail(f'{name} has ended with code {code}: {one_line(last, 800)}')
 
     async def _connect(self, runtime: NodeRuntime) -> None:
         """Serve the operator's page of the robot, and show what runs on it."""
@@ -269,7 +276,7 @@ class Simulation:
                     await asyncio.sleep(0.2)
             self._set({'state': 'running', 'message': ''})
         except TimeoutError:
-            self._set({'state': 'ended', 'message': f'the robot was not there within {START_SECONDS:g} s'})
+            self._fail(f'the robot was not there within {START_SECONDS:g} s')
 
     def _is_ready(self) -> bool:
         assert self._robots is not None
@@ -279,8 +286,18 @@ class Simulation:
         )
         return {'bt_server', 'navigation', 'simulator', 'stop_guard'} <= set(there)
 
+    def _fail(self, message: str) -> None:
+        """Tell why the robot ends, and end what is left of it."""
+        self._set({'state': 'ended', 'message': message})
+        self._closing = asyncio.create_task(self.close())
+
     async def close(self) -> None:
         """End the robot: its processes are gone when this returns."""
+        self.is_over = True
+        async with self._busy:
+            await self._close()
+
+    async def _close(self) -> None:
         processes, self._processes = self._processes, {}
         ended = asyncio.gather(*(process.wait() for process in processes.values()))
         for number in (signal.SIGINT, signal.SIGKILL):
@@ -299,6 +316,7 @@ class Simulation:
             self._set({'state': 'ended', 'message': ''})
 
     def _set(self, changes: Mapping[str, Any]) -> None:
+        self.is_over = self.is_over or changes.get('state') == 'ended'
         self._state = {**self._state, **changes}
         self._tell(self._state)
 
@@ -310,7 +328,7 @@ class Simulation:
         return NAME
 
     def _there(self) -> LiveRobots:
-        if self._live is None or self._state['state'] == 'ended':
+        if self._live is None or self.is_over:
             raise StudioError('the simulated robot is not there; start it')
         return self._live
 
@@ -335,7 +353,7 @@ class Simulation:
 
         self._there()
         folder = Path(self._folder.name, 'trees')
-        self._write({f'trees/{name}': text for name, text in files.items()})
+        self.write_project({f'trees/{name}': text for name, text in files.items()})
         loaded = await self._act(BtLoad, names.BT_LOADER, BtLoad.Goal(files=[str(folder / name) for name in files]))
         if loaded.code != BtLoad.Result.SUCCESS:
             raise StudioError(loaded.message.replace(f'{folder}/', ''))
@@ -366,7 +384,8 @@ class Simulation:
 
         assert self._runtime is not None
         done: Future[GoalOutcome] = Future()
-        link = ActionLinks(self._runtime).link(type, names.of_robot(self._robot, name))
+        links, server = ActionLinks(self._runtime), names.of_robot(self._robot, name)
+        link = await asyncio.to_thread(links.link, type, server)
         seconds = ANSWER_SECONDS
         call = ActionCall(link, goal, on_done=done.set_result, server_timeout=seconds, accept_timeout=seconds)
         if keeps:
@@ -393,23 +412,28 @@ class Simulation:
     async def run_behavior(self, files: Mapping[str, str], name: str) -> str:
         """Start the executive again with the files of a behavior, and return by which name it knows that."""
         self._there()
-        before = self._processes.pop('onboard_executive')
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(before.pid, signal.SIGKILL)
-        await before.wait()
-        shutil.rmtree(Path(self._folder.name, 'python'), ignore_errors=True)
-        self._write(files)
         assert self._robots is not None
         mirror = self._robots.robot(self._robot)[0]
         old = mirror.view().snapshot
-        await self._launch('onboard_executive')
-        async with asyncio.timeout(START_SECONDS):
-            while True:
-                view = mirror.view()
-                is_new = view.snapshot is not None and (old is None or view.snapshot.executive_id != old.executive_id)
-                if is_new and view.behaviors is not None and self._is_ready():
-                    break
-                await asyncio.sleep(0.1)
+        async with self._busy:
+            before = self._processes.pop('onboard_executive', None)
+            if before is not None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(before.pid, signal.SIGKILL)
+                await before.wait()
+            shutil.rmtree(Path(self._folder.name, 'python'), ignore_errors=True)
+            self.write_project(files)
+            await self._launch('onboard_executive')
+        until = asyncio.get_running_loop().time() + START_SECONDS
+        while True:
+            view = mirror.view()
+            is_new = view.snapshot is not None and (old is None or view.snapshot.executive_id != old.executive_id)
+            if is_new and view.behaviors is not None and self._is_ready():
+                break
+            self._there()
+            if asyncio.get_running_loop().time() > until:
+                raise StudioError(f'the executive was not there within {START_SECONDS:g} s')
+            await asyncio.sleep(0.1)
         known = [one.name for one in view.behaviors]
         found = next((one for one in (f'{_PACKAGE}/{name}', name) if one in known), None)
         if found is None:
@@ -427,6 +451,9 @@ class Simulation:
 
         self._there()
         if fault == 'door_jammed' and not clear:
+            doors = self._state['doors']
+            if entity not in doors:
+                raise StudioError(f'this world has no door {short_repr(entity)}{did_you_mean(entity, doors)}')
             await self._call(SetBool, f'/simulator/doors/{entity}', SetBool.Request(data=False))
         request = SetFault.Request(entity=entity, fault=fault, parameters=json.dumps(parameters), clear=clear)
         await self._call(SetFault, '/simulator/set_fault', request)
@@ -435,22 +462,19 @@ class Simulation:
         from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 
         assert self._runtime is not None
-        link = ServiceLinks(self._runtime).link(type, name)
+        link = await asyncio.to_thread(ServiceLinks(self._runtime).link, type, name)
         outcome = await asyncio.to_thread(service_outcome, link, request, ANSWER_SECONDS)
         if outcome.response is None or not outcome.response.success:
             why = outcome.reason if outcome.response is None else outcome.response.message
             raise StudioError(f'the simulator refuses: {one_line(why, 500)}')
 
-    def _write(self, files: Mapping[str, str]) -> None:
-        for name, text in files.items():
-            path = Path(self._folder.name, name)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding='utf-8', newline='')
-
     def write_project(self, files: Mapping[str, str]) -> None:
-        """Copy the project as it is open. Raises StudioError."""
+        """Write files of the copy of the project. Raises StudioError."""
         try:
-            self._write(files)
+            for name, text in files.items():
+                path = Path(self._folder.name, name)
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_text(text, encoding='utf-8', newline='')
         except OSError as error:
             raise StudioError(f'the copy of the project cannot be written: {error}') from error
 
@@ -465,6 +489,11 @@ def _content(world: str) -> dict[str, Any]:
     except (yaml.YAMLError, TextFileError, RecursionError) as error:
         raise StudioError(f'the world {world} cannot be read: {one_line(str(error), 300)}') from error
     return content if isinstance(content, dict) else {}
+
+
+def _names(content: Mapping[str, Any], key: str) -> list[str]:
+    found = content.get(key)
+    return [str(name) for name in found] if isinstance(found, dict) else []
 
 
 def _runtime() -> NodeRuntime:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -44,7 +45,7 @@ def test_a_tree_drives_a_simulated_robot_until_a_door_is_shut(page: StudioPage, 
     (tmp_path / 'world.yaml').write_text(WORLD)
     (tmp_path / 'go.xml').write_text(TREE)
 
-    def part(id: str) -> object:
+    def part(id: str) -> Any:
         return page.driver.find_element(By.ID, f'sim-{id}')
 
     def press(id: str) -> None:
