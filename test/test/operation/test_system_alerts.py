@@ -79,4 +79,4 @@ def test_a_person_is_called_when_a_robot_waits_and_when_it_dies(
     assert 'SECRET' not in said
     acknowledge = got[1]['message'].splitlines()[-1].split()  # To acknowledge: console ...
     acknowledged = run_console(*acknowledge[3:], *words[2:])
-    assert acknowledged.stdout.startswith(f'acknowledged {acknowledge[-1]}: /'), acknowledged
+    assert acknowledged.stdout.startswith(f'acknowledged {acknowledge[-1]}  /:'), acknowledged
