@@ -301,6 +301,8 @@ def _contacts(rules: Path, name: str) -> dict[str, tuple[str, ...]]:
                 raise UsageError(f'{file} belongs to another user: its addresses are secrets; it has to be your own')
             if (mode := stat.S_IMODE(kept.st_mode)) & 0o077:
                 raise UsageError(f'{file} has addresses, which are secrets, and mode {mode:o}; do chmod 600 {file}')
+            if kept.st_size > LARGEST_FILE:
+                raise UsageError(f'{file} is longer than {LARGEST_FILE} bytes; this is not a file of contacts')
             root = compose_yaml(content.read(LARGEST_FILE).decode())
     except (OSError, ValueError) as error:  # the text of the others quotes the file
         at = f':{error.line}' if isinstance(error, YamlError) else ''

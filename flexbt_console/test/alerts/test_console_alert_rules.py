@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import traceback
 from collections import Counter
 from datetime import UTC, datetime, time
@@ -394,6 +395,11 @@ def test_only_its_owner_may_read_the_contacts(folder: Path) -> None:
     people.write_text(PEOPLE + f'dora: {SECRET}' + 'S' * 5_000)
     people.chmod(0o600)
     assert 'people.yaml:3: dora needs an address, or a list of them, of up to 4000 characters' in problems(folder)
+    people.write_text(PEOPLE * 100_000)
+    assert 'people.yaml is longer than 1000000 bytes' in problems(folder)
+    people.unlink()
+    os.mkfifo(people, 0o600)
+    assert 'it is a pipe or device' in problems(folder)
 
 
 # The memory.
