@@ -28,7 +28,7 @@ from .run_file import MOST_WAITING, RunWriter
 from .topics import TOPICS, full_definition
 
 if TYPE_CHECKING:
-    from .black_box import Ring
+    from .ring import Ring
 
 MAX_SIZE: Final = 4_000_000_000
 """Default maximum size of a recording, bytes."""

@@ -31,7 +31,6 @@ from unique_identifier_msgs.msg import UUID
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.errors import UsageError
-from flexbt_console.recording.black_box import Ring
 from flexbt_console.recording.incidents import (
     FACTS,
     PAGE,
@@ -43,6 +42,7 @@ from flexbt_console.recording.incidents import (
     merge,
 )
 from flexbt_console.recording.player import RunPlayer
+from flexbt_console.recording.ring import Ring
 from flexbt_console.recording.run_file import RECORDING, read_run
 from flexbt_console.recording.topics import TOPICS, full_definition
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveEvents, ExecutiveLog, ExecutiveStatus, PeerStatus

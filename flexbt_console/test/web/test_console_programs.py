@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
-from flexbt_console.ui.web.programs import BODY_BYTES, description, line_of, offered
+from flexbt_console.ui.programs import BODY_BYTES, description, line_of, offered
 from flexbt_console.ui.web.users import read_users, token_hash
 from flexbt_testing.waiting import DEADLINE, wait_until
 

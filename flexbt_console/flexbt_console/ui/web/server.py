@@ -36,7 +36,6 @@ from .drawings import Drawings
 from .page_link import PageLink
 from .past import LivePast, PagePast, Recordings
 from .picture import Pictures
-from .programs import Programs
 from .requests import MESSAGE_BYTES
 from .users import User
 
@@ -99,16 +98,17 @@ class WebServer:
         self._files['pictures.css'] = STYLE.encode(), _TYPES['css']
         self._files[''] = self._files['index.html']
 
-    def application(self, studio: web.Application | None = None) -> web.Application:
-        """Return a new aiohttp application that serves the pages, and the ``studio`` at ``/studio/``."""
+    def application(
+        self, studio: web.Application | None = None, programs: web.Application | None = None
+    ) -> web.Application:
+        """Return a new aiohttp application that serves the pages, the ``studio`` at ``/studio/``, and ``programs`` at
+        ``/api/``."""
         application = web.Application(middlewares=[guard(self._access)], client_max_size=0)
         self._has_studio = studio is not None
         if studio is not None:
             application.add_subapp('/studio/', studio)
-        programs = Programs(
-            self._robots, self._station, self._access, lambda user: self.operator(user.name or 'program', user)
-        )
-        application.add_subapp('/api/', programs.application())
+        if programs is not None:
+            application.add_subapp('/api/', programs)
         application.on_startup.append(self.start)
         application.on_cleanup.append(self.end)
         application.router.add_get('/link', self.open_page)

@@ -31,17 +31,17 @@ from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.present.events import Follower
 from flexbt_console.present.json_form import encode_json, failure_json, robots_json, status_json
 from flexbt_console.recording.incidents import incident_named, incidents_in
-from flexbt_console.ui.answers import Meaning
-from flexbt_console.ui.line.line_mode import LineMode
-from flexbt_console.ui.station import Station
 from flexbt_core.clock.clock import SteadyClock
 from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
-from .access import Access, WrongTokens, source_of
-from .past import Recordings
-from .users import User
+from .answers import Meaning
+from .line.line_mode import LineMode
+from .station import Station
+from .web.access import Access, WrongTokens, source_of
+from .web.past import Recordings
+from .web.users import User
 
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink

@@ -1,0 +1,156 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The last minutes of what is recorded, as a ring of files."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import math
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from rclpy.qos import DurabilityPolicy
+
+from flexbt_console.errors import UsageError
+
+from .run_file import RunWriter
+from .topics import TOPICS
+
+SEGMENTS: Final = 8
+"""Parts of the ring."""
+
+
+class Ring:
+    """The last minutes of what is recorded, in files that each begin with what late subscribers would get.
+
+    Thread-safe. Takes the place of a :class:`RunWriter` for a recorder, and raises nothing: what the disk does not take
+    is lost, and :attr:`problem` says so.
+    """
+
+    def __init__(self, directory: Path, seconds: float, size: int, now_ns: Callable[[], int] = time.time_ns) -> None:
+        """Use a directory that no other process uses.
+
+        Raises:
+            UsageError: it cannot be used, belongs to somebody else, or another black box uses it.
+        """
+        self._directory, self._seconds, self._most, self._now_ns = directory, seconds, size, now_ns
+        self._lock = threading.RLock()
+        self._topics: dict[str, tuple[str, str, str, str]] = {}
+        self._latched: dict[str, deque[tuple[bytes, int, int]]] = {}
+        self._held: dict[str, frozenset[str]] = {}
+        self._writer: RunWriter | None = None
+        self._current: Path | None = None
+        self._rolls_at = self._size_before = 0
+        self.problem: OSError | None = None
+        try:
+            directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+            for own in (directory, directory.parent):
+                if own.stat().st_uid != os.getuid() or own.stat().st_mode & 0o022:
+                    raise UsageError(f'parameter ring: {own} can be changed by other users; choose another directory')
+            self._lock_file = (directory / 'lock').open('a')
+            fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise UsageError(f'{directory}: another black box of this robot uses it; end that one first') from None
+        except OSError as error:
+            raise UsageError(f'parameter ring: {directory} cannot be used: {error.strerror or error}') from error
+        self.left = self._files()
+        """Files of a black box that did not end properly."""
+
+    def add_topic(self, topic: str, resolved: str, type: str, definition: str, depth: int = 0) -> None:
+        """Add a topic as to a :class:`RunWriter`; ``depth``: messages that late subscribers get."""
+        with self._lock:
+            self._topics[topic] = topic, resolved, type, definition
+            if depth or (topic in TOPICS and TOPICS[topic].qos.durability is DurabilityPolicy.TRANSIENT_LOCAL):
+                self._latched[topic] = deque(maxlen=depth or TOPICS[topic].qos.depth)
+            if self._writer is not None:
+                self._writer.add_topic(*self._topics[topic])
+
+    def add(self, topic: str, data: bytes, heard: int, sent: int) -> None:
+        """Keep a message; times in ns since the epoch."""
+        with self._lock:
+            if self._writer is None or self._now_ns() >= self._rolls_at or self._writer.size > self._most / SEGMENTS:
+                self.roll()
+            if topic in self._latched:
+                self._latched[topic].append((data, heard, sent))
+            self._write(topic, data, heard, sent)
+
+    @property
+    def size(self) -> int:
+        """Always 0: a ring has no end."""
+        return 0
+
+    def roll(self) -> None:
+        """Begin a new file, and remove what is too old or too much."""
+        with self._lock:
+            self._end_file()
+            begin = max(self._now_ns(), int(self._current.stem) + 1 if self._current else 0)
+            self._rolls_at = begin + int(self._seconds / SEGMENTS * 1e9)
+            self._current = self._directory / f'{begin:020d}.mcap'
+            self._remove_old()
+            try:
+                self._writer = RunWriter(self._current)
+                for one in self._topics.values():
+                    self._writer.add_topic(*one)
+            except OSError as error:
+                self._writer, self.problem = None, error
+                return
+            for topic, kept in self._latched.items():
+                for message in kept:
+                    self._write(topic, *message)
+
+    def files(self) -> list[Path]:
+        """Return the files, oldest first; the last one may be that which is being written."""
+        with self._lock:
+            return self._files()
+
+    def hold(self, holder: str, files: frozenset[str]) -> None:
+        """Keep files, whatever their age, until they are released: held by nobody."""
+        with self._lock:
+            self._held[holder] = files
+
+    def release(self, holder: str) -> None:
+        """See :meth:`hold`."""
+        with self._lock:
+            self._held.pop(holder, None)
+
+    def close(self, keep: bool) -> None:
+        """End the file; remove all files unless they are still to be read."""
+        with self._lock:
+            self._end_file()
+            if not keep:
+                for one in self._files():
+                    one.unlink(missing_ok=True)
+            self._lock_file.close()
+
+    def _write(self, topic: str, data: bytes, heard: int, sent: int) -> None:
+        try:
+            if self._writer is not None:
+                self._writer.add(topic, data, heard, sent)
+                self.problem = self._writer.problem
+        except OSError as error:  # too much waits: go on with a new file
+            self._writer, self.problem = None, error
+
+    def _end_file(self) -> None:
+        if self._writer is not None:
+            with contextlib.suppress(OSError):  # it can be read without its end
+                self._writer.close()
+            self._writer = None
+
+    def _files(self) -> list[Path]:
+        return sorted(one for one in self._directory.glob('*.mcap') if one.stem.isdecimal())
+
+    def _remove_old(self) -> None:
+        held = frozenset().union(*self._held.values())
+        oldest, left = self._now_ns() - int(self._seconds * 1e9), float(self._most)
+        files = [one for one in self._files() if one != self._current]
+        for number, one in reversed(list(enumerate(files))):
+            left -= one.stat().st_size
+            ends = int(files[number + 1].stem) if number + 1 < len(files) else math.inf
+            if str(one) not in held and (ends < oldest or left < 0):
+                with contextlib.suppress(OSError):
+                    one.unlink()
