@@ -4,6 +4,7 @@
 import {ask, byId, choose, html} from './choice.js';
 import {propose} from './versions.js';
 
+const MOST_BYTES = 3_000_000;  // of a file whose models are imported
 const UNSAVED = {name: '', version: 0, settled: async () => {}};  // a job for a goal needs no file
 
 // Why there is no machine, line by line.
@@ -18,8 +19,8 @@ export class Goals {
     Object.assign(this, {studio, jobs, entries: new Map(), known: []});
     const row = (id, label, ...parts) => html('div', {class: 'field'}, html('label', {for: id}, label), ...parts);
     this.section = section('goal-job', 'Plan from a Goal',
-      row('goal-source', 'From', html('select', {id: 'goal-source', onchange: () => this.take()})), row('goal-text', 'Goal', html('input', {id: 'goal-text', list: 'goal-words', spellcheck: 'false', autocomplete: 'off', onkeydown: (event) => { if (event.key === 'Enter') this.make(); }}), html('datalist', {id: 'goal-words'})),
-      row('goal-start', 'At the start', html('textarea', {id: 'goal-start', rows: 2, spellcheck: 'false', placeholder: 'as in the file; or one a line'})), row('goal-into', 'Into', html('select', {id: 'goal-into'})),
+      row('goal-source', 'From', html('select', {id: 'goal-source', onchange: () => this.take()})), row('goal-text', 'Goal', html('input', {id: 'goal-text', list: 'goal-words', maxlength: '10000', spellcheck: 'false', autocomplete: 'off', onkeydown: (event) => { if (event.key === 'Enter') this.make(); }}), html('datalist', {id: 'goal-words'})),
+      row('goal-start', 'At the start', html('textarea', {id: 'goal-start', rows: 2, maxlength: '10000', spellcheck: 'false', placeholder: 'as in the file; or one a line'})), row('goal-into', 'Into', html('select', {id: 'goal-into'})),
       html('div', {class: 'buttons'}, button('goal-make', 'Make', () => this.make()), button('goal-show', 'Show Proposal', () => this.propose()), button('goal-cancel', 'Cancel', () => jobs.cancel(this.entry))), html('p', {id: 'goal-told', class: 'hint', role: 'status'}));
   }
 
@@ -118,6 +119,7 @@ export async function importModels(studio) {
   const field = html('input', {type: 'file', accept: '.xml,.btproj'});
   field.addEventListener('change', async () => {
     const [source] = field.files;
+    if (source.size > MOST_BYTES) { studio.told(`${source.name} has more than ${MOST_BYTES} bytes; take the part with <TreeNodesModel>`, 'error'); return; }
     const name = await ask('Name of the new file', `palette_${source.name.replace(/\.\w+$/, '')}.xml`, 'It has the models alone. The studio knows their node types as long as it is in the project.');
     if (!name) return;
     try {

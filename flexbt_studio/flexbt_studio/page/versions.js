@@ -11,6 +11,7 @@ import {drawTrees} from './tree_drawing.js';
 
 const SIGNS = {added: '+', removed: '−', changed: '≠', moved: '↷'};
 const FONT = '600 11px system-ui, sans-serif';
+const MOST = 3_000_000;  // characters of both texts that are compared as a picture
 const MANY = 60;  // nodes of a picture beyond which what has not changed is folded
 const words = (kinds) => kinds.map((kind) => `${SIGNS[kind]} ${kind}`).join(', ');
 
@@ -19,6 +20,7 @@ async function changePicture(link, file, before, after, show) {
   const told = html('p', {class: 'hint', role: 'status'});
   let found;
   try {
+    if (before.length + after.length > MOST) throw new Error(`both texts have more than ${MOST} characters`);
     found = await link.request('compared', {file, before, after});
   } catch (refusal) {
     told.textContent = `No picture: ${refusal.message}`;

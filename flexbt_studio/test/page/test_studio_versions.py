@@ -65,7 +65,7 @@ def command(page: StudioPage, words: str) -> None:
 
 
 async def text_elsewhere(port: int, file: str, before: str = '', after: str = '') -> str:
-    """Return the text of a file as another page has it, and let that replace a part. The editor shows some lines only."""
+    """Return the text of a file as another page has it, and let that replace a part. The editor shows some lines."""
     async with aiohttp.ClientSession() as session, session.ws_connect(f'http://127.0.0.1:{port}/session') as socket:
         await socket.send_json({'hello': TOKEN})
 
