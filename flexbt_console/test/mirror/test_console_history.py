@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from flexbt_console.mirror import history as history_module
 from flexbt_console.mirror.history import History
-from flexbt_console.mirror.lanes import MOST_ENTRIES, Lane, Lanes
+from flexbt_console.mirror.lanes import MOST_ENTRIES, Lane, LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_console.mirror.records import (
     ActiveState,
@@ -50,16 +50,17 @@ class Robot:
         self.clock = ManualClock()
         self.mirror = Mirror(self.clock)
         self.number = 0
+        self.jump = 0.0
 
     def snapshot(self, **parts: Any) -> None:
         self.number += 1
-        now = self.clock.now()
+        now = self.clock.now() + self.jump
         self.mirror.receive_snapshot(
             ExecutiveSnapshot('e', self.number, stamp=now, **parts), Transit(now, now + 0.1 * self.random.random())
         )
 
     def step(self) -> None:
-        pick, mirror, now = self.random.choice, self.mirror, self.clock.now()
+        pick, mirror, now = self.random.choice, self.mirror, self.clock.now() + self.jump
         self.number += 1
         match self.random.randrange(17):
             case 0 | 1 | 2:
@@ -138,6 +139,30 @@ def test_each_moment_is_shown_as_it_was_then(seed: int, calls: int) -> None:
         for time, then in was[:25]:
             assert shown(past.moment(time)) == then
         assert shown(past.moment(-1.0)) == shown(past.moment(past.begin))
+
+
+@settings(max_examples=25)
+@given(seed=st.integers(0, 2**32), jumps=st.booleans())
+def test_lanes_that_are_read_piece_by_piece_are_those_that_are_read_at_once(seed: int, jumps: bool) -> None:
+    robot = Robot(seed)
+    lanes = Lanes(robot.mirror)
+    known: dict[int, LaneEntry] = {}
+    revision = 0
+    for _ in range(150):
+        robot.clock.advance(robot.random.choice([0.0, 0.3, 5.0, 100.0]))
+        robot.jump = robot.random.choice([0.0, -1e6, 1e6]) if jumps else 0.0  # of the executive's clock
+        robot.step()
+        for entry in lanes.since(revision, robot.random.choice([1, 3, 100])):
+            assert entry.revision > revision
+            known[entry.number], revision = entry, entry.revision
+    known |= {entry.number: entry for entry in lanes.since(revision)}
+    assert sorted(known.values(), key=lambda one: one.number) == sorted(lanes.since(), key=lambda one: one.number)
+    snapshot = robot.mirror.view().snapshot
+    active = {state.path for state in snapshot.active_states} if snapshot is not None else set()
+    for entry in known.values():
+        assert entry.end is None or entry.begin <= entry.end <= robot.clock.now()
+        if entry.lane is Lane.STATES and entry.end is None:
+            assert any(path == entry.key or path.startswith(f'{entry.key}/') for path in active)
 
 
 def test_eight_hours_and_a_flood_take_a_bounded_memory_and_the_lanes_keep_what_is_rare() -> None:
