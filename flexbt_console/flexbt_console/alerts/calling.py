@@ -109,13 +109,14 @@ class _Process:
 
 @dataclass
 class _Address:
-    """An address with what was tried there."""
+    """An address with what was tried there. ``doubtful`` calls of the batch may have arrived by an earlier attempt."""
 
     bucket: TokenBucket
     failures: int = 0
     next_try: float = 0.0
     process: _Process | None = None
     batch: list[Call] = field(default_factory=list)
+    doubtful: set[int] = field(default_factory=set)
 
 
 class Calling:
@@ -129,6 +130,7 @@ class Calling:
         self._log = log
         self.rules = load_rules(file)
         self._seen = self._changed_at()
+        self.rules = load_rules(file)  # again: it may have changed in between
         self._addresses: dict[tuple[str, int], _Address] = {}
         self._problem = ''
         self._left_out = 0
@@ -162,9 +164,10 @@ class Calling:
         if memory.left_out and not self._left_out:
             self._log.error(f'{memory.left_out} needs of robots are too many to call about: acknowledge some')
         self._left_out = memory.left_out
-        for call in [one for one in memory.calls.values() if one.address >= len(self._addresses_of(one.contact))]:
-            self._log.warning(f'{call.contact} has no such address any more; not sent: {call.title}')
-            del memory.calls[call.id]
+        for call in list(memory.calls.values()):
+            if call.address >= len(self.rules.addresses.get(call.contact, ())):
+                self._log.warning(f'{call.contact} has no such address any more; not sent: {call.title}')
+                del memory.calls[call.id]
         self._save(acknowledged)
 
     def _save(self, acknowledged: Iterable[int] = ()) -> None:
@@ -188,17 +191,18 @@ class Calling:
         for key, batch in waiting.items():
             at = self._addresses.setdefault(key, _Address(TokenBucket(1.0 / BUNDLE_SECONDS, BURST, self._steady)))
             is_due = at.process is None and self._steady() >= at.next_try and at.bucket.left >= 1.0
-            if is_due and running < MOST_SENDERS and key[1] < len(self._addresses_of(key[0])):
+            if is_due and running < MOST_SENDERS:
                 running += self._begin(key, at, batch)
 
     def _begin(self, key: tuple[str, int], at: _Address, batch: list[Call]) -> bool:
         title, body, kind = message_of(batch)
+        at.batch, at.doubtful = batch, {call.id for call in batch if call.is_begun}
         for call in batch:
             call.is_begun = True
         at.bucket.take(1.0)
         self._save()  # a program that is killed from now on knows that it may have been sent
         task = {
-            'address': self._addresses_of(key[0])[key[1]],
+            'address': self.rules.addresses[key[0]][key[1]],
             'title': title,
             'body': body,
             'type': kind,
@@ -208,11 +212,9 @@ class Calling:
         try:
             at.process = _Process(task, self._store.lock)
         except (OSError, subprocess.SubprocessError) as error:
-            at.batch, failure = batch, f'no process could be started: {type(error).__name__}'
+            failure = f'no process could be started: {type(error).__name__}'
             self._note(*key, at, {'reason': failure, 'is_certain': True})
-            return False
-        at.batch = batch
-        return True
+        return at.process is not None
 
     def _note(self, contact: str, number: int, at: _Address, answer: Mapping[str, Any]) -> None:
         """Note how an attempt has ended."""
@@ -225,7 +227,7 @@ class Calling:
         for call in batch:
             if call.id not in left:
                 memory.calls.pop(call.id, None)
-            call.is_begun = not answer.get('is_certain', False)
+            call.is_begun = call.id in at.doubtful or not answer.get('is_certain', False)
         self._save()
         if all(call.id not in left for call in batch):
             at.failures, at.next_try = 0, 0.0
@@ -262,9 +264,6 @@ class Calling:
                 continue
             found.append((status.st_ino, status.st_mtime_ns, status.st_size, status.st_mode))
         return found
-
-    def _addresses_of(self, contact: str) -> Sequence[str]:
-        return self.rules.addresses.get(contact, ())
 
     def _steady(self) -> float:
         return time.monotonic() + seconds_asleep()

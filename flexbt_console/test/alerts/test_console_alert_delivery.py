@@ -243,12 +243,18 @@ def test_a_service_that_fails_is_tried_again_and_holds_up_nobody(
         assert not any(one.got for one in failing.values())
         for contact, why in zip(failing, FAILURES, strict=True):
             assert f'address 1 of {contact} was not reached: {why}' in str(program.log)
+        failing['c2'].act = refuse(503)  # whether it got the message before stays unknown
+        program.run(lambda: 'address 1 of c2 was not reached: it answered 503' in str(program.log))
         for one in failing.values():
             one.act = lambda handler: True
         program.run(program.is_idle)
         assert [len(one.got) for one in (service, *failing.values())] == [1] * 5
-        for why, one in zip(FAILURES, failing.values(), strict=True):
-            assert ('This may be a repetition' in one.got[0]['message']) is not why.startswith('it answered')
+        for (contact, one), why in zip(failing.items(), FAILURES, strict=True):
+            # On a busy machine a process may also have been ended before it had sent anything.
+            is_certain = why.startswith('it answered') and f'{contact} was not reached: it did not' not in str(
+                program.log
+            )
+            assert ('This may be a repetition' in one.got[0]['message']) is not is_certain
     finally:
         for one in failing.values():
             one.close()
