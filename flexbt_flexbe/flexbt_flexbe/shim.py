@@ -51,7 +51,7 @@ def install(*, replace: bool = False) -> None:
                 f'{package} is installed in {found}, and its engine is not the one that runs here; '
                 f'put {DIRECTORY} first on PYTHONPATH to run its behaviors here'
             )
-    path = str(DIRECTORY)
+    path = str(Path(__file__).absolute().parent / DIRECTORY.name)  # as packages are found, also through a link
     if replace or path not in sys.path:
         sys.path[:] = [path, *sys.path] if replace else [*sys.path, path]
         importlib.invalidate_caches()

@@ -24,13 +24,13 @@ from flexbt_studio.errors import StudioError
 
 from .documents.project import MOST_BYTES, MOST_FILES, Project
 
-CHECK_SECONDS: Final = 20.0
+CHECK_SECONDS: Final = 60.0
 """Time for the check of a behavior in Python, s; to start takes one second of a processor."""
 MOST_OUTPUT: Final = 32 << 20
 """Maximum size of what a process writes, bytes."""
 _DATA: Final = ('.py', '.xml', '.yaml', '.yml', '.json')
 """Endings of the files that are copied with a behavior."""
-_SKIPPED: Final = ('.', '__pycache__', 'build', 'install', 'log', 'node_modules')
+_SKIPPED: Final = ('__pycache__', 'build', 'install', 'log', 'node_modules')
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,8 @@ def new_folder(texts: Mapping[str, str]) -> tempfile.TemporaryDirectory[str]:
 def behavior_copy(project: Project, file: str) -> tuple[str, dict[str, str], dict[str, str]]:
     """Return what belongs to a behavior in Python: its name among the copies, and texts by name, as edited and saved.
 
-    These are the files of the outermost package around it, or of its folder. Raises StudioError.
+    These are the files of the outermost package around it; without one, of its folder and the packages in that. Raises
+    StudioError.
     """
     own = project.path(file)
     top = own.parent
@@ -76,7 +77,8 @@ def behavior_copy(project: Project, file: str) -> tuple[str, dict[str, str], dic
     package = top / own.relative_to(top).parts[0] if top != own.parent else top
     now: dict[str, str] = {}
     for folder, folders, names in os.walk(package):
-        folders[:] = [one for one in folders if not one.startswith(_SKIPPED)]
+        kept = [one for one in folders if one not in _SKIPPED and not one.startswith('.')]
+        folders[:] = kept if package != top else [one for one in kept if Path(folder, one, '__init__.py').is_file()]
         for name in names:
             path = Path(folder, name)
             if path.suffix in _DATA and len(now) < MOST_FILES:

@@ -38,6 +38,14 @@ class Waits(Behavior):
 """
 
 
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a busy machine have time for several processes in one story."""
+    monkeypatch.setattr('flexbt_studio.tool_process.CHECK_SECONDS', 600.0)
+    for module in ('test_studio_server', 'test_studio_language_server'):
+        monkeypatch.setattr(f'{module}.DEADLINE', 600.0)
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     package = tmp_path / 'package' / 'inner'
@@ -123,7 +131,8 @@ HARMFUL = {
 def test_code_that_would_do_harm_is_ended_and_told(
     folder: Path, code: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr('flexbt_studio.tool_process.CHECK_SECONDS', 3.0 if 'sleep' in code or 'while' in code else 60.0)
+    if 'more than' in HARMFUL[code]:
+        monkeypatch.setattr('flexbt_studio.tool_process.CHECK_SECONDS', 3.0)
     evil = tmp_path / 'evil'
     (folder / 'waits.py').write_text(f'{code.format(evil)}\n{(folder / "waits.py").read_text()}')
 
@@ -201,3 +210,37 @@ def importing(folder: Path) -> list[int]:
         except OSError:
             continue  # it has ended
     return found
+
+
+FLEXBE = """\
+from flexbe_core import Autonomy, Behavior, OperatableStateMachine
+from flexbe_states.wait_state import WaitState
+
+
+class WaitsSM(Behavior):
+    def __init__(self, node):
+        super().__init__()
+        self.name = 'Waits'
+        OperatableStateMachine.initialize_ros(node)
+        WaitState.initialize_ros(node)
+
+    def create(self):
+        machine = OperatableStateMachine(outcomes=['finished'])
+        with machine:
+            # x:30 y:40
+            OperatableStateMachine.add('Wait', WaitState(1.0), {'done': 'nowhere'}, {'done': Autonomy.Off})
+        return machine
+"""
+
+
+def test_a_behavior_of_flexbe_is_checked_in_the_same_way(folder: Path) -> None:
+    pytest.importorskip('flexbt_flexbe')
+    (folder / 'waits.py').write_text(FLEXBE)
+
+    async def story(page: Page) -> None:
+        await page.ask('allow_code')
+        await page.ask('open', file='waits.py')
+        (wrong,) = await found(page, 1)
+        assert wrong['path'] == '/Wait' and 'nowhere' in wrong['message']
+
+    with_pages(folder, story)
