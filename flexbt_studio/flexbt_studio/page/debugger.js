@@ -159,6 +159,11 @@ export class Debugger {
     this.studio.graph.on.drawn();
   }
 
+  // The places of a tree's nodes in the files, by their paths in a run; none if it is in no file.
+  async nodes(tree) {
+    try { return this.live.places(tree)?.nodes ?? await this.live.find(tree); } catch (refusal) { this.told(refusal.message, 'error'); return {}; }
+  }
+
   async show(place) { if (place) await this.studio.go(place[0], () => place[1]); else this.told('It is not in the files of this project', 'warning'); }
 
   // The place in the files of a node of a tree of the robot, if they have this tree.
@@ -209,11 +214,11 @@ export class Debugger {
     const found = [], running = live.shown(event);
     const isHere = (nodes) => Object.entries(nodes).filter(([, [name, path]]) => name === file.name && path === part.path).map(([path]) => path);
     for (const tree of running) {
-      const nodes = await live.find(tree), paths = isHere(nodes);
+      const nodes = await this.nodes(tree), paths = isHere(nodes);
       if (paths.length && !isSame(tree, nodes)) return refuse(`The robot runs another version of the tree ${tree.tree}`);
       found.push(...paths.map((path) => ({tree: tree.tree, path, run: tree.running ? tree.run : ''})));
     }
-    if (!found.length) for (const tree of Object.keys(studio.treeFiles)) found.push(...isHere(await live.find({tree})).map((path) => ({tree, path, run: ''})));
+    if (!found.length) for (const tree of Object.keys(studio.treeFiles)) found.push(...isHere(await this.nodes({tree})).map((path) => ({tree, path, run: ''})));
     const running_ones = found.filter((one) => one.run), all = running_ones.length ? running_ones : found;
     if (!all.length) return refuse(`${part.title} is in no tree of this project that can be built`);
     return all.length === 1 ? all[0] : choose(`Which ${part.title}?`, all.map((one) => ({...one, label: one.path, detail: `tree ${one.tree}`})));
@@ -260,7 +265,7 @@ export class Debugger {
     const all = isHeld ? this.event.holds ?? [] : (this.event.trees ?? []).filter((one) => one.running), {file} = this.studio;
     if (!all.length) { this.told(isHeld ? 'No tree is held or paused' : 'No tree runs', 'warning'); return null; }
     const inFile = [];
-    for (const one of all) if (Object.values(await this.live.find(one)).some(([name]) => name === file?.name)) inFile.push(one);
+    for (const one of all) if (Object.values(await this.nodes(one)).some(([name]) => name === file?.name)) inFile.push(one);
     const fit = inFile.length ? inFile : all;
     return fit.length === 1 ? fit[0] : choose('Which tree?', fit.map((one) => ({...one, label: one.tree, detail: one.text ?? one.run})));
   }
@@ -339,7 +344,7 @@ export class Debugger {
       return;
     }
     const runs = [];
-    for (const run of event.trees.filter((one) => one.running)) if (Object.values(await live.find(run)).some(([name]) => name === file.name)) runs.push(run);
+    for (const run of event.trees.filter((one) => one.running)) if (Object.values(await this.nodes(run)).some(([name]) => name === file.name)) runs.push(run);
     if (!runs.length) { this.told(`No tree of ${file.name} runs; its next run reads the file as it is saved`, 'warning'); return; }
     const faults = this.faults(file), states = faults.length ? [] : [...new Set(runs.map((run) => event.runners?.[run.run]).filter(Boolean))];
     const chosen = await sheet(`${file.name}: let the robot use this version`, [

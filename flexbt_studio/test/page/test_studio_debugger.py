@@ -136,7 +136,7 @@ def until_mark(page: StudioPage, path: str, *words: str) -> None:
 
 def attempts(page: StudioPage) -> int:
     """Return the entry of the blackboard, from the table; -1 if it is not shown."""
-    found = re.search(r'attempt\s+(\d+)\s+Add\s', page.text('debug-data'))
+    found = re.search(r'attempt\s+(\d+)\s', page.text('debug-data'))
     return int(found[1]) if found else -1
 
 
@@ -221,6 +221,7 @@ def test_a_tree_is_held_stepped_and_stopped(robot: StudioPage, mission: Mission)
     # Pressed more often than it can be: it is let go once for each time that it is held.
     press_until(page, Keys.F5, lambda: attempts(page) > held)
     page.until_text('held', 'HELD before Rest')
+    page.until(lambda: re.search(r'attempt\s+\d+\s+Add\s', page.text('debug-data')))  # who has written it
     answers = lines(page)
     assert sum('continue: applied' in line for line in answers) <= sum('HELD:' in line for line in answers), answers
     page.click(ADD)
