@@ -329,5 +329,5 @@ def rule_text(rule: Rule) -> str:
     steps = [f'after {step.after:g} s call {", ".join(step.contacts)}' for step in rule.steps]
     what = f'{", ".join(map(condition_name, rule.conditions))} of {", ".join(rule.robots)}'
     return '; then '.join(
-        [f'{what}, {rule.severity.name.lower()}: {steps[0]}', *steps[1:], *['tell the end'] * rule.over]
+        [f'{what}, {rule.severity.name.lower()}: {steps[0]}', *steps[1:], *['tell them the end'] * rule.over]
     )
