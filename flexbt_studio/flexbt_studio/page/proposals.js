@@ -67,9 +67,11 @@ export class Goals {
   }
 
   async propose() {
+    if (this.isProposing) return;
     const {entry, studio} = this, {target, text} = entry, [found] = entry.event.result;
     const notes = [found.actions && `Cost ${found.cost}: ${found.actions.join(', ') || 'nothing to do'}`, ...(found.hopeless ?? []).slice(0, 5).map((way) => `No way to the goal after: ${way.join(', ')}`), ...(found.notes ?? [])].filter(Boolean);
     const title = entry.job === 'plan' ? 'A tree for the goal' : 'A machine for the goal';
+    this.isProposing = true;
     try {
       if (target) {
         await studio.go(target.name);
@@ -81,6 +83,8 @@ export class Goals {
       if (name) await propose(studio, title, name, text, notes);
     } catch (refusal) {
       studio.told(refusal.message, 'error');
+    } finally {
+      this.isProposing = false;
     }
   }
 

@@ -136,7 +136,11 @@ export async function propose(studio, title, name, proposed, notes) {
   file?.watches.delete(watch);
   const chosen = found.filter((_, index) => boxes[index].checked);
   if (!isAccepted || !chosen.length) { studio.told(`${title}: nothing was changed`); return false; }
-  if (!file) { await studio.create(name, chosen.map((one) => one.text).join('')); return true; }
+  if (!file) {
+    await studio.create(name, chosen.map((one) => one.text).join(''));
+    if (studio.file?.name === name) studio.told(`${name} is made; Save writes it`);
+    return true;
+  }
   studio.graph.focus();
   await accept(studio, file, chosen, watch.change);
   return true;
