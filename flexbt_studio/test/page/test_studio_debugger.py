@@ -171,12 +171,12 @@ def answered(page: StudioPage, key: str) -> str:
     return lines(page)[0]
 
 
-def press_until(page: StudioPage, key: str, done: Callable[[], bool]) -> None:
-    """Press a key again and again."""
+def press_until(page: StudioPage, done: Callable[[], bool], *keys: str) -> None:
+    """Press a key, or several together, again and again."""
 
     def pressed() -> bool:
         if not done():
-            page.press(key)
+            page.chord(*keys)
         return done()
 
     page.until(pressed)
@@ -219,15 +219,14 @@ def test_a_tree_is_held_stepped_and_stopped(robot: StudioPage, mission: Mission)
     page.press(Keys.F11)
     page.until_text('held', 'HELD before Rest')
     # Pressed more often than it can be: it is let go once for each time that it is held.
-    press_until(page, Keys.F5, lambda: attempts(page) > held)
+    press_until(page, lambda: attempts(page) > held, Keys.F5)
     page.until_text('held', 'HELD before Rest')
     page.until(lambda: re.search(r'attempt\s+\d+\s+Add\s', page.text('debug-data')))  # who has written it
     answers = lines(page)
     assert sum('continue: applied' in line for line in answers) <= sum('HELD:' in line for line in answers), answers
     page.click(ADD)
-    page.chord(Keys.CONTROL, Keys.F10)
-    page.until_text('debug-log', 'tree run-to Add: applied')
-    press_until(page, Keys.F5, lambda: 'HELD' in marks(page).get(ADD, ''))  # on the way it holds before Rest
+    press_until(page, lambda: 'tree run-to Add: applied' in page.text('debug-log'), Keys.CONTROL, Keys.F10)
+    press_until(page, lambda: 'HELD' in marks(page).get(ADD, ''), Keys.F5)  # on the way it holds before Rest
     page.press('q')
     page.until_sheet('Add is ')
     page.press(Keys.ESCAPE)
