@@ -17,7 +17,7 @@ import flexbt_console.present
 LISTING = 'import sys; print(" ".join(sorted(name.partition(".")[0] for name in sys.modules)))'
 
 
-PICTURES = {'flexbt_console.present.cells', 'flexbt_console.present.maps', 'flexbt_console.present.tree_lines'}
+PICTURES = {f'flexbt_console.present.{name}' for name in ('cells', 'lane_lines', 'maps', 'tree_lines')}
 """Modules that a command imports only to draw: they need rich."""
 
 
