@@ -68,6 +68,7 @@ RENAMED: Final[dict[Any, dict[str, str]]] = {
     msg.ExecutiveEvent: {'operator_id': 'operator'},
     msg.ExecutiveEvents: {'first': 'sequence'},
     msg.TreeStructure: {'behavior_tree': 'tree', 'number': 'structure'},
+    msg.QueueEntry: {'operator_id': 'operator'},
     msg.DecisionSubject: {'id': 'decision_id', 'entries': 'values'},
     msg.TreeBreakpoint: {'behavior_tree': 'tree', 'operator_id': 'operator'},
     msg.TreeHold: {'behavior_tree': 'tree', 'operator_id': 'operator'},
@@ -93,8 +94,11 @@ RECORDS: Final[dict[Any, Any]] = {
     msg.ExecutiveLog: records.LogLine,
     msg.ExecutiveStatus: records.ExecutiveSnapshot,
     msg.PeerStatus: records.Peer,
+    msg.MissionQueue: records.MissionQueue,
     msg.Progress: records.DriveProgress,
     msg.PendingDecision: records.Decision,
+    msg.QueueEntry: records.QueueEntry,
+    msg.QueueOptions: records.QueueOptions,
     msg.StateStructure: records.StateStructure,
     msg.StopGuardStatus: records.StopGuard,
     msg.TreeBreakpoint: records.TreeBreakpoint,
@@ -129,6 +133,7 @@ CONSTANTS: Final[dict[Any, type[IntEnum]]] = {
     msg.ExecutiveLog: records.LogSeverity,
     msg.ExecutiveStatus: records.ExecutiveState,
     msg.PendingDecision: records.DecisionKind,
+    msg.QueueOptions: records.OnFailure,
     msg.StateStructure: records.StateKind,
     msg.TreeBreakpoint: records.BreakpointKind,
     msg.TreeNode: trees.MirroredNodeKind,
@@ -216,7 +221,9 @@ def values(record: Any) -> list[tuple[str, Any]]:
     return found
 
 
-@pytest.mark.parametrize('message', [msg.ExecutiveStatus, msg.BehaviorStructure, msg.BehaviorList, msg.ExecutiveLog])
+@pytest.mark.parametrize(
+    'message', [msg.ExecutiveStatus, msg.BehaviorStructure, msg.BehaviorList, msg.ExecutiveLog, msg.MissionQueue]
+)
 def test_what_a_message_says_reaches_the_record(message: Any) -> None:
     """2 is a constant of each message that has constants; a number that is none would be taken for UNKNOWN."""
     full = filled(message(), itertools.repeat(2))
@@ -226,7 +233,7 @@ def test_what_a_message_says_reaches_the_record(message: Any) -> None:
 
 
 def test_what_a_command_says_reaches_the_message() -> None:
-    numbers = {int: 3, float: 1.5}
+    numbers = {int: 3, float: 1.5, bool: True}
     fields: dict[str, Any] = {
         field.name: numbers.get(type(field.default), field.name)
         for field in dataclasses.fields(records.OperatorCommand)
@@ -235,6 +242,7 @@ def test_what_a_command_says_reaches_the_message() -> None:
         'kind': records.CommandKind.NOTE,
         'arguments': (('a', 'b'),),
         'inputs': (records.InputValue('k', 't', 'x'),),
+        'queue_options': (records.QueueOptions(place='kitchen'),),
     }
     sent = command_message(records.OperatorCommand(**fields), 12.5)
     for name in sent.get_fields_and_field_types():
