@@ -109,7 +109,7 @@ export class Actions {
     }, () => `${place[0]}/${place[1]}`, 'moved');
   }
 
-  // Where an item may be dropped.
+  // Where an item may be dropped. end is an outcome of the container to.
   zones(from, to, end = null) {
     const target = this.studio.part(to), part = from === null ? null : this.studio.part(from);
     if (!target || from === to) return [];
