@@ -175,6 +175,14 @@ def of_held_tree(kind: CommandKind) -> Send:
     return Send((kind,), build)
 
 
+def _assign(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+    return builder.at_hold(CommandKind.TREE_SET, view, line.value('--run'), line.value('--at'), line.first_word)
+
+
+ASSIGN: Final = Send((CommandKind.TREE_SET,), _assign)
+"""The command that changes the blackboard of a tree that is held."""
+
+
 def _step(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
     return builder.step(view, STEPS[line.words[0]], line.value(DECISION), unseen=line.has(UNSEEN))
 

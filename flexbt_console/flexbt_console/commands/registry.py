@@ -274,6 +274,14 @@ COMMANDS: Final = (
         details=('"tree blackboard" shows it, "tree clear" ends it.',),
     ),
     _sent(
+        'tree set',
+        'change the blackboard of a held or paused tree by a script',
+        effects.ASSIGN,
+        (Argument('SCRIPT'),),
+        (Option('--at', 'node whose blackboard it is (default: the root)', 'NODE', values=spec.tree_nodes), _RUN),
+        details=('SCRIPT assigns as scripts of the tree do: tree set "speed := 0.5; tries := 0".',),
+    ),
+    _sent(
         'tree clear',
         'clear what was set at a node of a tree, or at all of its nodes',
         effects.of_tree(CommandKind.TREE_CLEAR),

@@ -111,6 +111,7 @@ class CommandKind(IntEnum):
     QUEUE_HOLD = 39
     QUEUE_RELEASE = 40
     QUEUE_CLEAR = 41
+    TREE_SET = 42
 
 
 class OnFailure(IntEnum):

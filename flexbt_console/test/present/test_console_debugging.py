@@ -99,6 +99,8 @@ def test_lines_mean_commands_for_the_tree_that_is_shown_as_held() -> None:
     set_at = command('break turn --tree Main', view_of(SNAPSHOT))
     assert (set_at.kind, set_at.behavior, set_at.path) == (CommandKind.TREE_BREAK, 'Main', 'turn')
     assert command('tree clear', view_of(SNAPSHOT)).kind is CommandKind.TREE_CLEAR
+    changed = command('tree set speed:=0.5 --at turn', held)
+    assert (changed.kind, changed.text, changed.path) == (CommandKind.TREE_SET, 'speed:=0.5', 'turn')
     with pytest.raises(RefusedError, match='no tree is held'):
         command('tree continue', view_of(SNAPSHOT))
     two = replace(HELD, tree_holds=(HOLD, replace(HOLD, run_id='r2')))

@@ -329,6 +329,7 @@ class CommandRegistry(CommandHandling):
         _of_trees('TREE_DUMMY', 'path', 'outcome'),
         _of_trees('TREE_RECORD'),
         _of_trees('TREE_CLEAR'),
+        _of_trees('TREE_SET', 'text'),
         _of_queue('QUEUE_ADD', QueueRunner.add, 'behavior', 'queue_options'),
         _of_queue('QUEUE_EDIT', QueueRunner.edit, 'queue_number', 'queue_options'),
         _of_queue('QUEUE_REMOVE', lambda queue, sent: queue.remove(sent.queue_number), 'queue_number'),

@@ -80,8 +80,9 @@ def test_only_who_has_the_authority_debugs_and_others_see(world: ServerWorld, be
         goal = world.client.execute('Main')
         for one in (bench, other):
             held_at(one, 'turn')
-        for kind in (C.TREE_CONTINUE, C.TREE_STEP, C.TREE_CLEAR, C.TREE_BREAK, C.TREE_DUMMY):
-            assert 'tester' in other.refused(kind, path='turn', outcome='SUCCESS', behavior='Main')
+        for kind in (C.TREE_CONTINUE, C.TREE_STEP, C.TREE_CLEAR, C.TREE_BREAK, C.TREE_DUMMY, C.TREE_SET):
+            assert 'tester' in other.refused(kind, path='turn', outcome='SUCCESS', behavior='Main', text='x := 1')
+        bench.applied(C.TREE_SET, text='speed := 0.5')
         assert [hold.path for hold in other.status.tree_holds] == ['turn']
     goal.call.cancel(DEADLINE)
     assert goal.result.code == BtExecute.Result.CANCELED

@@ -93,6 +93,10 @@ class ControlServer:
         elif command == Request.CLEAR:
             self._debugger.clear(self._tree_to_clear(request), request.node)
             return ''
+        if command == Request.SET:
+            running = self._held(request.run_id)
+            self._debugger.run(running.id).assign(request.node, request.condition, request.operator_id)
+            return ''
         if command not in _TICKS:
             constants = (name for name in vars(type(Request)) if name.isupper())
             known = ', '.join(f'{getattr(Request, name)} ({name})' for name in constants if name != 'UNKNOWN')

@@ -220,6 +220,21 @@ class DebuggedRun(RunReader):
             raise BreakpointError('the tree is being started; try again')
         return self._tree
 
+    def assign(self, name: str, script: str, operator: str) -> None:
+        """Run a script on the blackboard of a node, by default the root's. The tree must be held or paused.
+
+        Raises BreakpointError: there is no such node, or the script cannot be run; what it has assigned before stays.
+        """
+        node = self._nodes[self.nodes.node(name)] if name else self.tree.root
+        watch = self._debugger.watch
+        watch.outside = f'operator {sanitize_for_message(operator)}'
+        try:
+            self._tree.context.scripts.script(script).bind(node.blackboard).run()
+        except ScriptError as error:
+            raise BreakpointError(f'the script {short_repr(script)} cannot be run: {error.reason}') from error
+        finally:
+            watch.outside = ''
+
     def go_on(self) -> None:
         """Release the tree from the breakpoint that holds it."""
         self._going.set()

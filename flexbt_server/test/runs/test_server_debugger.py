@@ -273,6 +273,22 @@ def test_who_wrote_what_is_recorded_in_all_scopes(world: ServerWorld, debugger: 
     assert goal.result.code == Result.CANCELED
 
 
+def test_the_blackboard_of_a_held_tree_is_changed_by_a_script(world: ServerWorld, debugger: Debugger) -> None:
+    world.client.load_tree(STEPS, 'Main')
+    assert debugger.ask(Request.BREAK, behavior_tree='Main', node='two') == ''
+    assert 'no tree' in debugger.ask(Request.SET, condition='x := 5')
+    goal = world.client.execute('Main', outputs=['x', 'y'])
+    debugger.held_at('two')
+    for script, reason in (('x :=', 'cannot be run'), ("x := 'text'", 'cannot be run')):
+        assert reason in debugger.ask(Request.SET, condition=script), script
+    assert "no node 'tow'" in debugger.ask(Request.SET, condition='x := 5', node='tow')
+    assert debugger.ask(Request.SET, condition='x := 5; z := x * 2', node='two') == ''
+    written = debugger.blackboard('x').entries[0]
+    assert (written.text, written.writers) == ('5', ['operator ann', 'one'])
+    assert debugger.ask(Request.CLEAR, behavior_tree='Main') == debugger.ask(Request.CONTINUE) == ''
+    assert [from_entry(one) for one in goal.result.outputs] == [5, 6]
+
+
 def test_panels_of_foxglove_get_the_xml_and_the_changes_by_the_same_uids(world: ServerWorld) -> None:
     world.navigation.hold.add(names.SPIN)
     world.client.load_tree(STEPS, 'Steps')

@@ -323,12 +323,19 @@ export class Debugger {
 
   showBoard({tree, recorded, entries}) {
     const rows = entries.map(({scope, key, text, writes}) => [`${scope ? `${scope} ` : ''}${key}`, text || 'never written', writes.length ? writes[0].writer || 'no node' : '', timeOf(writes[0]?.stamp)]);
-    this.showRows(rows, `Blackboard of ${tree}`, recorded ? null : html('button', {type: 'button', onclick: () => this.do(`tree record --tree ${word(tree)}`)}, 'Record Who Writes'));
+    const button = (text, act) => html('button', {type: 'button', onclick: act}, text);
+    this.showRows(rows, `Blackboard of ${tree}`, [...(recorded ? [] : [button('Record Who Writes', () => this.do(`tree record --tree ${word(tree)}`))]), ...(this.event.holds?.length ? [button('Change…', () => this.change())] : [])]);
   }
 
-  showRows(rows, title, more) {
+  // A change of the blackboard of the held tree.
+  async change() {
+    const script = await ask('Change the blackboard of the held tree', '', 'A script that assigns, such as speed := 0.5; tries := 0');
+    if (script) { this.do(`tree set ${word(script)}`); this.board(); }
+  }
+
+  showRows(rows, title, more = []) {
     const cell = (text) => html('td', {}, text);
-    this.data.replaceChildren(html('table', {}, html('caption', {}, title), html('thead', {}, html('tr', {}, ...['key', 'value', 'by', 'at'].map((text) => html('th', {scope: 'col'}, text)))), html('tbody', {}, ...rows.map((row) => html('tr', {}, ...row.map(cell))))), ...(rows.length ? [] : ['Nothing is in it.']), ...(more ? [more] : []));
+    this.data.replaceChildren(html('table', {}, html('caption', {}, title), html('thead', {}, html('tr', {}, ...['key', 'value', 'by', 'at'].map((text) => html('th', {scope: 'col'}, text)))), html('tbody', {}, ...rows.map((row) => html('tr', {}, ...row.map(cell))))), ...(rows.length ? [] : ['Nothing is in it.']), ...more);
   }
 
   // The open file on the robot.

@@ -44,19 +44,23 @@ _NONE: Final = EntryWrites()
 
 
 class BlackboardWatch:
-    """The watch of any number of blackboards, by any number of clients. ``now`` returns the time of a write, s."""
+    """The watch of any number of blackboards, by any number of clients. ``now`` returns the time of a write, s.
+
+    ``outside``: who writes at this moment if no node does.
+    """
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._writes: dict[Entry, EntryWrites] = {}
         self._boards: dict[object, tuple[Blackboard, ...]] = {}
         self._roots: set[Blackboard] = set()
+        self.outside = ''
 
         def write(entry: Entry, value: Any) -> None:
             _SLOT.__set__(entry, value)
             writes = self._writes.setdefault(entry, EntryWrites())
             writes.count += 1
             shown = 'removed' if value is EMPTY else short_repr(value)
-            writes.latest.appendleft(EntryWrite(_writer_on_stack(), now(), shown))
+            writes.latest.appendleft(EntryWrite(_writer_on_stack() or self.outside, now(), shown))
 
         namespace = {'__slots__': (), 'value': property(_SLOT.__get__, write), '__init__': _begin}
         self._watched: type[Entry] = type('WatchedEntry', (Entry,), namespace)
