@@ -47,6 +47,7 @@ from flexbt_msgs.msg import (
     ExecutiveLog,
     ExecutiveStatus,
     PlaceList,
+    QueueOptions,
     TreeBreakpoint,
     TreeDebugging,
     TreeHold,
@@ -413,6 +414,8 @@ def test_every_field_of_the_status_is_told() -> None:
         bench.wait_for(lambda status: status.decisions, 'the decision')
         bench.applied(ExecutiveCommand.STEP_INTO, decision_id=bench.status.decisions[0].id)
         bench.wait_for(lambda status: status.step, 'the step')
+        once = [QueueOptions(on_failure=QueueOptions.HOLD)]
+        bench.applied(ExecutiveCommand.QUEUE_ADD, behavior=bench.status.behavior, run_id='', queue_options=once)
         bench.applied(ExecutiveCommand.LOCK, path='/Inner/A')
         bench.applied(ExecutiveCommand.BREAKPOINT, path='/Inner/A')
         bench.applied(ExecutiveCommand.AUTONOMY, path='/Inner', autonomy=1)
@@ -428,6 +431,7 @@ def test_every_field_of_the_status_is_told() -> None:
         bench.wait_for(lambda status: status.authority_requests, 'the request')
         bench.applied(ExecutiveCommand.STOP, operator_id='ann')
         bench.wait_idle()
+        bench.wait_for(lambda status: status.queue_held, 'the queue held')
         told, nothing = list(bench.statuses), ExecutiveStatus()
         for field in ExecutiveStatus.get_fields_and_field_types():
             assert any(getattr(status, field) != getattr(nothing, field) for status in told), field
