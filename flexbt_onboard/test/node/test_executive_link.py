@@ -432,6 +432,8 @@ def test_every_field_of_the_status_is_told() -> None:
         bench.applied(ExecutiveCommand.STOP, operator_id='ann')
         bench.wait_idle()
         bench.wait_for(lambda status: status.queue_held, 'the queue held')
+        bench.applied(ExecutiveCommand.QUEUE_RELEASE, run_id='', queue_number=1, operator_id='ann')
+        bench.wait_for(lambda status: status.queue_entry, 'the entry that runs')
         told, nothing = list(bench.statuses), ExecutiveStatus()
         for field in ExecutiveStatus.get_fields_and_field_types():
             assert any(getattr(status, field) != getattr(nothing, field) for status in told), field
