@@ -205,7 +205,7 @@ export class Commands {
 
   help() {
     const rows = this.specs.map((spec) => ({text: spec.usage, names: [spec.name, spec.summary], about: spec.summary, run: () => this.type(`${spec.name} `)}));
-    const keys = 'Keys: ! or F8 stop, p pause or resume, 1-9 pick an answer, Enter sends it, a chooses among all that waits, g to the map, t to the time line, s start, f force, r repeat, ' +
+    const keys = 'Keys: ! or F8 stop, p pause or resume, 1-9 pick an answer, Enter sends it, a chooses among all that waits, g to the map, j to the time line, s start, f force, r repeat, ' +
       'l lock, b breakpoint, c authority, n note, : any command, ? this help. Only STOP acts at once: p, r, l, b and c show a line that Enter sends. Keys work while no field has the focus; F8 from anywhere.';
     this.read('commands', element('div', {}, element('p', {}, keys), this.list(rows)));
   }
@@ -273,6 +273,8 @@ export class Commands {
     return /^\p{L}$/u.test(key) && this.burst.split(ENTER).pop().length > 1;
   }
 
+  timeline() { byId('timeline').querySelector('.timeline-body').focus(); }
+
   key(event) {
     if (event.key === 'F8') {
       event.preventDefault();
@@ -289,7 +291,7 @@ export class Commands {
     const actions = {
       '!': () => this.act('stop'), p: () => this.press('pause'), f: () => this.force(), s: () => this.start(), r: () => this.press('repeat'),
       a: () => this.bar.choose(), l: () => this.press('lock'), b: () => this.press('breakpoint'), c: () => this.press('authority'),
-      n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(), t: () => byId('timeline').querySelector('.timeline-body').focus(),
+      n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(), j: () => this.timeline(),
       Enter: onButton ? null : () => this.bar.confirm(),
     };
     const action = /^[1-9]$/.test(event.key) ? () => this.bar.pick(Number(event.key)) : actions[event.key];
