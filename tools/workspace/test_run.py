@@ -22,12 +22,13 @@ DEADLINE = 2700.0  # seconds for all tests, of which some may hang; a slow, busy
 LANES = 2 * (os.cpu_count() or 2)  # packages that are tested side by side: more make each slower, and all no faster
 LONGEST = (
     'flexbt_system_tests',
-    'flexbt_common',
     'flexbt_console',
+    'flexbt_studio',
     'flexbt_onboard',
+    'flexbt_common',
     'flexbt_server',
-    'flexbt_sim',
     'flexbt_navigation',
+    'flexbt_sim',
     'flexbt_core',
 )
 """The packages whose tests take longest, in the order in which they begin: first those that mostly wait (for processes,
