@@ -288,7 +288,7 @@ def test_the_goal_is_replaced_without_stopping_the_robot(world: ServerWorld) -> 
     wait_until(lambda: follow.running)
     second = world.client.execute('MainTree', goals=[pose_stamped(2)])
     wait_until(lambda: follow.goals[-1].path.poses[-1] == pose_stamped(2), 'the path to the new goal')
-    assert follow.running == [len(follow.goals) - 1]
+    wait_until(lambda: follow.running == [len(follow.goals) - 1], 'the end of the goal before')
     assert 'canceled' not in follow.statuses.values()
     follow.end(len(follow.goals) - 1)
     assert second.result.code == Result.SUCCESS

@@ -467,7 +467,7 @@ def test_several_trees_are_paused_each_by_itself(world: ServerWorld, operator: O
         assert goals[name].result.code == Result.CANCELED
 
 
-@pytest.mark.parametrize('command', [0, 11, 255])
+@pytest.mark.parametrize('command', [0, 12, 255])
 def test_a_command_that_is_none_is_refused(world: ServerWorld, operator: Operator, command: int) -> None:
     message = operator.ask(command)
     assert str(command) in message
