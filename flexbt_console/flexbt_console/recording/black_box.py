@@ -248,11 +248,10 @@ class BlackBox:
         self._is_closed = False
         self._others = dict.fromkeys(settings.others)
         self._kept: list[Any] = []
-        self._thread = threading.Thread(target=self._make_all, name='incidents', daemon=True)
-        self._thread.start()
         for file in self._waiting:
             with contextlib.suppress(OSError, ValueError):
                 ring.hold(file.name, frozenset(Request.read(file).segments))
+        threading.Thread(target=self._make_all, name='incidents', daemon=True).start()
         self._detector = Detector(runtime, settings, self.report)
         node = runtime.node
         self._service = node.create_service(Trigger, names.WRITE_INCIDENT, self._asked)
@@ -358,8 +357,9 @@ class BlackBox:
                 file = self._waiting[0]
             made = subprocess.run([*_MAKE, str(file)], capture_output=True, text=True)  # noqa: S603
             with self._wake:
-                if made.returncode == 0 or not file.exists():
-                    logger.info(f'incident written: {made.stdout.strip()}')
+                if made.returncode == 0 or not file.exists():  # or it was given up meanwhile
+                    if made.returncode == 0:
+                        logger.info(f'incident written: {made.stdout.strip()}')
                     self._ring.release(file.name)
                     with contextlib.suppress(ValueError):
                         self._waiting.remove(file)

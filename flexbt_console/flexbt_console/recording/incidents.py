@@ -32,7 +32,7 @@ from flexbt_console.present.rendering import status_lines
 from flexbt_console.present.style import glyphs
 from flexbt_console.present.tree_lines import whole_tree_lines
 from flexbt_core.values.json_data import load_json
-from flexbt_core.values.text import one_line, xml_text
+from flexbt_core.values.text import one_line, printable, xml_text
 from flexbt_core.values.text_files import write_text
 
 from .player import RunPlayer
@@ -385,18 +385,19 @@ def lanes_svg(entries: Sequence[LaneEntry], duration: float, moment: float) -> s
         at = _LEFT + (moment + second * _TICK_SECONDS) * scale
         if second and at >= _LEFT:
             shown.append(f'<text x="{at:.1f}" y="14" text-anchor="middle">{second * _TICK_SECONDS:+d} s</text>')
-    for place, row in enumerate(rows):
+    places = {row: place for place, row in enumerate(rows)}
+    for row, place in places.items():
         top = 24 + _ROW * place
         shown.append(
             f'<rect class="lane" x="{_LEFT}" y="{top + 1}" width="{_WIDTH}" height="{_ROW - 2}"/>'
-            f'<text x="6" y="{top + 13}">{xml_text(_printable(f"{row[0].value}: {labels[row]}"[:34]))}</text>'
+            f'<text x="6" y="{top + 13}">{xml_text(printable(f"{row[0].value}: {labels[row]}"[:34]))}</text>'
         )
     for one in entries:
-        if (one.lane, one.key) in labels and (one.lane, one.key) in rows:
+        if (one.lane, one.key) in places:
             x, end = _LEFT + one.begin * scale, duration if one.end is None else one.end
             width = max(2.0, (end - one.begin) * scale)
-            top = 24 + _ROW * rows.index((one.lane, one.key)) + 3
-            told = _printable(f'{one.begin - moment:+.1f} s  {one.label} {one.word}  {one.text}')
+            top = 24 + _ROW * places[one.lane, one.key] + 3
+            told = printable(f'{one.begin - moment:+.1f} s  {one.label} {one.word}  {one.text}')
             shown.append(
                 f'<rect class="entry {one.tone}" x="{x:.1f}" y="{top}" width="{width:.1f}" height="{_ROW - 6}">'
                 f'<title>{xml_text(told)}</title></rect>'
@@ -405,10 +406,6 @@ def lanes_svg(entries: Sequence[LaneEntry], duration: float, moment: float) -> s
     shown.append(f'<line class="now" x1="{at:.1f}" x2="{at:.1f}" y1="18" y2="{height}"/>')
     shown.append(f'<text x="{min(at, _LEFT + _WIDTH - 60):.1f}" y="14">the incident</text></svg>')
     return '\n'.join(shown) + '\n'
-
-
-def _printable(text: str) -> str:
-    return ''.join(one if one.isprintable() else ' ' for one in text)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

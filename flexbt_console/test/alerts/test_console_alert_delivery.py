@@ -445,9 +445,8 @@ def told(service: Service) -> Counter[str]:
     return Counter(line for line in lines if line.startswith('asks '))
 
 
-def test_a_program_that_is_killed_while_its_service_takes_a_message_does_not_send_it_again(
-    killed: Killed, service: Service
-) -> None:
+def held_up(killed: Killed, service: Service) -> threading.Event:
+    """Let a message be sent, and return while the service takes it; the event lets it go on."""
     taken, go_on = threading.Event(), threading.Event()
 
     def wait(handler: BaseHTTPRequestHandler) -> bool:
@@ -457,6 +456,13 @@ def test_a_program_that_is_killed_while_its_service_takes_a_message_does_not_sen
     service.act = wait
     killed.show(['x'])
     assert taken.wait(DEADLINE)
+    return go_on
+
+
+def test_a_program_that_is_killed_while_its_service_takes_a_message_does_not_send_it_again(
+    killed: Killed, service: Service
+) -> None:
+    go_on = held_up(killed, service)
     killed.kill()
     killed.start()  # waits for the process that sends
     go_on.set()
@@ -468,15 +474,7 @@ def test_a_program_that_is_killed_while_its_service_takes_a_message_does_not_sen
 def test_nothing_is_lost_when_the_process_that_sends_is_killed_and_a_repetition_says_so(
     killed: Killed, service: Service
 ) -> None:
-    taken, go_on = threading.Event(), threading.Event()
-
-    def wait(handler: BaseHTTPRequestHandler) -> bool:
-        taken.set()
-        return go_on.wait(DEADLINE)
-
-    service.act = wait
-    killed.show(['x'])
-    assert taken.wait(DEADLINE)
+    go_on = held_up(killed, service)
     os.kill(wait_until(killed.sender), signal.SIGKILL)
     go_on.set()
     wait_until(lambda: len(service.got) == 2, lambda: killed.log.read_text())

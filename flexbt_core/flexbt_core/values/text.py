@@ -195,6 +195,11 @@ _TEXT: Final = str.maketrans({'&': '&amp;', '<': '&lt;', '>': '&gt;'})
 _ATTRIBUTE: Final = {**_TEXT, **str.maketrans({'"': '&quot;', '\n': '&#10;', '\r': '&#13;', '\t': '&#9;'})}
 
 
+def printable(text: str) -> str:
+    """Return a text with a space in place of each character that is not printable; XML may not allow some of them."""
+    return ''.join(character if character.isprintable() else ' ' for character in text)
+
+
 def xml_text(text: str) -> str:
     """Return a text escaped for XML content."""
     return text.translate(_TEXT)

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from flexbt_common.command_line import SuggestingArgumentParser, is_full, run_program
 from flexbt_common.files import USER_DIRECTORY, home_path
-from flexbt_core.values.text import one_line, xml_attribute, xml_text
+from flexbt_core.values.text import one_line, printable, xml_attribute, xml_text
 from flexbt_core.values.text_files import write_text
 
 from .event_log import newest_log, rotated
@@ -221,15 +221,15 @@ def timeline(metrics: RunMetrics) -> str:
         top = _TOP + _ROW * row + inset
         return (
             f'<rect class="{kind}" x="{x(begin):.2f}" y="{top}" width="{width:.2f}" height="{_ROW - 2 * inset}">'
-            f'<title>{xml_text(_plain(told))}</title></rect>'
+            f'<title>{xml_text(printable(told))}</title></rect>'
         )
 
     title = f'{metrics.behavior}: {metrics.outcome or "no end"} after {metrics.duration:.1f} s'
     shown = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{_LEFT + _WIDTH + 30}" height="{height}">',
         f'<style>{_STYLE}</style><rect class="back" width="100%" height="100%"/>',
-        f'<text x="10" y="20">{xml_text(_plain(title))}</text>',
-        f'<text class="time" x="10" y="38">run {xml_text(_plain(metrics.run))}, waiting for the operator '
+        f'<text x="10" y="20">{xml_text(printable(title))}</text>',
+        f'<text class="time" x="10" y="38">run {xml_text(printable(metrics.run))}, waiting for the operator '
         f'{metrics.waiting:.1f} s</text>',
     ]
     for time in _ticks(metrics.duration):
@@ -239,8 +239,8 @@ def timeline(metrics: RunMetrics) -> str:
     for row, path in enumerate(rows):
         label = path if path == ROOT else '\u2003' * (path.count('/') - 1) + path.rsplit('/', 1)[-1]
         shown.append(
-            f'<text x="10" y="{_TOP + _ROW * row + 15}" data-path={xml_attribute(_plain(path))}>'
-            f'{xml_text(_plain(label))}<title>{xml_text(_plain(path))}</title></text>'
+            f'<text x="10" y="{_TOP + _ROW * row + 15}" data-path={xml_attribute(printable(path))}>'
+            f'{xml_text(printable(label))}<title>{xml_text(printable(path))}</title></text>'
         )
     for visit in metrics.visits:
         if visit.path in rows:
@@ -262,7 +262,7 @@ def _mark(at: float, bottom: int, one: Intervention) -> str:
     told = f'{one.operator}: {one.command} {one.text} ({one.effect})'
     return (
         f'<line class="{kind}" x1="{at:.2f}" x2="{at:.2f}" y1="{_TOP - 14}" y2="{bottom - 30}">'
-        f'<title>{xml_text(_plain(told))}</title></line>'
+        f'<title>{xml_text(printable(told))}</title></line>'
     )
 
 
@@ -288,11 +288,6 @@ def _ticks(duration: float) -> list[float]:
     step = 10.0 ** math.floor(math.log10(duration / _TICKS))
     step *= next(factor for factor in (1, 2, 5, 10, 20) if duration / (step * factor) <= _TICKS)
     return [round(number * step, 9) for number in range(int(duration / step) + 1)]
-
-
-def _plain(text: str) -> str:
-    """Replace characters that XML may not allow with spaces."""
-    return ''.join(character if character.isprintable() else ' ' for character in text)
 
 
 if __name__ == '__main__':
