@@ -1,15 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Times and poses in messages: conversions, and the fields that differ between Nav2's branches."""
+"""Times, poses and options in messages: conversions, and the fields that differ between Nav2's branches."""
 
 from __future__ import annotations
 
 import copy
 import struct
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any, Final
 
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import PoseStamped
+
+from flexbt_core.values.text import sanitize_for_message
+from flexbt_msgs.msg import QueueOptions as QueueOptionsMessage
+
+from .queue_options import OnFailure, QueueOptions
 
 _SECOND = 1_000_000_000
 
@@ -34,6 +40,24 @@ def duration_message(seconds: float) -> Duration:
     """Return a length of time, s."""
     whole, rest = divmod(round(seconds * 1e9), _SECOND)
     return Duration(sec=whole, nanosec=rest)
+
+
+def options_message(options: QueueOptions) -> QueueOptionsMessage:
+    """Return the message of the options of an entry of the mission queue."""
+    values = {one.name: getattr(options, one.name) for one in fields(options)}
+    texts = {name: sanitize_for_message(value) for name, value in values.items() if isinstance(value, str)}
+    wanted = list(map(sanitize_for_message, options.wanted))
+    more = {'not_before': time_message(options.not_before), 'on_failure': int(options.on_failure), 'wanted': wanted}
+    return QueueOptionsMessage(**{**values, **texts, **more})
+
+
+def options_of(message: QueueOptionsMessage) -> QueueOptions:
+    """Return the options of a message. A constant of ``on_failure`` that is not known here is UNKNOWN."""
+    values = {one.name: getattr(message, one.name) for one in fields(QueueOptions)}
+    more = {'not_before': seconds_of(message.not_before), 'wanted': tuple(message.wanted)}
+    known = message.on_failure if message.on_failure in set(OnFailure) else 0
+    battery = -1.0 if message.battery < 0.0 else message.battery
+    return QueueOptions(**{**values, **more, 'on_failure': OnFailure(known), 'battery': battery})
 
 
 # Poses: the fields that have them (lists in the interfaces of Nav2's branch jazzy, nav_msgs/Goals in those of main),

@@ -9,15 +9,14 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
+from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
     CommandKind,
     MissionQueue,
-    OnFailure,
     OperatorCommand,
     QueueEntry,
-    QueueOptions,
 )
 from flexbt_console.mirror.view import View
 from flexbt_console.present.queue import queue_lines

@@ -18,7 +18,8 @@ from geometry_msgs.msg import Pose, PoseStamped
 from std_msgs.msg import Header
 
 from flexbt_common.values.entries import from_entry
-from flexbt_common.values.message_fields import path_points, seconds_of, time_message
+from flexbt_common.values.message_fields import options_message, path_points, seconds_of
+from flexbt_common.values.queue_options import QueueOptions
 from flexbt_console.mirror import records
 from flexbt_console.mirror.trees import MirroredNode, StatusChange, TreeNodes, TreeReport
 from flexbt_core.errors import FlexbtError
@@ -50,7 +51,7 @@ RECORDS: Final[Mapping[type, type]] = {
     msg.PendingDecision: records.Decision,
     msg.Progress: records.DriveProgress,
     msg.QueueEntry: records.QueueEntry,
-    msg.QueueOptions: records.QueueOptions,
+    msg.QueueOptions: QueueOptions,
     msg.StateStructure: records.StateStructure,
     msg.TreeBreakpoint: records.TreeBreakpoint,
     msg.TreeHold: records.TreeHold,
@@ -199,11 +200,8 @@ def _sendable(value: Any) -> Any:
             return int(value)
         case records.InputValue(key, type, text):
             return msg.BlackboardEntry(key=_sendable(key), type=_sendable(type), text=_sendable(text))
-        case records.QueueOptions():
-            given = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
-            plain = {name: _sendable(one) for name, one in given.items() if name not in ('not_before', 'wanted')}
-            wanted = list(map(sanitize_for_message, value.wanted))
-            return msg.QueueOptions(not_before=time_message(value.not_before), wanted=wanted, **plain)
+        case QueueOptions():
+            return options_message(value)
         case (str(name), str(text)):
             return msg.BehaviorArgument(name=_sendable(name), value=_sendable(text))
         case tuple():

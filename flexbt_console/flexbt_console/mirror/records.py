@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from itertools import compress, pairwise, zip_longest
 from typing import Final
 
+from flexbt_common.values.queue_options import QueueOptions
 from flexbt_core.values.text import one_line
 
 
@@ -112,16 +113,6 @@ class CommandKind(IntEnum):
     QUEUE_RELEASE = 40
     QUEUE_CLEAR = 41
     TREE_SET = 42
-
-
-class OnFailure(IntEnum):
-    """QueueOptions.on_failure."""
-
-    UNKNOWN = 0
-    HOLD = 1
-    CONTINUE = 2
-    RETRY = 3
-    DROP = 4
 
 
 class BreakpointKind(IntEnum):
@@ -540,33 +531,12 @@ class InputValue:
 
 
 @dataclass(frozen=True, slots=True)
-class QueueOptions:
-    """When an entry of the mission queue runs, how often, and what follows a failure (QueueOptions.msg).
-
-    ``battery`` is a charge from 0 to 1, negative for any. ``count`` 0 is no end. Times and ``interval`` in s,
-    ``distance`` in m.
-    """
-
-    priority: int = 0
-    battery: float = -1.0
-    not_before: float = 0.0
-    window: str = ''
-    place: str = ''
-    distance: float = 0.0
-    count: int = 1
-    interval: float = 0.0
-    on_failure: OnFailure = OnFailure.HOLD
-    retries: int = 0
-    wanted: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
 class QueueEntry:
     """An entry of the mission queue (QueueEntry.msg). Long values of arguments and inputs are shortened."""
 
     number: int
     behavior: str
-    options: QueueOptions = QueueOptions()
+    options: QueueOptions = field(default_factory=QueueOptions)
     revision: int = 0
     arguments: tuple[tuple[str, str], ...] = ()
     inputs: tuple[InputValue, ...] = ()

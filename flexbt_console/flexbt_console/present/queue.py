@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from flexbt_console.mirror.records import MissionQueue, OnFailure, QueueEntry, QueueOptions
+from flexbt_common.values.queue_options import OnFailure, QueueOptions
+from flexbt_console.mirror.records import MissionQueue, QueueEntry
 from flexbt_console.mirror.view import View
 from flexbt_core.values.text import one_line, pluralize
 

@@ -277,7 +277,7 @@ def _run_web(line: CommandLine) -> ExitCode:
         raise UsageError('the page needs aiohttp: install it, or use a command (console --help)') from None
     from flexbt_console.link.simulator_link import SimulatorLink
 
-    from .programs import Programs
+    from .http_interface import HttpInterface
     from .station import Attention, Station
 
     folder = line.value('--studio')
@@ -297,8 +297,8 @@ def _run_web(line: CommandLine) -> ExitCode:
         robots = _fleet(line, runtime, operator, list(only))
         studio = _studio()(folder, access, robots) if folder else None
         server = WebServer(robots, station, access, named)
-        programs = Programs(robots, station, access, lambda user: server.operator(user.name or 'program', user))
-        run_web(server.application(studio, programs.application()), access, _port(line), print_address)
+        interface = HttpInterface(robots, station, access, lambda user: server.operator(user.name or 'program', user))
+        run_web(server.application(studio=studio, api=interface.application()), access, _port(line), print_address)
         return ExitCode.OK
 
 

@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
 
 from flexbt_common import names
+from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_console.link.messages import command_message, record_of
 from flexbt_console.link.surroundings_link import SurroundingsFeed
 from flexbt_console.mirror import mirror, records, trees
@@ -98,7 +99,7 @@ RECORDS: Final[dict[Any, Any]] = {
     msg.Progress: records.DriveProgress,
     msg.PendingDecision: records.Decision,
     msg.QueueEntry: records.QueueEntry,
-    msg.QueueOptions: records.QueueOptions,
+    msg.QueueOptions: QueueOptions,
     msg.StateStructure: records.StateStructure,
     msg.StopGuardStatus: records.StopGuard,
     msg.TreeBreakpoint: records.TreeBreakpoint,
@@ -133,7 +134,7 @@ CONSTANTS: Final[dict[Any, type[IntEnum]]] = {
     msg.ExecutiveLog: records.LogSeverity,
     msg.ExecutiveStatus: records.ExecutiveState,
     msg.PendingDecision: records.DecisionKind,
-    msg.QueueOptions: records.OnFailure,
+    msg.QueueOptions: OnFailure,
     msg.StateStructure: records.StateKind,
     msg.TreeBreakpoint: records.BreakpointKind,
     msg.TreeNode: trees.MirroredNodeKind,
@@ -242,7 +243,7 @@ def test_what_a_command_says_reaches_the_message() -> None:
         'kind': records.CommandKind.NOTE,
         'arguments': (('a', 'b'),),
         'inputs': (records.InputValue('k', 't', 'x'),),
-        'queue_options': (records.QueueOptions(place='kitchen'),),
+        'queue_options': (QueueOptions(place='kitchen'),),
     }
     sent = command_message(records.OperatorCommand(**fields), 12.5)
     for name in sent.get_fields_and_field_types():

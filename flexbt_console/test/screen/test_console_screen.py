@@ -28,6 +28,7 @@ from textual.keys import _character_to_key
 from textual.pilot import Pilot
 from textual.widgets import Input, OptionList
 
+from flexbt_common.values.queue_options import QueueOptions
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.completion import offers
 from flexbt_console.commands.registry import COMMANDS
@@ -60,7 +61,6 @@ from flexbt_console.mirror.records import (
     OperatorCommand,
     Peer,
     QueueEntry,
-    QueueOptions,
     ResultCode,
     StateKind,
     StateStructure,

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from web_support import NASTY, OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
+from flexbt_common.values.queue_options import QueueOptions
 from flexbt_console.commands.registry import COMMANDS
 from flexbt_console.mirror.records import (
     SYNTHESIZED,
@@ -28,7 +29,6 @@ from flexbt_console.mirror.records import (
     MissionQueue,
     Peer,
     QueueEntry,
-    QueueOptions,
     Subject,
     Subjects,
     SubjectValue,

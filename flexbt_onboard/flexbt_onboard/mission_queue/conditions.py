@@ -15,10 +15,11 @@ from sensor_msgs.msg import BatteryState
 
 from flexbt_common.middleware.received_messages import LatestMessage
 from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_core.values.places import Place
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.persistence.queue_entries import QueueEntry, QueueOptions
+from flexbt_onboard.persistence.queue_entries import QueueEntry
 
 MOST_RUNS: Final = 1_000_000
 MOST_RETRIES: Final = 1000
@@ -47,14 +48,18 @@ def check_options(options: QueueOptions, places: Mapping[str, Place]) -> None:
 
     most, battery = f'from -{MOST_PRIORITY} to {MOST_PRIORITY}', options.battery
     require(abs(options.priority) <= MOST_PRIORITY, 'priority', options.priority, most)
-    require(battery <= 1.0 and not math.isnan(battery), 'battery', battery, 'a charge from 0 to 1')
+    require(battery <= 1.0, 'battery', battery, 'a charge from 0 to 1')
     window = options.window
     require(not window or _WINDOW.fullmatch(window) is not None, 'window', window, 'times of a day, as in 22:00-06:00')
     if options.place:
         known = did_you_mean(options.place, places, f'; the robot knows {", ".join(sorted(places)) or "none"}')
         require(options.place in places, 'place', options.place, f'a place of the robot{known}')
-        far = 0.0 < options.distance <= FARTHEST
-        require(far, 'distance', options.distance, f'metres above 0, at most {FARTHEST:g}')
+    is_near = options.distance > 0.0 if options.place else options.distance >= 0.0
+    require(
+        is_near and options.distance <= FARTHEST, 'distance', options.distance, f'metres above 0, at most {FARTHEST:g}'
+    )
+    on_failure = options.on_failure
+    require(on_failure is not OnFailure.UNKNOWN, 'on_failure', int(on_failure), 'hold, continue, retry or drop')
     interval, limits = options.interval, f'0, or seconds from {SHORTEST_INTERVAL:g} to {LONGEST_INTERVAL:g}'
     require(interval == 0.0 or SHORTEST_INTERVAL <= interval <= LONGEST_INTERVAL, 'interval', interval, limits)
     require(options.count <= MOST_RUNS, 'count', options.count, f'at most {MOST_RUNS}')

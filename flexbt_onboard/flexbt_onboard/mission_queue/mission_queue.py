@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
+from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_onboard.errors import CommandRefusedError
@@ -14,9 +15,7 @@ from flexbt_onboard.persistence.queue_entries import (
     Change,
     Changes,
     EndedRun,
-    OnFailure,
     QueueEntry,
-    QueueOptions,
     QueueState,
 )
 

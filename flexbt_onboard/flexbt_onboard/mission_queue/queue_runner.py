@@ -5,25 +5,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from flexbt_common.calls.goal_server import GoalAdmission
 from flexbt_common.runtime.node_runtime import Runtime
-from flexbt_common.values.message_fields import seconds_of, time_message
+from flexbt_common.values.message_fields import options_message, options_of, seconds_of, time_message
 from flexbt_core.clock.clock import Timer
 from flexbt_core.state_machine.engine.events import RunEvent, RunReader
 from flexbt_core.state_machine.model.definition import ERROR
 from flexbt_core.values.text import truncate_middle
 from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, ExecutiveCommand, ExecutiveLog, MissionQueue
 from flexbt_msgs.msg import QueueEntry as QueueEntryMessage
-from flexbt_msgs.msg import QueueOptions as QueueOptionsMessage
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
-from flexbt_onboard.persistence.queue_entries import Changes, EndedRun, OnFailure, QueueEntry, QueueOptions
+from flexbt_onboard.persistence.queue_entries import Changes, EndedRun, QueueEntry
 from flexbt_onboard.persistence.run_journal import RunJournal
 from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused, RunRequested
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
@@ -138,10 +137,12 @@ class QueueRunner(RunReader):
     def _entry(self, command: ExecutiveCommand, behavior: str) -> QueueEntry:
         given = tuple((one.name, one.value) for one in command.arguments)
         request = run_request(self._library, behavior, given, command.inputs, command.autonomy, command.operator_id)
+        options = options_of(command.queue_options[0])
+        check_options(options, self._conditions.places)
         return QueueEntry(
             0,
             request.entry.name,
-            self._options(command.queue_options[0]),
+            options,
             given,
             tuple(request.inputs),
             request.autonomy,
@@ -274,27 +275,6 @@ class QueueRunner(RunReader):
 
     # -- helpers ------------------------------------------------------------------------------------------------------
 
-    def _options(self, message: QueueOptionsMessage) -> QueueOptions:
-        try:
-            on_failure = OnFailure(message.on_failure)
-        except ValueError:
-            raise CommandRefusedError(f'on_failure {message.on_failure} of an entry is not known here') from None
-        options = QueueOptions(
-            message.priority,
-            message.battery if not message.battery < 0.0 else -1.0,
-            seconds_of(message.not_before),
-            message.window,
-            message.place,
-            message.distance,
-            message.count,
-            message.interval,
-            on_failure,
-            message.retries,
-            tuple(message.wanted),
-        )
-        check_options(options, self._conditions.places)
-        return options
-
     def _now(self) -> float:
         return seconds_of(self._runtime.clock.stamp())
 
@@ -310,13 +290,6 @@ class QueueRunner(RunReader):
     def _tell(self, text: str, number: int = 0, severity: int = ExecutiveLog.INFO) -> None:
         self._report.log(severity, text)
         self._report.event('queue', entry=number, text=text)
-
-
-def options_message(options: QueueOptions) -> QueueOptionsMessage:
-    """Return the message of the options of an entry."""
-    fields: dict[str, Any] = asdict(options)
-    fields.update(not_before=time_message(options.not_before), wanted=list(options.wanted))
-    return QueueOptionsMessage(**{**fields, 'on_failure': int(options.on_failure)})
 
 
 def _entry_message(entry: QueueEntry, running: int, waits_for: str) -> QueueEntryMessage:

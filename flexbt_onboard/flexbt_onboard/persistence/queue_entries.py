@@ -19,11 +19,10 @@ import base64
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from enum import IntEnum
 from typing import Any, Final, NamedTuple
 
+from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_msgs.msg import BlackboardEntry
-from flexbt_msgs.msg import QueueOptions as QueueOptionsMessage
 
 Change = list[Any]
 """A change of the queue; see the module."""
@@ -34,39 +33,13 @@ UPDATED: Final = frozenset({'runs', 'failures', 'outcome', 'message', 'due', 'co
 """Fields that a change sets after a run. ``count`` is a field of the options."""
 
 
-class OnFailure(IntEnum):
-    """QueueOptions.on_failure."""
-
-    HOLD = QueueOptionsMessage.HOLD
-    CONTINUE = QueueOptionsMessage.CONTINUE
-    RETRY = QueueOptionsMessage.RETRY
-    DROP = QueueOptionsMessage.DROP
-
-
-@dataclass(frozen=True)
-class QueueOptions:
-    """When an entry runs, how often, and what follows a run that fails; see QueueOptions.msg. Times in s."""
-
-    priority: int = 0
-    battery: float = -1.0
-    not_before: float = 0.0
-    window: str = ''
-    place: str = ''
-    distance: float = 0.0
-    count: int = 1
-    interval: float = 0.0
-    on_failure: OnFailure = OnFailure.HOLD
-    retries: int = 0
-    wanted: tuple[str, ...] = ()
-
-
 @dataclass(frozen=True)
 class QueueEntry:
     """An entry of the queue; see QueueEntry.msg. ``added`` and ``due`` are times on the executive's clock, s."""
 
     number: int
     behavior: str
-    options: QueueOptions = QueueOptions()
+    options: QueueOptions = field(default_factory=QueueOptions)
     arguments: tuple[tuple[str, str], ...] = ()
     inputs: tuple[BlackboardEntry, ...] = ()
     autonomy: int = 0

@@ -98,17 +98,14 @@ class WebServer:
         self._files['pictures.css'] = STYLE.encode(), _TYPES['css']
         self._files[''] = self._files['index.html']
 
-    def application(
-        self, studio: web.Application | None = None, programs: web.Application | None = None
-    ) -> web.Application:
-        """Return a new aiohttp application that serves the pages, the ``studio`` at ``/studio/``, and ``programs`` at
-        ``/api/``."""
+    def application(self, **mounted: web.Application | None) -> web.Application:
+        """Return a new aiohttp application that serves the pages, and the applications that are mounted, such as the
+        ``studio``, at their names."""
         application = web.Application(middlewares=[guard(self._access)], client_max_size=0)
-        self._has_studio = studio is not None
-        if studio is not None:
-            application.add_subapp('/studio/', studio)
-        if programs is not None:
-            application.add_subapp('/api/', programs)
+        self._has_studio = mounted.get('studio') is not None
+        for name, one in mounted.items():
+            if one is not None:
+                application.add_subapp(f'/{name}/', one)
         application.on_startup.append(self.start)
         application.on_cleanup.append(self.end)
         application.router.add_get('/link', self.open_page)

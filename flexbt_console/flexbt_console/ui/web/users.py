@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The users of a page and of programs: names, roles, and hashes of their tokens, in a YAML file.
+"""The users of the page and of the HTTP interface: names, roles, and hashes of their tokens, in a YAML file.
 
     ann: {role: operator, token: 'sha256:…'}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interface for programs: a mission over HTTPS, users with roles, and what is refused."""
+"""The HTTP interface: a mission over HTTPS, users with roles, and what is refused."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
-from flexbt_console.ui.programs import BODY_BYTES, description, line_of, offered
+from flexbt_console.ui.http_interface import BODY_BYTES, description, line_of, offered
 from flexbt_console.ui.web.users import read_users, token_hash
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -60,7 +60,7 @@ class Client:
         return self.ask('POST', f'/robots/{ROBOT}/commands/{name}', body, **headers)
 
 
-ROBOT = f'programs{os.getpid()}'
+ROBOT = f'http{os.getpid()}'
 
 
 @pytest.fixture(scope='module')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The interface for programs: status, commands, events, incidents and recordings over HTTP, below ``/api/``.
+"""The HTTP interface of the console: status, commands, events, incidents and recordings, below ``/api/``.
 
 A command is one of line mode, with its arguments and options as the keys of a JSON object. Line mode itself reads it,
 sends it and awaits its answer; the exit code becomes the status of the answer. ``/api/openapi.json`` describes it all.
@@ -176,7 +176,7 @@ def offered() -> list[CommandSpec]:
     return [spec for spec in COMMANDS if spec.in_prompt]
 
 
-class Programs:
+class HttpInterface:
     """The interface. ``station`` makes the station of an operator, whose name ``operator`` makes from a user's."""
 
     def __init__(
@@ -189,7 +189,7 @@ class Programs:
         self._robots, self._station, self._access, self._operator = robots, station, access, operator
         self._wrong = WrongTokens()
         self._rates = SenderRates(RATE, BURST, time.monotonic)
-        self._threads = ThreadPoolExecutor(MOST_AT_ONCE, 'programs')
+        self._threads = ThreadPoolExecutor(MOST_AT_ONCE, 'commands')
         self._recorded = Recordings(home_path(USER_DIRECTORY))
         self._busy = self._streams = 0
         self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
