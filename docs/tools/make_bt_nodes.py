@@ -30,29 +30,37 @@ KINDS: Final = (NodeKind.CONTROL, NodeKind.DECORATOR, NodeKind.SUBTREE, NodeKind
 HEAD: Final = """\
 # The nodes of a behavior tree
 
-All node types, with ports, results and an example. The text comes from the declarations of the nodes
-(`docs/tools/make_bt_nodes.py` writes this page), and every example is tested. The [tutorial](../tutorials/errands.md)
-shows how to write your own nodes. The server and its tools find and list them in the same way.
+All node types, with ports, results and an example. `docs/tools/make_bt_nodes.py` writes this page from the declarations
+of the nodes; every example is tested. The [tutorial](../tutorials/errands.md) shows how to write your own nodes.
 
 A tick returns SUCCESS, FAILURE, RUNNING or SKIPPED. *Ticks* lists the results of an example's ticks, each at the time
 that the tree requests. *Before* and *after* are entries of the blackboard.
 
-Any node may have a `name`, the pre-conditions `_failureIf`, `_successIf`, `_skipIf`, `_while` and the post-conditions
-`_onSuccess`, `_onFailure`, `_onHalted`, `_post`, which are [scripts](bt_scripts.md). `{key}` points to an entry of the
-blackboard, `{=}` to the one named like the port, and `{@key}` to an entry of the topmost tree. See also
-[How the engine ticks a tree](../explanation/bt_engine.md) and
-[Differences from BehaviorTree.CPP](bt_differences.md).
+A port is an input unless marked as output or inout. A value after its type is the default. `{key}` points to an entry
+of the blackboard, `{=}` to the one named like the port, and `{@key}` to an entry of the topmost tree.
 
-Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2's branches jazzy and main.
+Any node may have a `name`, the pre-conditions `_failureIf`, `_successIf`, `_skipIf`, `_while` and the post-conditions
+`_onSuccess`, `_onFailure`, `_onHalted`, `_post`, which are [scripts](bt_scripts.md).
+
+Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2's branches jazzy and main. See
+also [How the engine ticks a tree](../explanation/bt_engine.md) and
+[Differences from BehaviorTree.CPP](bt_differences.md).
 
 ## Overview
 """
-SHARED: Final = 10
-"""Ports that at least this many sections would repeat have one table for all."""
+CHILDREN: Final = {
+    NodeKind.CONTROL: ((1, None), 'A control node has one child or more, unless its section says otherwise.'),
+    NodeKind.DECORATOR: ((1, 1), 'A decorator has one child.'),
+    NodeKind.SUBTREE: ((1, 1), 'The attribute `ID` names the tree.'),
+}
+"""The usual number of children of a kind, and what its heading says about it."""
+
+SHARED: Final = 4
+"""Ports that at least this many sections would repeat have one list for all."""
 
 
 class Port(NamedTuple):
-    """A port as a row of a table."""
+    """A port as an item of a list."""
 
     name: str
     direction: str
@@ -61,7 +69,9 @@ class Port(NamedTuple):
     meaning: str
 
     def __str__(self) -> str:
-        return f'| `{self.name}` | {self.direction} | {self.type} | {self.default} | {self.meaning} |'
+        direction = '' if self.direction == 'input' else f'{self.direction} '
+        default = f', {self.default}' if self.default else ''
+        return f'- {self.name} ({direction}{self.type}{default}): {self.meaning}'
 
 
 def page() -> str:
@@ -75,22 +85,32 @@ def page() -> str:
     groups = [group for kind in KINDS for group in by_kind[kind]]
     repeated = Counter(port for group in groups for port in ports(group))
     shared = [port for port, times in repeated.items() if times >= SHARED]
+    assert len({port.name for port in shared}) == len(shared), 'a name stands for one shared port'
     lines = [HEAD]
     for kind, of_kind in by_kind.items():
         links = (f'[{node.id}](#{anchor(group)})' for group in of_kind for node in group)
         lines += [f'- **{kind.value}**: {", ".join(links)}']
-    lines += ['', '### Ports that many nodes have', '', *table(shared), '']
+    lines += ['', '### Ports that many nodes have', '', *map(str, shared), '']
     for kind, of_kind in by_kind.items():
         lines += [f'## {kind.value} nodes', '']
+        lines += [CHILDREN[kind][1], ''] if kind in CHILDREN else []
         for group in of_kind:
             lines += [*section(group, shared), '']
     return '\n'.join(lines).rstrip('\n') + '\n'
 
 
 def alike(manifests: Iterable[NodeManifest]) -> Iterator[list[NodeManifest]]:
-    """Group neighbours that have the same documentation, such as Switch2 to Switch6."""
-    for _, group in groupby(manifests, key=lambda manifest: (manifest.documentation, manifest.children)):
+    """Group neighbours that have one documentation, such as Switch2 to Switch6, or the same ports and a sentence."""
+    for _, group in groupby(manifests, key=_family):
         yield list(group)
+
+
+def _family(manifest: NodeManifest) -> tuple[object, ...]:
+    """Return what the nodes of a section have in common."""
+    is_brief = '\n' not in manifest.documentation and not (manifest.example and manifest.example.ticks)
+    if is_brief and manifest.ports:
+        return (tuple(ports([manifest])), _skill(manifest))
+    return (manifest.documentation, manifest.children)
 
 
 def title(group: Sequence[NodeManifest]) -> str:
@@ -102,25 +122,19 @@ def anchor(group: Sequence[NodeManifest]) -> str:
 
 
 def ports(group: Sequence[NodeManifest]) -> list[Port]:
-    """Return the ports of alike nodes, in order; types that differ between the nodes stand in one row."""
+    """Return the ports of alike nodes, in order; those that differ only in name or type are one item."""
     types: dict[tuple[str, str, str, str], list[str]] = {}
     for manifest in group:
         for name, port in manifest.ports.items():
-            default = '' if port.default is NO_DEFAULT else f'`{port.default}`'
+            default = '' if port.default is NO_DEFAULT else f'`{port.default}`' if port.default != '' else "`''`"
             kind = f'`{port.type.name}`' if port.type is not None else 'any'
             found = types.setdefault((name, port.direction.value, default, port.documentation), [])
             if kind not in found:
                 found.append(kind)
-    return [
-        Port(name, direction, ', '.join(kinds), default, meaning)
-        for (name, direction, default, meaning), kinds in types.items()
-    ]
-
-
-def table(rows: Iterable[Port]) -> Iterator[str]:
-    yield '| Port | Direction | Type | Default | Meaning |'
-    yield '|---|---|---|---|---|'
-    yield from map(str, rows)
+    names: dict[tuple[str, ...], list[str]] = {}
+    for (name, direction, default, meaning), kinds in types.items():
+        names.setdefault((direction, ', '.join(kinds), default, meaning), []).append(f'`{name}`')
+    return [Port(', '.join(alike), *rest) for rest, alike in names.items()]
 
 
 def section(group: Sequence[NodeManifest], shared: Sequence[Port]) -> Iterator[str]:
@@ -128,21 +142,25 @@ def section(group: Sequence[NodeManifest], shared: Sequence[Port]) -> Iterator[s
     manifest = group[0]
     yield f'### {title(group)}'
     yield ''
-    yield manifest.documentation.replace('``', '`')
+    texts = {node.id: node.documentation.replace('``', '`') for node in group}
+    if len(set(texts.values())) == 1:
+        yield manifest.documentation.replace('``', '`')
+    else:
+        yield from (f'- {name}: {text}' for name, text in texts.items())
     least, most = manifest.children
-    if most != 0:
-        number = f'{least}' if most == least else f'{least} or more' if most is None else f'{least} to {most}'
+    if most != 0 and manifest.children != CHILDREN[manifest.kind][0]:
         yield ''
-        yield f'Children: {number}.' if manifest.kind.value != 'SubTree' else 'Attribute `ID`: the tree.'
+        number = f'{least}' if most == least else f'{least} or more' if most is None else f'{least} to {most}'
+        yield f'Children: {number}.'
     rows = ports(group)
     own = [port for port in rows if port not in shared]
     if own:
-        yield ''
-        yield from table(own)
+        yield from ('', 'Ports:', '') if len(set(texts.values())) > 1 else ('',)
+        yield from map(str, own)
     if len(own) < len(rows):
-        names = ', '.join(f'`{port.name}`' for port in rows if port in shared)
+        names = ', '.join(port.name for port in rows if port in shared)
         yield ''
-        yield f'{"Also" if own else "Ports"}: {names} ([see above](#ports-that-many-nodes-have)).'
+        yield f'[{"Also" if own else "Ports"}](#ports-that-many-nodes-have): {names}.'
     declared = _skill(manifest)
     if declared:
         yield ''

@@ -7,7 +7,7 @@ In a shell with the environment of the workspace.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -24,11 +24,12 @@ PAGE: Final = Path(__file__).parents[1] / 'reference' / 'states.md'
 HEAD: Final = """\
 # The states
 
-All states of FlexBT, with their parameters, keys and outcomes. The text comes from the declarations of the
-states (`docs/tools/make_states.py` writes this page). KEY and OUTCOME stand for the value of a parameter. You can wrap
-any state in `with_timeout` or `with_retry`. The [tutorial](../tutorials/errands.md) shows how to write your own.
+All states of FlexBT, with their parameters, keys and outcomes. `docs/tools/make_states.py` writes this page from the
+declarations of the states. KEY and OUTCOME stand for the value of a parameter. You can wrap any state in `with_timeout`
+or `with_retry`. The [tutorial](../tutorials/errands.md) shows how to write your own.
 
-## Overview
+A value after the type of a parameter is its default; a parameter without one is required. A word after an outcome is
+its [class](skills.md).
 """
 FLEXBE: Final = """\
 ## Generic states of FlexBE
@@ -36,9 +37,6 @@ FLEXBE: Final = """\
 Import them from `flexbt_flexbe.states`; existing code may use `flexbe_states`
 ([Coming from FlexBE](../how_to/coming_from_flexbe.md)). FlexBE's other generic states are in `flexbt_states`.
 """
-OVERVIEW: Final = """\
-| State | Parameters | Reads | Writes | Outcomes |
-|---|---|---|---|---|"""
 
 
 @dataclass(frozen=True)
@@ -57,11 +55,21 @@ def declaration(state: type[Any]) -> Declaration:
 
 def page() -> str:
     """Return the whole page."""
-    lines = [HEAD, *overview(flexbt_states), '']
-    lines += ['## States of `flexbt_states`', '', *sections(flexbt_states)]
-    lines += [FLEXBE, *overview(flexbt_flexbe.states, without=flexbt_states), '']
-    lines += [*sections(flexbt_flexbe.states, without=flexbt_states)]
+    own, flexbe = list(states_of(flexbt_states)), list(states_of(flexbt_flexbe.states, without=flexbt_states))
+    links = (f'[{state.__name__}](#{state.__name__.lower()})' for state in own)
+    lines = [HEAD, f'{", ".join(links)}, and [those of FlexBE](#generic-states-of-flexbe).', '']
+    lines += ['## States of `flexbt_states`', '']
+    for state in own:
+        lines += section(state, [name for name in flexbt_states.__all__ if is_alias(name, state)])
+    lines += [FLEXBE]
+    for state in flexbe:
+        lines += section(state)
     return '\n'.join(lines).rstrip('\n') + '\n'
+
+
+def is_alias(name: str, state: type[Any]) -> bool:
+    """Return whether ``flexbt_states`` exports a state under this other name, too."""
+    return name != state.__name__ and getattr(flexbt_states, name) is state
 
 
 def states_of(module: Any, without: Any = None) -> Iterator[type[Any]]:
@@ -72,52 +80,39 @@ def states_of(module: Any, without: Any = None) -> Iterator[type[Any]]:
             yield state
 
 
-def overview(module: Any, without: Any = None) -> Iterator[str]:
-    """Return the table of the states of a module, each with its other names."""
-    yield OVERVIEW
-    for state in states_of(module, without):
-        entries = declaration(state).entries
-        cells = (', '.join(f'`{name}`' for name, _ in entries[kind]) for kind in entries)
-        names = sorted(name for name in module.__all__ if getattr(module, name) is state)
-        yield f'| {", ".join(f"`{name}`" for name in names)} | {" | ".join(cells)} |'
-
-
-def sections(module: Any, without: Any = None) -> Iterator[str]:
-    """Return the sections of the states of a module."""
-    for state in states_of(module, without):
-        yield from section(state)
-
-
-def section(state: type[Any]) -> Iterator[str]:
-    """Return the section of one state."""
-    declared = declaration(state)
+def lists(state: type[Any]) -> dict[str, list[str]]:
+    """Return the items of a state by the title of their list."""
+    entries = declaration(state).entries
     defaults = {one.name: one.default for one in inspect.signature(state).parameters.values()}
+    parameters = [(name, *rest.partition(' ')[::2]) for name, rest in entries['parameters']]
+    outcomes = [(name, _outcome(name), text) for name, text in entries['outcomes']]
+    return {
+        'Parameters': [_item(name, f'{kind}{_shown(defaults[name])}', text) for name, kind, text in parameters],
+        'Reads': [_item(name, '', text) for name, text in entries['inputs']],
+        'Writes': [_item(name, '', text) for name, text in entries['outputs']],
+        'Outcomes': [_item(*outcome) for outcome in outcomes],
+    }
+
+
+def _item(name: str, what: str, meaning: str) -> str:
+    return f'- `{name}`{f" ({what})" if what else ""}: {meaning.strip()}'
+
+
+def section(state: type[Any], aliases: Collection[str] = ()) -> Iterator[str]:
+    """Return the section of one state."""
     yield f'### {state.__name__}'
     yield ''
-    yield declared.text
+    yield ' '.join([declaration(state).text, *(f'Also exported as `{alias}`.' for alias in aliases)])
     yield ''
-    if declared.entries['parameters']:
-        yield '| Parameter | Type | Default | Meaning |'
-        yield '|---|---|---|---|'
-        for name, rest in declared.entries['parameters']:
-            kind, _, meaning = rest.partition(' ')
-            yield f'| `{name}` | {kind} | {_shown(defaults[name])} | {_cell(meaning)} |'
-        yield ''
-    rows = [
-        *((f'`{name}`', 'reads', text) for name, text in declared.entries['inputs']),
-        *((f'`{name}`', 'writes', text) for name, text in declared.entries['outputs']),
-        *((f'`{name}`', _outcome(name), text) for name, text in declared.entries['outcomes']),
-    ]
-    yield '| Key or outcome | | Meaning |'
-    yield '|---|---|---|'
-    yield from (f'| {name} | {what} | {_cell(text)} |' for name, what, text in rows)
-    yield ''
+    for heading, items in lists(state).items():
+        if items:
+            yield from (f'{heading}:', '', *map(str, items), '')
 
 
 def _outcome(name: str) -> str:
-    """Return an outcome, with its class if the name shows it."""
+    """Return the class of an outcome if the name shows it."""
     kind = usual_outcome_class(name)
-    return 'outcome' if kind is None else f'outcome, {kind.value.replace("_", " ")}'
+    return '' if kind is None or kind.value == name else kind.value.replace('_', ' ')
 
 
 def _passes_on(state: type[Any], module: Any) -> bool:
@@ -126,13 +121,10 @@ def _passes_on(state: type[Any], module: Any) -> bool:
 
 
 def _shown(default: Any) -> str:
+    """Return a default behind the type of its parameter."""
     if default is inspect.Parameter.empty:
-        return 'required'
-    return f'`{default}`' if isinstance(default, Enum) else f'`{default!r}`'
-
-
-def _cell(text: str) -> str:
-    return text.strip().replace('|', r'\|')
+        return ''
+    return f', `{default}`' if isinstance(default, Enum) else f', `{default!r}`'
 
 
 if __name__ == '__main__':

@@ -37,7 +37,7 @@ from .leaf_services import EndingGoal, ServerNode
 SERVER_PORTS: Final[dict[str, Port]] = {
     'server_name': input_port(STRING, optional=True, description="name of the server, if not the node's default"),
     'server_timeout': input_port(
-        UNSIGNED, optional=True, description="wait for the server and its acceptance, ms; the BT server's by default"
+        UNSIGNED, optional=True, description="wait for the server and its answer, ms; the BT server's by default"
     ),
 }
 """Ports of every leaf that calls a server."""

@@ -26,7 +26,7 @@ from .leaf_services import ServerNode
 SERVICE_PORTS: Final[dict[str, Port]] = {
     'service_name': input_port(STRING, optional=True, description="name of the service, if not the node's default"),
     'server_timeout': input_port(
-        UNSIGNED, optional=True, description="wait for the service and its answer, ms; the BT server's by default"
+        UNSIGNED, optional=True, description="wait for the server and its answer, ms; the BT server's by default"
     ),
 }
 """Ports of every service leaf."""

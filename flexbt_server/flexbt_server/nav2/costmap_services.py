@@ -31,7 +31,7 @@ _OCCUPIED: Final = Predicate('occupied', {'pose': 'pose'}, ConditionSensor('Chec
 _PLUGINS: Final = input_port(
     list_of(STRING), optional=True, description='layers to clear, separated by ;; all if none', nav2_branch='main'
 )
-_DISTANCE: Final = input_port(DOUBLE, default='1.0', description='side of the square that is meant, m')
+_DISTANCE: Final = input_port(DOUBLE, default='1.0', description='side of the square, m')
 
 
 class _ClearCostmap(FieldService, ServiceLeaf):
@@ -116,7 +116,9 @@ class _PathChecker(FieldService):
     ports = SERVICE_PORTS | {
         'path': input_port(PATH, optional=True, description='the path to check'),
         'max_cost': input_port(UNSIGNED, default='253', description='cost from which a cell is in collision'),
-        'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
+        'consider_unknown_as_obstacle': input_port(
+            BOOL, default='false', description='whether unknown cells are obstacles'
+        ),
     }
 
     def on_response(self, response: Any) -> NodeStatus:
@@ -182,7 +184,9 @@ _ASKS_FOR_ALL: Final = hasattr(srv, 'GetCosts')
 _COST_PORTS: Final[Mapping[str, Port]] = SERVICE_PORTS | {
     'cost_threshold': input_port(DOUBLE, default='254.0', description='cost from which a pose is occupied'),
     'use_footprint': input_port(BOOL, default='true', description="whether the robot's footprint is checked"),
-    'consider_unknown_as_obstacle': input_port(BOOL, default='false', description='whether unknown cells are'),
+    'consider_unknown_as_obstacle': input_port(
+        BOOL, default='false', description='whether unknown cells are obstacles'
+    ),
 }
 
 

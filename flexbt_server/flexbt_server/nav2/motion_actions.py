@@ -159,7 +159,7 @@ _PLUGINS: Final = ('controller_id', 'goal_checker_id', 'progress_checker_id', 'p
 
 _ALLOWANCE: Final = input_port(DOUBLE, default='10.0', description='give up after this time, s; 0 for never')
 _UNCHECKED: Final = input_port(
-    BOOL, default='false', description='whether nothing is looked out for', nav2_branch='main'
+    BOOL, default='false', description='whether to ignore obstacles', nav2_branch='main'
 )
 
 

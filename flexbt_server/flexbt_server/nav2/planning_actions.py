@@ -23,7 +23,7 @@ from flexbt_server.trees.ros_ports import DURATION, PATH, POSE_STAMPED, POSES, R
 
 from .field_ports import FieldAction
 
-_START: Final = input_port(POSE_STAMPED, optional=True, description="where it begins, instead of the robot's pose")
+_START: Final = input_port(POSE_STAMPED, optional=True, description="where the path begins, if not at the robot's pose")
 
 
 class _Planner(FieldAction):
@@ -130,8 +130,8 @@ class SmoothPath(FieldAction):
 
 _ROUTE_GOAL_PORTS: Final = {
     'use_poses': input_port(BOOL, default='false', description='whether start and goal are poses, not IDs of nodes'),
-    'goal': input_port(POSE_STAMPED, optional=True, description='where it ends, with use_poses'),
-    'use_start': input_port(BOOL, default='false', description='whether start counts, with use_poses'),
+    'goal': input_port(POSE_STAMPED, optional=True, description='where the path ends, with use_poses'),
+    'use_start': input_port(BOOL, default='false', description='whether to use start, with use_poses'),
     'start': _START,
     'goal_id': input_port(UNSIGNED, optional=True, description='node of the graph where it ends'),
     'start_id': input_port(UNSIGNED, optional=True, description='node of the graph where it begins'),

@@ -200,7 +200,7 @@ class AreErrorCodesPresent(Condition):
     __slots__ = ()
 
     ports = {
-        'error_code': input_port(UINT16, optional=True, description='code that an action has left'),
+        'error_code': input_port(UINT16, optional=True, description='error code of an action'),
         'error_codes_to_check': input_port(list_of(INT), optional=True, description='codes, separated by ;'),
     }
     default_codes: ClassVar[tuple[int, ...]] = ()
