@@ -22,10 +22,9 @@ PAGE: Final = Path(__file__).parents[1] / 'reference' / 'console.md'
 HEAD: Final = """\
 # Console
 
-All commands of the operator's console, on the command line, at the interactive prompt and on the screen. The text
-comes from the registry of commands (`docs/tools/make_console.py` writes this page). `console COMMAND --help` prints the
-same. A command works on the command line and at the prompt, unless its section says otherwise. *Sends* names the kind
-of `flexbt_msgs/msg/ExecutiveCommand` that it sends.
+All commands of the operator's console. `docs/tools/make_console.py` writes this page from the registry of commands;
+`console COMMAND --help` prints the same. A command works on the command line and at the prompt, unless its section says
+otherwise. *Sends* names the kind of `flexbt_msgs/msg/ExecutiveCommand` that it sends.
 
 ## Overview
 """
@@ -33,14 +32,12 @@ OPTIONS: Final = """\
 
 ## Common options
 
-| Option | Meaning |
-|---|---|"""
-SENDING: Final = """\
+All commands have these:
+"""
+SHARED: Final = """\
 
-These options, where the usage names them, mean the same for all commands:
-
-| Option | Meaning |
-|---|---|"""
+The following, where a usage names them, mean the same for all commands unless the section says otherwise:
+"""
 CODES: Final = """\
 
 ## Exit codes
@@ -50,16 +47,19 @@ If a command waits longer than a second, it prints the reason to standard error.
 | Exit code | Meaning |
 |---|---|"""
 USES: Final = Counter(option for spec in COMMANDS for option in spec.options)
-MEANINGS: Final = Counter(option.usage for option in USES)
-SHARED_OPTIONS: Final = [option for option, uses in USES.items() if uses > 1 and MEANINGS[option.usage] == 1]
+USUAL: Final = {option.usage: option for option, _ in reversed(USES.most_common())}
+"""The most common option of each usage."""
+SHARED_OPTIONS: Final = [option for option, uses in USES.items() if uses > 1 and USUAL[option.usage] == option]
+DETAILS: Final = Counter(paragraph for spec in COMMANDS for paragraph in spec.details)
+SHARED_DETAILS: Final = [paragraph for paragraph, uses in DETAILS.items() if uses > 1]
 
 
 def page() -> str:
     """Return the whole page."""
     lines = [HEAD]
     lines += [', '.join(f'[{spec.name}](#{spec.name.replace(" ", "-")})' for spec in COMMANDS)]
-    lines += [OPTIONS, *map(_row, COMMON_OPTIONS)]
-    lines += [SENDING, *map(_row, SHARED_OPTIONS)]
+    lines += [OPTIONS, *map(_item, COMMON_OPTIONS)]
+    lines += [SHARED, *map(_item, SHARED_OPTIONS), *(f'- {paragraph}' for paragraph in SHARED_DETAILS)]
     lines += [CODES, *(f'| {code.value} | {_cell(meaning)} |' for code, meaning in EXIT_CODES.items()), '']
     for spec in COMMANDS:
         lines += section(spec)
@@ -70,19 +70,21 @@ def section(spec: CommandSpec) -> Iterator[str]:
     """Return the section of one command."""
     yield f'## {spec.name}'
     yield ''
-    yield _code(spec.usage)
-    yield ''
+    if spec.usage != spec.name:
+        yield f'`{spec.usage}`'
+        yield ''
     yield f'{spec.summary[0].upper()}{spec.summary[1:]}.'
     for paragraph in spec.details:
-        yield ''
-        yield paragraph
+        if paragraph not in SHARED_DETAILS:
+            yield ''
+            yield paragraph
     if spec.action is Mode.SCREEN:
         yield from ('', '| Key | | Effect |', '|---|---|---|')
         yield from (f'| `{key.shown}` | {_cell(key.label)} | {_cell(key.help)} |' for key in KEYS)
         yield from ('', HOW_KEYS_SEND)
     own = [option for option in spec.options if option not in SHARED_OPTIONS]
     if own:
-        yield from ('', '| Option | Meaning |', '|---|---|', *map(_row, own))
+        yield from ('', *map(_item, own))
     needs = ' '.join(_needs(spec))
     if needs:
         yield from ('', needs)
@@ -102,12 +104,8 @@ def _needs(spec: CommandSpec) -> Iterator[str]:
         yield 'On the command line only.'
 
 
-def _row(option: Option) -> str:
-    return f'| {_code(option.usage)} | {_cell(option.help)} |'
-
-
-def _code(text: str) -> str:
-    return f'`{_cell(text)}`'
+def _item(option: Option) -> str:
+    return f'- `{option.usage}`: {option.help}'
 
 
 def _cell(text: str) -> str:
