@@ -7,6 +7,7 @@ In a shell with the environment of the workspace.
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -39,23 +40,22 @@ LONG_LIST: Final = 4
 """A default with more entries than this is shown as their number."""
 
 
-def table(declare: Callable[[Node], object]) -> str:
-    """Return the table of the parameters that ``declare`` declares on a node."""
+def rows(declare: Callable[[Node], object]) -> dict[str, str]:
+    """Return the parameters that ``declare`` declares on a node, each with its row of a table."""
     with NodeRuntime.open('reference') as runtime:
         node = runtime.node
         domain = f'domain_{node.context.get_domain_id()}'
 
-        def rows() -> list[str]:
+        def declared() -> dict[str, str]:
             before = node.get_parameters_by_prefix('').keys()
             declare(node)
-            return [
-                f'| `{name}` | {shown(parameter.value)} | {node.describe_parameter(name).description} |\n'
+            return {
+                name: f'| `{name}` | {shown(parameter.value)} | {node.describe_parameter(name).description} |\n'
                 for name, parameter in node.get_parameters_by_prefix('').items()
                 if name not in before
-            ]
+            }
 
-        text = ''.join(runtime.call(rows)).replace(domain, 'domain_N')
-    return f'\n| Parameter | Default | Meaning |\n|---|---|---|\n{text}\n'
+        return {name: row.replace(domain, 'domain_N') for name, row in runtime.call(declared).items()}
 
 
 def shown(value: Any) -> str:
@@ -71,8 +71,21 @@ def shown(value: Any) -> str:
 
 
 def page() -> str:
-    """Return the whole page with the current tables."""
-    return TABLE.sub(lambda found: found[1] + table(EXECUTABLES[found[2]]) + found[3], PAGE.read_text(encoding='utf-8'))
+    """Return the whole page with the current tables. A row of an earlier table is a reference to it."""
+    first: dict[str, str] = {}
+
+    def table(found: re.Match[str]) -> str:
+        own, above = '', defaultdict[str, list[str]](list)
+        for name, row in rows(EXECUTABLES[found[2]]).items():
+            if first.setdefault(row, found[2]) == found[2]:
+                own += row
+            else:
+                above[first[row]].append(f'`{name}`')
+        lines = [f'As for [{other}](#{other}): {", ".join(names)}.\n\n' for other, names in above.items()]
+        lines += ['| Parameter | Default | Meaning |\n|---|---|---|\n', own, '\n'] if own else []
+        return ''.join([found[1], '\n', *lines, found[3]])
+
+    return TABLE.sub(table, PAGE.read_text(encoding='utf-8'))
 
 
 if __name__ == '__main__':
