@@ -20,7 +20,7 @@ from flexbt_sim.world import FAULTS, MODELS, Circle, DoorModel, ObstacleModel, P
 from flexbt_sim.world.faults import NAVIGATION_SERVERS, TOPICS, FaultTiming
 from flexbt_sim.world.models import RobotModel
 from flexbt_sim.world.plane.geometry import MAX_CORNERS, Shape
-from flexbt_sim.world.specification import ModelKey, ModelSpecification, keys_of, types_of, written
+from flexbt_sim.world.specification import FaultModel, ModelKey, ModelSpecification, keys_of, types_of, written
 from flexbt_sim.world.world_file import SECTIONS, FloorPlan, WorldModel
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'world_files.md'
@@ -28,8 +28,8 @@ HEAD: Final = """\
 # World files
 
 A world file describes a simulated world in YAML. Every key is checked when the file is read. All errors are reported
-together, as `FILE:LINE:COLUMN: KEY: problem, and the valid choices`. The text comes from the declarations of the
-keys (`docs/tools/make_world_files.py` writes this page). See also [Create your own world](../how_to/own_world.md).
+together, as `FILE:LINE:COLUMN: KEY: problem, and the valid choices`. `docs/tools/make_world_files.py` writes this page
+from the declarations of the keys. See also [Create your own world](../how_to/own_world.md).
 
 - Lengths are in m, angles in rad, times in s of simulated time. A pose is `[x, y, yaw]` in the map, a point `[x, y]`.
 - A shape is a number, the radius of a circle; `[length, width]` of a box, along x and y; or the corners of a polygon in
@@ -51,7 +51,8 @@ FAULT_LIST: Final = """\
 ## Faults
 
 Define a fault by an entry of the list `faults`, the service `simulator/set_fault`, or `World.set_fault`. `parameters`
-are those of the fault and are optional. The simulator logs when a fault starts and ends.
+are those of the fault and are optional. The simulator logs when a fault starts and ends. The world executes the faults
+of a robot, unless their section says otherwise.
 """
 SERVERS: Final = """\
 A `server` is one of {}.
@@ -82,8 +83,7 @@ def page() -> str:
         lines += [f'## {name.capitalize()}', '', *section(specification)]
     lines += [FAULT_LIST, *table(FaultTiming), '']
     for fault in FAULTS.values():
-        whose = ' or a '.join(fault.entities)
-        lines += [f'### `{fault.name}`', '', f'{doc(fault)} A fault of a {whose}, executed by the {fault.by}.', '']
+        lines += [f'### `{fault.name}`', '', f'{doc(fault)}{executed(fault)}', '']
         lines += [*table(fault), ''] if keys_of(fault) else []
     lines += ['### Topics', '', TOPIC_LIST.format(', '.join(f'`{name}`' for name in TOPICS))]
     lines += ['### Navigation servers', '', SERVERS.format(', '.join(f'`{name}`' for name in NAVIGATION_SERVERS))]
@@ -93,6 +93,12 @@ def page() -> str:
 def doc(specification: type) -> str:
     """Return the docstring on one line."""
     return ' '.join((specification.__doc__ or '').split()).replace('``', '`')
+
+
+def executed(fault: type[FaultModel]) -> str:
+    """Return whose fault it is and what executes it, unless that is usual."""
+    whose = '' if fault.entities == ('robot',) else f' A fault of a {" or a ".join(fault.entities)}.'
+    return whose if fault.by == 'world' else f'{whose} Executed by the {fault.by}.'
 
 
 def section(specification: type[ModelSpecification]) -> Iterator[str]:
@@ -142,7 +148,7 @@ def described(kind: Any, key: ModelKey) -> str:
     if kind is Pose:
         return 'pose'
     if issubclass(kind, ModelSpecification):
-        return 'mapping, see below'
+        return 'mapping'
     words = {bool: 'true or false', int: 'whole number', float: 'number', str: 'text'}
     bounds = ''
     if kind in (int, float):
@@ -177,14 +183,17 @@ def number(value: float) -> str:
 
 def models() -> Iterator[str]:
     """Return the table of the included models."""
-    yield from ['### Included models', '', '| | ' + ' | '.join(f'`{name}`' for name in MODELS) + ' |']
+    yield from ['### Included models', '', 'Other keys have their default.', '']
+    yield '| | ' + ' | '.join(f'`{name}`' for name in MODELS) + ' |'
     yield '|---|' + '---|' * len(MODELS)
     rows: dict[str, list[str]] = {}
     for model in MODELS.values():
         for path, value in values(model):
             rows.setdefault(path, []).append(value)
+    usual = dict(values(RobotModel()))
     for path, cells in rows.items():
-        yield f'| `{path}` | {" | ".join(cells)} |'
+        if set(cells) != {usual.get(path)}:
+            yield f'| `{path}` | {" | ".join(cells)} |'
     yield ''
 
 

@@ -74,7 +74,7 @@ class RobotModel(ModelSpecification):
     lidar: LidarModel | None = key('lidar', LidarModel())
     range_finder: RangeFinderModel | None = key('range finder, such as a sonar', None)
     imu: ImuModel | None = key('inertial measurement unit', None)
-    bumper: bool = key('true if the robot has a bumper that detects contact', False)
+    bumper: bool = key('has a bumper that detects contact', False)
     battery: BatteryModel | None = key('battery', None)
     gripper: GripperModel | None = key('gripper', None)
 
@@ -158,9 +158,9 @@ class DoorModel(ModelSpecification):
     from_: Point = key('end where the gap opens: [x, y]', unit='m')
     to: Point = key('end that the door slides to when it opens: [x, y]', unit='m')
     thickness: float = key('thickness of the door leaf', 0.06, unit='m', low=0.01, high=1.0)
-    open: bool = key('true if the door is open at the start', False)
+    open: bool = key('is open at the start', False)
     opening_time: float = key('time from closed to open', 2.0, unit='s', low=0.01, high=3600.0)
-    automatic: bool = key('true: opens for robots and moving obstacles; false: opens on command', False)
+    automatic: bool = key('opens for robots and moving obstacles, not on command', False)
     range: float = key('detection range of an automatic door, from its middle', 1.5, unit='m', low=0.1,
                        high=100.0)  # fmt: skip
     hold: float = key('time that an automatic door stays open after they leave', 3.0, unit='s', low=0.0, high=3600.0)
@@ -193,16 +193,16 @@ class StationModel(ModelSpecification):
 
 @dataclass(frozen=True)
 class ZoneModel(ModelSpecification):
-    """An area with a rule. It does not block robots physically."""
+    """An area with a rule. It does not block robots physically.
+
+    Navigation avoids a ``no_go`` zone, and the simulator logs and counts robots that enter. A ``slow`` zone limits the
+    speed of robots in it. In a ``sensor_shadow`` the lidar and range finder of a robot return nothing, and its
+    localization uses odometry only.
+    """
 
     title: ClassVar[str] = 'zone'
 
-    kind: str = key(
-        '`no_go`: navigation avoids it, and the simulator logs and counts robots that enter; `slow`: '
-        'limits the speed of robots in it; `sensor_shadow`: lidar and range finder of a robot in it return nothing, '
-        'and its localization uses odometry only',
-        choices=('no_go', 'slow', 'sensor_shadow'),
-    )
+    kind: str = key('rule: `no_go`, `slow` or `sensor_shadow`', choices=('no_go', 'slow', 'sensor_shadow'))
     area: Shape = key('outline: a radius, [length, width], or the corners of a polygon')
     pose: Pose = key('origin of the area', ORIGIN)
     speed: float = key('maximum speed in a slow zone', 0.1, unit='m/s', low=0.0, high=30.0)
