@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write the tables of bounds in docs/reference/interfaces.md, from the constants that the code checks.
+"""Write the bounds in docs/reference/interfaces.md, from the constants that the code checks.
 
 In a shell with the environment of the workspace.
 """
@@ -42,7 +42,7 @@ PARTS: Final = {'Goal': 'action', 'Request': 'srv', 'Response': 'srv'}
 
 def bounds() -> Iterator[tuple[str, str]]:
     """Return the bounds of everything except fields."""
-    yield 'a text that is not in the next table (name, key, frame, identifier)', f'{limits.TEXT:,} characters'
+    yield 'a text that is not in the list below (name, key, frame, identifier)', f'{limits.TEXT:,} characters'
     yield 'a list that is not in it', f'{limits.LIST:,} elements'
     yield 'a message', f'{limits.MESSAGE:,} characters, bytes and elements in all'
     yield (
@@ -154,16 +154,16 @@ def unit(type: Any, field: str) -> str:
     return 'bytes' if kind in ('sequence<uint8>', 'sequence<octet>') else 'elements'
 
 
-def table(head: str, rows: Iterator[tuple[str, str]]) -> str:
-    """Return a table of two columns."""
-    return ''.join([f'| {head} | Limit |\n|---|---|\n', *(f'| {what} | {most} |\n' for what, most in rows)])
-
-
 def page() -> str:
-    """Return the whole page with the current tables."""
+    """Return the whole page with the current bounds."""
     before, _, rest = PAGE.read_text(encoding='utf-8').partition(BEGIN)
     after = rest.partition(END)[2]
-    return '\n'.join([before + BEGIN, table('Data', bounds()), table('Field', fields()), END + after])
+    table = ['| Data | Limit |\n|---|---|\n', *(f'| {what} | {most} |\n' for what, most in bounds())]
+    by_bound: dict[str, list[str]] = {}
+    for field, bound in fields():
+        by_bound.setdefault(bound, []).append(field)
+    items = ['Fields:\n\n', *(f'- {bound}: {", ".join(names)}\n' for bound, names in by_bound.items())]
+    return '\n'.join([before + BEGIN, ''.join(table), ''.join(items), END + after])
 
 
 if __name__ == '__main__':

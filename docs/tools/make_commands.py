@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write the table of commands in docs/explanation/operator_link.md, from the registries of executive and console.
+"""Write the list of commands in docs/explanation/operator_link.md, from the registries of executive and console.
 
 In a shell with the environment of the workspace.
 """
@@ -19,30 +19,27 @@ from flexbt_onboard.commands.command_registry import CommandRegistry
 PAGE: Final = Path(__file__).parents[1] / 'explanation' / 'operator_link.md'
 BEGIN: Final = '<!-- written by docs/tools/make_commands.py -->\n'
 END: Final = '<!-- end of what is written -->\n'
-HEAD: Final = """\
-| Command | `run_id` is | Needs authority | Console command | Effect |
-|---|---|---|---|---|
-"""
 
 
-def rows() -> Iterator[str]:
-    """Return a row for each command of the executive."""
+def items() -> Iterator[str]:
+    """Return an item for each kind of run and of authority, with the commands that need it."""
     specs: dict[str, CommandSpec] = {}
     for spec in CONSOLE_COMMANDS:
         if isinstance(spec.action, Send):
             for kind in spec.action.kinds:
                 specs[kind.name] = spec  # the last one: a command of its own after one that knows several
+    needs: dict[str, list[str]] = {}
     for command in CommandRegistry.COMMANDS:
-        spec = specs[command.name]
-        authority = 'yes' if command.needs_authority else '**no**'
-        yield f'| `{command.name}` | {command.run.value} | {authority} | `{spec.name}` | {spec.summary} |\n'
+        need = f'{command.run.value}, {"with authority" if command.needs_authority else "**without authority**"}'
+        needs.setdefault(need, []).append(f'`{command.name}` (`{specs[command.name].name}`)')
+    yield from (f'- {need}: {", ".join(commands)}\n' for need, commands in needs.items())
 
 
 def page() -> str:
-    """Return the whole page with the current table."""
+    """Return the whole page with the current list."""
     before, _, rest = PAGE.read_text(encoding='utf-8').partition(BEGIN)
     after = rest.partition(END)[2]
-    return ''.join([before, BEGIN, '\n', HEAD, *rows(), '\n', END, after])
+    return ''.join([before, BEGIN, '\n', *items(), '\n', END, after])
 
 
 if __name__ == '__main__':
