@@ -7,7 +7,6 @@ It needs no built workspace.
 from __future__ import annotations
 
 import ast
-import itertools
 import re
 import tomllib
 from collections.abc import Iterator
@@ -26,7 +25,7 @@ Packages and their folders, from the import contracts in `pyproject.toml`, which
 
 ## Packages
 
-A package may import packages below it, but none in the same row.
+A package may import packages below it, but none in the same item.
 """
 ON_FOLDERS: Final = """\
 Folders of a package are listed by layers, the top one first. The contracts also cover modules, and list what needs no
@@ -39,22 +38,6 @@ def summary(package: Path) -> str:
     doc = ast.get_docstring(ast.parse((package / '__init__.py').read_text(encoding='utf-8'))) or ''
     text = ' '.join(doc.partition('\n\n')[0].split())
     return re.sub(r':\w+:`([^`]+)`', r'`\1`', text).replace('``', '`')
-
-
-def diagram(layers: list[str]) -> Iterator[str]:
-    """Return the layers of packages, top down, as a flowchart."""
-    yield '```mermaid'
-    yield 'flowchart TD'
-    rows = [[name.strip() for name in layer.split('|')] for layer in layers]
-    names = [row[0] if len(row) == 1 else f'row{number}' for number, row in enumerate(rows)]
-    for name, row in zip(names, rows, strict=True):
-        if len(row) > 1:
-            yield f'    subgraph {name}[" "]'
-            yield '        direction TB'
-            yield from (f'        {package}' for package in row)
-            yield '    end'
-    yield from (f'    {upper} --> {lower}' for upper, lower in itertools.pairwise(names))
-    yield '```'
 
 
 def folders(package: Path, layer_of: dict[str, int], depth: int = 0) -> Iterator[str]:
@@ -83,7 +66,8 @@ def page() -> str:
         for place, layer in enumerate(rule['layers'])
         for name in layer.split(' | ')
     }
-    lines = [HEAD, *diagram(layers), '', '## Folders', '', ON_FOLDERS]
+    rows = (', '.join(f'`{name.strip()}`' for name in layer.split('|')) for layer in layers)
+    lines = [HEAD, *(f'{place}. {row}' for place, row in enumerate(rows, 1)), '', '## Folders', '', ON_FOLDERS]
     for name in packages:
         lines += folders(ROOT / name / name, layer_of)
     return '\n'.join(lines) + '\n'
