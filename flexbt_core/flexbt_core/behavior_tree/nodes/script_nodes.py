@@ -113,7 +113,8 @@ class Precondition(DecoratorNode):
     """Ticks the child if the script ``if`` is true; otherwise returns ``else``.
 
     The node does not evaluate the script again before the child has completed. As in BehaviorTree.CPP, this also holds
-    after the child is skipped or halted: the next run then begins without evaluating the script.
+    after the child is skipped or halted: the next run then begins without evaluating the script. To evaluate it at
+    each start, use ``_skipIf`` or ``_failureIf`` of the child.
     """
 
     __slots__ = ('_blocked', '_holds', '_script')
