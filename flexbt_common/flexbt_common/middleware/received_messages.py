@@ -63,7 +63,8 @@ _NOTHING_TAKEN: Final = 401  # RCL_RET_SUBSCRIPTION_TAKE_FAILED
 @dataclass(frozen=True, slots=True)
 class Received:
     """A received message. ``writer`` identifies its publisher in the domain, ``sent`` is the wall time on the sender's
-    clock, s (0 if unknown), ``size`` in bytes.
+    clock, s (0 if unknown), ``size`` in bytes. ``arrived`` is when the middleware had it, or else when it was taken, ns
+    since the epoch.
 
     ``data`` is the serialized message, or None if it exceeds the receiver's limit.
     """
@@ -72,6 +73,7 @@ class Received:
     size: int
     writer: bytes
     sent: float
+    arrived: int = 0
 
     @property
     def participant(self) -> bytes:
@@ -155,7 +157,8 @@ class ReceivedMessages:
             """For the executor of rclpy, which has taken the message."""
             size = len(data)
             sent = info['source_timestamp'] * 1e-9
-            self._receive(Received(data if size <= self._limit else None, size, UNKNOWN_WRITER, sent))
+            arrived = info['received_timestamp'] or time.time_ns()
+            self._receive(Received(data if size <= self._limit else None, size, UNKNOWN_WRITER, sent, arrived))
 
         if self._taker is not None:
             callback.take_all = self._take_all  # type: ignore[attr-defined]  # see rclpy_private.ExtendedExecutor
@@ -319,7 +322,8 @@ class _Taker:
             writer = bytes(info.publisher_gid.data)
             if self._guids is not None:
                 writer = self._guids.guid(subscription, writer)
-            return Received(data, taken.length, writer, info.source_timestamp * 1e-9)
+            arrived = info.received_timestamp or time.time_ns()
+            return Received(data, taken.length, writer, info.source_timestamp * 1e-9, arrived)
         finally:
             self._free(ctypes.byref(taken))
 

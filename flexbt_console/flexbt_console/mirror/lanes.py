@@ -124,7 +124,8 @@ class Lanes:
         """Return copies of the entries that are new or have changed since a :attr:`revision`, those of each lane in
         the order in which they began. With ``most``, return the first ones, in the order of their revisions."""
         with self._lock:
-            found = [one for lane in self._lanes.values() for one in lane if one.revision > revision]
+            lanes = self._lanes.values() if revision < self.revision else ()
+            found = [one for lane in lanes for one in lane if one.revision > revision]
             if most is not None:
                 found = sorted(found, key=attrgetter('revision'))[:most]
             return [replace(one) for one in found]

@@ -35,19 +35,20 @@ from std_srvs.srv import Trigger
 from flexbt_common import names
 from flexbt_common.files import INCIDENTS, USER_DIRECTORY, home_path
 from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.middleware.received_messages import Received
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer
-from flexbt_common.values.value_types import resolve_type
-from flexbt_console.link.operator_link import ExecutiveLink
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.lanes import Lane, LaneEntry, Lanes
-from flexbt_console.mirror.mirror import Change, Mirror
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import ExecutiveCommand
 
 from .incidents import ROSOUT, Occurrence, Request
-from .recorder import Recorder
-from .ring import Ring
+from .player import MirrorFeed
+from .recorder import BUNDLE_SECONDS, Recorder
+from .ring import SEGMENTS, Ring
 from .topics import full_definition
 
 QUIET_SECONDS: Final = 2.0
@@ -73,6 +74,8 @@ _OTHER_BYTES: Final = 4_000_000
 _BATTERY_MARGIN: Final = 0.05
 _ABORTED: Final = GoalStatus.STATUS_ABORTED
 _REQUEST: Final = '*.request.json'
+_COMMANDS: Final = (names.EXECUTIVE_COMMAND, names.EXECUTIVE_STOP)
+_TELLING: Final = (names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_EVENTS, names.STOP_GUARD_STATUS)
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,7 @@ def declare_parameters(node: Node) -> Settings:
         keep=declare.integer('keep', 50, 1, 10_000, 'incidents that stay; the oldest ones are removed'),
         size=declare.integer('size', 1_000_000_000, 1_000_000, 10**13, 'bytes of all incidents that stay'),
         others=declare.texts('others', (ROSOUT,), 'further topics of any type, such as camera and costmap'),
-        other_period=declare.real('other_period', 0.2, 0.0, 60.0, 'time between two kept messages of one of them, s'),
+        other_period=declare.real('other_period', 0.25, 0.0, 60.0, 'time between two kept messages of one of them, s'),
         records=declare.directories(
             'records',
             (f'{USER_DIRECTORY}/{domain}',),
@@ -139,7 +142,7 @@ class Detector:
     def __init__(self, runtime: NodeRuntime, settings: Settings, report: Callable[[str, str], None]) -> None:
         self._runtime, self._settings, self._report = runtime, settings, report
         self.mirror = Mirror(runtime.steady)
-        self._lanes = Lanes(self.mirror)
+        self._feed, self._lanes = MirrorFeed(self.mirror), Lanes(self.mirror)
         self._revision = self._numbers = 0
         self._begin = runtime.steady.now()
         self._was_live = self._was_held = False
@@ -147,22 +150,22 @@ class Detector:
         self._is_low = False
         self._goals: dict[str, tuple[set[bytes], float]] = {}
         """Of each action the aborted goals that are known, and when it was joined."""
-        self.mirror.add_listener(self._changed)
-        ExecutiveLink(runtime, self.mirror, None)
-        node = runtime.node
-        node.create_subscription(BatteryState, names.BATTERY_STATE, self._battery, 1)
-        for topic, qos in ((names.EXECUTIVE_STOP, names.stop_qos()), (names.EXECUTIVE_COMMAND, names.command_qos())):
-            node.create_subscription(ExecutiveCommand, topic, self._commanded, qos)
         runtime.post_in(_LOOK_SECONDS, self._look)
-        runtime.post_in(QUIET_SECONDS, lambda: node.get_logger().info('begins to find incidents'))
+        runtime.post_in(QUIET_SECONDS, lambda: runtime.node.get_logger().info('begins to find incidents'))
 
-    def _changed(self, change: Change) -> None:
-        if change in (Change.STATUS, Change.LOG, Change.EVENTS, Change.LINK):
-            self._runtime.post(self._read)
+    def take(self, topic: str, message: Received) -> None:
+        """Take a message that is recorded."""
+        if topic in _COMMANDS:
+            with contextlib.suppress(ValueError):
+                command = message.checked(ExecutiveCommand)
+                if command.kind == ExecutiveCommand.STOP:  # there may be no executive to tell of it
+                    self._report('stop', f'STOP by {command.operator_id[:200]}')
+        elif topic in _TELLING:
+            self._feed.take(topic, message)
+            self._read()
 
     def _read(self) -> None:
-        entries = self._lanes.since(self._revision)
-        self._revision = self._lanes.revision
+        entries, self._revision = self._lanes.since(self._revision), self._lanes.revision
         is_quiet = self._runtime.steady.now() < self._begin + QUIET_SECONDS
         for one in entries:
             if one.number > self._numbers and not is_quiet and (found := _occurrence(one)) is not None:
@@ -202,12 +205,12 @@ class Detector:
         if aborted - known and self._runtime.steady.now() > joined + QUIET_SECONDS:  # before: goals of the past
             self._report('goal', f'{action} has aborted a goal')
 
-    def _commanded(self, message: ExecutiveCommand) -> None:
-        """Take a STOP from the operator, since there may be no executive to tell of it."""
-        if message.kind == ExecutiveCommand.STOP:
-            self._report('stop', f'STOP by {message.operator_id[:200]}')
-
-    def _battery(self, message: BatteryState) -> None:
+    def take_battery(self, received: Received) -> None:
+        """Take a sensor_msgs/BatteryState."""
+        try:
+            message = received.checked(BatteryState)
+        except ValueError:
+            return
         level, least = message.percentage, self._settings.battery
         if level < least and not self._is_low:
             self._report('battery', f'the battery is at {100 * level:.0f} %')
@@ -239,22 +242,25 @@ class _Open:
 class BlackBox:
     """The ring, its recorder, and the incidents that are being made. Executor thread, but for :meth:`_make_all`."""
 
-    def __init__(self, runtime: NodeRuntime, settings: Settings, ring: Ring) -> None:
+    def __init__(
+        self, runtime: NodeRuntime, settings: Settings, ring: Ring, tell_ready: Callable[[bool], None]
+    ) -> None:
         self._runtime, self._settings, self._ring = runtime, settings, ring
         self._open: _Open | None = None
         self._told: OrderedDict[tuple[str, str], float] = OrderedDict()
         self._wake = threading.Condition()
         self._waiting: deque[Path] = deque(sorted(settings.ring.glob(_REQUEST)))
         self._is_closed = False
-        self._others = dict.fromkeys(settings.others)
-        self._kept: list[Any] = []
+        self._others: dict[str, Any] = {}
         for file in self._waiting:
             with contextlib.suppress(OSError, ValueError):
                 ring.hold(file.name, frozenset(Request.read(file).segments))
         threading.Thread(target=self._make_all, name='incidents', daemon=True).start()
         self._detector = Detector(runtime, settings, self.report)
-        node = runtime.node
-        self._service = node.create_service(Trigger, names.WRITE_INCIDENT, self._asked)
+        self._recorder = Recorder(runtime, ring, tell_ready, sys.maxsize, self._detector.take)
+        battery = 'sensor_msgs/msg/BatteryState'
+        self._recorder.hear(battery, names.BATTERY_STATE, names.best_effort_qos(1), self._detector.take_battery, True)
+        self._service = runtime.node.create_service(Trigger, names.WRITE_INCIDENT, self._asked)
         runtime.post_in(_LOOK_SECONDS, self._find_others)
         newest = ring.left[-1:]
         if newest and time.time() - newest[0].stat().st_mtime < KILLED_SECONDS and not self._waiting:
@@ -380,39 +386,36 @@ class BlackBox:
 
     def _find_others(self) -> None:
         """Subscribe to the further topics as soon as somebody publishes them."""
-        node = self._runtime.node
-        for name in [name for name, found in self._others.items() if found is None]:
-            for offered in node.get_publishers_info_by_topic(node.resolve_topic_name(name)):
+        node, period = self._runtime.node, self._settings.other_period
+        for name in [name for name in self._settings.others if name not in self._others]:
+            full = node.resolve_topic_name(name)
+            for offered in node.get_publishers_info_by_topic(full):
                 with contextlib.suppress(LookupError, OSError, ValueError, RCLError):
-                    type = resolve_type(offered.topic_type).message
-                    if type is None:
-                        continue
                     is_latched = offered.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+                    in_bundles = name != ROSOUT and not is_latched and period >= BUNDLE_SECONDS
                     qos = QoSProfile(
-                        depth=10,
+                        depth=1 if in_bundles else 10,
                         reliability=offered.qos_profile.reliability or ReliabilityPolicy.BEST_EFFORT,
                         durability=DurabilityPolicy.TRANSIENT_LOCAL if is_latched else DurabilityPolicy.VOLATILE,
                     )
-                    full = node.resolve_topic_name(name)
-                    self._ring.add_topic(
-                        name, full, offered.topic_type, full_definition(offered.topic_type), 1 if is_latched else 0
-                    )
-                    self._kept.append(node.create_subscription(type, full, self._keep(name), qos, raw=True))
-                    self._others[name] = offered
+                    type = offered.topic_type
+                    self._ring.add_topic(name, full, type, full_definition(type), 1 if is_latched else 0)
+                    self._others[name] = self._recorder.hear(type, full, qos, self._keep(name), in_bundles)
                     break
         self._runtime.post_in(_LOOK_SECONDS, self._find_others)
 
-    def _keep(self, name: str) -> Callable[[bytes], None]:
-        due = -math.inf
-        period = 0.0 if name == ROSOUT else self._settings.other_period
+    def _keep(self, name: str) -> Callable[[Received], None]:
+        due, period = -math.inf, 0.0 if name == ROSOUT else self._settings.other_period
+        share = self._settings.ring_size / 2 / len(self._settings.others)
+        bucket = TokenBucket(share / self._settings.seconds, share / SEGMENTS, self._runtime.steady.now)
 
-        def on_message(data: bytes) -> None:
+        def on_message(message: Received) -> None:
             nonlocal due
             now = self._runtime.steady.now()
-            if now >= due and len(data) <= _OTHER_BYTES:
+            if now >= due and message.data is not None and message.size <= _OTHER_BYTES and bucket.left > 0.0:
                 due = now + period
-                moment = time.time_ns()
-                self._ring.add(name, bytes(data), moment, moment)
+                bucket.take(message.size)
+                self._ring.add(name, message.data, message.arrived, int(message.sent * 1e9))
 
         return on_message
 
@@ -464,10 +467,9 @@ def setup(runtime: NodeRuntime) -> None:
     """Begin to record."""
     settings = runtime.call(lambda: declare_parameters(runtime.node))
     ring = Ring(settings.ring, settings.seconds, settings.ring_size)
-    box = runtime.call(lambda: BlackBox(runtime, settings, ring))
-    runtime.on_close(box.close)
     token = LivelinessToken(runtime)
-    runtime.call(lambda: Recorder(runtime, ring, token.set_ready, sys.maxsize))
+    box = runtime.call(lambda: BlackBox(runtime, settings, ring, token.set_ready))
+    runtime.on_close(box.close)
     runtime.node.get_logger().info(
         f'keeps the last {settings.seconds:g} s in {settings.ring}; incidents go to {settings.incidents}'
     )

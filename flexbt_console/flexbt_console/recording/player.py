@@ -6,7 +6,7 @@ from __future__ import annotations
 import bisect
 import contextlib
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
@@ -16,20 +16,18 @@ from flexbt_common.errors import LimitExceededError
 from flexbt_common.middleware.received_messages import Received
 from flexbt_common.transform_buffer import TransformBuffer
 from flexbt_common.transform_listener import take_transforms
-from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import seconds_of
-from flexbt_common.values.value_types import resolve_type
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.link.messages import record_of
 from flexbt_console.link.scan_link import PLACE_SECONDS, SCAN_SECONDS, points_of
-from flexbt_console.link.surroundings_link import SurroundingsFeed
+from flexbt_console.link.surroundings_link import MAP_FRAME, SurroundingsFeed
 from flexbt_console.mirror.lanes import Lanes
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.errors import FlexbtError
 
 from .run_file import DAMAGED, Recorded, read_run
-from .topics import NOT_REPLAYED, TOPICS, check_definition
+from .topics import NOT_REPLAYED, TOPICS, check_definition, type_of
 
 MOMENT: Final = 0.02
 """Time within which messages belong together, such as a status and a line of the log, s."""
@@ -82,10 +80,10 @@ class RunPlayer:
         self.duration = self._times[-1]
         blank = Mirror(ManualClock())
         blank.set_problem(''.join(damaged))
-        self._kept = [(blank, SurroundingsFeed(blank).map_frame)]
+        self._kept = [(blank, MAP_FRAME)]
         self._lanes_clock = ManualClock()
-        self._lanes_mirror = Mirror(self._lanes_clock)
-        self._lanes, self._lanes_next = Lanes(self._lanes_mirror), 0
+        self._lanes_feed = MirrorFeed(Mirror(self._lanes_clock))
+        self._lanes, self._lanes_next = Lanes(self._lanes_feed.mirror), 0
         self.time, self._next = 0.0, 0
         self._restore(0)
         self.go_to(0.0)
@@ -104,9 +102,9 @@ class RunPlayer:
         latest = monotonic() + patience
         for place in range(self._next, wanted):
             if place == len(self._kept) * KEPT_EACH:
-                self._kept.append((self.mirror.copy(ManualClock()), self._feed.map_frame))
+                self._kept.append((self.mirror.copy(ManualClock()), self._feed.surroundings.map_frame))
             self._clock.set(self._times[place])
-            _take(self._messages[place], self.mirror, self._receive)
+            self._feed.take(self._messages[place].topic, received(self._messages[place]))
             if monotonic() > latest and place + 1 < wanted:
                 time, end = self._times[place], place + 1
                 break
@@ -129,13 +127,13 @@ class RunPlayer:
     def lanes(self, patience: float = math.inf) -> Lanes:
         """Return the lanes of the time line of the whole recording, or as far as they were read after ``patience``
         seconds; the next call reads on."""
-        receive, latest = _receivers(self._lanes_mirror, SurroundingsFeed(self._lanes_mirror)), monotonic() + patience
+        latest = monotonic() + patience
         while self._lanes_next < len(self._messages) and monotonic() <= latest:
             one = self._messages[self._lanes_next]
             self._lanes_clock.set(self._times[self._lanes_next])
             self._lanes_next += 1
             if one.topic in _IN_LANES:
-                _take(one, self._lanes_mirror, receive)
+                self._lanes_feed.take(one.topic, received(one))
         return self._lanes
 
     def _restore(self, number: int) -> None:
@@ -143,9 +141,8 @@ class RunPlayer:
         kept, map_frame = self._kept[number]
         self._clock = ManualClock()
         self.mirror = kept.copy(self._clock)
-        self._feed = SurroundingsFeed(self.mirror)
-        self._feed.map_frame = map_frame
-        self._receive = _receivers(self.mirror, self._feed)
+        self._feed = MirrorFeed(self.mirror)
+        self._feed.surroundings.map_frame = map_frame
         self._next, self._scan = number * KEPT_EACH, -1
 
     def _show_scan(self, end: int) -> None:
@@ -162,19 +159,15 @@ class RunPlayer:
             frames = TransformBuffer()
             for place in (*self._statics, *around):
                 is_static = self._messages[place].topic == names.TF_STATIC
-                take_transforms(frames, self._unpacked(place), is_static=is_static)
-            scan = self._unpacked(at)
-            where = frames.lookup(self._feed.map_frame, scan.header.frame_id, seconds_of(scan.header.stamp))
+                take_transforms(frames, received(self._messages[place]).checked(type_of(names.TF)), is_static=is_static)
+            scan = received(self._messages[at]).checked(type_of(names.SCAN))
+            where = frames.lookup(
+                self._feed.surroundings.map_frame, scan.header.frame_id, seconds_of(scan.header.stamp)
+            )
             shown = points_of(scan, where)
         except (ValueError, FlexbtError):
             shown = ()  # its place on the map is not known
         self.mirror.receive_scan(shown, SCAN_SECONDS - (self.time - self._times[at]))
-
-    def _unpacked(self, place: int) -> Any:
-        """Return the decoded message. Raises LimitExceededError for one that is too large."""
-        message = _message(self._messages[place])
-        check_limits(message)
-        return message
 
     def next_said(self, by: int) -> float:
         """Return the time of the next (1) or the previous (-1) message of the executive."""
@@ -200,23 +193,38 @@ class RunPlayer:
 _SAID: Final = frozenset({names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_EVENTS})
 
 
-def _take(one: Recorded, mirror: Mirror, receivers: Mapping[str, Callable[[Any], object]]) -> None:
-    receive = receivers.get(one.topic)
-    if one.topic != names.EXECUTIVE_STATUS and receive is None:
-        return
-    with contextlib.suppress(ValueError, LimitExceededError):  # skipped then, too
-        message = _message(one)
-        if receive is not None:
-            receive(message)
-        else:
-            mirror.receive_snapshot(record_of(message), Transit(one.sent * 1e-9, one.time * 1e-9))
+class MirrorFeed:
+    """Messages of :data:`TOPICS` into a mirror. Those that cannot be read, or exceed the limits, are skipped."""
+
+    def __init__(self, mirror: Mirror) -> None:
+        self.mirror, self.surroundings = mirror, SurroundingsFeed(mirror)
+        self._receivers: dict[str, Callable[[Any], object]] = {
+            names.EXECUTIVE_STRUCTURE: mirror.receive_structure,
+            names.EXECUTIVE_BEHAVIORS: mirror.receive_behaviors,
+            names.EXECUTIVE_LOG: mirror.receive_log,
+            names.EXECUTIVE_EVENTS: mirror.receive_events,
+            names.EXECUTIVE_SUBJECTS: mirror.receive_subjects,
+            names.EXECUTIVE_QUEUE: mirror.receive_queue,
+            names.STOP_GUARD_STATUS: mirror.receive_guard,
+            names.PLACES: mirror.receive_places,
+        }
+
+    def take(self, topic: str, message: Received) -> None:
+        """Take a message."""
+        surrounds, receive = self.surroundings.receivers.get(topic), self._receivers.get(topic)
+        with contextlib.suppress(ValueError, LimitExceededError):
+            if surrounds is not None:
+                surrounds(message.unpack(type_of(topic)))
+            elif receive is not None:
+                receive(record_of(message.checked(type_of(topic))))
+            elif topic == names.EXECUTIVE_STATUS:
+                status = record_of(message.checked(type_of(topic)))
+                self.mirror.receive_snapshot(status, Transit(message.sent, message.arrived * 1e-9))
 
 
-def _message(one: Recorded) -> Any:
-    """Raise ValueError for bytes that are not a message of this type."""
-    message_type = resolve_type(one.type).message
-    assert message_type is not None  # as for all of TOPICS
-    return Received(one.data, len(one.data), b'', 0.0).unpack(message_type)
+def received(one: Recorded) -> Received:
+    """Return a message as it was received."""
+    return Received(one.data, len(one.data), b'', one.sent * 1e-9, one.time)
 
 
 def _within_memory(file: Path, messages: Iterable[Recorded], most: int) -> Iterator[Recorded]:
@@ -228,17 +236,3 @@ def _within_memory(file: Path, messages: Iterable[Recorded], most: int) -> Itera
                 f'{file}: its messages take more than {most // 10**6} MB; "replay" publishes them without keeping them'
             )
         yield one
-
-
-def _receivers(mirror: Mirror, feed: SurroundingsFeed) -> dict[str, Callable[[Any], object]]:
-    return {
-        names.EXECUTIVE_STRUCTURE: lambda message: mirror.receive_structure(record_of(message)),
-        names.EXECUTIVE_BEHAVIORS: lambda message: mirror.receive_behaviors(record_of(message)),
-        names.EXECUTIVE_LOG: lambda message: mirror.receive_log(record_of(message)),
-        names.EXECUTIVE_EVENTS: lambda message: mirror.receive_events(record_of(message)),
-        names.EXECUTIVE_SUBJECTS: lambda message: mirror.receive_subjects(record_of(message)),
-        names.EXECUTIVE_QUEUE: lambda message: mirror.receive_queue(record_of(message)),
-        names.STOP_GUARD_STATUS: lambda message: mirror.receive_guard(record_of(message)),
-        names.PLACES: lambda message: mirror.receive_places(record_of(message)),
-        **feed.receivers,
-    }

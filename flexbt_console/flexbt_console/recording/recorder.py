@@ -5,19 +5,20 @@ from __future__ import annotations
 
 import math
 import sys
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 from flexbt_common import names
 from flexbt_common.files import USER_DIRECTORY, home_path
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.lifecycle.presence import PresenceWatch
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_common.values.value_types import resolve_type
@@ -25,7 +26,7 @@ from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import pluralize
 
 from .run_file import MOST_WAITING, RunWriter
-from .topics import TOPICS, full_definition
+from .topics import BUNDLED, TOPICS, full_definition
 
 if TYPE_CHECKING:
     from .ring import Ring
@@ -36,8 +37,10 @@ MAX_SIZE: Final = 4_000_000_000
 DISCOVERY_SECONDS: Final = 1.0
 """Time for which the recorder searches for participants before it reports that it receives all of them, s."""
 
-_LOOK_SECONDS: Final = 0.1
+BUNDLE_SECONDS: Final = 0.25
+"""Time between two looks at topics that are taken in bundles, s."""
 
+_LOOK_SECONDS: Final = 0.1
 
 TOPIC_BURST: Final = 5_000_000
 TOPIC_RATE: Final = 500_000
@@ -60,7 +63,8 @@ class Recorder:
     """A recorder that subscribes to the topics of a run and writes their messages as they arrive.
 
     ``tell_ready`` is called with True once everything that current publishers send is recorded, and with False while
-    messages wait for the disk or are no longer recorded.
+    messages wait for the disk or are no longer recorded. ``also`` gets each recorded message, and its topic. Executor
+    thread only.
     """
 
     def __init__(
@@ -69,32 +73,52 @@ class Recorder:
         writer: RunWriter | Ring,
         tell_ready: Callable[[bool], None],
         max_size: int = MAX_SIZE,
+        also: Callable[[str, Received], object] = lambda topic, message: None,
     ) -> None:
-        self._runtime = runtime
-        self._writer = writer
-        self._max_size = max_size
+        self._runtime, self._writer, self._max_size, self._also = runtime, writer, max_size, also
         self._hears_all = self._waits = self._is_full = False
         self._left_out = 0
+        self._bundled: list[ReceivedMessages] = []
+        self._heard = []
         node = runtime.node
-        self._subscriptions = []
         for name, topic in TOPICS.items():
             writer.add_topic(name, node.resolve_topic_name(name), topic.type, full_definition(topic.type))
-            type = resolve_type(topic.type).message
-            assert type is not None, 'topics have messages'
-            subscription = node.create_subscription(type, name, self._callback_of(name), topic.qos, raw=True)
-            self._subscriptions.append(subscription)
+            self._heard.append(self.hear(topic.type, name, topic.qos, self._callback_of(name), name in BUNDLED))
         # The last one: a console that knows of it knows of those before, and says a word then.
         self._consoles = PresenceWatch(runtime)
         self._tell_ready = tell_ready
         self._begin = runtime.steady.now()
         self._readiness = node.create_timer(_LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._take_bundles()
+
+    def hear(
+        self, type: str, topic: str, qos: QoSProfile, on_message: Callable[[Received], object], in_bundles: bool
+    ) -> Any:
+        """Subscribe to a topic, and return the subscription. In bundles, what has come is taken each
+        :data:`BUNDLE_SECONDS` only, so that it does not wake the executor for each message.
+
+        Raises what :func:`resolve_type` does.
+        """
+        kind = resolve_type(type).message
+        if kind is None:
+            raise LookupError(f'{type} is no message')
+        is_awaited = (lambda: False) if in_bundles else None
+        messages = ReceivedMessages(
+            self._runtime.node, kind, topic, qos, on_message, sys.maxsize, is_awaited=is_awaited
+        )
+        if in_bundles:
+            self._bundled.append(messages)
+        return messages.subscription
+
+    def _take_bundles(self) -> None:
+        self._runtime.call_near(self._runtime.steady.now() + BUNDLE_SECONDS, BUNDLE_SECONDS / 5.0, self._take_bundles)
+        for one in self._bundled:
+            one.take()
 
     def _look(self) -> None:
         """Report that recording is complete, once all publishers and consoles in the graph have found this node."""
         node = self._runtime.node
-        unheard = [
-            one.topic for one in self._subscriptions if one.get_publisher_count() < node.count_publishers(one.topic)
-        ]
+        unheard = [one.topic for one in self._heard if one.get_publisher_count() < node.count_publishers(one.topic)]
         consoles = node.count_publishers(names.EXECUTIVE_PRESENCE)
         if unheard or self._consoles.tokens < consoles or self._runtime.steady.now() < self._begin + DISCOVERY_SECONDS:
             return
@@ -116,26 +140,27 @@ class Recorder:
             tell.info('the recording is written again, and lacks nothing')
         self._tell_ready(self._hears_all and not self._waits)
 
-    def _callback_of(self, topic: str) -> Callable[[bytes, Mapping[str, int]], None]:
+    def _callback_of(self, topic: str) -> Callable[[Received], None]:
         due, kept = -math.inf, TOPICS[topic]
         bucket = TokenBucket(TOPIC_RATE, TOPIC_BURST, self._runtime.steady.now)
 
-        def on_message(data: bytes, info: Mapping[str, int]) -> None:
+        def on_message(message: Received) -> None:
             nonlocal due
             now = self._runtime.steady.now()
-            if self._is_full or now < due or len(data) > kept.bytes:
+            if self._is_full or now < due or message.size > kept.bytes or message.data is None:
                 return
             due = now + kept.period
             if bucket.left <= 0.0:
                 self._report_left_out(topic)
                 return
-            bucket.take(len(data))
+            bucket.take(message.size)
             try:
-                self._writer.add(topic, bytes(data), time.time_ns(), info['source_timestamp'])
+                self._writer.add(topic, bytes(message.data), message.arrived, int(message.sent * 1e9))
             except OSError as error:
                 self._end(f'{error}; what was is whole, but for its index')
             else:
                 self._look_at_file()
+                self._also(topic, message)
                 if self._writer.size > self._max_size:
                     self._end(f'the file has more than {self._max_size} bytes (parameter max_size)')
 

@@ -71,10 +71,12 @@ class Ring:
                 self._writer.add_topic(*self._topics[topic])
 
     def add(self, topic: str, data: bytes, heard: int, sent: int) -> None:
-        """Keep a message; times in ns since the epoch."""
+        """Keep a message; times in ns since the epoch. One that has waited counts as heard when the file begins, at the
+        earliest: only what late subscribers would get is older."""
         with self._lock:
             if self._writer is None or self._now_ns() >= self._rolls_at or self._writer.size > self._most / SEGMENTS:
                 self.roll()
+            heard = max(heard, int(self._current.stem) if self._current else 0)
             if topic in self._latched:
                 self._latched[topic].append((data, heard, sent))
             self._write(topic, data, heard, sent)

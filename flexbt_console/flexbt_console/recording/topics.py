@@ -7,12 +7,13 @@ import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from ament_index_python.packages import get_package_share_directory
-from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile
 
 from flexbt_common import names
+from flexbt_common.values.value_types import resolve_type
 from flexbt_console.errors import UsageError
 from flexbt_console.link.scan_link import MESSAGE_BYTES
 
@@ -47,19 +48,27 @@ TOPICS: Final[Mapping[str, Topic]] = {
     names.TREE_STRUCTURE: Topic('flexbt_msgs/msg/TreeStructure', names.transient_local_qos(16)),
     names.TREE_STATUS: Topic('flexbt_msgs/msg/TreeStatus', names.transient_local_qos(16)),
     names.MAP: Topic('nav_msgs/msg/OccupancyGrid', names.transient_local_qos()),
-    names.POSE: Topic('geometry_msgs/msg/PoseStamped', qos_profile_sensor_data),
-    names.TF: Topic('tf2_msgs/msg/TFMessage', QoSProfile(depth=100)),
+    names.POSE: Topic('geometry_msgs/msg/PoseStamped', names.best_effort_qos(200)),
+    names.TF: Topic('tf2_msgs/msg/TFMessage', QoSProfile(depth=500)),
     names.TF_STATIC: Topic('tf2_msgs/msg/TFMessage', names.transient_local_qos(100)),  # one message of each broadcaster
     names.SCAN: Topic('sensor_msgs/msg/LaserScan', names.best_effort_qos(1), SCAN_PERIOD, MESSAGE_BYTES),
     names.EXECUTIVE_PLAN: Topic('flexbt_msgs/msg/RobotPlan', names.transient_local_qos()),
     names.PLAN: Topic('nav_msgs/msg/Path', QoSProfile(depth=10)),
-    names.CMD_VEL: Topic('geometry_msgs/msg/Twist', qos_profile_sensor_data),
+    names.CMD_VEL: Topic('geometry_msgs/msg/Twist', names.best_effort_qos(200)),
 }
 """Topics by relative name. A late subscriber gets the latched ones, so a recording that begins during a run is
 complete."""
 
+BUNDLED: Final = frozenset({names.POSE, names.TF, names.SCAN, names.PLAN, names.CMD_VEL})
+"""Topics that come too often to look at each message when it comes: their queues are long enough for a while."""
+
 NOT_REPLAYED: Final = frozenset({names.EXECUTIVE_COMMAND, names.EXECUTIVE_STOP, names.CMD_VEL})
 """Commands: shown in the file, and never given to anybody again."""
+
+
+def type_of(topic: str) -> Any:
+    """Return the class of the messages of one of :data:`TOPICS`."""
+    return resolve_type(TOPICS[topic].type).message
 
 
 # Definitions of message types as MCAP files carry them, so that a reader needs no ROS.

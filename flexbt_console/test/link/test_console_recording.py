@@ -26,6 +26,7 @@ from sensor_msgs.msg import LaserScan
 
 from flexbt_common import names
 from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.middleware.received_messages import Received
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import ExitCode, RefusedError, UsageError
@@ -379,7 +380,8 @@ def test_of_scans_some_are_recorded_and_none_that_is_huge(tmp_path: Path) -> Non
             add(topic, data, *when)
 
         writer.add = note  # type: ignore[method-assign, assignment]
-        near.call(lambda: recorder._callback_of(names.SCAN)(bytes(MESSAGE_BYTES + 1), {'source_timestamp': 0}))
+        huge = Received(bytes(MESSAGE_BYTES + 1), MESSAGE_BYTES + 1, b'', 0.0)
+        near.call(lambda: recorder._callback_of(names.SCAN)(huge))
         assert heard == []
         sent = 0
 

@@ -21,10 +21,10 @@ from textual.pilot import Pilot
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
+from flexbt_common.middleware.received_messages import Received
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import UsageError
-from flexbt_console.recording import player as player_module
-from flexbt_console.recording.player import RunPlayer
+from flexbt_console.recording.player import MirrorFeed, RunPlayer
 from flexbt_console.recording.run_file import RunWriter
 from flexbt_console.recording.topics import TOPICS, full_definition
 from flexbt_console.ui.screen.app import OperatorScreen
@@ -122,13 +122,13 @@ def test_forward_as_back_it_starts_from_the_nearest_picture_that_was_kept(
     player, read = RunPlayer(recording(tmp_path / 'run.mcap')), []
     player.go_to(10.0)
     player.go_to(0.5)
-    take = player_module._take
+    take = MirrorFeed.take
 
-    def counted(one: Any, *to: Any) -> None:
-        read.append(one)
-        take(one, *to)
+    def counted(feed: MirrorFeed, topic: str, message: Received) -> None:
+        read.append(topic)
+        take(feed, topic, message)
 
-    monkeypatch.setattr(player_module, '_take', counted)
+    monkeypatch.setattr(MirrorFeed, 'take', counted)
     player.go_to(10.0)
     assert len(read) <= 3
 
