@@ -106,6 +106,7 @@ export class Debugger {
     if (hello) { this.operator = hello.operator; this.drawn = ''; this.draw(); for (const hold of this.event.holds ?? []) this.ask(hold); }
     if (refused) this.told(`${refused.word}: ${refused.text}`, 'warning');
     if (told) this.told(told.text, told.tone === 'plain' ? '' : told.tone);
+    if (told?.text.startsWith('tree set')) this.board();
     if (!read) return;
     if (read.data && this.readers[read.title]) this.readers[read.title](read.data);
     else if (read.title === 'tree blackboard') this.showBoard(read.data);
@@ -330,7 +331,8 @@ export class Debugger {
   // A change of the blackboard of the held tree.
   async change() {
     const script = await ask('Change the blackboard of the held tree', '', 'A script that assigns, such as speed := 0.5; tries := 0');
-    if (script) { this.do(`tree set ${word(script)}`); this.board(); }
+    const held = script ? await this.tree(true) : null;
+    if (held) this.do(`tree set ${word(script)} --run ${word(held.run)}`);
   }
 
   showRows(rows, title, more = []) {
