@@ -3,18 +3,23 @@
 
 from __future__ import annotations
 
+import copy
+import math
 import time
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalStatus as GoalStatusMessage
+from action_msgs.msg import GoalStatusArray
 from action_msgs.srv import CancelGoal
-from geometry_msgs.msg import PoseStamped, Twist
+from geometry_msgs.msg import PoseStamped, Quaternion, Twist, TwistStamped
 from nav2_msgs.action import DockRobot, NavigateToPose, Spin
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.qos import qos_profile_action_status_default
 from rclpy.task import Future
 
 from flexbt_common import names
@@ -79,8 +84,8 @@ def publisher_of(runtime: NodeRuntime, topic: str, name: str) -> bytes:
 
 
 def pose_of(pose: PoseStamped) -> Any:
-    """Return the source of a pose."""
-    return SimpleNamespace(latest=lambda: pose)
+    """Return the source of a pose: a new message each time."""
+    return SimpleNamespace(latest=lambda: copy.deepcopy(pose))
 
 
 AT_REST: Any = pose_of(PoseStamped())
@@ -123,6 +128,12 @@ def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot:
         pose.pose.position.x += 0.001  # noise
         silence(robot)
         assert len(robot.commands) == count
+        for yaw in (0.95, 1.15):  # rad: it turns on the spot
+            count = len(robot.commands)
+            pose.pose.orientation = Quaternion(z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+            wait_until(lambda count=count: len(robot.commands) > count, 'zero velocity, since it turns')
+            silence(robot)
+        count = len(robot.commands)
         wait_until(lambda: robot.asked.count('follow_path') > 2, 'cancels again and again')
         assert set(robot.asked) == {'follow_path', 'navigate_to_pose'}, 'no other server is asked'
         robot.asked.clear()
@@ -133,6 +144,17 @@ def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot:
         pose.pose.position.x += 1.0
         silence(robot)
         assert len(robot.commands) == count
+
+
+def test_a_robot_that_drives_by_stamped_velocities_is_stopped_by_them() -> None:
+    with NodeRuntime.open('robot') as robot, NodeRuntime.open('executive') as runtime:
+        commands: list[TwistStamped] = []
+        robot.call(lambda: robot.node.create_subscription(TwistStamped, names.CMD_VEL, commands.append, 10))
+        parameters = MotionParameters(stamped_cmd_vel=True)
+        stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), AT_REST, parameters))
+        runtime.call(stop.hold)
+        wait_until(lambda: commands, 'zero velocity')
+        assert all(command.twist == Twist() and command.header.stamp.sec for command in commands)
 
 
 def test_who_sends_the_robot_somewhere_is_asked_first_and_waited_for_in_vain_for_a_moment_only(
@@ -256,6 +278,11 @@ def test_what_a_server_has_said_of_its_goals_goes_with_it(monkeypatch: pytest.Mo
             ScriptedActionServer(later, Spin, names.SPIN)
             status = runtime.node.resolve_topic_name(f'{names.SPIN}/_action/status')
             wait_until(lambda: runtime.call(lambda: runtime.node.count_publishers(status)) == 2, 'the next server')
+            assert goes_on() == ['spin (of /robot)']
+            reports = later.node.create_publisher(GoalStatusArray, status, qos_profile_action_status_default)
+            for code, known in ((GoalStatusMessage.STATUS_EXECUTING, 2), (GoalStatusMessage.STATUS_SUCCEEDED, 1)):
+                reports.publish(GoalStatusArray(status_list=[GoalStatusMessage(status=code)]))
+                wait_until(lambda known=known: len(goes_on()) == known, 'the goal of another server begins, and ends')
             assert goes_on() == ['spin (of /robot)']
             ended.append(guid_prefix_of(publisher_of(runtime, status, 'robot')))
             assert not goes_on()
