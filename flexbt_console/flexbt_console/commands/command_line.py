@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from flexbt_console.errors import ExitCode, UsageError
@@ -54,9 +54,8 @@ def parse(words: Sequence[str]) -> CommandLine:
     spec = NO_COMMAND
     positional: list[str] = []
     options: dict[str, list[str]] = {}
-    rest = list(own)
-    while rest:
-        word = rest.pop(0)
+    rest = iter(own)
+    for word in rest:
         if word == '--':
             positional += rest
             break
@@ -119,7 +118,7 @@ def _find(name: str) -> CommandSpec:
     return spec
 
 
-def _take_option(word: str, rest: list[str], spec: CommandSpec, options: dict[str, list[str]]) -> None:
+def _take_option(word: str, rest: Iterator[str], spec: CommandSpec, options: dict[str, list[str]]) -> None:
     name, equals, value = word.partition('=')
     known: tuple[Option, ...] = COMMON_OPTIONS + spec.options
     option = next((option for option in known if option.name == name), None)
@@ -134,11 +133,10 @@ def _take_option(word: str, rest: list[str], spec: CommandSpec, options: dict[st
             raise UsageError(f'{name} takes no value')
         options[name] = []
         return
-    if not equals:
-        if not rest:
-            raise UsageError(f'{name} needs a value: {option.usage}')
-        value = rest.pop(0)
-    options.setdefault(name, []).append(value)
+    given = value if equals else next(rest, None)
+    if given is None:
+        raise UsageError(f'{name} needs a value: {option.usage}')
+    options.setdefault(name, []).append(given)
 
 
 def _read(read: Read | None, word: str, what: str = '') -> None:

@@ -23,7 +23,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Final, cast
 
 from flexbt_common.command_line import abandon_stdout, is_full, keep_stdout_for_python, run_program
-from flexbt_common.files import INCIDENTS, home_path
+from flexbt_common.files import ALERTS, INCIDENTS, home_path
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import check, command_help, overview, parse
 from flexbt_console.commands.completion import ShellLine, as_typed, completion_script, read_line, shell_words
@@ -321,7 +321,7 @@ def _run_alerts(line: CommandLine) -> ExitCode:
     store = None
     if not line.has('--check'):
         with report_wait(SteadyClock(), lambda: 'the end of what an earlier program sends', SEND_SECONDS):
-            store = Store(_state_file(line))
+            store = Store(home_path(line.value('--state') or ALERTS))
     keep_stdout_for_python()
     with _open_runtime(watching) as runtime:
         fleet = _fleet(watching, runtime, None, rules.robots).fleet
@@ -339,34 +339,22 @@ def _run_alerts(line: CommandLine) -> ExitCode:
     return ExitCode.OK
 
 
-def _acknowledge(line: CommandLine) -> ExitCode:
-    from flexbt_console.alerts.store import acknowledge
-
-    acknowledged = acknowledge(_state_file(line), [*map(int, line.words)], operator_name(line))
-    print('\n'.join(f'acknowledged {text}' for text in acknowledged))
-    return ExitCode.OK
-
-
-def _state_file(line: CommandLine) -> Path:
-    from flexbt_common.files import USER_DIRECTORY, home_path
-
-    return home_path(line.value('--state') or f'{USER_DIRECTORY}/alerts.db')
-
-
 def _access(line: CommandLine, access: Access) -> Access:
     """Return the access with the users and the certificate of the line. Raises UsageError."""
     import ssl
 
-    from .web.users import read_users
+    from .web.users import Users
 
-    users = read_users(Path(line.value('--users'))) if line.has('--users') else {}
-    if line.has('--users') and not users:
-        raise UsageError(f'{line.value("--users")} has no user; "console users" adds one')
+    users = Users(Path(line.value('--users'))) if line.has('--users') else None
     certificate = None
+
+    def no_passphrase() -> str:
+        raise UsageError('the key has a passphrase; use one without, which only you can read')
+
     if line.has('--certificate'):
         certificate = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         try:
-            certificate.load_cert_chain(line.value('--certificate'), line.value('--key') or None)
+            certificate.load_cert_chain(line.value('--certificate'), line.value('--key') or None, no_passphrase)
         except (OSError, ValueError) as error:
             raise UsageError(f'--certificate {line.value("--certificate")}: cannot be used: {error}') from None
     elif line.has('--key'):
@@ -378,22 +366,22 @@ def _run_users(line: CommandLine) -> ExitCode:
     from .web.users import NAME, User, new_token, read_users, role_of, token_hash, write_users
 
     file, new, gone = Path(line.first_word), line.value('--add'), line.value('--remove')
-    users = read_users(file) if file.exists() or not new else {}
+    users = list(read_users(file).values()) if file.exists() or not new else []
     if new and not NAME.fullmatch(new):
         raise UsageError(f'--add {new!r}: a name has letters, digits, and . _ @ -, at most 64')
-    if gone and gone not in {user.name for user in users.values()}:
+    if gone and gone not in {user.name for user in users}:
         raise UsageError(f'{file}: has no user {gone!r}')
     if new or gone:
-        users = {token: user for token, user in users.items() if user.name not in (new, gone)}
+        users = [user for user in users if user.name not in (new, gone)]
     if new:
         token = new_token()
-        users[token_hash(token)] = User(new, role_of(line.value('--role') or 'operator', '--role'))
+        users.append(User(new, role_of(line.value('--role') or 'operator', '--role'), token_hash(token)))
     if new or gone:
         write_users(file, users)
     if new:
         print(f'token of {new}, which is shown only now: {token}\nIn a browser, add it to the address: #token={token}')
     else:
-        print('\n'.join(f'{user.name}  {user.role.name.lower()}' for user in users.values()) or 'no users')
+        print('\n'.join(f'{user.name}  {user.role.name.lower()}' for user in users) or 'no users')
     return ExitCode.OK
 
 
@@ -407,7 +395,6 @@ def _studio() -> Callable[[str, Access, FleetLink], web.Application]:
 _RUNS: Final[Mapping[Mode, Callable[[CommandLine], ExitCode]]] = {
     Mode.WEB: _run_web,
     Mode.ALERTS: _run_alerts,
-    Mode.ACKNOWLEDGE: _acknowledge,
     Mode.REPLAY: _run_replay,
     Mode.INCIDENTS: _run_incidents,
     Mode.USERS: _run_users,

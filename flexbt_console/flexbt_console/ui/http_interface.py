@@ -8,14 +8,18 @@ sends it and awaits its answer; the exit code becomes the status of the answer. 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import json
 import time
 import uuid
-from collections.abc import Callable, Mapping
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from http import HTTPStatus
 from importlib.metadata import version
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -53,8 +57,17 @@ OWN: Final = '_'
 BODY_BYTES: Final = 1_000_000
 """Maximum size of the body of a request."""
 
-MOST_AT_ONCE: Final = 16
-"""Commands that are carried out at the same time, and streams of events that are open, at most each."""
+MOST_AT_ONCE: Final = 32
+MOST_OF_USER: Final = 16
+"""Commands that are carried out at the same time, and as many stops, and streams of events that are open: of all users
+and of one."""
+
+BODY_SECONDS: Final = 20.0
+"""Time in which the body of a request has to arrive, s."""
+
+KEY_CHARACTERS: Final = 200
+MOST_KEYS: Final = 10_000
+"""Characters of an idempotency key, and keys that are remembered."""
 
 RATE: Final = 20.0
 BURST: Final = 100
@@ -79,7 +92,7 @@ STATUS: Final = {
 
 _KEY: Final = 'Idempotency-Key'
 _NAMESPACE: Final = uuid.UUID('0b5de8ad-52a5-4cc8-8f6e-8a60a55d7a39')
-_LEFT_OUT: Final = frozenset({'--png', '--size', '--scan'})
+_LEFT_OUT: Final = frozenset({'--png', '--size', '--scan', '--state'})
 
 
 class Answer(NamedTuple):
@@ -155,7 +168,7 @@ def line_of(spec: CommandSpec, given: Mapping[str, Any]) -> CommandLine:
 def _texts(value: Any, is_repeated: bool, name: str) -> list[str]:
     several = value if isinstance(value, list) and is_repeated else [value]
     for one in several:
-        if isinstance(one, bool) or not isinstance(one, (str, int, float)):
+        if isinstance(one, bool) or not (isinstance(one, str | int) or (isinstance(one, float) and isfinite(one))):
             what = 'texts or numbers' if is_repeated else 'a text or a number'
             raise UsageError(f'{key_of(name)!r} has to be {what}, not {short_repr(value)}')
     return [str(one) for one in several]
@@ -176,6 +189,27 @@ def offered() -> list[CommandSpec]:
     return [spec for spec in COMMANDS if spec.in_prompt]
 
 
+class _Places:
+    """The places for what goes on at the same time."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._taken: Counter[str] = Counter()
+
+    @contextlib.contextmanager
+    def taken(self, user: str) -> Iterator[None]:
+        """Take a place during a ``with`` block. Raises HTTPServiceUnavailable if none is free."""
+        if self._taken.total() >= MOST_AT_ONCE or self._taken[user] >= MOST_OF_USER:
+            text = f'{self._taken.total()} {self._what} go on, {self._taken[user]} of them yours; try again later'
+            raise web.HTTPServiceUnavailable(text=text)
+        self._taken[user] += 1
+        try:
+            yield
+        finally:
+            self._taken[user] -= 1
+            self._taken += Counter()  # without users that have none
+
+
 class HttpInterface:
     """The interface. ``station`` makes the station of an operator, whose name ``operator`` makes from a user's."""
 
@@ -189,9 +223,10 @@ class HttpInterface:
         self._robots, self._station, self._access, self._operator = robots, station, access, operator
         self._wrong = WrongTokens()
         self._rates = SenderRates(RATE, BURST, time.monotonic)
-        self._threads = ThreadPoolExecutor(MOST_AT_ONCE, 'commands')
+        self._commands, self._stops, self._streams = _Places('commands'), _Places('stops'), _Places('streams')
+        self._threads = ThreadPoolExecutor(2 * MOST_AT_ONCE, 'commands')  # so a stop waits for nothing
+        self._keys: OrderedDict[str, str] = OrderedDict()
         self._recorded = Recordings(home_path(USER_DIRECTORY))
-        self._busy = self._streams = 0
         self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
         self._closing: set[asyncio.Task[None]] = set()
 
@@ -217,7 +252,7 @@ class HttpInterface:
     async def _known(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Answer only users, and not too often; turn errors into answers."""
         source = source_of(request.remote)
-        if wait := self._wrong.wait(source):
+        if wait := self._access.wait(self._wrong, source):
             return _problem(HTTPStatus.TOO_MANY_REQUESTS, f'wrong tokens came from here; try again in {wait:.0f} s')
         scheme, _, token = request.headers.get('Authorization', '').partition(' ')
         user = self._access.user_of(token.strip() if scheme.lower() == 'bearer' else '')
@@ -229,13 +264,15 @@ class HttpInterface:
             return answer
         if not self._rates.allows(user.name.encode() or source.encode()):
             return _problem(HTTPStatus.TOO_MANY_REQUESTS, f'more than {RATE:g} requests a second')
-        request['user'] = user
+        request['user'], request['share'] = user, user.name or source
         try:
             return await handler(request)
         except web.HTTPException as error:
             return _problem(HTTPStatus(error.status), error.text or error.reason)
         except ConsoleError as error:
             return _problem(STATUS[error.exit_code], str(error))
+        except (KeyError, RuntimeError, TimeoutError) as error:  # forgotten just now; no threads; the node is busy
+            return _problem(HTTPStatus.SERVICE_UNAVAILABLE, f'this cannot be done now: {error!r}')
 
     async def _description(self, _request: web.Request) -> web.Response:
         return _json(description())
@@ -258,58 +295,66 @@ class HttpInterface:
         if user.role < role_for(spec):
             what = f'{spec.name} needs the role {role_for(spec).name.lower()}; {user.name} has {user.role.name.lower()}'
             raise web.HTTPForbidden(text=what)
-        line = line_of(spec, await _body(request))
-        key = request.headers.get(_KEY, '')
-        identifier = uuid.uuid5(_NAMESPACE, f'{user.name}\n{robot}\n{key}').hex if key else ''
-        if self._busy >= MOST_AT_ONCE:
-            raise web.HTTPServiceUnavailable(text=f'{MOST_AT_ONCE} commands wait for their answers; try again later')
-        self._busy += 1
-        try:
+        body = await _body(request)
+        line = line_of(spec, body)
+        identifier = self._identifier(request, robot, [spec.name, body])
+        with (self._stops if spec.name == 'stop' else self._commands).taken(request['share']):
             operator = self._operator(user)
             await self._keep_open(robot, operator)
             mirror, link = self._robots.robot(robot)
             station = replace(self._station(mirror, link, operator), role=user.role)
             work = asyncio.get_running_loop().run_in_executor(self._threads, perform, line, station, link, identifier)
             code, value = await asyncio.shield(work)  # a program that is gone does not take its command back
-        finally:
-            self._busy -= 1
         return _json(value, STATUS[code])
+
+    def _identifier(self, request: web.Request, robot: str, wanted: Any) -> str:
+        """Return the identifier of a command by the key of its request, '' without one."""
+        key = request.headers.get(_KEY, '')
+        if not key:
+            return ''
+        if not (key.isascii() and key.isprintable() and len(key) <= KEY_CHARACTERS):
+            raise UsageError(f'{_KEY} has to be at most {KEY_CHARACTERS} printable ASCII characters')
+        seat = f'{request["user"].name}\n{robot}\n{key}'
+        identifier = uuid.uuid5(_NAMESPACE, f'{seat}\n{json.dumps(wanted, sort_keys=True)}').hex
+        if self._keys.setdefault(seat, identifier) != identifier:
+            raise web.HTTPUnprocessableEntity(text=f'another request had this {_KEY}; nothing was sent')
+        self._keys.move_to_end(seat)
+        if len(self._keys) > MOST_KEYS:
+            self._keys.popitem(last=False)
+        return identifier
 
     async def _events(self, request: web.Request) -> web.StreamResponse:
         """Send the events of a robot from now on, as server-sent events; the first ones are the present state."""
         robot = self._name(request)
-        if self._streams >= MOST_AT_ONCE:
-            raise web.HTTPServiceUnavailable(text=f'{MOST_AT_ONCE} streams are open; close one')
-        self._streams += 1
         answer = web.StreamResponse(headers={'Content-Type': 'text/event-stream', 'Cache-Control': 'no-cache'})
-        try:
+        with self._streams.taken(request['share']), contextlib.suppress(ConnectionError, KeyError):
             await answer.prepare(request)
             follower = Follower(self._robots.robot(robot)[0])
-            silent_since = time.monotonic()
-            while True:
+            silent_since, loop = time.monotonic(), asyncio.get_running_loop()
+            while (transport := request.transport) and self._access.admits(request['user']):
                 await self._keep_open(robot, '')
+                told = ''
                 for event in follower.events(self._robots.robot(robot)[0].view()):
-                    data = encode_json({'time': time.time(), **event.value})
-                    await answer.write(f'event: {event.name}\ndata: {data}\n\n'.encode())
-                    silent_since = time.monotonic()
-                if time.monotonic() > silent_since + IDLE_SECONDS:
-                    await answer.write(b': still here\n\n')
+                    told += f'event: {event.name}\ndata: {encode_json({"time": time.time(), **event.value})}\n\n'
+                if told or time.monotonic() > silent_since + IDLE_SECONDS:
+                    unread = loop.call_later(IDLE_SECONDS, transport.abort)
+                    await answer.write((told or ': still here\n\n').encode())
+                    unread.cancel()
                     silent_since = time.monotonic()
                 await asyncio.sleep(EVENT_SECONDS)
-        except (ConnectionError, KeyError):
-            return answer  # the program is gone, or the robot was forgotten
-        finally:
-            self._streams -= 1
+        return answer
 
     async def _incidents(self, _request: web.Request) -> web.Response:
-        known = await asyncio.to_thread(incidents_in, home_path(INCIDENTS))
-        shown = [{'name': one.folder.name, 'files': _files(one.folder), **one.facts} for one in known]
-        return _json({'incidents': shown})
+        def shown() -> list[dict[str, Any]]:
+            known = incidents_in(home_path(INCIDENTS))
+            return [{'name': one.folder.name, 'files': _files(one.folder), **one.facts} for one in known]
+
+        return _json({'incidents': await asyncio.to_thread(shown)})
 
     async def _incident_file(self, request: web.Request) -> web.StreamResponse:
         found = await asyncio.to_thread(incident_named, home_path(INCIDENTS), request.match_info['name'])
         file = request.match_info['file']
-        if file not in _files(found.folder):
+        if file not in await asyncio.to_thread(_files, found.folder):
             raise web.HTTPNotFound(text=f'{found.folder.name} has no {short_repr(file)}')
         return web.FileResponse(found.folder / file)
 
@@ -349,21 +394,33 @@ class HttpInterface:
 async def _body(request: web.Request) -> dict[str, Any]:
     """Return the object in the body of a request, {} without one. Raises UsageError."""
     data = b''
-    while part := await request.content.readany():
-        data += part
-        if len(data) > BODY_BYTES:
-            raise web.HTTPRequestEntityTooLarge(BODY_BYTES, len(data))
+    try:
+        async with asyncio.timeout(BODY_SECONDS):
+            while part := await request.content.readany():
+                data += part
+                if len(data) > BODY_BYTES:
+                    raise web.HTTPRequestEntityTooLarge(BODY_BYTES, len(data))
+    except TimeoutError:
+        raise web.HTTPRequestTimeout(text=f'the body has not arrived within {BODY_SECONDS:g} s') from None
+    except (web.RequestPayloadError, ConnectionError) as error:
+        raise UsageError(f'the body cannot be read: {one_line(str(error), 200)}') from None
     if not data:
         return {}
     if request.content_type != 'application/json':
         raise web.HTTPUnsupportedMediaType(text='the body is JSON: Content-Type: application/json')
     try:
-        given = load_json(data.decode())
+        given = load_json(data.decode(), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:
         raise UsageError(f'the body is not JSON: {one_line(str(error), 200)}') from None
     if not isinstance(given, dict):
         raise UsageError(f'the body has to be an object, not {short_repr(given)}')
     return given
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(dict(pairs)) < len(pairs):
+        raise ValueError('an object has a key twice')
+    return dict(pairs)
 
 
 def _json(value: Any, status: HTTPStatus = HTTPStatus.OK) -> web.Response:
@@ -412,7 +469,7 @@ def description() -> dict[str, Any]:
     """Return the OpenAPI document."""
     robot = {'name': 'robot', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
     robot['description'] = f'namespace of the robot; {OWN} for the one without'
-    key = {'name': _KEY, 'in': 'header', 'schema': {'type': 'string', 'maxLength': 200}}
+    key = {'name': _KEY, 'in': 'header', 'schema': {'type': 'string', 'maxLength': KEY_CHARACTERS}}
     key['description'] = 'a request with the same key has its effect once'
     name = {'name': 'name', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
     file = {'name': 'file', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
@@ -492,6 +549,7 @@ _PROBLEMS: Final = {
         (HTTPStatus.FORBIDDEN, 'the role is too low'),
         (HTTPStatus.NOT_FOUND, 'there is no such robot, command or file'),
         (HTTPStatus.CONFLICT, 'refused: it had no effect'),
+        (HTTPStatus.UNPROCESSABLE_ENTITY, 'another request had the same Idempotency-Key'),
         (HTTPStatus.TOO_MANY_REQUESTS, 'too many requests'),
         (HTTPStatus.SERVICE_UNAVAILABLE, 'the executive is not heard'),
         (HTTPStatus.GATEWAY_TIMEOUT, 'no answer in time; it is not known whether the command had an effect'),

@@ -4,19 +4,14 @@
 from __future__ import annotations
 
 import contextlib
-import http.client
 import json
-import os
-import ssl
-import subprocess
-import sys
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
+from http_support import ROBOT, Client, Site
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -24,83 +19,21 @@ from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
 from flexbt_console.ui.http_interface import BODY_BYTES, description, line_of, offered
 from flexbt_console.ui.web.users import read_users, token_hash
-from flexbt_testing.waiting import DEADLINE, wait_until
-
-CERTIFICATE = Path(__file__).with_name('localhost.pem')
-"""Made for these tests alone: its key is in the same file."""
+from flexbt_testing.waiting import wait_until
 
 
-class Client:
-    """A program with the token of a user."""
-
-    def __init__(self, port: int, token: str = '') -> None:
-        self.port, self.token = port, token
-
-    def ask(self, method: str, path: str, body: Any = None, **headers: str) -> tuple[int, Any]:
-        """Return the status and the JSON of an answer."""
-        trusted = ssl.create_default_context(cafile=str(CERTIFICATE))
-        with contextlib.closing(
-            http.client.HTTPSConnection('localhost', self.port, timeout=DEADLINE, context=trusted)
-        ) as connection:
-            sent = {
-                'Authorization': f'Bearer {self.token}',
-                **{key.replace('_', '-'): it for key, it in headers.items()},
-            }
-            data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
-            if data is not None:
-                sent.setdefault('Content-Type', 'application/json')
-            connection.request(method, f'/api{path}', data, sent)
-            answer = connection.getresponse()
-            told = answer.read()
-            return answer.status, json.loads(told) if answer.getheader('Content-Type', '').startswith(
-                'application/json'
-            ) else told
-
-    def command(self, name: str, body: Any = None, **headers: str) -> tuple[int, Any]:
-        return self.ask('POST', f'/robots/{ROBOT}/commands/{name}', body, **headers)
-
-
-ROBOT = f'http{os.getpid()}'
-
-
-@pytest.fixture(scope='module')
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield the port of a page, and the tokens of its users."""
-    file = tmp_path_factory.mktemp('site') / 'users.yaml'
-    tokens = {}
-    for role in ('observer', 'operator', 'maintainer'):
-        done = console('users', str(file), '--add', f'{role}_1', '--role', role)
-        tokens[role] = done.stdout.split('now: ')[1].split()[0]
-    assert file.stat().st_mode & 0o777 == 0o600 and not any(token in file.read_text() for token in tokens.values())
-    words = ['web', '--users', str(file), '--certificate', str(CERTIFICATE), '--port', '0', '--namespace', ROBOT]
-    process = subprocess.Popen([sys.executable, '-m', 'flexbt_console', *words], stdout=subprocess.PIPE, text=True)
-    assert process.stdout is not None
-    address = process.stdout.readline()
-    assert 'https://127.0.0.1:' in address and 'token' not in address, address
-    try:
-        yield int(address.split(':')[2].split('/')[0]), tokens
-    finally:
-        process.kill()
-        process.communicate()
-
-
-def console(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, '-m', 'flexbt_console', *words], capture_output=True, text=True, check=True)
-
-
-def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Any, executives: Any) -> None:
-    port, tokens = site
+def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, executives: Any) -> None:
     executives(ROBOT, heartbeat=0.2)
-    observer, operator = Client(port, tokens['observer']), Client(port, tokens['operator'])
+    observer, operator = site.client('observer'), site.client('operator')
     wait_until(lambda: observer.ask('GET', f'/robots/{ROBOT}')[1].get('link') == 'live', 'the robot')
     assert [one['robot'] for one in observer.ask('GET', '/robots')[1]['robots']] == [ROBOT]
     heard: list[str] = []
-    thread = threading.Thread(target=listen, args=(port, tokens['observer'], heard), daemon=True)
+    thread = threading.Thread(target=listen, args=(observer, heard), daemon=True)
     thread.start()
     wait_until(lambda: heard, 'the first event')
 
     status, refused = observer.command('start', {'name': 'Drive'})
-    assert status == 403 and 'start needs the role operator; observer_1 has observer' in refused['reason']
+    assert status == 403 and 'start needs the role operator; observer has observer' in refused['reason']
     status, behaviors = observer.command('behaviors')
     assert status == 200 and 'Drive' in json.dumps(behaviors)
 
@@ -126,22 +59,20 @@ def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Any, execut
     wait_until(lambda: any('"idle"' in text or 'preempted' in text for text in heard), lambda: heard[-3:])
 
 
-def listen(port: int, token: str, heard: list[str]) -> None:
+def listen(client: Client, heard: list[str]) -> None:
     """Add what a stream of events sends to a list."""
-    trusted = ssl.create_default_context(cafile=str(CERTIFICATE))
-    connection = http.client.HTTPSConnection('localhost', port, timeout=DEADLINE, context=trusted)
-    connection.request('GET', f'/api/robots/{ROBOT}/events', headers={'Authorization': f'Bearer {token}'})
+    connection = client.connection()
+    connection.request('GET', f'/api/robots/{ROBOT}/events', headers={'Authorization': f'Bearer {client.token}'})
     answer = connection.getresponse()
     with contextlib.suppress(OSError, ValueError):
         while line := answer.readline():
             heard.append(line.decode())
 
 
-def test_what_is_refused_and_why(site: Any) -> None:
-    port, tokens = site
-    maintainer = Client(port, tokens['maintainer'])
-    for token in ('', 'wrong', tokens['observer'][:-1]):
-        assert Client(port, token).ask('GET', '/robots')[0] == 401
+def test_what_is_refused_and_why(site: Site) -> None:
+    maintainer = site.client('maintainer')
+    for token in ('', 'wrong', site.tokens['observer'][:-1]):
+        assert Client(site.port, token).ask('GET', '/robots')[0] == 401
     for path, body, status, reason in (
         ('/robots/nobody/commands/start', {}, 404, "no robot 'nobody' was found"),
         (f'/robots/{ROBOT}/commands/strat', {}, 404, "did you mean 'start'?"),

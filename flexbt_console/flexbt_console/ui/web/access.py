@@ -12,8 +12,8 @@ import socket
 import ssl
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import urlsplit
 
@@ -25,7 +25,7 @@ from flexbt_console.errors import UsageError
 from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import short_repr
 
-from .users import User, token_hash
+from .users import User, Users
 
 CLOSED_HEADERS: Final = {
     'X-Content-Type-Options': 'nosniff',
@@ -77,7 +77,7 @@ class WrongTokens:
 @dataclass(frozen=True)
 class Access:
     """``address`` is where it listens, ``names`` are further names of the computer; an empty ``token`` means none.
-    With ``users`` (by the hashes of their tokens) each has a token of his own. ``certificate``: it is served by HTTPS.
+    With ``users`` each has a token of his own. ``certificate``: it is served by HTTPS.
 
     A page of another site reaches this server in two ways: by its own address, which the browser sends in ``Origin``;
     and under a name of its own that it lets point to us (DNS rebinding), which is the ``Host``. So Host is an address
@@ -87,7 +87,7 @@ class Access:
     address: str = '127.0.0.1'
     token: str = ''
     names: frozenset[str] = frozenset({'localhost'})
-    users: Mapping[str, User] = field(default_factory=dict)
+    users: Users | None = None
     certificate: ssl.SSLContext | None = None
 
     @classmethod
@@ -119,18 +119,26 @@ class Access:
     def user_of(self, token: object) -> User | None:
         """Return the user with this token, ANYBODY where all are one, or None if the token is wrong."""
         text = token if isinstance(token, str) else ''
-        if self.users:
-            return self.users.get(token_hash(text))  # of a hash, time tells nothing
+        if self.users is not None:
+            return self.users.with_token(text)
         received = text.encode(errors='replace')  # JSON may hold lone surrogates
         is_right = not self.token or hmac.compare_digest(received, self.token.encode(errors='surrogateescape'))
         return ANYBODY if is_right else None
+
+    def wait(self, wrong: WrongTokens, source: str) -> float:
+        """Return the seconds until the next token from a source is checked; the token of a user cannot be guessed."""
+        return wrong.wait(source) if self.users is None else 0.0
+
+    def admits(self, user: User) -> bool:
+        """Return whether a user that was admitted still is."""
+        return self.users is None or self.users.has(user)
 
     def page_address(self, port: int) -> str:
         """Return the address to open in a browser. The token follows ``#``: browsers do not send that part."""
         host = {'0.0.0.0': socket.gethostname(), '::': socket.gethostname()}.get(self.address, self.address)  # noqa: S104
         shown = f'[{host}]' if ':' in host else host
         scheme = 'http' if self.certificate is None else 'https'
-        token = self.token if not self.users else ''
+        token = self.token if self.users is None else ''
         return f'{scheme}://{shown}:{port}/' + (f'#token={token}' if token else '')
 
 
@@ -152,7 +160,7 @@ async def greeting(
         hello = load_json(await socket.receive_str(timeout=HELLO_SECONDS))
         if not isinstance(hello, dict):
             raise TypeError
-        while wait := wrong.wait(source):
+        while wait := access.wait(wrong, source):
             await asyncio.sleep(wait)
         user = access.user_of(hello['hello']) if 'hello' in hello else None
         if user is not None:

@@ -48,6 +48,7 @@ _LOGGER: Final = logging.getLogger(__name__)
 class PageLink:
     """A page at its WebSocket; ``source`` is the key of its address, ``operator`` the name that its user gives."""
 
+    _access: Access
     _pictures: Pictures
     _session: Session
 
@@ -100,6 +101,7 @@ class PageLink:
 
     async def is_welcome(self, access: Access, wrong: WrongTokens) -> bool:
         """Return whether the first message has the token. Nothing is sent before that."""
+        self._access = access
         hello = await greeting(self._socket, access, wrong, self.source)
         if hello is not None:
             self.user = hello['user']
@@ -116,12 +118,13 @@ class PageLink:
 
     async def _show(self) -> None:
         try:
-            while True:
+            while self._access.admits(self.user):
                 self._changed.clear()
                 await self._tell_changes()
                 await asyncio.sleep(PERIOD)
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._changed.wait(), PULSE - PERIOD)
+            await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the user was removed')
         except (ConnectionError, TimeoutError):
             await self._socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'the page takes nothing')
         except Exception as error:  # internal fault: the operator sees it, and gets a new page
@@ -192,6 +195,8 @@ class PageLink:
         async for message in self._socket:
             if message.type is not WSMsgType.TEXT:
                 await self._socket.close(code=WSCloseCode.UNSUPPORTED_DATA, message=b'messages are text')
+                return
+            if not self._access.admits(self.user):
                 return
             if not rates.allows(b'page'):
                 await self._socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'too many messages')

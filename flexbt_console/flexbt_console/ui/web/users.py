@@ -9,9 +9,10 @@ A token is made by :func:`new_token`, never chosen by a person: so a plain hash 
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 import secrets
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -28,14 +29,56 @@ NAME: Final = re.compile(r'[A-Za-z0-9_.@-]{1,64}')
 MOST_USERS: Final = 1000
 _BYTES: Final = 1_000_000
 _PREFIX: Final = 'sha256:'
+_LOGGER: Final = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class User:
-    """A person or a program."""
+    """A person or a program; ``token`` is the hash of its token."""
 
     name: str
     role: Role
+    token: str = ''
+
+
+class Users:
+    """The users of a file. It is read again when it has changed; while it has mistakes, the users before count.
+
+    Raises:
+        UsageError: the file has mistakes, or no user.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._version = self._version_of_file()
+        self._users = read_users(file)
+        if not self._users:
+            raise UsageError(f'{file} has no user; "console users" adds one')
+
+    def with_token(self, token: str) -> User | None:
+        """Return the user with a token."""
+        return self._newest().get(token_hash(token))  # of a hash, time tells nothing
+
+    def has(self, user: User) -> bool:
+        """Return whether a user has the token and the role still."""
+        return self._newest().get(user.token) == user
+
+    def _newest(self) -> Mapping[str, User]:
+        version = self._version_of_file()
+        if version != self._version:
+            self._version = version
+            try:
+                self._users = read_users(self._file)
+            except UsageError as error:
+                _LOGGER.warning('%s; the users before count', error)
+        return self._users
+
+    def _version_of_file(self) -> tuple[int, ...]:
+        try:
+            known = self._file.stat()
+        except OSError:
+            return ()
+        return known.st_mtime_ns, known.st_ctime_ns, known.st_ino, known.st_size
 
 
 def new_token() -> str:
@@ -79,7 +122,7 @@ def read_users(file: Path) -> dict[str, User]:
         token = str(entry['token'])
         if not re.fullmatch(rf'{_PREFIX}[0-9a-f]{{64}}', token) or token in users:
             raise UsageError(f'{where}: token has to be {_PREFIX} and the hash of a token of its own')
-        users[token] = User(name, role_of(str(entry['role']), where))
+        users[token] = User(name, role_of(str(entry['role']), where), token)
     return users
 
 
@@ -92,9 +135,9 @@ def role_of(text: str, where: str = 'role') -> Role:
     return Role[text.upper()]
 
 
-def write_users(file: Path, users: Mapping[str, User]) -> None:
+def write_users(file: Path, users: Iterable[User]) -> None:
     """Replace the file. Raises UsageError if it cannot be written."""
-    entries = {user.name: {'role': user.role.name.lower(), 'token': token} for token, user in users.items()}
+    entries = {user.name: {'role': user.role.name.lower(), 'token': user.token} for user in users}
     try:
         is_new = not file.exists()
         write_text(file, yaml.safe_dump(entries, sort_keys=True))
