@@ -4,14 +4,18 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
+import ssl
+import subprocess
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
-from http_support import ROBOT, Client, Site
+from http_support import CERTIFICATE, ROBOT, Client, Site
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +23,7 @@ from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
 from flexbt_console.ui.http_interface import BODY_BYTES, description, line_of, offered
 from flexbt_console.ui.web.users import read_users, token_hash
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 
 def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, executives: Any) -> None:
@@ -57,6 +61,45 @@ def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, execu
     assert (status, answer['result']) == (200, 'applied')
     wait_until(lambda: not observer.ask('GET', f'/robots/{ROBOT}')[1]['active_states'], 'the end')
     wait_until(lambda: any('"idle"' in text or 'preempted' in text for text in heard), lambda: heard[-3:])
+
+
+def test_a_client_that_is_made_of_the_description_drives_a_mission(
+    site: Site, executives: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    executives(ROBOT, heartbeat=0.2)
+    operator = site.client('operator')
+    wait_until(lambda: operator.ask('GET', f'/robots/{ROBOT}')[1].get('link') == 'live', 'the robot')
+    (tmp_path / 'openapi.json').write_text(json.dumps(operator.ask('GET', '/openapi.json')[1]))
+    words = ['generate', '--path', 'openapi.json', '--output-path', 'robots_client', '--meta', 'none']
+    made = subprocess.run(
+        [sys.executable, '-m', 'openapi_python_client', *words], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert made.returncode == 0 and 'WARNING' not in made.stdout + made.stderr, made
+    monkeypatch.syspath_prepend(tmp_path)
+    package = importlib.import_module('robots_client')
+
+    def ask(name: str, body: str = '', **fields: Any) -> Any:
+        call = importlib.import_module(f'robots_client.api.default.{name}')
+        if body:
+            fields['body'] = getattr(importlib.import_module('robots_client.models'), body)(**fields.pop('given'))
+        return call.sync_detailed(ROBOT, client=client, **fields)
+
+    trusted = ssl.create_default_context(cafile=str(CERTIFICATE))
+    with package.AuthenticatedClient(
+        f'https://localhost:{site.port}/api', operator.token, verify_ssl=trusted, timeout=DEADLINE
+    ) as client:
+        wrong = ask('start_command', 'StartCommandBody', given={'name': 'Drvie'})
+        assert wrong.status_code == 409 and wrong.parsed.reason
+        for _ in range(2):
+            key = {'idempotency_key': 'generated'}
+            started = ask('start_command', 'StartCommandBody', given={'name': 'Drive', 'autonomy': 'low'}, **key)
+            assert started.status_code == 200 and started.parsed['result'] == 'applied'
+        wait_until(lambda: ask('status_of_a_robot').parsed['decisions'], 'the question')
+        assert ask('input_command', 'InputCommandBody', given={'value': '1 2 0'}).parsed['result'] == 'applied'
+        wait_until(lambda: ask('status_of_a_robot').parsed['decisions'][0]['path'] == '/Accept', 'the next question')
+        assert ask('confirm_command', 'ConfirmCommandBody', given={}).parsed['result'] == 'applied'
+        wait_until(lambda: not ask('status_of_a_robot').parsed['decisions'], 'the drive')
+        assert ask('stop_command', 'StopCommandBody', given={}).parsed['result'] == 'applied'
 
 
 def listen(client: Client, heard: list[str]) -> None:
