@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
-from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_core.behavior_tree.model.errors import LoadError, Source
 from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.values.findings import FindingRecord, finding_record
 from flexbt_studio.errors import GestureError
@@ -20,7 +21,6 @@ from flexbt_tools.errors import RefusedError
 from flexbt_tools.mock_runs.mocks import is_instant, needs_mock
 from flexbt_tools.tree_checks.check import check_trees
 from flexbt_tools.tree_checks.diagnostics import (
-    ERROR,
     LOST_WRITE,
     NEVER_READ,
     NEVER_WRITTEN,
@@ -37,7 +37,8 @@ from flexbt_tools.trees.stand_ins import OpenRegistry
 from .document import Document, Problem
 from .project import Place, Project, tree_places
 from .text import Span, TextEdit
-from .xml_document import XmlDocument
+from .xml_document import XmlDocument, nodes_of
+from .xml_spans import XmlElement
 
 _MEANT: Final = re.compile(r"did you mean (?:\[([^\]]+)\]|'([^']+)')\?")
 _WORD: Final = re.compile(r'[\w.:/-]+')
@@ -72,41 +73,51 @@ class Checker:
 
     def __init__(self, project: Project, registry: NodeRegistry, skills: SkillLibrary) -> None:
         self._project = project
+        self._registry = registry
+        self._skills = skills
         self.trees = TreeChecker(project, registry, skills)
-        self.machines = MachineChecker(project, registry, skills)
 
     def findings(self, file: str) -> list[Finding]:
         """Return the findings for a file, which is opened if it is not open. Raises StudioError."""
         document = self._project.open(file).document
-        match document.language:
-            case 'xml':
-                return self.trees.findings(file)
-            case 'yaml':
-                return self.machines.findings(file)
+        if document.language == 'xml':
+            return self.trees.findings(file)
         found = [_of_problem(document, problem) for problem in document.problems]
-        return found or [Finding(NOT_RUN, Span(0, 0))]
+        if document.language == 'python':
+            return found or [Finding(NOT_RUN, Span(0, 0))]
+        behavior = build(machine_file_entry(file, document.text), ())  # makes the states of a machine, and runs none
+        if behavior.machine is not None or not found:
+            checked = check_behavior(behavior, [], self._registry, self._skills)
+            found += _placed(document, [one.to_json(behavior.name) for one in checked], file)
+        return sorted(found, key=lambda one: one.span)
 
     def located(self, file: str, name: str, records: Sequence[Mapping[str, Any]]) -> list[Finding]:
         """Return what ``behavior_tool check`` has found in a behavior in Python, which it knows by this name."""
-        document = self._project.open(file).document
-        view = document.view()
-        roots = {one[key]: one['root'].rstrip('/') for one in view['behaviors'] for key in ('class', 'name')}
-        spans = {state['path']: Span(*state['label_span']) for state in view['states']}
-        places = Places(document.text)
-        found = []
-        for one in records:
-            path = roots.get(one.get('behavior', ''), '') + one['path'] if one.get('path') else ''
-            while path and path not in spans:  # a state that code adds: the container of it
-                path = path.rpartition('/')[0] or '/' * (path != '/' and '/' in spans)
-            record = FindingRecord(**{**{key: one[key] for key in FindingRecord.__annotations__}, 'file': file})  # type: ignore[typeddict-item]
-            span = spans.get(path, Span(0, 0))
-            if one['file'] == name and one['line']:
-                begin = places.span(_place(record)).start
-                line = document.text[begin:].partition('\n')[0].rstrip()
-                span = Span(begin + len(line) - len(line.lstrip()), begin + len(line))
-                path = _innermost(view['states'], span.start)
-            found.append(Finding(record, span, path))
+        found = _placed(self._project.open(file).document, records, name)
         return sorted(found, key=lambda one: one.span)
+
+
+def _placed(document: Document, records: Sequence[Mapping[str, Any]], name: str) -> Iterator[Finding]:
+    """Yield findings in the machines of a file at their lines, if they have some, or else at their states.
+
+    ``name`` is that of the file in the records.
+    """
+    view = document.view()
+    roots = {one.get(key): one['root'].rstrip('/') for one in view['behaviors'] for key in ('class', 'name')}
+    spans = {state['path']: Span(*(state['label_span'] or state['span'])) for state in view['states']}
+    places = Places(document.text)
+    for one in records:
+        path = roots.get(one.get('behavior', ''), '') + one['path'] if one.get('path') else ''
+        while path and path not in spans:  # a state that code adds: the container of it
+            path = path.rpartition('/')[0] or '/' * (path != '/' and '/' in spans)
+        record, span = _record(one, document.file), spans.get(path, Span(0, 0))
+        if one['file'] == name and one['line']:
+            span = places.span(_place(record))
+            if span.start == span.end:
+                line = document.text[span.start :].partition('\n')[0].rstrip()
+                span = Span(span.start + len(line) - len(line.lstrip()), span.start + len(line))
+            path = _innermost(view['states'], span.start)
+        yield Finding(record, span, path, list(_fixes(document, '', span, record['message'])))
 
 
 NOT_RUN: Final = finding_record(
@@ -129,14 +140,15 @@ class TreeChecker:
     def findings(self, file: str) -> list[Finding]:
         """Return the findings for an open file, in the order of their places. Raises StudioError if it is not open."""
         document = self._project.open(file).document
+        assert isinstance(document, XmlDocument)
         found = [_of_problem(document, problem) for problem in document.problems]
         nodes = document.view()['nodes']
         places = Places(document.text)
         for one in self._checked(file, document):
             span = places.span(one.place)
             path = _innermost(nodes, span.start)
-            record = FindingRecord(**{**one.to_json(), 'file': file})
-            found.append(Finding(record, span, path, list(_fixes(document, path, span, one.place.message))))
+            fixes = list(_fixes(document, path, span, one.place.message))
+            found.append(Finding(_record(one.to_json(), file), span, path, fixes))
         if any(one.record['rule'] == REFUSED.name for one in found):
             found += self._of_the_rest(file, document, {one.span.start for one in found})
         return sorted(found, key=lambda one: one.span)
@@ -204,15 +216,14 @@ class TreeChecker:
         found = check_trees(files, registry, skills=self._skills, texts=texts)
         return (one for one in found if one.place.file == files[0])
 
-    def _of_the_rest(self, file: str, document: Document, refused: set[int]) -> Iterator[Finding]:
+    def _of_the_rest(self, file: str, document: XmlDocument, refused: set[int]) -> Iterator[Finding]:
         """Yield what is found in a text when that is left out for which it is refused.
 
         Rules about keys and trees say nothing then: what is left out may use them.
         """
         registry = OpenRegistry(self._registry)
-        view = document.view()
         for _ in range(_ATTEMPTS):
-            text, origins = without(document.text, view, refused)
+            text, origins = without(document, refused)
             places = Places(text)
             found = list(self._check(file, text, registry))
             again = {origins.get(places.span(one.place).start, -1) for one in found if one.rule is REFUSED}
@@ -224,9 +235,8 @@ class TreeChecker:
         for one in found:
             start = origins.get(places.span(one.place).start)
             if start is not None and one.rule.name not in _NEEDS_ALL:
-                path = _innermost(view['nodes'], start)
-                record = FindingRecord(**{**one.to_json(), 'file': file})
-                yield Finding(record, Span(start, start + len(one.place.node)), path)
+                path = _innermost(document.view()['nodes'], start)
+                yield Finding(_record(one.to_json(), file), Span(start, start + len(one.place.node)), path)
 
     def files(self, file: str) -> list[str]:
         """Return the file, then the files that define sub-trees of it and of one another; those nearest to it first."""
@@ -249,88 +259,43 @@ _NEEDS_ALL: Final = frozenset(
 )
 
 
-def without(text: str, view: Mapping[str, Any], refused: Collection[int]) -> tuple[str, dict[int, int]]:
-    """Return a text with the nodes of a view, without the attributes and nodes that begin at the offsets ``refused``.
+def without(document: XmlDocument, refused: Collection[int]) -> tuple[str, dict[int, int]]:
+    """Return the text of a document with its trees only, without the attributes and nodes that begin at the offsets
+    ``refused``.
 
     Also return from where each tag and attribute comes, by its offset in the new text. A node that is left out stands
     as AlwaysSuccess.
     """
-    parts = [f'<root BTCPP_format="{view["format"] or 4}">']
-    length = len(parts[0])
-    origins: dict[int, int] = {}
+    parts: list[tuple[str, int]] = []  # texts, and where they come from; -1 for new ones
 
-    def put(part: str, origin: int | None = None) -> None:
-        nonlocal length
-        if origin is not None:
-            origins[length] = origin
-        parts.append(part)
-        length += len(part)
+    def put(element: XmlElement) -> None:
+        if element.offset in refused:
+            parts.append(('<AlwaysSuccess/>', -1))
+            return
+        parts.append((f'<{element.tag}', element.offset))
+        for part in (one for one in element.parts.values() if one.start not in refused):
+            parts.extend(((' ', -1), (document.text[part.start : part.end], part.start)))
+        parts.append(('>', -1))
+        for child in nodes_of(element):
+            put(child)
+        parts.append((f'</{element.tag}>', -1))
 
-    opened: list[tuple[str, str]] = []  # the path of a node, and its end tag
-    skipped = ''
-    tree = None
-
-    def close(path: str) -> None:
-        while opened and not path.startswith(f'{opened[-1][0]}/'):
-            put(opened.pop()[1])
-
-    for node in view['nodes']:
-        path = node['path']
-        if skipped and path.startswith(f'{skipped}/'):
-            continue
-        if node['parent'] is None:
-            close('')
-            put('</BehaviorTree>' if tree is not None else '')
-            tree = node['tree']
-            put(f'<BehaviorTree ID="{tree}">')
-        close(path)
-        start = node['span'][0]
-        if start in refused:
-            skipped = path
-            put('<AlwaysSuccess/>')
-            continue
-        put(f'<{node["tag"]}', start)
-        for attribute in node['attributes']:
-            begin, end = attribute['whole']
-            if begin not in refused:
-                put(' ')
-                put(text[begin:end], begin)
-        put('>')
-        opened.append((path, f'</{node["tag"]}>'))
-    close('')
-    put('</BehaviorTree></root>' if tree is not None else '</root>')
-    return ''.join(parts), origins
+    parts.append((f'<root BTCPP_format="{document.view()["format"] or 4}">', -1))
+    for path, tree in document.trees.items():
+        if tree.children:
+            parts.append((f'<BehaviorTree ID="{path}">', -1))
+            for child in tree.children:
+                put(child)
+            parts.append(('</BehaviorTree>', -1))
+    parts.append(('</root>', -1))
+    starts = itertools.accumulate((len(part) for part, _ in parts), initial=0)
+    origins = {start: origin for start, (_, origin) in zip(starts, parts, strict=False) if origin >= 0}
+    return ''.join(part for part, _ in parts), origins
 
 
-class MachineChecker:
-    """The checker for machines in YAML, with the trees that their states run. It makes the states, and runs none."""
-
-    def __init__(self, project: Project, registry: NodeRegistry, skills: SkillLibrary) -> None:
-        self._project = project
-        self._registry = registry
-        self._skills = skills
-
-    def findings(self, file: str) -> list[Finding]:
-        """Return the findings for an open file, in the order of their places. Raises StudioError if it is not open."""
-        document = self._project.open(file).document
-        found = [_of_problem(document, problem) for problem in document.problems]
-        states = document.view()['states']
-        spans = {state['path']: Span(*(state['label_span'] or state['span'])) for state in states}
-        places = Places(document.text)
-        behavior = build(machine_file_entry(file, document.text), ())
-        if behavior.machine is None:
-            records = list(behavior.records) or [
-                finding_record(REFUSED.name, ERROR.value, problem) for problem in behavior.problems
-            ]
-            for record in [] if found else records:
-                span = places.span(_place(record))
-                path = _innermost(states, span.start)
-                found.append(Finding(record, span, path, list(_fixes(document, '', span, record['message']))))
-        else:
-            for one in check_behavior(behavior, [], self._registry, self._skills):
-                record = FindingRecord(**{**one.to_json(behavior.name), 'file': file})  # type: ignore[typeddict-item]
-                found.append(Finding(record, spans.get(one.path, Span(0, 0)), one.path))
-        return sorted(found, key=lambda one: one.span)
+def _record(found: Mapping[str, Any], file: str) -> FindingRecord:
+    """Return a finding of the tools, with the name of the file in the project."""
+    return FindingRecord(**{**{key: found[key] for key in FindingRecord.__annotations__}, 'file': file})  # type: ignore[typeddict-item]
 
 
 def _place(record: FindingRecord) -> LoadError:
@@ -358,10 +323,8 @@ class Places:
 
 
 def _of_problem(document: Document, problem: Problem) -> Finding:
-    line = document.text.count('\n', 0, problem.span.start) + 1
-    column = problem.span.start - document.text.rfind('\n', 0, problem.span.start)
-    place = LoadError(document.file, line, column, '', problem.message)
-    return Finding(Diagnostic(REFUSED, place).to_json(), problem.span, fixes=[])
+    place = Source(document.file, document.text).error(problem.span.start, problem.message)
+    return Finding(Diagnostic(REFUSED, place).to_json(), problem.span)
 
 
 def _innermost(nodes: Sequence[Mapping[str, Any]], offset: int) -> str:

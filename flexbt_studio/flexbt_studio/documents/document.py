@@ -8,7 +8,7 @@ carried out as the fewest edits of the text; everything else stays as it was wri
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Final, TypeVar
@@ -16,12 +16,13 @@ from typing import Any, ClassVar, Final, TypeVar
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import GestureError
 
-from .text import Span, TextEdit
+from .text import Lines, Span, TextEdit, applied
 
 Gesture = Callable[..., list[TextEdit]]
 _Method = TypeVar('_Method', bound=Gesture)
 
 _MARK: Final = '_is_gesture'
+_MOST_SUGGESTED: Final = 1000  # names among which a similar one is looked for: it takes long
 
 
 def gesture(method: _Method) -> _Method:
@@ -32,6 +33,13 @@ def gesture(method: _Method) -> _Method:
     """
     setattr(method, _MARK, True)
     return method
+
+
+def need(condition: object, message: str, name: str | None = None, known: Collection[str] = ()) -> None:
+    """Raise GestureError unless the condition holds; the message suggests what is like ``name``."""
+    if not condition:
+        near = did_you_mean(name, known) if name is not None and len(known) < _MOST_SUGGESTED else ''
+        raise GestureError(message + near)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +60,26 @@ class Document:
         self.text = text
         self.file = file
         """Its name in messages."""
-
-    @property
-    def problems(self) -> list[Problem]:
+        self.problems: list[Problem] = []
         """What prevents the text from being read; the rest of it is read nevertheless."""
-        raise NotImplementedError
+
+    @cached_property
+    def lines(self) -> Lines:
+        """The lines of the text."""
+        return Lines(self.text)
+
+    @cached_property
+    def line_break(self) -> str:
+        """The line break of the text; that of its first line if it has several."""
+        return self.lines.line_break()
+
+    def source(self, span: Span) -> str:
+        """Return the text of a span."""
+        return self.text[span.start : span.end]
+
+    def renamed(self, span: Span, name: str) -> TextEdit:
+        """Return the edit that writes another name, in the form of that which is there."""
+        return TextEdit(*span, name)
 
     def view(self) -> dict[str, Any]:
         """Return the graph as JSON values, with the span of each part as ``[start, end]``. It is made once."""
@@ -71,14 +94,14 @@ class Document:
         return (name for name, member in inspect.getmembers(type(self)) if hasattr(member, _MARK))
 
     def gesture(self, name: str, arguments: dict[str, Any]) -> list[TextEdit]:
-        """Return the edits that carry out a gesture.
+        """Return the edits that carry out a gesture, in the order of their places.
 
         Raises:
-            GestureError: there is no such gesture, its arguments are wrong, or it does not apply.
+            GestureError: there is no such gesture, its arguments are wrong, it does not apply, or the text could not be
+                read after it.
         """
         known = list(self.gestures())
-        if name not in known:
-            raise GestureError(f'{self.language} has no edit {short_repr(name)}{did_you_mean(name, known)}')
+        need(name in known, f'{self.language} has no edit {short_repr(name)}', name, known)
         method: Gesture = getattr(self, name)
         try:
             bound = inspect.signature(method).bind(**arguments)
@@ -86,9 +109,24 @@ class Document:
             raise GestureError(f'{name}: {error}; it takes {inspect.signature(method)}') from error
         for argument, value in bound.arguments.items():
             expected = inspect.signature(method).parameters[argument].annotation
-            if not _fits(value, expected):
-                raise GestureError(f'{name}: [{argument}] must be {expected}, not {short_repr(value)}')
-        return method(**arguments)
+            need(_fits(value, expected), f'{name}: [{argument}] must be {expected}, not {short_repr(value)}')
+        return self.checked(method(**arguments))
+
+    def checked(self, edits: Iterable[TextEdit]) -> list[TextEdit]:
+        """Return the edits that change something, in the order of their places.
+
+        Raises:
+            GestureError: the text could not be read after them.
+        """
+        made = [one for one in edits if self.text[one.start : one.end] != one.text]
+        made.sort(key=lambda one: (one.start, one.end))
+        try:
+            after = type(self)(applied(self.text, made), self.file).problems
+        except ValueError as error:
+            raise GestureError('two parts of this edit overlap; edit the text instead') from error
+        reason = after[-1].message if after else ''
+        need(len(after) <= len(self.problems), f'the text could not be read after this edit: {reason}; edit the text')
+        return made
 
 
 _TYPES: Final[dict[str, type]] = {

@@ -18,15 +18,15 @@ import math
 import re
 import textwrap
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import GestureError
 
-from .document import Document, Problem, gesture
-from .text import LINE_BREAK, Lines, Span, TextEdit, applied
+from .document import Document, Problem, gesture, need
+from .text import LINE_BREAK, Span, TextEdit
 
 LEVELS: Final = ('off', 'low', 'high', 'full')
 """Levels of autonomy, by their numbers."""
@@ -39,10 +39,7 @@ CONTAINERS: Final = ('machine', 'concurrency', 'priority')
 
 _NOWHERE: Final = Span(0, 0)
 _LONG: Final = 1000  # characters before a state in its line: such a line is data, and has no comments of states
-_MOST_SUGGESTED: Final = 1000  # names among which a similar one is looked for: it takes long
 _COMMA: Final = re.compile(r'[ \t]*,')
-
-_Method = TypeVar('_Method', bound=Callable[..., list[TextEdit]])
 
 
 @dataclass(slots=True)
@@ -57,6 +54,11 @@ class Item:
     value_span: Span = _NOWHERE
     node: Any = None
     """Its value in the syntax tree of the language."""
+
+    @property
+    def name_span(self) -> Span:
+        """Where the name is that it declares: its key, or itself in a list."""
+        return self.key_span if self.key_span.end else self.span
 
 
 @dataclass(slots=True)
@@ -121,32 +123,11 @@ class State:
         return self.tables[table].items if table in self.tables else []
 
 
-def need(condition: object, message: str, name: str | None = None, known: Collection[str] = ()) -> None:
-    """Raise GestureError unless the condition holds; the message suggests what is like ``name``."""
-    if not condition:
-        near = did_you_mean(name, known) if name is not None and len(known) < _MOST_SUGGESTED else ''
-        raise GestureError(message + near)
-
-
-def edit(method: _Method) -> _Method:
-    """Mark a method as a gesture whose result is checked: the text has to be readable before and after it."""
-
-    @functools.wraps(method)
-    def checked(self: MachineDocument, *arguments: Any, **named: Any) -> list[TextEdit]:
-        if self.unreadable:
-            raise GestureError(f'{self.where(self.problems[0].span.start)}: {self.problems[0].message}')
-        return self.checked(method(self, *arguments, **named))
-
-    return gesture(checked)  # type: ignore[return-value]
-
-
 class MachineDocument(Document):
     """A document of state machines. Its languages implement the methods that raise NotImplementedError."""
 
     def __init__(self, text: str, file: str = '') -> None:
         super().__init__(text, file)
-        self.lines = Lines(text)
-        self.nl = self.lines.line_break()
         self.comments: dict[int, int] = {}
         """Begin and end of each comment."""
         self.fixed: list[tuple[Span, str]] = [(_NOWHERE, '')]
@@ -155,7 +136,6 @@ class MachineDocument(Document):
         """The outermost containers, by the names of their machines."""
         self.behaviors: list[dict[str, Any]] = []
         self.unreadable = len(text) > MAX_CHARACTERS
-        self._problems: list[Problem] = []
         self.states: dict[str, State] = {}
         """All states by path, parents first."""
         if self.unreadable:
@@ -196,27 +176,27 @@ class MachineDocument(Document):
         """Return the edits that remove a state."""
         raise NotImplementedError
 
+    def parameter_uses(self) -> Iterator[tuple[str, Span, bool]]:
+        """Yield where parameters of the behavior are named, and whether that is their declaration."""
+        return iter(())
+
+    def default_of(self, reference: str) -> Item | None:
+        """Return the default of the parameter that a value such as ``$name`` refers to; None if it is no reference."""
+        return None
+
     def other_names(self, state: State, new: str) -> list[TextEdit]:
         """Return the edits of a renaming that only this language needs."""
         return []
 
     # -- view --------------------------------------------------------------------------------------------------------
 
-    @property
-    def problems(self) -> list[Problem]:
-        return list(self._problems)
-
     def problem(self, span: Span, message: str) -> None:
         """Add a problem."""
-        self._problems.append(Problem(span, message))
+        self.problems.append(Problem(span, message))
 
     def where(self, offset: int) -> str:
         """Return the place of an offset for a message."""
         return f'{self.file or self.language} line {self.lines.line(offset) + 1}'
-
-    def source(self, span: Span) -> str:
-        """Return the text of a span."""
-        return self.text[span.start : span.end]
 
     @functools.cached_property
     def _view(self) -> dict[str, Any]:
@@ -286,7 +266,7 @@ class MachineDocument(Document):
 
     # -- gestures ----------------------------------------------------------------------------------------------------
 
-    @edit
+    @gesture
     def set_target(self, state: str, outcome: str, target: str | None) -> list[TextEdit]:
         """Let an outcome lead to a state beside it or to an outcome of its container; None removes the transition."""
         one, parent = self._child(state)
@@ -297,18 +277,18 @@ class MachineDocument(Document):
             need(is_own, f'{state} has no outcome {short_repr(outcome)}', outcome, own)
         return self.put(one, 'transitions', outcome, target, self.name)
 
-    @edit
+    @gesture
     def set_autonomy(self, state: str, outcome: str, level: str | None) -> list[TextEdit]:
         """Set the level of autonomy that an outcome requires: off, low, high or full; None removes it."""
         need(level is None or level in LEVELS, f'{short_repr(level)} is none of the levels {", ".join(LEVELS)}')
         return self.put(self._child(state)[0], 'autonomy', outcome, level, self.level)
 
-    @edit
+    @gesture
     def set_remapping(self, state: str, key: str, name: str | None) -> list[TextEdit]:
         """Set the key of the container's userdata that a key of the state stands for; None removes it."""
         return self.put(self._child(state)[0], 'remapping', key, name, self.name)
 
-    @edit
+    @gesture
     def rename_state(self, state: str, label: str) -> list[TextEdit]:
         """Rename a state, and all that names it in its container."""
         one, parent = self._child(state)
@@ -321,7 +301,7 @@ class MachineDocument(Document):
         spans += [pair.key_span for pair in pairs if pair.key == one.label]
         return [*(self.renamed(span, label) for span in spans), *self.other_names(one, label)]
 
-    @edit
+    @gesture
     def rename_outcome(self, container: str, outcome: str, name: str) -> list[TextEdit]:
         """Rename an outcome of a container, and all that names it."""
         one, place, spans, pairs = self.uses_of_outcome(container, outcome)
@@ -351,7 +331,7 @@ class MachineDocument(Document):
         taken = [*(container.outcomes or ()), *(child.label for child in container.children)]
         need(outcome not in taken, f'{container.path} has an outcome or a state {short_repr(outcome)} already')
 
-    @edit
+    @gesture
     def remove_state(self, state: str, instead: str | None = None) -> list[TextEdit]:
         """Remove a state with its comments. Transitions that lead to it lead to ``instead``, if it is given."""
         one, parent = self._child(state)
@@ -373,19 +353,19 @@ class MachineDocument(Document):
         edits += self.remove_items(parent.tables['conditions'], gone) if gone else []
         return [*edits, *self.removed(one)]
 
-    @edit
+    @gesture
     def move_state(self, state: str, index: int) -> list[TextEdit]:
         """Move a state to another place among the states of its container, from 0."""
         return self._moved(*self._child(state), index)
 
-    @edit
+    @gesture
     def set_initial(self, state: str) -> list[TextEdit]:
         """Let a state be the first one of its container, with which it begins."""
         one, parent = self._child(state)
         need(parent.kind != 'concurrency', f'{parent.path} is a concurrency container: all its states begin at once')
         return self._moved(one, parent, 0)
 
-    @edit
+    @gesture
     def set_comment(self, state: str, text: str) -> list[TextEdit]:
         """Set the comment above a state, line by line; an empty text removes it."""
         one, _ = self._child(state)
@@ -395,7 +375,7 @@ class MachineDocument(Document):
         start = self.lines.start(one.span.start)
         above = self._comments_above(one.span.start)
         begin = self.lines.start(above[0].start) if above else start
-        lines = [f'{indent}# {line}'.rstrip() + self.nl for line in text.splitlines()] if text.strip() else []
+        lines = [f'{indent}# {line}'.rstrip() + self.line_break for line in text.splitlines()] if text.strip() else []
         return [TextEdit(begin, start - self._kept_above(one), ''.join(lines))]
 
     def _kept_above(self, state: State) -> int:
@@ -418,25 +398,23 @@ class MachineDocument(Document):
 
     # -- checks of gestures ------------------------------------------------------------------------------------------
 
-    def checked(self, edits: list[TextEdit]) -> list[TextEdit]:
-        """Return the edits that change something.
+    def gesture(self, name: str, arguments: dict[str, Any]) -> list[TextEdit]:
+        if self.unreadable:
+            raise GestureError(f'{self.where(self.problems[0].span.start)}: {self.problems[0].message}')
+        return super().gesture(name, arguments)
+
+    def checked(self, edits: Iterable[TextEdit]) -> list[TextEdit]:
+        """Return the edits that change something, in the order of their places.
 
         Raises:
-            GestureError: they change a fixed part, or the text could not be read afterwards.
+            GestureError: they change a fixed part, or the text could not be read after them.
         """
-        edits = [one for one in edits if self.text[one.start : one.end] != one.text]
-        edits.sort(key=lambda one: (one.start, one.end))
-        for start, end, _ in edits:
+        made = [one for one in edits if self.text[one.start : one.end] != one.text]
+        for start, end, _ in made:
             span, reason = self.fixed[bisect_right(self.fixed, end, key=lambda one: one[0].start + (start < end)) - 1]
             inside = span.start < start < span.end if start == end else span.start < end and start < span.end
             need(not inside, f'{self.where(span.start)}: {reason}')
-        try:
-            after = type(self)(applied(self.text, edits), self.file).problems
-        except ValueError as error:
-            raise GestureError('two parts of this edit overlap; edit the text instead') from error
-        reason = after[-1].message if after else ''
-        need(len(after) <= len(self.problems), f'the text could not be read after this edit: {reason}; edit the text')
-        return edits
+        return super().checked(made)
 
     def state(self, path: str) -> State:
         """Return the state with a path that can be edited."""
@@ -537,7 +515,7 @@ class MachineDocument(Document):
         if index < last:
             at = items[index].span.start
             begin = self._line_begin(at)
-            return [TextEdit(at, at, f'{new},{" " if begin.strip() else self.nl + begin}')]
+            return [TextEdit(at, at, f'{new},{" " if begin.strip() else self.line_break + begin}')]
         comma = self._comma_behind(table, last - 1)
         end = items[-1].span.end if comma is None else comma + 1
         comment = self._comment_on_line(end, inner.end)
@@ -546,7 +524,7 @@ class MachineDocument(Document):
             return [TextEdit(end, end, f', {new}' if comma is None else f' {new},')]
         if begin.strip(' \t,'):  # in one line with other items, and a comment behind it
             begin = re.sub(r'[^\t]', ' ', self._line_begin(items[0].span.start))
-        indent = self.nl + begin.partition(',')[0]
+        indent = self.line_break + begin.partition(',')[0]
         at = comment.end if comment else end
         if comma is not None:
             return [TextEdit(at, at, f'{indent}{new},')]
@@ -616,11 +594,13 @@ class MachineDocument(Document):
         indent = first[: len(first) - len(first.lstrip())] if table.mark else re.sub(r'\S', ' ', first)
         at = self.row(table, index).start if index < last else spans[-1].end
         gap = Span(spans[0].end, spans[1].start) if len(spans) == 2 else _NOWHERE
-        blank = '' if self.source(gap).strip() else self.nl * min(len(self.source(gap).splitlines()), 2)
+        blank = '' if self.source(gap).strip() else self.line_break * min(len(self.source(gap).splitlines()), 2)
         row = f'{indent}{table.mark}{new}'
         if at == len(self.text) and not self.text.endswith(('\n', '\r')):
-            return [TextEdit(at, at, f'{self.nl}{blank}{row}')]
-        return [TextEdit(at, at, f'{row}{self.nl}{blank}' if index < last else f'{blank}{row}{self.nl}')]
+            return [TextEdit(at, at, f'{self.line_break}{blank}{row}')]
+        return [
+            TextEdit(at, at, f'{row}{self.line_break}{blank}' if index < last else f'{blank}{row}{self.line_break}')
+        ]
 
     def _remove_row(self, table: Table, index: int) -> list[TextEdit]:
         start, end = span = self.row(table, index)

@@ -20,16 +20,17 @@ from flexbt_core.behavior_tree.model.definition import port_name_problem
 from flexbt_core.monitors.requirement_text import RequirementError, parse_requirement
 from flexbt_core.monitors.requirements import Has
 from flexbt_core.values.text import short_repr
-from flexbt_studio.errors import StudioError
+from flexbt_studio.errors import GestureError, StudioError
 from flexbt_tools.tree_checks.check import HOST_KEYS
 
 from .diagnostics import TreeChecker
+from .document import Document
 from .flow import state_keys
 from .machine_document import CONTAINERS, Item, MachineDocument, State, Table
 from .project import Place, Project, tree_places
 from .python_document import PythonDocument
-from .text import Span, TextEdit, applied
-from .xml_document import XmlDocument
+from .text import Span, TextEdit
+from .xml_document import PORT_TAGS, XmlDocument
 from .xml_keys import SUBTREES, node_type
 from .xml_spans import XmlElement
 from .yaml_document import Node, Tree, YamlDocument, scalar_text
@@ -42,6 +43,8 @@ MOST_NOTES: Final = 200
 _INTERFACE: Final = ('userdata', 'input_keys', 'output_keys', 'io_keys')
 _RUNS_TREE: Final = 'bt_file'
 """Parameter of states that names a tree, or the file of one."""
+_RUNS_BEHAVIOR: Final = 'behavior'
+"""Parameter of states that names a behavior."""
 _BOARD_KEYS: Final = ('goal_id', 'request_id')
 """Parameters of states that name a blackboard key."""
 _OTHER_FILES: Final = {'.py', '.yaml', '.yml', '.sh', '.md', '.json', '.toml', '.cfg'}
@@ -81,6 +84,37 @@ class Renaming:
             self.edits.setdefault(file, []).extend(edits)
 
 
+class Use(NamedTuple):
+    """A place that names something."""
+
+    span: Span
+    named: Named
+    is_definition: bool = False
+    is_class: bool = False
+    """Whether a behavior is meant by the name of its class, which is another one."""
+
+
+class _Inside(NamedTuple):
+    """What the states of a file stand for: ``behaviors`` are those of the project by all their names."""
+
+    file: str
+    behaviors: Mapping[str, tuple[tuple[str, ...], str, State]]
+
+    def behavior(self, name: str) -> Named:
+        """Return what the name of a behavior means; without a file if the project does not have it."""
+        names, file, _ = self.behaviors.get(name, ((name,), '', None))
+        return Named('behavior', names[0], file, '')
+
+    def named(self, state: State, kind: str, name: str) -> Named:
+        """Return what a name in a container or behavior means; without a file for a state of a class."""
+        if state.kind in CONTAINERS:
+            return Named(kind, name, self.file, state.path)
+        if state.kind == 'behavior' and state.type in self.behaviors:
+            _, file, root = self.behaviors[state.type]
+            return Named(kind, name, file, root.path)
+        return Named(kind, name, '', state.type)
+
+
 class Names:
     """The names of a project. ``palette`` are the states as :func:`.palette.states` returns them."""
 
@@ -96,131 +130,115 @@ class Names:
 
     def at(self, file: str, offset: int) -> Named:
         """Return what the name at an offset means. Raises StudioError if there is none that can be renamed."""
-        document = self._project.document(file)
-        found = (
-            self._in_trees(file, document, offset)
-            if isinstance(document, XmlDocument)
-            else self._in_machine(file, document, offset)
-            if isinstance(document, MachineDocument)
-            else None
-        )
-        if found is None or not found.name:
-            raise StudioError(f'{file}: there is no name here that can be renamed')
-        return found
-
-    def _in_trees(self, file: str, document: XmlDocument, offset: int) -> Named | None:
-        elements = (one for top in document.layout.tops for one in top.all())
-        element = next((one for one in elements if one.offset <= offset < one.open_end), None)
-        parts = element.parts.items() if element else ()
-        name, part = next(((name, one) for name, one in parts if one.start <= offset <= one.value_end), ('', None))
-        if element is None or part is None:
-            return None
-        tree = _tree_around(element)
-        is_value, is_subtree = offset >= part.value_start, element.tag in SUBTREES
-        if is_value and (name == 'main_tree_to_execute' or (name == 'ID' and (is_subtree or element is tree))):
-            return self._tree(part.value, file, element if element is tree else None)
-        if element.tag in ('input_port', 'output_port', 'inout_port') and element.parent is not None and name == 'name':
-            is_tree, id = element.parent.tag in SUBTREES, element.parent.attributes.get('ID', '')
-            return self._key(part.value, id, file) if is_tree else Named('port', part.value, file, id)
-        if tree is None:
-            return None
-        if is_value:
-            for use in document.keys.of(element):
-                if use.span.start <= offset <= use.span.end and use.span.start < use.span.end:
-                    return Named('key', use.key, file, document.path_of(tree))
-            nodes = document.view()['nodes']
-            path = next((node['path'] for node in nodes if node['span'][0] == element.offset), '')
-            return Named('node', part.value, file, path) if name == 'name' and path else None
-        if port_name_problem(name):
-            return None
-        id = node_type(element)
-        return self._key(name, id, file) if is_subtree else Named('port', name, file, id)
-
-    def _tree(self, id: str, near: str, element: XmlElement | None = None) -> Named:
-        place = Place(near, Span(0, 0)) if element is not None else tree_places(self._project, near).get(id)
-        if place is None:
-            raise StudioError(f'no file of the project defines the tree [{id}]')
-        document = self._trees_of(place.file)
-        element = element if element is not None else document.definition(id)
-        assert element is not None
-        return Named('tree', id, place.file, document.path_of(element))
-
-    def _key(self, key: str, tree: str, near: str) -> Named:
-        return self._tree(tree, near)._replace(kind='key', name=key)
-
-    def _in_machine(self, file: str, document: MachineDocument, offset: int) -> Named | None:
-        def here(span: Sequence[int]) -> bool:
-            return span[0] <= offset <= span[1] and span[0] < span[1]
-
-        for head in document.behaviors:
-            if head.get('name_span') and here(head['name_span']):
-                return Named('behavior', head['name'], file, '')
-        if isinstance(document, YamlDocument) and (parameter := document.parameter_at(offset)):
-            return Named('parameter', parameter, file, '')
-        for state in reversed(document.states.values()):
-            if not here(state.span) and state.parent is not None:
-                continue
-            if here(state.label_span) and state.parent is not None:
-                return Named('state', state.label, file, state.path)
-            if state.kind == 'behavior' and here(state.type_span):
-                return self._behavior(state.type, lambda name, one, root: Named('behavior', name, one, ''))
-            if (found := self._in_tables(file, state, here)) is not None:
-                return found
-        return None
-
-    def _in_tables(self, file: str, state: State, here: Callable[[Sequence[int]], bool]) -> Named | None:
-        """Return what the name at a place in the tables of a state means."""
-        parent = state.parent
-        for table in ('outcomes', *_INTERFACE):
-            for item in state.items(table):
-                if here(item.key_span) or (not item.key_span.end and here(item.span)):
-                    return Named('outcome' if table == 'outcomes' else 'userdata', item.key, file, state.path)
-        for condition in state.conditions:
-            if here(condition.outcome.value_span):
-                return Named('outcome', condition.outcome.value or '', file, state.path)
-            for pair in condition.pairs.items:
-                child = next((one for one in state.children if one.label == pair.key), None)
-                if child is not None and here(pair.key_span):
-                    return Named('state', child.label, file, child.path)
-                if child is not None and here(pair.value_span):
-                    return self._outcome(pair.value or '', file, child)
-        for table in ('transitions', 'autonomy', 'remapping') if parent is not None else ():
-            for item in state.items(table):
-                is_key = table == 'remapping'
-                if here(item.key_span):
-                    return self._inner_key(item.key, file, state) if is_key else self._outcome(item.key, file, state)
-                if here(item.value_span) and table != 'autonomy' and parent is not None:
-                    beside = next((one for one in parent.children if one.label == item.value and not is_key), None)
-                    kind = 'userdata' if is_key else 'outcome'
-                    return (
-                        Named(kind, item.value or '', file, parent.path)
-                        if beside is None
-                        else Named('state', beside.label, file, beside.path)
-                    )
-        for item in state.items('parameters'):
-            if here(item.value_span) and item.key == _RUNS_TREE and item.value in tree_places(self._project):
-                return self._tree(item.value, '')
-        return None
-
-    def _outcome(self, name: str, file: str, state: State) -> Named:
-        if state.kind in CONTAINERS:
-            return Named('outcome', name, file, state.path)
-        if state.kind == 'behavior':
-            return self._behavior(state.type, lambda _, one, root: Named('outcome', name, one, root.path))
-        raise StudioError(f'the outcome {name} of {state.path} is one of the class {state.type}; rename it in its code')
-
-    def _inner_key(self, name: str, file: str, state: State) -> Named:
-        if state.kind in CONTAINERS:
-            return Named('userdata', name, file, state.path)
-        if state.kind == 'behavior':
-            return self._behavior(state.type, lambda _, one, root: Named('userdata', name, one, root.path))
-        raise StudioError(f'the key {name} of {state.path} is one of the class {state.type}; rename it in its code')
-
-    def _behavior(self, name: str, made: Callable[[str, str, State], Named]) -> Named:
-        found = [(own[0], file, root) for own, file, root in self._behaviors() if name in own]
+        uses = self._uses_in(file, self._project.document(file), offset)
+        found = [one for one in uses if one.span.start <= offset <= one.span.end and one.span.start < one.span.end]
         if not found:
-            raise StudioError(f'the behavior {short_repr(name)} is not one of this project')
-        return made(*found[0])
+            raise StudioError(f'{file}: there is no name here that can be renamed')
+        named = min(found, key=lambda one: one.span.end - one.span.start).named
+        if not named.file:
+            of = f' of {named.owner}' if named.owner else ''
+            raise StudioError(f'the {named.kind} {named.name}{of} is not defined in the project; rename it in its code')
+        return named
+
+    def _uses_in(self, file: str, document: Document, offset: int | None = None) -> Iterator[Use]:
+        """Yield the names in a file; with ``offset``, at least those there."""
+        if isinstance(document, XmlDocument):
+            yield from (one for one in self._in_trees(file, document, offset) if one.named.name)
+        elif isinstance(document, MachineDocument):
+            yield from (one for one in self._in_machines(file, document) if one.named.name)
+
+    def _in_trees(self, file: str, document: XmlDocument, offset: int | None) -> Iterator[Use]:
+        places = tree_places(self._project, file)
+
+        def tree_named(id: str) -> Named:
+            return self._tree(id, places) if id in places else Named('tree', id, '', '')
+
+        for element in (one for top in document.tops for one in top.all()):
+            if offset is not None and not element.offset <= offset < element.open_end:
+                continue
+            path, is_call = document.paths.get(element, ''), element.tag in SUBTREES
+            tree = document.trees.get(path.partition('/')[0])
+            id = node_type(element)
+            if element is tree:
+                yield Use(element.value_span('ID'), Named('tree', element.attributes.get('ID', ''), file, path), True)
+            elif is_call:
+                yield Use(element.value_span('ID'), tree_named(id))
+            if (main := element.attributes.get('main_tree_to_execute')) is not None:
+                yield Use(element.value_span('main_tree_to_execute'), tree_named(main))
+            if element.tag in PORT_TAGS and element.parent is not None:
+                name, owner = element.attributes.get('name', ''), element.parent.attributes.get('ID', '')
+                is_tree = element.parent.tag in SUBTREES
+                named = tree_named(owner)._replace(kind='key', name=name) if is_tree else None
+                yield Use(element.value_span('name'), named or Named('port', name, file, owner), not is_tree)
+            if tree is None or element is tree:
+                continue
+            yield Use(element.value_span('name'), Named('node', element.attributes.get('name', ''), file, path), True)
+            for use in document.keys.of(element):
+                yield Use(use.span, Named('key', use.key, file, document.paths[tree]))
+            for name, part in element.parts.items():
+                if not port_name_problem(name):
+                    named = tree_named(id)._replace(kind='key', name=name) if is_call else None
+                    yield Use(Span(part.start, part.start + len(name)), named or Named('port', name, file, id))
+
+    def _tree(self, id: str, places: Mapping[str, Place]) -> Named:
+        document = self._trees_of(places[id].file)
+        element = document.definition(id)
+        assert element is not None
+        return Named('tree', id, places[id].file, document.paths[element])
+
+    def _in_machines(self, file: str, document: MachineDocument) -> Iterator[Use]:
+        inside = _Inside(file, {name: found for found in self._behaviors() for name in found[0]})
+        for head in document.behaviors:
+            if head.get('name_span'):
+                yield Use(Span(*head['name_span']), Named('behavior', head['name'], file, ''), True)
+        for name, span, is_definition in document.parameter_uses():
+            yield Use(span, Named('parameter', name, file, ''), is_definition)
+        for state in document.states.values():
+            for table in ('outcomes', *_INTERFACE):
+                kind = 'outcome' if table == 'outcomes' else 'userdata'
+                for item in state.items(table):
+                    yield Use(item.name_span, Named(kind, item.key, file, state.path), True)
+            for condition in state.conditions:
+                yield Use(
+                    condition.outcome.value_span, Named('outcome', condition.outcome.value or '', file, state.path)
+                )
+                children = {child.label: child for child in state.children}
+                for pair in (one for one in condition.pairs.items if one.key in children):
+                    child = children[pair.key]
+                    yield Use(pair.key_span, Named('state', child.label, file, child.path))
+                    yield Use(pair.value_span, inside.named(child, 'outcome', pair.value or ''))
+            if state.parent is not None:
+                yield from self._in_state(state, state.parent, inside)
+        places = tree_places(self._project)
+        for _, item, name in self._parameters_in(document):
+            item = document.default_of(item.value or '') or item
+            if name == _RUNS_TREE and item.value in places:
+                yield Use(item.value_span, self._tree(item.value, places))
+            elif name == _RUNS_BEHAVIOR and item.value in inside.behaviors:
+                found = inside.behavior(item.value or '')
+                yield Use(item.value_span, found, is_class=item.value != found.name)
+
+    def _in_state(self, state: State, parent: State, inside: _Inside) -> Iterator[Use]:
+        """Yield the names of a state and of what leads from it."""
+        file = inside.file
+        yield Use(state.label_span, Named('state', state.label, file, state.path), True)
+        if state.kind == 'behavior':
+            found = inside.behavior(state.type)
+            is_class = self._project.document(file).language == 'python' or state.type != found.name
+            yield Use(state.type_span, found, is_class=is_class)
+            for item in state.items('parameters'):
+                yield Use(item.key_span, inside.named(state, 'parameter', item.key)._replace(owner=''))
+        beside = {child.label: child for child in parent.children}
+        for table in ('transitions', 'autonomy'):
+            for item in state.items(table):
+                yield Use(item.key_span, inside.named(state, 'outcome', item.key))
+        for item in state.items('transitions'):
+            target = beside.get(item.value or '')
+            outcome = Named('outcome', item.value or '', file, parent.path)
+            yield Use(item.value_span, Named('state', target.label, file, target.path) if target else outcome)
+        for item in state.items('remapping'):
+            yield Use(item.key_span, inside.named(state, 'userdata', item.key))
+            yield Use(item.value_span, Named('userdata', item.value or '', file, parent.path))
 
     # The files of a project.
 
@@ -271,43 +289,25 @@ class Names:
     def _parameters(self) -> Iterator[tuple[str, MachineDocument, State, Item, str]]:
         """Yield the parameters of states that are not in a behavior, with the names that their classes give them."""
         for file, document in self._machines():
-            for state in document.states.values():
-                known = self._states.get(state.type.rpartition('.')[2], {}).get('parameters', ())
-                for item in state.items('parameters') if state.kind == 'state' else ():
-                    is_place = item.key.isdigit() and int(item.key) < len(known)
-                    yield file, document, state, item, known[int(item.key)]['name'] if is_place else item.key
+            yield from ((file, document, *found) for found in self._parameters_in(document))
+
+    def _parameters_in(self, document: MachineDocument) -> Iterator[tuple[State, Item, str]]:
+        for state in document.states.values():
+            known = self._states.get(state.type.rpartition('.')[2], {}).get('parameters', ())
+            for item in state.items('parameters') if state.kind == 'state' else ():
+                is_place = item.key.isdigit() and int(item.key) < len(known)
+                yield state, item, known[int(item.key)]['name'] if is_place else item.key
 
     # Uses.
 
     def definition(self, named: Named) -> Place:
         """Return where something gets its name; for a key its first use in the tree. Raises StudioError."""
-        spans: list[Span] = []
-        document = self._project.document(named.file)
-        if isinstance(document, XmlDocument):
-            if named.kind == 'tree':
-                return Place(named.file, document.value_span(document.trees[named.owner], 'ID'))
-            if named.kind == 'node':
-                return Place(named.file, document.value_span(document.at(named.owner), 'name'))
-            tree = document.trees.get(named.owner)
-            uses = document.keys.readable(tree) if tree is not None else ()
-            spans += (use.span for use in uses if use.key == named.name)
-            models = (one for one in document.models if one.attributes.get('ID') == named.owner)
-            spans += (document.value_span(one, 'name') for model in models for one in model.children)
-        elif isinstance(document, MachineDocument):
-            state = document.states.get(named.owner)
-            tables = {'state': (), 'outcome': ('outcomes',), 'userdata': _INTERFACE}.get(named.kind, ())
-            items = (state.tables.get(table, Table()).find(named.name) for table in tables) if state else ()
-            spans += (item.key_span if item.key_span.end else item.span for item in items if item is not None)
-            spans += [state.label_span] if state is not None else []
-            for head in document.behaviors:
-                own = [one for one in head['parameters'] if (named.kind, named.name) == ('parameter', one['name'])]
-                own += (
-                    [{'span': head.get('name_span')}] if (named.kind, named.name) == ('behavior', head['name']) else []
-                )
-                spans += (Span(*one['span']) for one in own if one['span'])
-        if not spans:
+        uses = self._uses_in(named.file, self._project.document(named.file))
+        found = [one for one in uses if one.named == named and one.span.start < one.span.end]
+        found.sort(key=lambda one: not one.is_definition)
+        if not found or (named.kind == 'port' and not found[0].is_definition):
             raise StudioError(f'{named.file} does not define {named.name} by a name of its own')
-        return Place(named.file, spans[0])
+        return Place(named.file, found[0].span)
 
     def uses(self, named: Named) -> list[Mention]:
         """Return where a name is used, with what is to be looked at last."""
@@ -358,17 +358,21 @@ class Names:
     def _checked(self, file: str, edits: list[TextEdit]) -> list[TextEdit]:
         """Return edits that change something, in order. Raises StudioError if the text could not be read after them."""
         edits = sorted(dict.fromkeys(edits))
-        try:
-            after = applied(text := self._project.text(file), edits)
-        except ValueError as error:
-            raise StudioError(f'{file}: two edits of this renaming overlap; rename it in the text') from error
         if Path(file).suffix == '.xml' or file in {one['file'] for one in self._project.files()}:
-            document = self._project.document(file)
-            if len(type(document)(after, file).problems) > len(document.problems):
-                raise StudioError(f'{file} could not be read with this name; choose another one')
-            if isinstance(document, MachineDocument):
-                return document.checked(edits)
+            try:
+                return self._project.document(file).checked(edits)
+            except GestureError as error:
+                raise StudioError(f'{file}: {error}') from error
+        text = self._project.text(file)
         return [one for one in edits if text[one.start : one.end] != one.text]
+
+    def _rename_elsewhere(self, named: Named, new: str, made: Renaming) -> None:
+        """Add the edits of machines, and of other files with trees, that use a name."""
+        for file, document in self._project.documents():
+            is_owner = file == named.file and isinstance(document, XmlDocument)
+            for use in self._uses_in(file, document) if named.name in document.text and not is_owner else ():
+                if use.named == named and not use.is_class:
+                    made.add(file, [document.renamed(use.span, new)])
 
     def _rename_tree(self, named: Named, new: str, made: Renaming) -> None:
         taken = tree_places(self._project, named.file).get(new)
@@ -376,19 +380,12 @@ class Names:
             raise StudioError(f'there is a tree [{new}] already, in {taken.file}; choose another ID')
         document = self._trees_of(named.file)
         made.add(named.file, document.gesture('rename_tree', {'id': named.owner, 'new': new}))
-        for file, other in self._callers(named, named.name):
-            made.add(file, [TextEdit(*span, new) for span in other.tree_uses(named.name)])
-        defined = [one for one, other in self._tree_files() if other.definition(named.name) is not None]
-        for file, machine, _, item, name in self._parameters():
-            if name != _RUNS_TREE:
-                continue
-            default = machine.default_of(item.value) if isinstance(machine, YamlDocument) and item.value else None
-            item = default or item
-            if item.value == named.name and len(defined) == 1:
-                made.add(file, [machine.renamed(item.value_span, new)])
-            elif item.value == named.name:
-                made.notes.append(Mention(file, item.value_span, f'several files define this tree: {defined}'))
+        self._rename_elsewhere(named, new, made)
         self._in_requirements(made, {named.name: {}}, sections={named.name: new})
+        defined = [one for one, other in self._tree_files() if other.definition(named.name) is not None]
+        for file, _ in self._machines() if len(defined) > 1 else ():
+            spans = [Span(one.start, one.end) for one in made.edits.pop(file, ())]
+            made.notes += [Mention(file, span, f'several files define this tree: {defined}') for span in spans]
 
     def _rename_key(self, named: Named, new: str, made: Renaming) -> None:
         document, old = self._trees_of(named.file), named.name
@@ -402,7 +399,7 @@ class Names:
         made.notes += self._board_notes(named)
         if old.removeprefix('@') in HOST_KEYS:
             text = f'the BT server writes [{old}] before it runs a main tree'
-            made.notes.append(Mention(named.file, document.value_span(tree, 'ID'), text))
+            made.notes.append(Mention(named.file, tree.value_span('ID'), text))
 
     def _board_notes(self, named: Named) -> Iterator[Mention]:
         """Yield the parameters of states that name a key of a blackboard: it may be that of this tree."""
@@ -449,15 +446,13 @@ class Names:
                     continue
                 if new in element.parts:
                     raise StudioError(f'{file}: {element} has an attribute [{new}] already; choose another name')
-                if (part := element.parts.get(named.name)) is not None:
-                    made.add(file, [TextEdit(part.start, part.start + len(named.name), new)])
-                    if part.value.strip(' {}') == '=':
-                        made.add(file, [TextEdit(part.value_start, part.value_end, f'{{{named.name}}}')])
+                if named.name in element.parts:
+                    made.add(file, document.renamed_attribute(element, named.name, new))
             models = (one for one in document.models if one.attributes.get('ID') == named.owner)
             ports = [port for one in models for port in one.children]
             if any(port.attributes.get('name') == new for port in ports):
                 raise StudioError(f'{file}: the model of {named.owner} has a port [{new}] already; choose another name')
-            spans = [document.value_span(one, 'name') for one in ports if one.attributes.get('name') == named.name]
+            spans = [one.value_span('name') for one in ports if one.attributes.get('name') == named.name]
             made.add(file, [TextEdit(*span, new) for span in spans])
 
     # Machines.
@@ -500,14 +495,9 @@ class Names:
         gesture = {'container': named.owner, 'outcome': old, 'name': new}
         made.add(named.file, document.gesture('rename_outcome', gesture))
         names = self._names_of(named.file, named.owner)
-        for file, other, state in self._embedding(names):
-            items = [one for table in ('transitions', 'autonomy') for one in state.items(table) if one.key == old]
-            around = state.parent.conditions if state.parent is not None else []
-            pairs = [one for condition in around for one in condition.pairs.items if one.key == state.label]
-            spans = [*(one.key_span for one in items), *(one.value_span for one in pairs if one.value == old)]
-            made.add(file, [other.renamed(span, new) for span in spans])
+        self._rename_elsewhere(named, new, made)
         for file, _, state, item, name in self._parameters():
-            if name == 'behavior' and item.value in names:
+            if name == _RUNS_BEHAVIOR and item.value in names:
                 made.notes.append(Mention(file, state.label_span, f'{state.path} runs this behavior; see its outcomes'))
         self._in_requirements(
             made,
@@ -571,7 +561,7 @@ class Names:
                 raise StudioError(f'{container.path} has a key {new} already; choose another name')
             item = items.find(old)
             if item is not None:
-                yield item.key_span if item.key_span.end else item.span
+                yield item.name_span
         if isinstance(document, YamlDocument) and container.parent is None and (item := document.input(old)):
             yield item.key_span
 
@@ -590,25 +580,16 @@ class Names:
         taken = next((file for names, file, _ in others if new in names), None)
         if taken is not None:
             raise StudioError(f'{taken} has a behavior {short_repr(new)} already; choose another name')
-        head = next((one for one in document.behaviors if one['name'] == named.name and one.get('name_span')), None)
-        if head is None:
+        if not any(one['name'] == named.name and one.get('name_span') for one in document.behaviors):
             raise StudioError(f'{named.file} does not write the name of its behavior; rename the file, or add name:')
-        made.add(named.file, [document.renamed(Span(*head['name_span']), new)])
-        for file, other, state in self._embedding((named.name,)):
-            if isinstance(other, YamlDocument):
-                made.add(file, [other.renamed(state.type_span, new)])
-        for file, other, _, item, name in self._parameters():
-            if name == 'behavior' and item.value == named.name:
-                made.add(file, [other.renamed(item.value_span, new)])
+        self._rename_elsewhere(named, new, made)
         self._in_requirements(made, {named.name: {}}, sections={named.name: new})
 
     def _rename_parameter(self, named: Named, new: str, made: Renaming) -> None:
         document = self._machine(named.file)
         gesture = {'name': named.name, 'new': new}
         made.add(named.file, document.gesture('rename_behavior_parameter', gesture))
-        for file, other, state in self._embedding(self._names_of(named.file, '/')):
-            item = state.tables.get('parameters', Table()).find(named.name)
-            made.add(file, [other.renamed(item.key_span, new)] if item is not None else [])
+        self._rename_elsewhere(named, new, made)
 
     # Requirements and plans.
 

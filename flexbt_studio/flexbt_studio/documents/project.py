@@ -366,7 +366,7 @@ def tree_places(project: Project, near: str = '') -> dict[str, Place]:
         assert isinstance(document, XmlDocument)
         for tree in reversed(document.trees.values()):
             if id := tree.attributes.get('ID', ''):
-                found.setdefault(id, Place(file, document.value_span(tree, 'ID')))
+                found.setdefault(id, Place(file, tree.value_span('ID')))
     return found
 
 

@@ -23,7 +23,8 @@ from typing import Any, ClassVar, Final
 from flexbt_core.values.text import short_repr
 from flexbt_studio.errors import GestureError
 
-from .machine_document import LEVELS, Condition, Item, MachineDocument, State, Table, edit, json_value, need
+from .document import gesture, need
+from .machine_document import LEVELS, Condition, Item, MachineDocument, State, Table, json_value
 from .text import Span, TextEdit, applied
 
 _TOKENS: Final = re.compile(
@@ -499,14 +500,14 @@ class PythonDocument(MachineDocument):
         is_position = bool(above) and _POSITION.match(self.text, above[-1].start) is not None
         return start - self.lines.start(above[-1].start) if is_position else 0
 
-    @edit
+    @gesture
     def set_autonomy(self, state: str, outcome: str, level: str | None) -> list[TextEdit]:
         """Set the level of autonomy that an outcome requires: off, low, high or full; None removes it."""
         edits = super().set_autonomy(state, outcome, level)
         needs = any('Autonomy.' in one.text for one in edits)
         return [*edits, *(self._imported('', 'Autonomy') if needs else [])]
 
-    @edit
+    @gesture
     def set_parameter(self, state: str, name: str, text: str | None) -> list[TextEdit]:
         """Set an argument of a state to a Python expression; None removes it."""
         one, _ = self._child(state)
@@ -525,7 +526,7 @@ class PythonDocument(MachineDocument):
             table, f'{self.name(name)}: {written}' if one.kind == 'behavior' else f'{name}={written}'
         )
 
-    @edit
+    @gesture
     def add_state(
         self, parent: str, label: str, type: str, parameters: dict[str, Any], transitions: dict[str, Any]
     ) -> list[TextEdit]:
@@ -576,10 +577,10 @@ class PythonDocument(MachineDocument):
         """Return the comment with the position of a new state in FlexBE's editor; empty if its neighbor has none."""
         above = self._comments_above(neighbor.span.start)
         found = _POSITION.match(self.text, above[-1].start) if above else None
-        below = self.nl + self._line_begin(neighbor.span.start)
+        below = self.line_break + self._line_begin(neighbor.span.start)
         return f'# x:{found[1]} y:{int(found[2]) + 80}{below}' if found else ''
 
-    @edit
+    @gesture
     def paste_state(self, parent: str, text: str) -> list[TextEdit]:
         """Add the state of a text, a call of ``add`` or ``Child``, behind the others of a container, in the form of its
         neighbor. A label that is taken gets a number."""
@@ -602,7 +603,7 @@ class PythonDocument(MachineDocument):
         edits = [other.renamed(label.value_span, new), *edits] if new != label.value else []
         whole = applied(other.text, [TextEdit(0, inner.start, ''), *edits, TextEdit(inner.end, len(other.text), '')])
         indent = re.sub(r'\S.*', '', self._line_begin(neighbor.span.start))
-        whole = f'{self.nl}{indent}'.join(whole.splitlines())
+        whole = f'{self.line_break}{indent}'.join(whole.splitlines())
         function = self.source(self._span(neighbor.node.func))
         return self.insert_item(one.rows, f'{self._position_below(neighbor)}{function}({whole})')
 
@@ -638,7 +639,7 @@ class PythonDocument(MachineDocument):
                     found[name.value] = item, arguments
         return owner, manifest, table, found
 
-    @edit
+    @gesture
     def set_behavior(self, key: str, text: str | None) -> list[TextEdit]:
         """Set name, description or author of the behavior; None removes it."""
         need(key in _MANIFEST[:3], f'a manifest has no text {short_repr(key)}', key, _MANIFEST[:3])
@@ -657,7 +658,7 @@ class PythonDocument(MachineDocument):
         after = [n for n, one in enumerate(manifest.items) if one.key in _MANIFEST[: _MANIFEST.index(key)]]
         return self.insert_item(manifest, f'{key}={self.name(text)}', after[-1] + 1 if after else 0)
 
-    @edit
+    @gesture
     def set_behavior_parameter(self, name: str, fields: dict[str, Any] | None) -> list[TextEdit]:
         """Set fields of a parameter of the behavior, or add it: default, description, label, unit. Texts of ``default``
         are Python expressions. A field that is None is removed; without ``fields`` the parameter is."""
@@ -716,7 +717,7 @@ class PythonDocument(MachineDocument):
             return [*edits, *self.insert_item(manifest, f'parameters=[BehaviorParameter{new}]')]
         return [*edits, *self.insert_item(table, f'BehaviorParameter{new}')]
 
-    @edit
+    @gesture
     def rename_behavior_parameter(self, name: str, new: str) -> list[TextEdit]:
         """Rename a parameter of the behavior, and all uses of it in its class."""
         owner, _, _, known = self._head()
@@ -758,7 +759,7 @@ class PythonDocument(MachineDocument):
         near = [one for one in found if str(one.module).partition('.')[0] == package] or found
         behind = next((one for one in near if str(one.module) > module), None)
         at = self.lines.starts[behind.lineno - 1] if behind else self.lines.end(self._span(near[-1]).end)
-        return [TextEdit(at, at, f'from {module} import {name}{self.nl}')]
+        return [TextEdit(at, at, f'from {module} import {name}{self.line_break}')]
 
 
 def _is_name(node: ast.AST, context: type = ast.expr_context) -> bool:

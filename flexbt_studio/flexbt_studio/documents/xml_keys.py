@@ -16,7 +16,7 @@ from flexbt_core.behavior_tree.script.interpreter import CONDITION, SCRIPT
 from flexbt_core.behavior_tree.script.parser import TokenKind, tokenize
 from flexbt_core.behavior_tree.xml.node_elements import EXPLICIT_TAGS, NodeTypes
 
-from .text import Span, TextEdit
+from .text import Span
 from .xml_spans import XmlElement, raw_places
 
 SUBTREES: Final = ('SubTree', 'SubTreePlus')
@@ -74,27 +74,23 @@ class KeyUse(NamedTuple):
             return 'writes' if self.port.writable else 'reads'
         return ' and '.join(['reads'] * self.port.readable + ['writes'] * self.port.writable) or 'uses'
 
-    def edit(self, key: str) -> TextEdit | None:
-        """Return the edit that names another key here; None for ``absent`` and ``default``."""
-        if self.form in ('absent', 'default'):
-            return None
-        return TextEdit(*self.span, f'{{{key}}}' if self.form == 'same' else key)
-
 
 def node_type(element: XmlElement) -> str:
     """Return the node type of an element; for a sub-tree the ID of the tree."""
     return element.attributes.get('ID', '') if element.tag in _EXPLICIT else element.tag
 
 
+def is_true(text: str) -> bool:
+    """Return whether the text of an attribute says yes."""
+    try:
+        return bool_from_text(text)
+    except ConversionError:
+        return False
+
+
 def is_autoremapped(subtree: XmlElement) -> bool:
     """Return whether all keys of a sub-tree are those of the tree around it."""
-    for name in _AUTOREMAP:
-        try:
-            if bool_from_text(subtree.attributes.get(name, 'false')):
-                return True
-        except ConversionError:
-            continue
-    return False
+    return any(is_true(subtree.attributes.get(name, '')) for name in _AUTOREMAP)
 
 
 def arguments(subtree: XmlElement, *, bare: bool) -> dict[str, tuple[str, str | None]]:
@@ -137,13 +133,11 @@ class KeyReader:
         Raises:
             BehaviorTreeError: a script cannot be read.
         """
-        for element in root.all():
-            yield from self._of(element)
+        return (use for element in root.all() for use in self._of(element))
 
     def readable(self, root: XmlElement) -> Iterator[KeyUse]:
         """Yield the uses of keys by an element and all below it, as far as its scripts can be read."""
-        for element in root.all():
-            yield from self.of(element)
+        return (use for element in root.all() for use in self.of(element))
 
     def of(self, element: XmlElement) -> Iterator[KeyUse]:
         """Yield the uses of keys by an element itself, as far as its scripts can be read."""
@@ -162,7 +156,7 @@ class KeyReader:
         known = arguments(element, bare=self._bare)
         for name in element.attributes:
             if name in PRE_POST_ATTRIBUTES:
-                yield from self._in_script(element, name, None)
+                yield from self._names(element, name)
             elif name in known and known[name][1] is not None:
                 use = self._pointer(element, name, None) or self._whole(element, name, 'argument')
                 yield use._replace(form=use.form if use.form == 'same' else 'argument')
@@ -177,19 +171,18 @@ class KeyReader:
             port = ports.get(name)
             kind = None if port is None else port.literal or port.type
             if name in PRE_POST_ATTRIBUTES:
-                yield from self._in_script(element, name, port)
+                yield from self._names(element, name, port)
             elif port is None and port_name_problem(name):
                 continue
             elif (use := self._pointer(element, name, port)) is not None:
                 yield use
             elif kind in (SCRIPT, CONDITION):
-                yield from self._in_script(element, name, port)
+                yield from self._names(element, name, port)
             elif (node_type(element), name) == _REMOVED_KEY:
                 yield self._whole(element, name, 'own')
             elif kind in (KEY, KEYS) and text.strip():
-                for word in _WORDS.finditer(text) if kind is KEYS else [re.compile('(?s).*').fullmatch(text)]:
-                    assert word is not None
-                    yield self._part(element, name, 'key', *word.span(), port)
+                words = [word.span() for word in _WORDS.finditer(text)] if kind is KEYS else [(0, len(text))]
+                yield from (self._part(element, name, 'key', *word, port) for word in words)
             elif manifest is not None:
                 yield from self._in_expression(element, name, port, manifest)
         for name, port in ports.items():
@@ -229,10 +222,6 @@ class KeyReader:
         start = text.index('{') + 1
         return self._part(element, name, 'pointer', start, start + len(key), port, writes)
 
-    def _in_script(self, element: XmlElement, name: str, port: Port | None) -> Iterator[KeyUse]:
-        part = element.parts[name]
-        yield from self._names(element, name, part.value, 0, frozenset(), port)
-
     def _in_expression(
         self, element: XmlElement, name: str, port: Port | None, manifest: NodeManifest
     ) -> Iterator[KeyUse]:
@@ -242,25 +231,28 @@ class KeyReader:
         if getattr(manifest.node_class, 'for_element', None) is None:
             return
         if stripped.startswith('${') and stripped.endswith('}'):
-            start = text.index('${') + 2
-            yield from self._names(element, name, text[start : text.rindex('}')], start, frozenset(), port)
+            yield from self._names(element, name, port, Span(text.index('${') + 2, text.rindex('}')))
         elif name == getattr(manifest.node_class, 'condition', None):
             messages = getattr(manifest.node_class, 'parts', {}).items()
             own = frozenset(part for part, message in messages if not message.is_input)
-            yield from self._names(element, name, text, 0, own, port)
+            yield from self._names(element, name, port, others=own)
 
     def _names(
-        self, element: XmlElement, name: str, script: str, at: int, others: frozenset[str], port: Port | None
+        self,
+        element: XmlElement,
+        name: str,
+        port: Port | None = None,
+        within: Span | None = None,
+        others: frozenset[str] = frozenset(),
     ) -> Iterator[KeyUse]:
-        tokens = tokenize(_FIELDS.sub(lambda field: ' ' * len(field.group()), script))
-        part = element.parts[name]
-        places = raw_places(self._text[part.value_start : part.value_end])
+        """Yield the names in a script: the value of an attribute, or what is ``within`` it; not the ``others``."""
+        text = element.attributes[name]
+        begin, end = within or (0, len(text))
+        tokens = tokenize(_FIELDS.sub(lambda field: ' ' * len(field.group()), text[begin:end]))
         for token, following in pairwise(tokens):
-            key = str(token.value)
+            key, start = str(token.value), begin + token.offset
             writes = following.kind is TokenKind.OPERATOR and following.value in _ASSIGNMENTS
+            updates = writes and following.value not in (':=', '=')
             if token.kind is TokenKind.NAME and key not in others and (writes or key not in self._types.scripts.enums):
-                start = at + token.offset
-                span = Span(part.value_start + places[start], part.value_start + places[start + len(key)])
-                yield KeyUse(
-                    key, element, name, 'script', span, port, writes, writes and following.value not in (':=', '=')
-                )
+                use = self._part(element, name, 'script', start, start + len(key), port, writes)
+                yield use._replace(updates=updates)

@@ -19,7 +19,8 @@ from flexbt_core.behavior_tree.xml.parser import BAD_CHARACTER, FOLDED, unescape
 from flexbt_core.values.text import short_repr
 from flexbt_studio.errors import GestureError
 
-from .text import LINE_BREAK, Lines, Span, TextEdit, applied, difference
+from .document import need
+from .text import LINE_BREAK, Span, TextEdit, applied, difference
 from .xml_spans import Markup, XmlElement, raw_places
 
 _BLANKS: Final = re.compile(r'[ \t]*')
@@ -35,16 +36,6 @@ class Layout(Markup):
     """The elements of a text and their places on its lines."""
 
     # Lines.
-
-    @cached_property
-    def lines(self) -> Lines:
-        """The lines of the text."""
-        return Lines(self.text)
-
-    @cached_property
-    def line_break(self) -> str:
-        """The line break of the text; that of its first line if it has several."""
-        return self.lines.line_break()
 
     def indentation(self, offset: int) -> str:
         """Return the blanks with which the line of this offset begins."""
@@ -115,9 +106,8 @@ class Layout(Markup):
 
     def block(self, element: XmlElement) -> Span:
         """Return the span of an element with the comments that belong to it."""
-        first, *_ = [*self.comments_above(element), Span(element.offset, element.end)]
-        *_, last = [Span(element.offset, element.end), *self.comments_behind(element.end)]
-        return Span(first.start, last.end)
+        spans = [*self.comments_above(element), element.span, *self.comments_behind(element.end)]
+        return Span(spans[0].start, spans[-1].end)
 
     def opening_end(self, element: XmlElement) -> int:
         """Return the end of a start tag with the comments behind it on its line."""
@@ -133,11 +123,11 @@ class Layout(Markup):
         line, next_line = self.lines.start(block.start), self.rest_of_line(block.end)
         after = block.end + len(self.blanks(block.end))
         if not self.begins_line(block.start):
-            start = block.start - (len(text[line : block.start]) - len(text[line : block.start].rstrip(' \t')))
-            return [TextEdit(start, block.end, '')]
+            return [TextEdit(len(text[: block.start].rstrip(' \t')), block.end, '')]
         if next_line is not None:
             above = self._empty_lines_above(line)
-            if above < line and (text.startswith('</', self._next_mark(next_line)) or self._is_empty_line(next_line)):
+            is_last = text.startswith('</', text.find('<', next_line))
+            if above < line and (is_last or self._is_empty_line(next_line)):
                 line = above
             return [TextEdit(line, next_line, '')]
         if text.startswith('</', after):
@@ -152,9 +142,6 @@ class Layout(Markup):
 
     def _is_empty_line(self, line: int) -> bool:
         return line < len(self.text) and self.rest_of_line(line) is not None
-
-    def _next_mark(self, offset: int) -> int:
-        return self.text.find('<', offset)
 
     def _emptied(self, element: XmlElement) -> TextEdit:
         """Return the edit that turns ``<A>…</A>`` into ``<A/>``."""
@@ -310,12 +297,12 @@ class Layout(Markup):
             GestureError: it has no element, or cannot be read.
         """
         new = Layout(LINE_BREAK.sub(lambda _: self.line_break, xml.strip('\ufeff')))
-        if new.tops and new.problems:
+        need(new.tops, f'{short_repr(xml)} is no XML of a node; write an element such as <Sequence/>')
+        if new.problems:
             line, column = new.position(new.problems[0].span.start)
-            where = f'line {line}, column {column} of the new text'
-            raise GestureError(f'{where} cannot be read: {new.problems[0].message}')
-        if not new.tops:
-            raise GestureError(f'{short_repr(xml)} is no XML of a node; write an element such as <Sequence/>')
+            raise GestureError(
+                f'line {line}, column {column} of the new text cannot be read: {new.problems[0].message}'
+            )
         start = len(new.text) - len(new.text.lstrip())
         span = Span(start, len(new.text.rstrip()))
         last_line = new.lines.start(span.end)
@@ -324,7 +311,3 @@ class Layout(Markup):
             base = new.indentation(span.end)
         units = (new._units[0], self.unit) if new._units else ('', '')
         return new.tops, lambda indentation: new.lifted(span, base, indentation, units=units)
-
-    def position(self, offset: int) -> tuple[int, int]:
-        """Return line and column of an offset, from 1."""
-        return self.lines.line(offset) + 1, offset - self.lines.start(offset) + 1

@@ -11,6 +11,7 @@ import re
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import islice
 from typing import Any, Final, NamedTuple
 
@@ -28,8 +29,8 @@ from flexbt_core.behavior_tree.xml.parser import (
     unescape,
 )
 
-from .document import Problem
-from .text import Span
+from .document import Document, Problem
+from .text import Span, TextEdit
 
 MOST_PROBLEMS: Final = 1000
 """Maximum number of problems that are reported for a text."""
@@ -85,9 +86,24 @@ class XmlElement(Element):
         self.fault = ''
 
     @property
+    def span(self) -> Span:
+        """The whole element."""
+        return Span(self.offset, self.end)
+
+    @property
     def is_empty(self) -> bool:
         """Whether it is written as ``<A/>``."""
         return self.close == self.end
+
+    def value_span(self, name: str) -> Span:
+        """Return where the value of an attribute is; the end of the start tag if there is none."""
+        part = self.parts.get(name)
+        return Span(self.open_end, self.open_end) if part is None else Span(part.value_start, part.value_end)
+
+    def renamed(self, name: str, new: str) -> TextEdit:
+        """Return the edit that gives an attribute another name."""
+        start = self.parts[name].start
+        return TextEdit(start, start + len(name), new)
 
     def all(self) -> Iterator[XmlElement]:
         """Yield this element and all below it, in document order."""
@@ -98,19 +114,19 @@ class XmlElement(Element):
             pending += reversed(element.children)
 
 
-class Markup:
+class Markup(Document):
     """The elements, comments and problems of a text.
 
     After a tag that cannot be read, reading continues at the next tag. An element whose end tag is missing ends with
     the element around it.
     """
 
-    def __init__(self, text: str) -> None:
-        self.text = text
+    language = 'xml'
+
+    def __init__(self, text: str, file: str = '') -> None:
+        super().__init__(text, file)
         self.tops: list[XmlElement] = []
         """Elements that are in no other: the first is the root."""
-        self.problems: list[Problem] = []
-        """What cannot be read, in the order of places."""
         self.comments: dict[int, int] = {}
         """End of each comment by its start."""
         self.solids: list[Span] = []
@@ -127,11 +143,15 @@ class Markup:
             return
         for bad in islice(BAD_CHARACTER.finditer(text), MOST_PROBLEMS + 1):
             self._problem(bad.start(), f'the character U+{ord(bad.group()):04X} is not allowed in XML; remove it')
-        self._source = Source('', text)
+        self._places = Source('', text)
         self._read()
         self.problems.sort(key=lambda one: one.span)
         self._damages.sort()
         self.solids.sort()
+
+    def position(self, offset: int) -> tuple[int, int]:
+        """Return line and column of an offset, from 1."""
+        return self._places.position(offset)
 
     def problem_in(self, start: int, end: int) -> str:
         """Return what cannot be read within these characters; '' if all can. Of too many problems any counts."""
@@ -230,7 +250,7 @@ class Markup:
             self._problem(start, f'</{tag}> closes nothing')
             return
         if opened[-1].tag != tag:
-            line, column = self._source.position(opened[-1].offset)
+            line, column = self.position(opened[-1].offset)
             message = f'</{tag}> does not close <{opened[-1].tag}>, opened at line {line}, column {column}'
             self._problem(start, message)
             if not self._opened_tags[tag]:
@@ -294,6 +314,7 @@ class Markup:
         return end
 
 
+@lru_cache(maxsize=16)
 def raw_places(written: str) -> list[int]:
     """Return where each character of the value of an attribute is in its text as written, and the end of the text."""
     places: list[int] = []

@@ -21,7 +21,8 @@ from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import MAX_YAML_DEPTH, YamlError, construct_yaml
 from flexbt_studio.errors import GestureError
 
-from .machine_document import CONTAINERS, LEVELS, Condition, Item, MachineDocument, State, Table, edit, json_value, need
+from .document import gesture, need
+from .machine_document import CONTAINERS, LEVELS, Condition, Item, MachineDocument, State, Table, json_value
 from .text import Span, TextEdit, applied
 
 _LOADER: Final[Any] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
@@ -157,7 +158,7 @@ class YamlDocument(MachineDocument):
             self.problem(Span(place, min(place + 1, len(self.text))), f'no YAML: {tree.error[1]}')
         elif root is None or root.kind != 'mapping':
             self.problem(Span(0, 0), 'the text is not a mapping; begin with machine:')
-        self.unreadable = bool(self._problems)
+        self.unreadable = bool(self.problems)
         if root is None or root.kind != 'mapping':
             return
         self._top = self._table(root)
@@ -378,7 +379,7 @@ class YamlDocument(MachineDocument):
     def add_table(self, state: State, table: str, entry: str) -> list[TextEdit]:
         owner, order = self._owner(state, table)
         is_block = owner.inner is None and owner.items and self._is_block(table)
-        indent = self.nl + ' ' * self._column(owner) + self._step() if is_block else ''
+        indent = self.line_break + ' ' * self._column(owner) + self._step() if is_block else ''
         return self._insert_entry(owner, table, f'{indent}{entry}' if indent else f' {{{entry}}}', order)
 
     def remove_last(self, state: State, table: str) -> list[TextEdit]:
@@ -434,9 +435,9 @@ class YamlDocument(MachineDocument):
         first = next(line for line in old.splitlines()[1:] if line.strip())
         indent = first[: len(first) - len(first.lstrip(' '))]
         head = '|' if text.endswith('\n') else '|-'
-        return self.nl.join([head, *(f'{indent}{line}' if line else '' for line in lines)]) + self.nl * old.endswith(
-            ('\n', '\r')
-        )
+        return self.line_break.join(
+            [head, *(f'{indent}{line}' if line else '' for line in lines)]
+        ) + self.line_break * old.endswith(('\n', '\r'))
 
     def _replaced(self, item: Item, text: str) -> TextEdit:
         """Return the edit that replaces the value of an entry by one in one line."""
@@ -467,19 +468,19 @@ class YamlDocument(MachineDocument):
 
     # -- gestures of states ------------------------------------------------------------------------------------------
 
-    @edit
+    @gesture
     def set_parameter(self, state: str, name: str, text: str | None) -> list[TextEdit]:
         """Set a parameter of a state to a value as it is written in YAML; None removes it."""
         one, _ = self._child(state)
         need(one.kind == 'state' or 'behavior' in one.tables, f'{state} is a {one.kind}; it has no parameters')
         return self._set_value(one, 'parameters', name, text)
 
-    @edit
+    @gesture
     def set_userdata(self, container: str, key: str, text: str | None) -> list[TextEdit]:
         """Set a key of a container's own userdata to a value as it is written in YAML; None removes it."""
         return self._set_value(self.container(container), 'userdata', key, text)
 
-    @edit
+    @gesture
     def set_wrapper(self, state: str, kind: str, fields: dict[str, Any] | None) -> list[TextEdit]:
         """Set the retry or the timeout of a state; None removes it. Texts are names, numbers, or $ and a parameter."""
         one, _ = self._child(state)
@@ -489,7 +490,7 @@ class YamlDocument(MachineDocument):
         need(fields is not None or entries.find(kind), f'{state} has no {kind}')
         return self._set_fields(entries, kind, fields, _WRAPPERS[kind], _STATE)
 
-    @edit
+    @gesture
     def add_state(
         self,
         parent: str,
@@ -543,7 +544,7 @@ class YamlDocument(MachineDocument):
             label, entries, indent, ' ' * self._column(neighbor) if neighbor.items else indent + self._step()
         )
         if rows.items:
-            return self.insert_item(rows, self.nl.join(lines).removeprefix(indent) if is_row else flow)
+            return self.insert_item(rows, self.line_break.join(lines).removeprefix(indent) if is_row else flow)
         return self._first_rows(states, lines)
 
     def _first_rows(self, states: Item, lines: list[str]) -> list[TextEdit]:
@@ -551,9 +552,12 @@ class YamlDocument(MachineDocument):
         colon = self.text.index(':', states.key_span.end) + 1
         comment = self._comment_on_line(states.value_span.end)
         at = comment.end if comment else states.value_span.end
-        return [TextEdit(colon, states.value_span.end, ''), TextEdit(at, at, self.nl + self.nl.join(lines))]
+        return [
+            TextEdit(colon, states.value_span.end, ''),
+            TextEdit(at, at, self.line_break + self.line_break.join(lines)),
+        ]
 
-    @edit
+    @gesture
     def paste_state(self, parent: str, text: str) -> list[TextEdit]:
         """Add the states of a text behind the others of a container. A label that is taken gets a number."""
         one = self.container(parent)
@@ -576,12 +580,12 @@ class YamlDocument(MachineDocument):
         indent += '' if rows.items else self._step()
         lines = [f'{indent}{line[4:]}'.rstrip() for line in pasted.text[len(around) :].splitlines()]
         return (
-            self.insert_item(rows, self.nl.join(lines).removeprefix(indent))
+            self.insert_item(rows, self.line_break.join(lines).removeprefix(indent))
             if rows.items
             else self._first_rows(own, lines)
         )
 
-    @edit
+    @gesture
     def group(self, states: list[str], label: str, keys: dict[str, Any] | None = None) -> list[TextEdit]:
         """Wrap states of one container into a machine in it; it begins with the one to which transitions lead.
 
@@ -625,7 +629,7 @@ class YamlDocument(MachineDocument):
         ]
         head = [f'{indent}{self.name(label)}:', f'{indent}{step}machine:']
         head += [f'{indent}{step * 2}{key}: {text}' for key, text in content]
-        before = self.nl.join([*head, f'{indent}{step * 2}states:', ''])
+        before = self.line_break.join([*head, f'{indent}{step * 2}states:', ''])
         tail = f'{indent}{step}transitions: {self._flow([(name, self.name(name)) for name in outcomes])}'
         is_ended = self.text.endswith(('\n', '\r')) or max(spans).end < len(self.text)
         edits = [self.renamed(item.value_span, label) for item in into]
@@ -634,17 +638,19 @@ class YamlDocument(MachineDocument):
             edits += [TextEdit(spans[0].start, spans[0].start, before), *(TextEdit(at, at, step * 3) for at in starts)]
             return [
                 *edits,
-                TextEdit(spans[-1].end, spans[-1].end, f'{tail}{self.nl}' if is_ended else f'{self.nl}{tail}'),
+                TextEdit(
+                    spans[-1].end, spans[-1].end, f'{tail}{self.line_break}' if is_ended else f'{self.line_break}{tail}'
+                ),
             ]
         chunks = []
         for start, end in spans:
             inserted = [TextEdit(at - start, at - start, step * 3) for at in self._line_starts(start, end)]
-            chunks.append(applied(self.text[start:end], inserted).rstrip('\r\n') + self.nl)
+            chunks.append(applied(self.text[start:end], inserted).rstrip('\r\n') + self.line_break)
         at = min(spans).start
-        edits.append(TextEdit(at, at, f'{before}{"".join(chunks)}{tail}{self.nl}'))
+        edits.append(TextEdit(at, at, f'{before}{"".join(chunks)}{tail}{self.line_break}'))
         return [*edits, *self.remove_items(parent.rows, places)]
 
-    @edit
+    @gesture
     def ungroup(self, state: str) -> list[TextEdit]:
         """Replace a machine in a machine by its states."""
         one, parent = self._child(state)
@@ -689,7 +695,7 @@ class YamlDocument(MachineDocument):
 
     # -- gestures of containers --------------------------------------------------------------------------------------
 
-    @edit
+    @gesture
     def add_outcome(self, container: str, outcome: str) -> list[TextEdit]:
         """Add an outcome to a container."""
         one = self.container(container)
@@ -699,7 +705,7 @@ class YamlDocument(MachineDocument):
         one.tables['outcomes'].mark = one.tables['outcomes'].mark or '- '
         return self.insert_item(one.tables['outcomes'], self.name(outcome))
 
-    @edit
+    @gesture
     def remove_outcome(self, container: str, outcome: str, instead: str | None = None) -> list[TextEdit]:
         """Remove an outcome of a container. What leads to it leads to ``instead``, if it is given."""
         one, place, spans, pairs = self.uses_of_outcome(container, outcome)
@@ -721,7 +727,7 @@ class YamlDocument(MachineDocument):
 
     # -- gestures of the head ----------------------------------------------------------------------------------------
 
-    @edit
+    @gesture
     def set_behavior(self, key: str, text: str | None) -> list[TextEdit]:
         """Set an entry of the behavior's head: name, description, author, operator_gone; None removes it."""
         need(key in _TEXTS, f'the head has no text {short_repr(key)}', key, _TEXTS)
@@ -735,14 +741,15 @@ class YamlDocument(MachineDocument):
         written = self.name(text, like) if key != 'operator_gone_after' else self.value_text(text, is_flow=True)
         return [self._replaced(item, written)] if item else self._add_to_head(key, written)
 
-    @edit
+    @gesture
     def set_behavior_parameter(self, name: str, fields: dict[str, Any] | None) -> list[TextEdit]:
         """Set a parameter of the behavior: default, description, label, unit, limits, choices; None removes it."""
         table, declared = self._parameters(), self._head.find('parameters')
         known = [item.key for item in table.items]
         if fields is None:
             need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
-            used = ', '.join(self.where(one.start) for one in self._references(name))
+            uses = self.parameter_uses()
+            used = ', '.join(self.where(span.start) for one, span, is_own in uses if one == name and not is_own)
             need(not used, f'${name} is used in {used}; replace it there before')
             return self._remove_from_head('parameters') if len(known) == 1 else self._remove_entry(table, name)
         self._check_parameter(name)
@@ -753,28 +760,25 @@ class YamlDocument(MachineDocument):
         text = self._json({name: fields})
         return [self._replaced(declared, text)] if declared else self._add_to_head('parameters', text)
 
-    @edit
+    @gesture
     def rename_behavior_parameter(self, name: str, new: str) -> list[TextEdit]:
         """Rename a parameter of the behavior, and all references to it."""
-        item = self._parameters().find(name)
-        if item is None:
-            raise GestureError(f'the behavior has no parameter {short_repr(name)}')
+        known = [item.key for item in self._parameters().items]
+        need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
         self._check_parameter(new)
-        need(self._parameters().find(new) is None, f'the behavior has a parameter {new} already')
-        places = [self.text.index(f'${name}', one.start) + 1 for one in self._references(name)]
-        return [self.renamed(item.key_span, new), *(TextEdit(at, at + len(name), new) for at in places)]
+        need(new not in known, f'the behavior has a parameter {new} already')
+        return [self.renamed(span, new) for one, span, _ in self.parameter_uses() if one == name]
 
-    def parameter_at(self, offset: int) -> str:
-        """Return the parameter of the behavior that is declared, or referred to, at an offset; '' if none is."""
-        for item in self._parameters().items:
-            if item.key_span.start <= offset <= item.key_span.end or any(
-                one.start <= offset <= one.end for one in self._references(item.key)
-            ):
-                return item.key
-        return ''
+    def parameter_uses(self) -> Iterator[tuple[str, Span, bool]]:
+        known = {item.key: item.key_span for item in self._parameters().items}
+        yield from ((name, span, True) for name, span in known.items())
+        for one in self._tree.scalars if known else ():
+            name = one.value[1:]
+            at = self.text.find(f'${name}', one.start, one.end) + 1
+            if at and one.value[:1] == '$' and name in known:
+                yield name, Span(at, at + len(name)), False
 
     def default_of(self, reference: str) -> Item | None:
-        """Return the default of the parameter that a value such as ``$name`` refers to; None if it is no reference."""
         item = self._parameters().find(reference[1:]) if _REFERENCE.fullmatch(reference) else None
         return None if item is None else self._table(item.node).find('default')
 
@@ -792,10 +796,6 @@ class YamlDocument(MachineDocument):
         fits = name.isidentifier() and not name.startswith('_')
         need(fits, f'{short_repr(name)} cannot be the name of a parameter; use letters, digits and _')
 
-    def _references(self, name: str) -> list[Node]:
-        found = (one for one in self._tree.scalars if one.value == f'${name}')
-        return [one for one in found if one.value in self.text[one.start : one.end]]
-
     def _remove_from_head(self, key: str) -> list[TextEdit]:
         is_last = len(self._head.items) == 1
         return self._remove_entry(self._top, 'behavior') if is_last else self._remove_entry(self._head, key)
@@ -808,7 +808,9 @@ class YamlDocument(MachineDocument):
             return self.insert_item(self._top, f'behavior: {{{key}: {written}}}', 0)
         at = self._top.items[0].span.start
         indent = self._line_begin(at)
-        return [TextEdit(at, at, self.nl.join(['behavior:', f'{indent}{self._step()}{key}: {written}', indent]))]
+        return [
+            TextEdit(at, at, self.line_break.join(['behavior:', f'{indent}{self._step()}{key}: {written}', indent]))
+        ]
 
 
 def scalar_text(text: str, like: str = '') -> str:

@@ -18,7 +18,7 @@ from flexbt_core.values.text_files import TextFileError, read_text
 from flexbt_server.groot2.protocol import models_document
 from flexbt_studio.documents.document import Document
 from flexbt_studio.documents.project import MOST_FILES, Project
-from flexbt_studio.documents.text import Span, TextEdit, applied
+from flexbt_studio.documents.text import TextEdit, applied
 from flexbt_studio.documents.xml_document import XmlDocument
 from flexbt_studio.errors import StudioError
 from flexbt_studio.tool_process import ToolCopy, new_folder
@@ -141,10 +141,9 @@ def _tree_edits(document: XmlDocument, made: XmlDocument, id: str) -> list[TextE
     tree, old = made.trees[id], document.trees.get(id)
     if old is None:
         return document.gesture('add_tree', {'id': id, 'xml': made.clip(f'{id}/0')})
-    layout, new = document.layout, made.layout
-    base, indentation = new.indentation(tree.offset), layout.indentation(old.offset)
-    text = new.lifted(Span(tree.offset, tree.end), base, indentation, units=(new.unit, layout.unit))
-    return [TextEdit(old.offset, old.end, text.replace('\n', layout.line_break))]
+    base, indentation = made.indentation(tree.offset), document.indentation(old.offset)
+    text = made.lifted(tree.span, base, indentation, units=(made.unit, document.unit))
+    return [TextEdit(*old.span, text.replace('\n', document.line_break))]
 
 
 # Models of node types (<TreeNodesModel>), which Groot2 and other editors read.

@@ -52,7 +52,7 @@ CASES: dict[str, tuple[type[YamlDocument | PythonDocument], str, str | None]] = 
 
 
 def pasted(document: YamlDocument | PythonDocument, parent: str, text: str) -> YamlDocument | PythonDocument:
-    made = type(document)(applied(document.text, document.paste_state(parent, text)))
+    made = type(document)(applied(document.text, document.gesture('paste_state', {'parent': parent, 'text': text})))
     assert not made.problems
     return made
 
@@ -93,9 +93,9 @@ def test_what_is_no_state_is_refused() -> None:
             'A:\n  machine: {',
         ):
             with pytest.raises(GestureError):
-                document.paste_state('/', text)
+                document.gesture('paste_state', {'parent': '/', 'text': text})
         with pytest.raises(GestureError):
-            document.paste_state('/Wait', document.clip('/Wait'))
+            document.gesture('paste_state', {'parent': '/Wait', 'text': document.clip('/Wait')})
 
 
 def test_a_machine_with_states_is_pasted_whole() -> None:
@@ -112,6 +112,7 @@ def test_a_text_of_several_lines_keeps_the_form_of_its_block() -> None:
     text = ROWS.replace('{wait_time: 1.0}', '\n        wait_time: |\n          one\n\n          two\n        other: 1')
     document = YamlDocument(text)
     for new in ('one\ntwo', 'one\n\n  two: [\nthree\n', ' one\ntwo', 'one\ntwo\n\n', 'one', 'a\x01\nb'):
-        made = YamlDocument(applied(text, document.set_parameter('/Wait', 'wait_time', new)))
+        edits = document.gesture('set_parameter', {'state': '/Wait', 'name': 'wait_time', 'text': new})
+        made = YamlDocument(applied(text, edits))
         values = {one['name']: one['value'] for one in made.view()['states'][1]['parameters']}
         assert values == {'wait_time': new, 'other': 1}, made.text

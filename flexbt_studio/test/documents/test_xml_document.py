@@ -62,7 +62,7 @@ def check_reading(text: str) -> XmlDocument:
         element = pending.pop()
         expected.append((element.tag, element.offset, element.attributes, element.offsets))
         pending += reversed(element.children)
-    found = list(document.layout.tops[0].all())
+    found = list(document.tops[0].all())
     assert [(one.tag, one.offset, one.attributes, one.offsets) for one in found] == expected
     for element in found:
         assert text[element.open_end - 1] == text[element.end - 1] == '>'
