@@ -45,8 +45,6 @@ Any node may have a `name`, the pre-conditions `_failureIf`, `_successIf`, `_ski
 Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2's branches jazzy and main. See
 also [How the engine ticks a tree](../explanation/bt_engine.md) and
 [Differences from BehaviorTree.CPP](bt_differences.md).
-
-## Overview
 """
 CHILDREN: Final = {
     NodeKind.CONTROL: ((1, None), 'A control node has one child or more, unless its section says otherwise.'),
@@ -86,11 +84,7 @@ def page() -> str:
     repeated = Counter(port for group in groups for port in ports(group))
     shared = [port for port, times in repeated.items() if times >= SHARED]
     assert len({port.name for port in shared}) == len(shared), 'a name stands for one shared port'
-    lines = [HEAD]
-    for kind, of_kind in by_kind.items():
-        links = (f'[{node.id}](#{anchor(group)})' for group in of_kind for node in group)
-        lines += [f'- **{kind.value}**: {", ".join(links)}']
-    lines += ['', '### Ports that many nodes have', '', *map(str, shared), '']
+    lines = [HEAD, '## Ports that many nodes have', '', *map(str, shared), '']
     for kind, of_kind in by_kind.items():
         lines += [f'## {kind.value} nodes', '']
         lines += [CHILDREN[kind][1], ''] if kind in CHILDREN else []
@@ -115,10 +109,6 @@ def _family(manifest: NodeManifest) -> tuple[object, ...]:
 
 def title(group: Sequence[NodeManifest]) -> str:
     return ', '.join(manifest.id for manifest in group)
-
-
-def anchor(group: Sequence[NodeManifest]) -> str:
-    return title(group).lower().replace(',', '').replace(' ', '-')
 
 
 def ports(group: Sequence[NodeManifest]) -> list[Port]:

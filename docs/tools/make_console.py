@@ -23,16 +23,19 @@ HEAD: Final = """\
 # Console
 
 All commands of the operator's console. `docs/tools/make_console.py` writes this page from the registry of commands;
-`console COMMAND --help` prints the same. A command works on the command line and at the prompt, unless its section says
-otherwise. *Sends* names the kind of `flexbt_msgs/msg/ExecutiveCommand` that it sends.
-
-## Overview
+`console COMMAND --help` prints the same. [The operator link](../explanation/operator_link.md#list-of-commands) lists
+the commands that are sent to the executive. A command works on the command line and at the prompt.
 """
+NOT_IN_PROMPT: Final = ', '.join(f'`{spec.name}`' for spec in COMMANDS if not spec.in_prompt)
 OPTIONS: Final = """\
 
 ## Common options
 
 All commands have these:
+"""
+SENT: Final = """\
+
+Commands that are sent to the executive, except {}, also have this option, which their usages leave out:
 """
 SHARED: Final = """\
 
@@ -50,16 +53,24 @@ USES: Final = Counter(option for spec in COMMANDS for option in spec.options)
 USUAL: Final = {option.usage: option for option, _ in reversed(USES.most_common())}
 """The most common option of each usage."""
 SHARED_OPTIONS: Final = [option for option, uses in USES.items() if uses > 1 and USUAL[option.usage] == option]
+REASON: Final = USES.most_common(1)[0][0]
+"""The option of commands that are sent."""
+WITHOUT_REASON: Final = ', '.join(
+    f'`{spec.name}`' for spec in COMMANDS if isinstance(spec.action, Send) and REASON not in spec.options
+)
 DETAILS: Final = Counter(paragraph for spec in COMMANDS for paragraph in spec.details)
 SHARED_DETAILS: Final = [paragraph for paragraph, uses in DETAILS.items() if uses > 1]
 
 
 def page() -> str:
     """Return the whole page."""
-    lines = [HEAD]
-    lines += [', '.join(f'[{spec.name}](#{spec.name.replace(" ", "-")})' for spec in COMMANDS)]
-    lines += [OPTIONS, *map(_item, COMMON_OPTIONS)]
-    lines += [SHARED, *map(_item, SHARED_OPTIONS), *(f'- {paragraph}' for paragraph in SHARED_DETAILS)]
+    lines = [f'{HEAD}On the command line only: {NOT_IN_PROMPT}.', OPTIONS, *map(_item, COMMON_OPTIONS)]
+    lines += [SENT.format(WITHOUT_REASON), _item(REASON)]
+    lines += [
+        SHARED,
+        *(_item(option) for option in SHARED_OPTIONS if option != REASON),
+        *(f'- {paragraph}' for paragraph in SHARED_DETAILS),
+    ]
     lines += [CODES, *(f'| {code.value} | {_cell(meaning)} |' for code, meaning in EXIT_CODES.items()), '']
     for spec in COMMANDS:
         lines += section(spec)
@@ -70,8 +81,9 @@ def section(spec: CommandSpec) -> Iterator[str]:
     """Return the section of one command."""
     yield f'## {spec.name}'
     yield ''
-    if spec.usage != spec.name:
-        yield f'`{spec.usage}`'
+    usage = spec.usage.replace(f' [{REASON.usage}]', '')
+    if usage != spec.name:
+        yield f'`{usage}`'
         yield ''
     yield f'{spec.summary[0].upper()}{spec.summary[1:]}.'
     for paragraph in spec.details:
@@ -79,29 +91,16 @@ def section(spec: CommandSpec) -> Iterator[str]:
             yield ''
             yield paragraph
     if spec.action is Mode.SCREEN:
-        yield from ('', '| Key | | Effect |', '|---|---|---|')
-        yield from (f'| `{key.shown}` | {_cell(key.label)} | {_cell(key.help)} |' for key in KEYS)
-        yield from ('', HOW_KEYS_SEND)
+        yield from ('', *(f'- `{key.shown}` ({key.label}): {key.help}' for key in KEYS), '', HOW_KEYS_SEND)
     own = [option for option in spec.options if option not in SHARED_OPTIONS]
     if own:
         yield from ('', *map(_item, own))
-    needs = ' '.join(_needs(spec))
-    if needs:
-        yield from ('', needs)
+    if isinstance(spec.action, Send) and spec.action.answers is not None:
+        decisions = ' or '.join(sorted(kind.name for kind in spec.action.answers.kinds))
+        yield from ('', f'Answers a pending decision ({decisions}).')
+    if isinstance(spec.action, Send) and spec.link is LinkNeed.HEARD:
+        yield from ('', 'The prompt sends it even without a live link.')
     yield ''
-
-
-def _needs(spec: CommandSpec) -> Iterator[str]:
-    if isinstance(spec.action, Send):
-        kinds = ' or '.join(f'`{kind.name}`' for kind in spec.action.kinds)
-        yield f'Sends {kinds}.'
-        if spec.action.answers is not None:
-            decisions = ' or '.join(sorted(kind.name for kind in spec.action.answers.kinds))
-            yield f'Answers a pending decision ({decisions}).'
-        if spec.link is LinkNeed.HEARD:
-            yield 'The prompt sends it even without a live link.'
-    if not spec.in_prompt:
-        yield 'On the command line only.'
 
 
 def _item(option: Option) -> str:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write the tables of parameters in docs/reference/executables.md, from the declarations of the nodes.
+"""Write the lists of parameters in docs/reference/executables.md, from the declarations of the nodes.
 
 In a shell with the environment of the workspace.
 """
@@ -25,7 +25,7 @@ from flexbt_navigation.parameters import declare_navigation_parameters
 from flexbt_sim.simulator.parameters import declare_simulator_parameters
 
 PAGE: Final = Path(__file__).parents[1] / 'reference' / 'executables.md'
-TABLE: Final = re.compile(r'(<!-- written by \S+: (\w+) -->\n).*?(<!-- end of what is written -->\n)', re.DOTALL)
+LIST: Final = re.compile(r'(<!-- written by \S+: (\w+) -->\n).*?(<!-- end of what is written -->\n)', re.DOTALL)
 EXECUTABLES: Final[dict[str, Callable[[Node], object]]] = {
     'bt_server': flexbt_server.parameters.declare_parameters,
     'onboard_executive': flexbt_onboard.node.executive_parameters.declare_parameters,
@@ -41,7 +41,7 @@ LONG_LIST: Final = 4
 
 
 def rows(declare: Callable[[Node], object]) -> dict[str, str]:
-    """Return the parameters that ``declare`` declares on a node, each with its row of a table."""
+    """Return the parameters that ``declare`` declares on a node, each with its item of a list."""
     with NodeRuntime.open('reference') as runtime:
         node = runtime.node
         domain = f'domain_{node.context.get_domain_id()}'
@@ -50,7 +50,7 @@ def rows(declare: Callable[[Node], object]) -> dict[str, str]:
             before = node.get_parameters_by_prefix('').keys()
             declare(node)
             return {
-                name: f'| `{name}` | {shown(parameter.value)} | {node.describe_parameter(name).description} |\n'
+                name: f'- `{name}`{shown(parameter.value)}: {node.describe_parameter(name).description}\n'
                 for name, parameter in node.get_parameters_by_prefix('').items()
                 if name not in before
             }
@@ -59,22 +59,22 @@ def rows(declare: Callable[[Node], object]) -> dict[str, str]:
 
 
 def shown(value: Any) -> str:
-    """Return a default as text."""
+    """Return a default in parentheses, or nothing if it is empty."""
     if isinstance(value, bool):
-        return str(value).lower()
+        return f' ({str(value).lower()})'
     if isinstance(value, str | int | float):
-        return f'`{value}`' if value != '' else '–'
+        return f' (`{value}`)' if value != '' else ''
     values = [str(entry) for entry in value if entry != '']
     if len(values) > LONG_LIST:
-        return f'{len(values)} keys'
-    return f'`[{", ".join(values)}]`' if values else '–'
+        return f' ({len(values)} keys)'
+    return f' (`[{", ".join(values)}]`)' if values else ''
 
 
 def page() -> str:
-    """Return the whole page with the current tables. A row of an earlier table is a reference to it."""
+    """Return the whole page with the current lists. An item of an earlier list is a reference to it."""
     first: dict[str, str] = {}
 
-    def table(found: re.Match[str]) -> str:
+    def items(found: re.Match[str]) -> str:
         own, above = '', defaultdict[str, list[str]](list)
         for name, row in rows(EXECUTABLES[found[2]]).items():
             if first.setdefault(row, found[2]) == found[2]:
@@ -82,10 +82,10 @@ def page() -> str:
             else:
                 above[first[row]].append(f'`{name}`')
         lines = [f'As for [{other}](#{other}): {", ".join(names)}.\n\n' for other, names in above.items()]
-        lines += ['| Parameter | Default | Meaning |\n|---|---|---|\n', own, '\n'] if own else []
+        lines += [own, '\n'] if own else []
         return ''.join([found[1], '\n', *lines, found[3]])
 
-    return TABLE.sub(table, PAGE.read_text(encoding='utf-8'))
+    return LIST.sub(items, PAGE.read_text(encoding='utf-8'))
 
 
 if __name__ == '__main__':

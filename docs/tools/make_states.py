@@ -56,9 +56,7 @@ def declaration(state: type[Any]) -> Declaration:
 def page() -> str:
     """Return the whole page."""
     own, flexbe = list(states_of(flexbt_states)), list(states_of(flexbt_flexbe.states, without=flexbt_states))
-    links = (f'[{state.__name__}](#{state.__name__.lower()})' for state in own)
-    lines = [HEAD, f'{", ".join(links)}, and [those of FlexBE](#generic-states-of-flexbe).', '']
-    lines += ['## States of `flexbt_states`', '']
+    lines = [HEAD, '## States of `flexbt_states`', '']
     for state in own:
         lines += section(state, [name for name in flexbt_states.__all__ if is_alias(name, state)])
     lines += [FLEXBE]

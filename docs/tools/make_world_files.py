@@ -37,6 +37,7 @@ from the declarations of the keys. See also [Create your own world](../how_to/ow
 - A name has letters, digits and `_`, starts with a letter, and has at most 63 characters. Names are unique among all
   entities, because robots are namespaces. Names of places are separate.
 - Robots, places and stations are on the map; zones at least in part.
+- Type and default of a key are in parentheses.
 
 No body jumps over another between two steps: it moves up to the obstacle and stops there. Robots, moving obstacles and
 doors stop for each other; moving obstacles and doors then wait. Sensors see all of them.
@@ -75,16 +76,16 @@ ENTITIES: Final = {
 
 def page() -> str:
     """Return the whole page."""
-    lines = [HEAD, '## The file', '', *table(WorldModel)]
-    lines += [f'| `{name}` | | | {text} |' for name, text in SECTIONS.items()]
+    lines = [HEAD, '## The file', '', *items(WorldModel)]
+    lines += [f'- `{name}`: {text}' for name, text in SECTIONS.items()]
     lines += ['', '## Plan', '', *section(FloorPlan)]
     lines += [ROBOTS, *section(RobotModel), *models()]
     for name, specification in ENTITIES.items():
         lines += [f'## {name.capitalize()}', '', *section(specification)]
-    lines += [FAULT_LIST, *table(FaultTiming), '']
+    lines += [FAULT_LIST, *items(FaultTiming), '']
     for fault in FAULTS.values():
         lines += [f'### `{fault.name}`', '', f'{doc(fault)}{executed(fault)}', '']
-        lines += [*table(fault), ''] if keys_of(fault) else []
+        lines += [*items(fault), ''] if keys_of(fault) else []
     lines += ['### Topics', '', TOPIC_LIST.format(', '.join(f'`{name}`' for name in TOPICS))]
     lines += ['### Navigation servers', '', SERVERS.format(', '.join(f'`{name}`' for name in NAVIGATION_SERVERS))]
     return '\n'.join(lines).rstrip('\n') + '\n'
@@ -103,13 +104,13 @@ def executed(fault: type[FaultModel]) -> str:
 
 def section(specification: type[ModelSpecification]) -> Iterator[str]:
     """Return the section of a specification: its keys, and those of the mappings in it."""
-    yield from [doc(specification), '', *table(specification), '']
+    yield from [doc(specification), '', *items(specification), '']
     for name, kind in types_of(specification).items():
         for part in parts(kind):
             if name in keys_of(specification):
                 yield f'### {specification.title}: `{written(name)}`'
                 yield ''
-                yield from [doc(part), '', *table(part), '']
+                yield from [doc(part), '', *items(part), '']
 
 
 def parts(kind: Any) -> Iterator[type[ModelSpecification]]:
@@ -122,14 +123,13 @@ def parts(kind: Any) -> Iterator[type[ModelSpecification]]:
         yield from parts(one)
 
 
-def table(specification: type[ModelSpecification]) -> Iterator[str]:
-    """Return the table of the keys of a specification."""
-    yield '| Key | Type | Default | Meaning |'
-    yield '|---|---|---|---|'
+def items(specification: type[ModelSpecification]) -> Iterator[str]:
+    """Return the list of the keys of a specification."""
     defaults = {one.name: one.default for one in dataclasses.fields(specification)}
     for name, key in keys_of(specification).items():
+        default = shown(defaults[name])
         kind = described(types_of(specification)[name], key)
-        yield f'| `{written(name)}` | {kind} | {shown(defaults[name])} | {key.text} |'
+        yield f'- `{written(name)}` ({kind}{f", {default}" if default else ""}): {key.text}'
 
 
 def described(kind: Any, key: ModelKey) -> str:

@@ -145,8 +145,8 @@ class ServerParameters:
     plugins: tuple[str, ...] = parameter(
         'plugins',
         (),
-        'libraries of C++ nodes for BehaviorTree.CPP, or directories of them: an absolute path, package/path, or a '
-        'name for the dynamic loader, such as my_nodes for libmy_nodes.so; each entry runs in its own process',
+        'libraries of C++ nodes, or directories of them, each in its own process: an absolute path, package/path, or '
+        'a name for the dynamic loader, such as my_nodes for libmy_nodes.so',
         is_fixed=True,
     )
     tick_rate: float = parameter('tick_rate', 10.0, 'minimum tick rate when no event wakes the tree, Hz', 0.1, 1000.0)
