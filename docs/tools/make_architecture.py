@@ -34,9 +34,9 @@ ROS and what needs no engine.
 
 
 def summary(package: Path) -> str:
-    """Return the first sentence or line of the docstring of a package."""
+    """Return the first sentence of the docstring of a package."""
     doc = ast.get_docstring(ast.parse((package / '__init__.py').read_text(encoding='utf-8'))) or ''
-    text = ' '.join(doc.partition('\n\n')[0].split())
+    text = re.split(r'(?<=[.]) (?=[A-Z`])', ' '.join(doc.partition('\n\n')[0].split()))[0]
     return re.sub(r':\w+:`([^`]+)`', r'`\1`', text).replace('``', '`')
 
 

@@ -65,13 +65,8 @@ class _Goal:
 class ReachGoal(ExpandingAction):
     """Reaches the goal of a mission file: measures the world, plans the cheapest way, and executes the plan.
 
-    First the sensor of every relevant predicate measures it: a condition leaf, or a test of the blackboard. A sensor
-    that has received no message yet is polled for ``sensor_timeout``; then the predicate counts as false. Predicates
-    without a sensor have the value in the mission's ``start``. A separate thread then searches for the plan, and the
-    plan's reactive tree runs below this leaf as a sub-tree. It shares the surrounding blackboard, except for its
-    private entries. If that tree fails, the leaf measures and plans again, without any action that has used up the
-    attempts in its manifest. If it finds no plan, it keeps measuring for ``sensor_timeout``, and plans again when the
-    measurements change.
+    ``docs/how_to/goals.md`` lists its steps. The plan's tree runs below this leaf and shares the blackboard
+    around it, except for private entries.
 
     SUCCESS when the goal holds. FAILURE, with the reason, when no plan exists or the last of the ``attempts`` fails.
     A halt ends the search or the tree.

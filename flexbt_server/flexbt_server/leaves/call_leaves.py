@@ -230,8 +230,7 @@ class _TimedLeaf(ServerNode, StatefulAction):
 class Publish(MessageLeaf, _TimedLeaf):
     """Publishes a message of any type.
 
-    ``message.FIELD`` sets a field, as ``goal.FIELD`` of CallAction does. If the publisher is new and has no
-    subscriber, the node waits for one for a while, and then publishes in any case.
+    ``message.FIELD`` sets a field, as ``goal.FIELD`` of CallAction does.
     """
 
     __slots__ = ('_message', '_shared')

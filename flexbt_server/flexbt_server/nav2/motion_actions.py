@@ -63,7 +63,7 @@ class FollowPath(FieldAction):
 
     A path without poses replaces nothing: while the tree retries a failed planner, the robot continues along its
     current path. If the controller fails meanwhile, its next attempt waits for the next path. If none arrives in time,
-    it gets the path without poses and rejects it. (In Nav2 it gets that path at once, which ends the tree.)
+    it gets the path without poses and rejects it.
 
     ``tracking_feedback`` comes from the controller. If the installed interfaces lack it, as in Jazzy, the leaf computes
     it from the path and the pose of the robot.

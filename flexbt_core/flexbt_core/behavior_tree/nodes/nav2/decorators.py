@@ -21,8 +21,8 @@ from .conditions import GOAL_PORTS, read_goals
 class RateController(Decorator):
     """Starts the child at most ``hz`` times a second; RUNNING in between. Ticks a RUNNING child at every tick.
 
-    The period starts with the last success of the child. Unlike Nav2's node, which uses the machine's clock, this one
-    uses the clock of the tree, and so follows simulated time. It requests a wake-up at the end of the period.
+    The period starts with the last success of the child, on the clock of the tree (Nav2: the machine's). The node
+    requests a wake-up at its end.
     """
 
     __slots__ = ('_first', '_period', '_start')
