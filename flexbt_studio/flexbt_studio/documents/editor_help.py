@@ -8,21 +8,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import NodeManifest
 
+from . import palette
 from .machine_document import LEVELS
-from .palette import node_type
 from .project import Project, tree_places
 from .text import Span
 from .xml_document import XmlDocument
+from .xml_keys import SUBTREES, node_type
+from .xml_spans import XmlElement
 
 _NAME: Final = re.compile(r'[\w:.-]*$')
-_OPEN_ATTRIBUTE: Final = re.compile(r'([\w:.-]+)\s*=\s*(["\'])([^"\']*)$')
-_GIVEN: Final = re.compile(r'([\w:.-]+)\s*=\s*["\']')
+_TAG_NAME: Final = re.compile(r'[\w:.-]*')
+_OPEN_VALUE: Final = re.compile(r'([\w:.-]+)\s*=\s*(["\'])((?:(?!\2).)*)$', re.DOTALL)
 _CONDITIONS: Final = {
     '_skipIf': 'skip the node if this is true',
     '_successIf': 'succeed without a tick if this is true',
@@ -53,50 +54,32 @@ class Help(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class _Tag:
-    """The start tag around an offset: where it begins, its name, and the attributes before the offset."""
+class _OpenValue(NamedTuple):
+    """The attribute in whose value an offset is, and the span of the value."""
 
-    start: int
-    name: str
-    given: tuple[str, ...]
     attribute: str
-    """The attribute in whose value the offset is, or ''."""
-    value: Span
+    span: Span
 
 
-def _tag_at(text: str, offset: int) -> _Tag | None:
-    """Return the start tag that is open at an offset; None outside of tags."""
-    start = text.rfind('<', 0, offset)
-    while (before := text.rfind('<', 0, max(start, 0))) >= 0 and _opened_quote(text[before:start]):
-        start = before  # the character is in a value of an earlier tag
-    if start < 0 or text.startswith(('<!', '<?', '</'), start):
+def _tag_at(document: XmlDocument, offset: int) -> XmlElement | None:
+    """Return the element in whose start tag an offset is, also if that is not finished; None outside of tags."""
+    found = None
+    for element in (one for top in document.tops for one in top.all()):
+        if element.offset < offset:
+            found = element
+    if found is None:
         return None
-    inside = text[start:offset]
-    quote = _opened_quote(inside)
-    if '>' in _QUOTED.sub('', inside if not quote else inside[: inside.rindex(quote)]):
+    is_open = document.text[found.open_end - 1] != '>' and not document.text[found.open_end : offset].strip()
+    return found if is_open or offset < found.open_end else None
+
+
+def _value_at(text: str, tag: XmlElement, offset: int) -> _OpenValue | None:
+    """Return the value in which an offset is, also if its end is not written yet; None outside of values."""
+    opened = _OPEN_VALUE.search(text, tag.offset, offset)
+    if opened is None:
         return None
-    name = re.match(r'<([\w:.-]*)', inside)
-    assert name is not None
-    opened = _OPEN_ATTRIBUTE.search(inside) if quote else None
-    attribute, value = '', Span(offset, offset)
-    if opened is not None:
-        end = text.find(quote, offset)
-        line_end = text.find('\n', offset)
-        end = end if end >= 0 and (line_end < 0 or end < line_end) else offset
-        attribute, value = opened[1], Span(start + opened.start(3), end)
-    return _Tag(start, name[1], tuple(_GIVEN.findall(inside)), attribute, value)
-
-
-_QUOTED: Final = re.compile(r'"[^"]*"|\'[^\']*\'')
-
-
-def _opened_quote(tag: str) -> str:
-    """Return the quote that is open at the end of a text that begins with a tag; '' if none is open, or the tag has
-    ended."""
-    bare = _QUOTED.sub('', tag)
-    quote = re.search('["\'>]', bare)
-    return '' if quote is None or quote[0] == '>' else quote[0]
+    end = text.find(opened[2], offset, text.find('\n', offset) if '\n' in text[offset:] else len(text))
+    return _OpenValue(opened[1], Span(opened.start(3), end if end >= 0 else offset))
 
 
 class TreeHelp:
@@ -108,16 +91,26 @@ class TreeHelp:
 
     def completions(self, file: str, offset: int) -> list[Completion]:
         """Return what may stand at an offset of an open file, the likeliest first."""
-        text = self._project.open(file).document.text
-        tag = _tag_at(text, offset)
-        if tag is None or tag.start + 1 + len(tag.name) >= offset:
-            return [] if tag is None else list(self._types(text, tag))
-        if tag.attribute:
-            return list(self._values(file, text, tag, offset))
-        return list(self._attributes(text, tag, offset))
+        document = self._document(file)
+        tag = _tag_at(document, offset)
+        start = document.text.rfind('<', 0, offset)
+        is_name = start >= 0 and _TAG_NAME.fullmatch(document.text, start + 1, offset)
+        if is_name and not document.text.startswith('</', start) and (tag is None or tag.offset == start):
+            return list(self._types(document.text, start + 1))
+        if tag is None:
+            return []
+        value = _value_at(document.text, tag, offset)
+        return list(
+            self._attributes(document.text, tag, offset) if value is None else self._values(file, tag, value, offset)
+        )
 
-    def _types(self, text: str, tag: _Tag) -> Iterator[Completion]:
-        name = re.compile(r'[\w:.-]*').match(text, tag.start + 1)
+    def _document(self, file: str) -> XmlDocument:
+        document = self._project.open(file).document
+        assert isinstance(document, XmlDocument)
+        return document
+
+    def _types(self, text: str, start: int) -> Iterator[Completion]:
+        name = _TAG_NAME.match(text, start)
         assert name is not None
         span = Span(*name.span())
         yield Completion('SubTree', 'tree', 'runs another tree', '', span, 'SubTree')
@@ -125,62 +118,57 @@ class TreeHelp:
             told = manifest.documentation
             yield Completion(manifest.id, 'node', manifest.kind.value, told, span, manifest.id)
 
-    def _attributes(self, text: str, tag: _Tag, offset: int) -> Iterator[Completion]:
-        begun = _NAME.search(text, tag.start, offset)
-        assert begun is not None
-        span = Span(begun.start(), offset)
-        manifest = self._manifest(text, tag)
+    def _attributes(self, text: str, tag: XmlElement, offset: int) -> Iterator[Completion]:
+        manifest = self._manifest(tag)
         known: dict[str, tuple[str, str]] = {}
-        if tag.name.startswith('SubTree'):
+        if tag.tag in SUBTREES:
             known = {'ID': ('tree', 'the tree that it runs'), '_autoremap': ('bool', 'hand over all keys')}
         elif manifest is not None:
-            for port in node_type(manifest)['ports']:
+            for port in palette.node_type(manifest)['ports']:
                 detail = f'{port["direction"]} {port["type"]}'.strip() + (', required' if port['required'] else '')
                 known[port['name']] = detail, port['description']
         known |= {'name': ('', 'name of the node')} | {key: ('script', told) for key, told in _CONDITIONS.items()}
+        begun = _NAME.search(text, tag.offset, offset)
+        span = Span(begun.start() if begun else offset, offset)
         for name, (detail, told) in known.items():
-            if name not in tag.given:
+            if name not in tag.parts or tag.parts[name].start == span.start:
                 yield Completion(name, 'port', detail, told, span, f'{name}=""')
 
-    def _values(self, file: str, text: str, tag: _Tag, offset: int) -> Iterator[Completion]:
-        if tag.name.startswith('SubTree') and tag.attribute == 'ID':
+    def _values(self, file: str, tag: XmlElement, value: _OpenValue, offset: int) -> Iterator[Completion]:
+        document, text = self._document(file), self._document(file).text
+        if tag.tag in SUBTREES and value.attribute == 'ID':
             for id, place in sorted(tree_places(self._project, file).items()):
-                yield Completion(id, 'tree', place.file, '', tag.value, id)
+                yield Completion(id, 'tree', place.file, '', value.span, id)
             return
-        written = text[tag.value.start : offset]
+        written = text[value.span.start : offset]
         opened = written.rfind('{')
         if opened >= 0 and '}' not in written[opened:]:
-            closed = text.find('}', offset, tag.value.end)
-            span = Span(tag.value.start + opened + 1, closed if closed >= 0 else offset)
+            closed = text.find('}', offset, value.span.end)
+            span = Span(value.span.start + opened + 1, closed if closed >= 0 else offset)
             form = '{}' if closed >= 0 else '{}}}'
         else:
-            span, form = tag.value, '{{{}}}'
-        document = self._project.open(file).document
-        assert isinstance(document, XmlDocument)
+            span, form = value.span, '{{{}}}'
         for key in sorted({use.key for tree in document.trees.values() for use in document.keys.readable(tree)}):
             yield Completion(f'{{{key}}}', 'key', 'key of the blackboard', '', span, form.format(key))
-        manifest = self._manifest(text, tag)
-        port = None if manifest is None else manifest.ports.get(tag.attribute)
+        manifest = self._manifest(tag)
+        port = None if manifest is None else manifest.ports.get(value.attribute)
         if port is not None and port.type is not None and port.type.category == 'bool':
-            for value in ('true', 'false'):
-                yield Completion(value, 'value', 'bool', '', tag.value, value)
+            yield from (Completion(one, 'value', 'bool', '', value.span, one) for one in ('true', 'false'))
 
     def help(self, file: str, offset: int) -> Help | None:
         """Return help about the node type or port at an offset; None if there is none."""
-        text = self._project.open(file).document.text
+        document = self._document(file)
+        text = document.text
         word = _word_at(text, offset)
-        tag = _tag_at(text, word.end)
-        if tag is None:
-            closing = re.match(r'</([\w:.-]+)$', text[text.rfind('<', 0, word.end) : word.end])
-            manifest = self._registry.get(closing[1]) if closing else None
+        tag = _tag_at(document, word.end)
+        closing = re.compile(r'</([\w:.-]+)').fullmatch(text, max(text.rfind('<', 0, word.end), 0), word.end)
+        manifest = self._manifest(tag) if tag is not None else self._registry.get(closing[1]) if closing else None
+        if manifest is None or tag is None:
             return None if manifest is None else Help(word, type_help(manifest))
-        manifest = self._manifest(text, tag)
-        if manifest is None:
-            return None
         name = text[word.start : word.end]
-        if word.start == tag.start + 1 or name == manifest.id:
+        if word.start == tag.offset + 1 or name == manifest.id:
             return Help(word, type_help(manifest))
-        port = next((one for one in node_type(manifest)['ports'] if one['name'] == name), None)
+        port = next((one for one in palette.node_type(manifest)['ports'] if one['name'] == name), None)
         if port is None:
             told = _CONDITIONS.get(name)
             return Help(word, f'**{name}**: {told}') if told else None
@@ -188,18 +176,13 @@ class TreeHelp:
         head = f'**{name}** ({port["direction"]} {port["type"]}{default})'
         return Help(word, '\n\n'.join(part for part in (head, port['description']) if part))
 
-    def _manifest(self, text: str, tag: _Tag) -> NodeManifest | None:
-        name = re.compile(r'[\w:.-]*').match(text, tag.start + 1)
-        found = self._registry.get(name[0] if name else tag.name)
-        if found is None:
-            id = re.compile(r'<\w+\b[^<>]*?\bID\s*=\s*["\']([^"\'<>]+)').match(text, tag.start)
-            found = None if id is None else self._registry.get(id[1])
-        return found
+    def _manifest(self, tag: XmlElement) -> NodeManifest | None:
+        return self._registry.get(tag.tag) or self._registry.get(node_type(tag))
 
 
 def type_help(manifest: NodeManifest) -> str:
     """Return help about a node type in Markdown, with its ports and example."""
-    described = node_type(manifest)
+    described = palette.node_type(manifest)
     lines = [f'**{manifest.id}** ({manifest.kind.value})', manifest.documentation]
     ports = [f'- `{one["name"]}` {one["direction"]} {one["type"]}: {one["description"]}' for one in described['ports']]
     lines += ['\n'.join(ports)] if ports else []

@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import functools
 import itertools
+import keyword
 import math
 import re
 import textwrap
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import GestureError
@@ -126,6 +127,9 @@ class State:
 class MachineDocument(Document):
     """A document of state machines. Its languages implement the methods that raise NotImplementedError."""
 
+    reference: ClassVar[str]
+    """What is written before the name of a parameter of the behavior where it is used."""
+
     def __init__(self, text: str, file: str = '') -> None:
         super().__init__(text, file)
         self.comments: dict[int, int] = {}
@@ -179,6 +183,14 @@ class MachineDocument(Document):
     def parameter_uses(self) -> Iterator[tuple[str, Span, bool]]:
         """Yield where parameters of the behavior are named, and whether that is their declaration."""
         return iter(())
+
+    def parameter_edits(self, name: str, fields: dict[str, Any]) -> list[TextEdit]:
+        """Return the edits that set fields of a parameter of the behavior, which may be a new one."""
+        raise NotImplementedError
+
+    def parameter_removal(self, name: str) -> list[TextEdit]:
+        """Return the edits that remove a parameter of the behavior."""
+        raise NotImplementedError
 
     def default_of(self, reference: str) -> Item | None:
         """Return the default of the parameter that a value such as ``$name`` refers to; None if it is no reference."""
@@ -395,6 +407,39 @@ class MachineDocument(Document):
         taken = {*(child.label for child in parent.children), *(parent.outcomes or ())}
         numbered = (f'{label}{number}' for number in itertools.count(2))
         return next(one for one in itertools.chain([label], numbered) if one not in taken)
+
+    # -- parameters of the behavior ----------------------------------------------------------------------------------
+
+    @gesture
+    def set_behavior_parameter(self, name: str, fields: dict[str, Any] | None) -> list[TextEdit]:
+        """Set a parameter of the behavior, or add it: default, description, label, unit, limits, choices; None removes
+        it. YAML takes all its fields, and values; Python those that change (None removes one), and expressions."""
+        if fields is not None:
+            self._check_parameter(name)
+            return self.parameter_edits(name, fields)
+        uses = self._uses_of_parameter(name)
+        used = ', '.join(sorted({self.where(span.start) for span, is_own in uses if not is_own}))
+        need(not used, f'{self.reference}{name} is used in {used}; replace it there before')
+        return self.parameter_removal(name)
+
+    @gesture
+    def rename_behavior_parameter(self, name: str, new: str) -> list[TextEdit]:
+        """Rename a parameter of the behavior, and all references to it."""
+        uses = self._uses_of_parameter(name)
+        self._check_parameter(new)
+        taken = any(one == new for one, _, _ in self.parameter_uses())
+        need(not taken, f'the behavior has a parameter {short_repr(new)} already')
+        return [self.renamed(span, new) for span, _ in uses]
+
+    def _uses_of_parameter(self, name: str) -> list[tuple[Span, bool]]:
+        uses = [*self.parameter_uses()]
+        known = {one for one, _, _ in uses}
+        need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
+        return [(span, is_own) for one, span, is_own in uses if one == name]
+
+    def _check_parameter(self, name: str) -> None:
+        fits = name.isidentifier() and name[0] != '_' and not (self.language == 'python' and keyword.iskeyword(name))
+        need(fits, f'{short_repr(name)} cannot be the name of a parameter; use letters, digits and _')
 
     # -- checks of gestures ------------------------------------------------------------------------------------------
 

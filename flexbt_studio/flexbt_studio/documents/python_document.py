@@ -79,6 +79,7 @@ class PythonDocument(MachineDocument):
     """Behaviors in a Python file."""
 
     language: ClassVar[str] = 'python'
+    reference: ClassVar[str] = 'self.'
 
     # -- reading -----------------------------------------------------------------------------------------------------
 
@@ -88,6 +89,7 @@ class PythonDocument(MachineDocument):
         self._base = int(self.text.startswith('\ufeff'))
         self._statements: dict[State, list[ast.stmt]] = {}
         self._widths: dict[int, list[int]] = {}
+        self._owner: ast.ClassDef | None = None  # the class of the first behavior
         try:
             self._module = ast.parse(self.text[self._base :])
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
@@ -134,6 +136,7 @@ class PythonDocument(MachineDocument):
         for owner, scope in classes:
             root = self._container_of(scope.returned, scope)
             if root is not None:
+                self._owner = self._owner or owner
                 self.behaviors.append(self._behavior(owner, f'{owner.name}:/' if self.roots else '/'))
                 yield scope, root
         for scope in scopes:
@@ -430,6 +433,8 @@ class PythonDocument(MachineDocument):
     # -- writing -----------------------------------------------------------------------------------------------------
 
     def name(self, name: str, like: str = '') -> str:
+        if like.isidentifier():
+            return name
         text = repr(name)
         if like[:1] == '"' and text[0] == "'" and '"' not in name:
             return f'"{text[1:-1]}"'
@@ -612,24 +617,20 @@ class PythonDocument(MachineDocument):
     def _head(self) -> tuple[ast.ClassDef, Table | None, Table, dict[str, tuple[Item, Table]]]:
         """Return the class, the arguments of its manifest, the table of its parameters, and these by name, with the
         arguments of each."""
-        need(self.behaviors, 'the file has no behavior whose class can be read; edit the text')
-        owner = next(
-            node
-            for node in ast.walk(self._module)
-            if isinstance(node, ast.ClassDef) and self._span(node) == self.behaviors[0]['span']
-        )
-        calls = [node for node in ast.walk(owner) if isinstance(node, ast.Call)]
-        made = next((one for one in calls if self._name_of(one.func) == 'BehaviorManifest'), None)
-        manifest = None if made is None else self._arguments(made, _MANIFEST)
-        declared = manifest.find('parameters') if manifest else None
-        table = Table(locked='it has no parameters yet') if declared is None else self._literal(declared.node)
-        if made is None:
-            statements = [
-                one for one in ast.walk(owner) if isinstance(one, ast.Expr) and isinstance(one.value, ast.Call)
-            ]
-            added = [one for one in statements if self._name_of(one.value.func) == 'add_parameter']  # type: ignore[attr-defined]
-            table = Table([Item(self._span(one), node=one.value) for one in added])
-            table.locked = '' if added else 'the first parameter has to be written in the text'
+        owner = self._owner
+        if owner is None:
+            raise GestureError('the file has no behavior whose class can be read; edit the text')
+        nodes = [*ast.walk(owner)]
+        made = next((one for one in nodes if self._is_call(one, 'BehaviorManifest')), None)
+        if isinstance(made, ast.Call):
+            manifest = self._arguments(made, _MANIFEST)
+            declared = manifest.find('parameters')
+            table = Table(locked='it has no parameters yet') if declared is None else self._literal(declared.node)
+        else:
+            manifest = None
+            rows = [one for one in nodes if isinstance(one, ast.Expr) and self._is_call(one.value, 'add_parameter')]
+            table = Table([Item(self._span(one), node=one.value) for one in rows])
+            table.locked = '' if rows else 'the first parameter has to be written in the text'
         found = {}
         for item in table.items:
             if isinstance(item.node, ast.Call):
@@ -638,6 +639,9 @@ class PythonDocument(MachineDocument):
                 if name is not None and name.value is not None:
                     found[name.value] = item, arguments
         return owner, manifest, table, found
+
+    def _is_call(self, node: ast.AST, name: str) -> bool:
+        return isinstance(node, ast.Call) and self._name_of(node.func) == name
 
     @gesture
     def set_behavior(self, key: str, text: str | None) -> list[TextEdit]:
@@ -658,36 +662,36 @@ class PythonDocument(MachineDocument):
         after = [n for n, one in enumerate(manifest.items) if one.key in _MANIFEST[: _MANIFEST.index(key)]]
         return self.insert_item(manifest, f'{key}={self.name(text)}', after[-1] + 1 if after else 0)
 
-    @gesture
-    def set_behavior_parameter(self, name: str, fields: dict[str, Any] | None) -> list[TextEdit]:
-        """Set fields of a parameter of the behavior, or add it: default, description, label, unit. Texts of ``default``
-        are Python expressions. A field that is None is removed; without ``fields`` the parameter is."""
-        owner, manifest, table, known = self._head()
-        if fields is None:
-            need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
-            used = sorted({self.where(span.start) for span, is_use in self._mentions(owner, name) if is_use})
-            need(not used, f'self.{name} is used in {", ".join(used)}; replace it there before')
-            rows = [
-                one
-                for one in owner.body
-                if isinstance(one, ast.AnnAssign) and one.value is None and ast.unparse(one.target) == name
-            ]
-            edits = [edit for one in rows for edit in self._remove_row(Table([Item(self._span(one))]), 0)]
-            return [*edits, *self.remove_items(table, [table.items.index(known[name][0])])]
-        texts = {
-            key: _expression(str(one))
-            if key == 'default'
-            else self.name(str(one))
-            if isinstance(one, str)
-            else repr(one)
-            for key, one in fields.items()
-            if one is not None
-        }
-        allowed = _PARAMETER if manifest is not None else _PARAMETER[:2]
-        need(set(fields) <= set(allowed[1:]), f'a parameter of this behavior has only {", ".join(allowed[1:])}')
+    def parameter_uses(self) -> Iterator[tuple[str, Span, bool]]:
+        if self._owner is None:
+            return
+        owner, _, _, known = self._head()
+        names = ((name, arguments.find('name')) for name, (_, arguments) in known.items())
+        yield from ((name, item.value_span, True) for name, item in names if item is not None)
+        for node in ast.walk(owner):
+            if isinstance(node, ast.Attribute) and node.attr in known and ast.unparse(node.value) == 'self':
+                yield node.attr, Span(self._span(node).end - len(node.attr), self._span(node).end), False
+        for row in owner.body:
+            if isinstance(row, ast.AnnAssign) and ast.unparse(row.target) in known:
+                yield ast.unparse(row.target), self._span(row.target), True
+
+    def parameter_removal(self, name: str) -> list[TextEdit]:
+        owner, _, table, known = self._head()
+        types = (one for one in owner.body if isinstance(one, ast.AnnAssign) and one.value is None)
+        rows = [one for one in types if ast.unparse(one.target) == name]
+        edits = [edit for one in rows for edit in self._remove_row(Table([Item(self._span(one))]), 0)]
+        return [*edits, *self.remove_items(table, [table.items.index(known[name][0])])]
+
+    def parameter_edits(self, name: str, fields: dict[str, Any]) -> list[TextEdit]:
+        _, manifest, table, known = self._head()
+        allowed = _PARAMETER[1:] if manifest is not None else _PARAMETER[1:2]
+        need(set(fields) <= set(allowed), f'a parameter of this behavior has only {", ".join(allowed)}')
+        texts = {key: self.name(one) if isinstance(one, str) else repr(one) for key, one in fields.items()}
+        if fields.get('default') is not None:
+            texts['default'] = _expression(str(fields['default']))
         if name in known:
+            edits: list[TextEdit] = []
             arguments = known[name][1]
-            edits = []
             for key, one in fields.items():
                 item = arguments.find(key)
                 if one is None and item is not None:
@@ -698,44 +702,17 @@ class PythonDocument(MachineDocument):
                 elif one is not None:
                     edits += self.insert_item(arguments, f'{key}={texts[key]}')
             return edits
-        need(_is_word(name) and name[0] != '_', f'{short_repr(name)} cannot be the name of a parameter')
-        need('default' in texts, f'the parameter {name} needs a default, which determines its type')
-        rest = ''.join(f', {key}={text}' for key, text in texts.items() if key != 'default')
-        new = f'({self.name(name)}, {texts["default"]}{rest})'
+        need(fields.get('default') is not None, f'the parameter {name} needs a default, which determines its type')
+        rest = (f', {key}={text}' for key, text in texts.items() if key != 'default' and fields[key] is not None)
+        new = f'({self.name(name)}, {texts["default"]}{"".join(rest)})'
         if manifest is None:
             return self.insert_item(table, f'self.add_parameter{new}')
-        module = next(
-            (
-                str(one.module)
-                for one in self._module.body
-                if isinstance(one, ast.ImportFrom) and any(part.name == 'BehaviorManifest' for part in one.names)
-            ),
-            '',
-        )
-        edits = self._imported(module, 'BehaviorParameter')
+        imports = (one for one in self._module.body if isinstance(one, ast.ImportFrom))
+        modules = (str(one.module) for one in imports if any(part.name == 'BehaviorManifest' for part in one.names))
+        edits = self._imported(next(modules, ''), 'BehaviorParameter')
         if manifest.find('parameters') is None:
             return [*edits, *self.insert_item(manifest, f'parameters=[BehaviorParameter{new}]')]
         return [*edits, *self.insert_item(table, f'BehaviorParameter{new}')]
-
-    @gesture
-    def rename_behavior_parameter(self, name: str, new: str) -> list[TextEdit]:
-        """Rename a parameter of the behavior, and all uses of it in its class."""
-        owner, _, _, known = self._head()
-        need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
-        need(new not in known, f'the behavior has a parameter {short_repr(new)} already')
-        need(_is_word(new) and new[0] != '_', f'{short_repr(new)} cannot be the name of a parameter')
-        item = known[name][1].find('name')
-        assert item is not None
-        return [self.renamed(item.value_span, new), *(TextEdit(*span, new) for span, _ in self._mentions(owner, name))]
-
-    def _mentions(self, owner: ast.ClassDef, name: str) -> Iterator[tuple[Span, bool]]:
-        """Yield where a class names an attribute, and whether that is a use, rather than its type."""
-        for node in ast.walk(owner):
-            if isinstance(node, ast.Attribute) and node.attr == name and ast.unparse(node.value) == 'self':
-                yield Span(self._span(node).end - len(name), self._span(node).end), True
-        for row in owner.body:
-            if isinstance(row, ast.AnnAssign) and ast.unparse(row.target) == name:
-                yield self._span(row.target), False
 
     def _imported(self, module: str, name: str) -> list[TextEdit]:
         """Return the edits that import a name; from the module of the container classes if none is given."""

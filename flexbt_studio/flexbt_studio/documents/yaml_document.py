@@ -143,6 +143,7 @@ class YamlDocument(MachineDocument):
     """A machine or a behavior in YAML."""
 
     language: ClassVar[str] = 'yaml'
+    reference: ClassVar[str] = '$'
 
     # -- reading -----------------------------------------------------------------------------------------------------
 
@@ -208,17 +209,9 @@ class YamlDocument(MachineDocument):
         for one in self._parameters().items:
             fields = {part.key: self.value(part)[0] for part in self._table(one.node).items}
             default = self._table(one.node).find('default')
-            text = self.source(default.value_span) if default else ''
-            head['parameters'].append(
-                {
-                    'description': '',
-                    **fields,
-                    'name': one.key,
-                    'default': text,
-                    'value': fields.get('default'),
-                    'span': one.span,
-                }
-            )
+            parameter = {'description': '', **fields, 'name': one.key, 'span': one.span, 'value': fields.get('default')}
+            parameter['default'] = self.source(default.value_span) if default else ''
+            head['parameters'].append(parameter)
         self.behaviors.append(head)
 
     def _parameters(self) -> Table:
@@ -292,9 +285,8 @@ class YamlDocument(MachineDocument):
 
     def level(self, level: str, like: str) -> str:
         items = (item for state in self.states.values() for item in state.items('autonomy'))
-        is_plain = (
-            level == 'off' and like[:1] not in ('"', "'") and any(self.source(one.value_span) == 'off' for one in items)
-        )
+        is_plain = level == 'off' and like[:1] not in ('"', "'")
+        is_plain = is_plain and any(self.source(one.value_span) == 'off' for one in items)
         return level if is_plain else self.name(level, like)
 
     def value_text(self, text: str, *, is_flow: bool) -> str:
@@ -411,15 +403,12 @@ class YamlDocument(MachineDocument):
         if text is None:
             return self.put(state, table, key, None, self.name)
         found = state.tables.get(table)
-        is_flow = (
-            found.inner is not None
-            if found
-            else self._owner(state, table)[0].inner is not None or not self._is_block(table)
-        )
+        is_new_flow = self._owner(state, table)[0].inner is not None or not self._is_block(table)
+        is_flow = is_new_flow if found is None else found.inner is not None
         item = found.find(key) if found is not None and not found.locked else None
         written = self._block_text(item, text) or self.value_text(text, is_flow=is_flow)
-        put = self.put
-        edits = [self._replaced(item, written)] if item else put(state, table, key, '-', lambda _value, _like: written)
+        added = [] if item else self.put(state, table, key, '-', lambda _value, _like: written)
+        edits = [self._replaced(item, written)] if item else added
         after = type(self)(applied(self.text, self.checked(edits)), self.file)
         new = after.state(state.path).tables.get(table, Table()).find(key)
         need(new is not None and after.source(new.value_span) == written, f'{short_repr(text)} cannot be written here')
@@ -434,10 +423,8 @@ class YamlDocument(MachineDocument):
             return ''
         first = next(line for line in old.splitlines()[1:] if line.strip())
         indent = first[: len(first) - len(first.lstrip(' '))]
-        head = '|' if text.endswith('\n') else '|-'
-        return self.line_break.join(
-            [head, *(f'{indent}{line}' if line else '' for line in lines)]
-        ) + self.line_break * old.endswith(('\n', '\r'))
+        rows = ['|' if text.endswith('\n') else '|-', *(f'{indent}{line}' if line else '' for line in lines)]
+        return self.line_break.join(rows) + self.line_break * old.endswith(('\n', '\r'))
 
     def _replaced(self, item: Item, text: str) -> TextEdit:
         """Return the edit that replaces the value of an entry by one in one line."""
@@ -514,11 +501,10 @@ class YamlDocument(MachineDocument):
             need(isinstance(target, str), f'{short_repr(target)} is no target')
             if target != label or one.kind == 'concurrency':
                 self._check_target(one, target)
-        texts = [(key, isinstance(text, str), text) for key, text in parameters.items()]
-        values = [
-            (key, self.value_text(text, is_flow=True) if is_text else self._json(text)) for key, is_text, text in texts
-        ]
-        given = [('parameters', values)] if values else []
+        texts = {key: one for key, one in parameters.items() if isinstance(one, str)}
+        values = {key: self._json(one) for key, one in parameters.items()}
+        values |= {key: self.value_text(one, is_flow=True) for key, one in texts.items()}
+        given = [('parameters', [*values.items()])] if values else []
         entries: list[tuple[str, Any]] = [('state', self.name(type)), *given]
         if kind == 'behavior':
             entries = [(kind, [('use', self.name(type)), *given])]
@@ -536,19 +522,22 @@ class YamlDocument(MachineDocument):
             return self.insert_item(rows, flow)
         if content.inner is not None:
             return [self._replaced(states, f'{{{flow}}}')]
-        is_row = bool(rows.items) and rows.inner is None
-        indent = (
-            self._line_begin(rows.items[0].span.start) if is_row else self._line_begin(states.span.start) + self._step()
-        )
-        lines = self._block(
-            label, entries, indent, ' ' * self._column(neighbor) if neighbor.items else indent + self._step()
-        )
-        if rows.items:
-            return self.insert_item(rows, self.line_break.join(lines).removeprefix(indent) if is_row else flow)
-        return self._first_rows(states, lines)
+        if rows.items and rows.inner is not None:
+            return self.insert_item(rows, flow)
+        indent = self._indent_of(rows, states)
+        inner = ' ' * self._column(neighbor) if neighbor.items else indent + self._step()
+        return self._new_rows(rows, states, self._block(label, entries, indent, inner))
 
-    def _first_rows(self, states: Item, lines: list[str]) -> list[TextEdit]:
-        """Return the edits that write the first rows of an empty ``states:``."""
+    def _indent_of(self, rows: Table, states: Item) -> str:
+        """Return the indentation of the rows of ``states:``, also if there are none yet."""
+        return self._line_begin(rows.items[0].span.start if rows.items else states.span.start) + (
+            '' if rows.items else self._step()
+        )
+
+    def _new_rows(self, rows: Table, states: Item, lines: list[str]) -> list[TextEdit]:
+        """Return the edits that write lines behind the rows of ``states:``, which may be empty."""
+        if rows.items:
+            return self.insert_item(rows, self.line_break.join(lines).lstrip(' '))
         colon = self.text.index(':', states.key_span.end) + 1
         comment = self._comment_on_line(states.value_span.end)
         at = comment.end if comment else states.value_span.end
@@ -564,26 +553,18 @@ class YamlDocument(MachineDocument):
         around = 'machine:\n  outcomes: [_]\n  states:\n'
         body = textwrap.indent(textwrap.dedent(text.expandtabs()).strip('\n'), '    ')
         pasted = type(self)(f'{around}{body}\n')
-        states = pasted.roots[0][1].children if pasted.roots and not pasted.problems else []
-        need(states, f'{short_repr(text)} is no state of a machine in YAML; copy one')
-        for label in [state.label for state in states]:
+        found = pasted.roots[0][1].children if pasted.roots and not pasted.problems else []
+        need(found, f'{short_repr(text)} is no state of a machine in YAML; copy one')
+        for label in [state.label for state in found]:
             new = self.free_label(one, label)
             if new != label:
                 pasted = type(self)(applied(pasted.text, pasted.rename_state(f'/{label}', new)))
-        rows, own = one.rows, one.tables['content'].find('states')
-        need(
-            own is not None and not rows.locked and (rows.inner is None or not rows.items),
-            f'{parent}: its states are not in rows; edit the text',
-        )
-        assert own is not None
-        indent = self._line_begin(rows.items[0].span.start if rows.items else own.span.start)
-        indent += '' if rows.items else self._step()
+        rows, states = one.rows, one.tables['content'].find('states')
+        if states is None or rows.locked or (rows.inner is not None and rows.items):
+            raise GestureError(f'{parent}: its states are not in rows; edit the text')
+        indent = self._indent_of(rows, states)
         lines = [f'{indent}{line[4:]}'.rstrip() for line in pasted.text[len(around) :].splitlines()]
-        return (
-            self.insert_item(rows, self.line_break.join(lines).removeprefix(indent))
-            if rows.items
-            else self._first_rows(own, lines)
-        )
+        return self._new_rows(rows, states, lines)
 
     @gesture
     def group(self, states: list[str], label: str, keys: dict[str, Any] | None = None) -> list[TextEdit]:
@@ -615,20 +596,15 @@ class YamlDocument(MachineDocument):
         is_block = parent.rows.inner is None and not any(one.tables['entries'].locked for one in members)
         need(is_block, 'states in { } are not grouped; write each on lines of its own')
         known = ('input_keys', 'output_keys', 'io_keys')
-        need(
-            all(key in known and isinstance(names, list) for key, names in (keys or {}).items()),
-            f'keys: lists of {known}',
-        )
+        is_known = all(key in known and isinstance(names, list) for key, names in (keys or {}).items())
+        need(is_known, f'keys: lists of {known}')
         places = [place for place, one in enumerate(parent.children) if one.label in labels]
         places.sort(key=lambda place: parent.children[place].label not in entries)
         spans = [self.row(parent.rows, place) for place in places]
         step, indent = self._step(), self._line_begin(parent.rows.items[0].span.start)
-        content = [
-            ('outcomes', self._json(outcomes)),
-            *((key, self._json(names)) for key, names in (keys or {}).items()),
-        ]
+        content = {'outcomes': outcomes, **(keys or {})}
         head = [f'{indent}{self.name(label)}:', f'{indent}{step}machine:']
-        head += [f'{indent}{step * 2}{key}: {text}' for key, text in content]
+        head += [f'{indent}{step * 2}{key}: {self._json(names)}' for key, names in content.items()]
         before = self.line_break.join([*head, f'{indent}{step * 2}states:', ''])
         tail = f'{indent}{step}transitions: {self._flow([(name, self.name(name)) for name in outcomes])}'
         is_ended = self.text.endswith(('\n', '\r')) or max(spans).end < len(self.text)
@@ -654,10 +630,8 @@ class YamlDocument(MachineDocument):
     def ungroup(self, state: str) -> list[TextEdit]:
         """Replace a machine in a machine by its states."""
         one, parent = self._child(state)
-        need(
-            one.kind == 'machine' and parent.kind != 'concurrency' and one.children,
-            f'{state} is no machine in a machine',
-        )
+        is_machine = one.kind == 'machine' and parent.kind != 'concurrency' and one.children
+        need(is_machine, f'{state} is no machine in a machine')
         own = [table for table in ('autonomy', 'remapping', 'userdata') if table in one.tables]
         need(not own, f'{state} has {", ".join(own)} of its own; remove it before')
         others = {*self.targets(parent), one.label}
@@ -671,13 +645,11 @@ class YamlDocument(MachineDocument):
         edits = [self.renamed(item.value_span, first_label) for _, item in self.transitions_to(parent, one.label)]
         ways = {item.key: first_label if item.value == one.label else item.value or '' for item in table.items}
         for item in (item for child in one.children for item in child.items('transitions')):
-            leads_out = item.value in (one.outcomes or ())
-            need(
-                not leads_out or item.value in ways,
-                f'{short_repr(item.value)} of {state} leads nowhere; set its target',
-            )
-            if leads_out and ways[str(item.value)] != item.value:
-                edits.append(self.renamed(item.value_span, ways[str(item.value)]))
+            if item.value in (one.outcomes or ()):
+                is_way = item.value in ways
+                need(is_way, f'{short_repr(item.value)} of {state} leads nowhere; set its target')
+                if ways[str(item.value)] != item.value:
+                    edits.append(self.renamed(item.value_span, ways[str(item.value)]))
         whole = self.row(parent.rows, parent.children.index(one))
         first, last = self.row(one.rows, 0), self.row(one.rows, len(one.children) - 1)
         begin = self.lines.start(one.label_span.start)
@@ -709,17 +681,13 @@ class YamlDocument(MachineDocument):
     def remove_outcome(self, container: str, outcome: str, instead: str | None = None) -> list[TextEdit]:
         """Remove an outcome of a container. What leads to it leads to ``instead``, if it is given."""
         one, place, spans, pairs = self.uses_of_outcome(container, outcome)
-        need(
-            not spans or instead,
-            f'states or conditions lead to {short_repr(outcome)} of {container}; name a replacement',
-        )
+        is_led_to = f'states or conditions lead to {short_repr(outcome)} of {container}; name a replacement'
+        need(not spans or instead, is_led_to)
         need(not pairs, f'a condition needs {short_repr(outcome)} of {container}; change it before')
         fits = instead is None or (instead != outcome and instead in self.targets(one))
         need(fits, f'{short_repr(instead)} cannot replace {short_repr(outcome)} in {container}')
-        edits = [
-            *self.remove_items(one.tables['outcomes'], [place]),
-            *(self.renamed(span, instead or '') for span in spans),
-        ]
+        edits = self.remove_items(one.tables['outcomes'], [place])
+        edits += [self.renamed(span, instead or '') for span in spans]
         for table in ('transitions', 'autonomy'):
             if any(item.key == outcome for item in one.items(table)):
                 edits += self.put(one, table, outcome, None, self.name)
@@ -741,33 +709,17 @@ class YamlDocument(MachineDocument):
         written = self.name(text, like) if key != 'operator_gone_after' else self.value_text(text, is_flow=True)
         return [self._replaced(item, written)] if item else self._add_to_head(key, written)
 
-    @gesture
-    def set_behavior_parameter(self, name: str, fields: dict[str, Any] | None) -> list[TextEdit]:
-        """Set a parameter of the behavior: default, description, label, unit, limits, choices; None removes it."""
-        table, declared = self._parameters(), self._head.find('parameters')
-        known = [item.key for item in table.items]
-        if fields is None:
-            need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
-            uses = self.parameter_uses()
-            used = ', '.join(self.where(span.start) for one, span, is_own in uses if one == name and not is_own)
-            need(not used, f'${name} is used in {used}; replace it there before')
-            return self._remove_from_head('parameters') if len(known) == 1 else self._remove_entry(table, name)
-        self._check_parameter(name)
+    def parameter_edits(self, name: str, fields: dict[str, Any]) -> list[TextEdit]:
         need('default' in fields, f'the parameter {name} needs a default, which determines its type')
-        if known:
-            return self._set_fields(table, name, fields, _PARAMETER, ())
+        if self._parameters().items:
+            return self._set_fields(self._parameters(), name, fields, _PARAMETER, ())
         need(set(fields) <= set(_PARAMETER), f'a parameter has only {", ".join(_PARAMETER)}')
-        text = self._json({name: fields})
+        text, declared = self._json({name: fields}), self._head.find('parameters')
         return [self._replaced(declared, text)] if declared else self._add_to_head('parameters', text)
 
-    @gesture
-    def rename_behavior_parameter(self, name: str, new: str) -> list[TextEdit]:
-        """Rename a parameter of the behavior, and all references to it."""
-        known = [item.key for item in self._parameters().items]
-        need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
-        self._check_parameter(new)
-        need(new not in known, f'the behavior has a parameter {new} already')
-        return [self.renamed(span, new) for one, span, _ in self.parameter_uses() if one == name]
+    def parameter_removal(self, name: str) -> list[TextEdit]:
+        table = self._parameters()
+        return self._remove_from_head('parameters') if len(table.items) == 1 else self._remove_entry(table, name)
 
     def parameter_uses(self) -> Iterator[tuple[str, Span, bool]]:
         known = {item.key: item.key_span for item in self._parameters().items}
@@ -791,10 +743,6 @@ class YamlDocument(MachineDocument):
         """Return the entry of the head that describes an input key."""
         inputs = self._head.find('inputs')
         return None if inputs is None else self._table(inputs.node).find(key)
-
-    def _check_parameter(self, name: str) -> None:
-        fits = name.isidentifier() and not name.startswith('_')
-        need(fits, f'{short_repr(name)} cannot be the name of a parameter; use letters, digits and _')
 
     def _remove_from_head(self, key: str) -> list[TextEdit]:
         is_last = len(self._head.items) == 1
