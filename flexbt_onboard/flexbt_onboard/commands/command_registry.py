@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from typing import Any, Final
 
-from flexbt_common.values.message_fields import seconds_of
+from flexbt_common.values.message_fields import options_of, seconds_of
+from flexbt_common.values.queue_options import QueueOptions
 from flexbt_core.state_machine.engine import operator_commands
 from flexbt_core.state_machine.engine.events import CommandDecided
 from flexbt_core.values.text import escape_lines, truncate_middle
-from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand, ExecutiveLog, QueueOptions
+from flexbt_msgs.msg import BlackboardEntry, ExecutiveCommand, ExecutiveLog
 from flexbt_msgs.srv import ControlTree
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import RunRequest, checked_autonomy, run_request
@@ -382,10 +383,13 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         fields['autonomy'] = int(command.autonomy)
     if command.queue_number:
         fields['entry' if command.kind != ExecutiveCommand.QUEUE_RELEASE else 'hold'] = command.queue_number
+    if command.kind == ExecutiveCommand.QUEUE_MOVE:
+        fields['before'] = command.queue_before
+    if command.hold_queue:
+        fields['hold_queue'] = True
     for options in command.queue_options:
-        names, default = options.get_fields_and_field_types(), QueueOptions()
-        changed = (name for name in names if getattr(options, name) != getattr(default, name))
-        fields['queue_options'] = {name: getattr(options, name) for name in changed}
+        set_ones, unset = asdict(options_of(options)), asdict(QueueOptions())
+        fields['queue_options'] = {name: value for name, value in set_ones.items() if value != unset[name]}
     for name in ('wait_queue', 'wait_interaction'):
         if 0.0 <= getattr(command, name) < math.inf:
             fields[name] = round(float(getattr(command, name)), 3)

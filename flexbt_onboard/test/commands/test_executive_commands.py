@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from rclpy.action import ActionClient
 
 from flexbt_common import names
@@ -30,8 +31,10 @@ from flexbt_msgs.msg import (
     ExecutiveLog,
     ExecutiveStatus,
     PendingDecision,
+    QueueOptions,
 )
 from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS, OPEN_REQUESTS
+from flexbt_onboard.commands.command_registry import LOGGED, command_fields
 from flexbt_onboard.link.console_link import COMMAND_BURST, COMMAND_RATE, CommandIntake
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
@@ -43,6 +46,54 @@ START, AUTONOMY, STOP, CONFIRM, FORCE = (
     ExecutiveCommand.CONFIRM,
     ExecutiveCommand.FORCE,
 )
+
+
+def test_the_event_log_has_all_that_a_command_says() -> None:
+    said = ('id', 'operator_id', 'executive_id', 'run_id', 'decision_id', 'path', 'outcome', 'tree_run_id', 'behavior')
+    command = ExecutiveCommand(
+        **{name: f'the {name}' for name in (*said, 'grantee', 'text', 'reason')},
+        kind=ExecutiveCommand.QUEUE_ADD,
+        stamp=Time(sec=12, nanosec=345_678_900),
+        autonomy=2,
+        arguments=[BehaviorArgument(name='rooms', value='x' * (LOGGED + 1))],
+        inputs=[BlackboardEntry(key='goal', type='string', text='kitchen'), BlackboardEntry(key='map', type='bytes')],
+        hold_queue=True,
+        queue_number=7,
+        queue_options=[
+            QueueOptions(priority=3, not_before=Time(sec=60), wanted=['done'], on_failure=QueueOptions.DROP)
+        ],
+        wait_queue=1.25,
+        wait_interaction=0.0,
+    )
+    told = command_fields(command, 'ADD')
+    assert LOGGED // 2 < len(told.pop('arguments')['rooms']) <= LOGGED
+    assert told == {
+        'id': 'the id',
+        'command': 'ADD',
+        'operator': 'the operator_id',
+        'given': 12.345679,
+        'executive': 'the executive_id',
+        'run': 'the run_id',
+        'decision': 'the decision_id',
+        'path': 'the path',
+        'outcome': 'the outcome',
+        'tree_run': 'the tree_run_id',
+        'behavior': 'the behavior',
+        'inputs': {'goal': 'string: kitchen', 'map': 'bytes: ...'},
+        'grantee': 'the grantee',
+        'text': 'the text',
+        'because': 'the reason',
+        'autonomy': 2,
+        'entry': 7,
+        'hold_queue': True,
+        'queue_options': {'priority': 3, 'not_before': 60.0, 'on_failure': 4, 'wanted': ('done',)},
+        'wait_queue': 1.25,
+        'wait_interaction': 0.0,
+    }
+    moved = ExecutiveCommand(id='1', kind=ExecutiveCommand.QUEUE_MOVE, queue_number=7, queue_before=5)
+    assert command_fields(moved, 'MOVE') == {'id': '1', 'command': 'MOVE', 'given': 0.0, 'entry': 7, 'before': 5}
+    released = ExecutiveCommand(id='2', kind=ExecutiveCommand.QUEUE_RELEASE, queue_number=9)
+    assert command_fields(released, 'RELEASE') == {'id': '2', 'command': 'RELEASE', 'given': 0.0, 'hold': 9}
 
 
 class Loop(EventState):
