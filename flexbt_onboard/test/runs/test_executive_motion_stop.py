@@ -128,12 +128,16 @@ def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot:
         pose.pose.position.x += 0.001  # noise
         silence(robot)
         assert len(robot.commands) == count
-        for yaw in (0.95, 1.15):  # rad: it turns on the spot
+
+        def turn(yaw: float) -> int:
             count = len(robot.commands)
             pose.pose.orientation = Quaternion(z=math.sin(yaw / 2), w=math.cos(yaw / 2))
-            wait_until(lambda count=count: len(robot.commands) > count, 'zero velocity, since it turns')
+            wait_until(lambda: len(robot.commands) > count, 'zero velocity, since it turns')
             silence(robot)
-        count = len(robot.commands)
+            return len(robot.commands)
+
+        turn(0.95)
+        count = turn(1.15)
         wait_until(lambda: robot.asked.count('follow_path') > 2, 'cancels again and again')
         assert set(robot.asked) == {'follow_path', 'navigate_to_pose'}, 'no other server is asked'
         robot.asked.clear()
@@ -280,9 +284,10 @@ def test_what_a_server_has_said_of_its_goals_goes_with_it(monkeypatch: pytest.Mo
             wait_until(lambda: runtime.call(lambda: runtime.node.count_publishers(status)) == 2, 'the next server')
             assert goes_on() == ['spin (of /robot)']
             reports = later.node.create_publisher(GoalStatusArray, status, qos_profile_action_status_default)
-            for code, known in ((GoalStatusMessage.STATUS_EXECUTING, 2), (GoalStatusMessage.STATUS_SUCCEEDED, 1)):
-                reports.publish(GoalStatusArray(status_list=[GoalStatusMessage(status=code)]))
-                wait_until(lambda known=known: len(goes_on()) == known, 'the goal of another server begins, and ends')
+            reports.publish(GoalStatusArray(status_list=[GoalStatusMessage(status=GoalStatusMessage.STATUS_EXECUTING)]))
+            wait_until(lambda: len(goes_on()) == 2, 'the goal of another server')
+            reports.publish(GoalStatusArray(status_list=[GoalStatusMessage(status=GoalStatusMessage.STATUS_SUCCEEDED)]))
+            wait_until(lambda: len(goes_on()) == 1, 'its end')
             assert goes_on() == ['spin (of /robot)']
             ended.append(guid_prefix_of(publisher_of(runtime, status, 'robot')))
             assert not goes_on()
