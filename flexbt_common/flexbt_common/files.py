@@ -155,6 +155,9 @@ USER_DIRECTORY: Final = '~/.ros/flexbt'
 INCIDENTS: Final = f'{USER_DIRECTORY}/incidents'
 """Default directory of incidents."""
 
+ALERTS: Final = f'{USER_DIRECTORY}/alerts.db'
+"""Default file in which the alerts remember."""
+
 
 def home_path(path: str) -> Path:
     """Return a path that may begin with ``~`` or ``~user``.

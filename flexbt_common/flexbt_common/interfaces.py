@@ -278,6 +278,7 @@ OF_FLEXBT: Final[tuple[Interface, ...]] = (
     ),
     *_actions(f'{SIMULATOR}/simulate_steps', by=SIMULATOR, to=()),
     *_services(names.WRITE_INCIDENT, by=(BLACK_BOX,), to=(CONSOLE,)),
+    *_topics(names.INCIDENTS, by=(BLACK_BOX,), to=CONSOLES),
     *_topics(names.CLOCK, by=(SIMULATOR,), to=EVERY_NODE),
     *(Interface(InterfaceKind.TOPIC, names.alive_topic(node), (node,), ROBOT) for node in (*ROBOT, *RECORDERS)),
 )

@@ -100,6 +100,7 @@ GRIPPER_HOLDS: Final = 'gripper_holds'
 ROBOT_DESCRIPTION: Final = 'robot_description'
 RESET: Final = 'reset'
 WRITE_INCIDENT: Final = 'black_box/write_incident'
+INCIDENTS: Final = 'black_box/incidents'  # those of the last day, newest first
 SERVER_FAULTS: Final = 'server_faults'
 
 # Navigation

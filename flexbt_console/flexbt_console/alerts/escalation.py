@@ -38,6 +38,9 @@ REMEMBERED_ROBOTS: Final = 100
 REMEMBERED_SECONDS: Final = 30 * 86_400.0
 """Number of robots that are remembered, and for how long after they were heard, s."""
 
+INCIDENT_SECONDS: Final = 2 * 86_400.0
+"""Time for which an incident is remembered, s: its black box reports those of a day, also after a restart."""
+
 LONGEST: Final = 1e8
 """Longest time for which a need is believed to have lasted, s: three years."""
 
@@ -47,6 +50,7 @@ _WORDS: Final = {
     Urgency.FAILED: 'has failed',
     Urgency.UNREACHABLE: 'is silent',
     Urgency.DEGRADED: 'has a fault',
+    Urgency.INCIDENT: 'has an incident',
 }
 _REMEDIES: Final = {
     Urgency.ALARM: 'Stop it again; if it does not stand then, use its emergency stop.',
@@ -54,6 +58,7 @@ _REMEDIES: Final = {
     Urgency.FAILED: 'Read "console log", mend the cause, then start or resume a run.',
     Urgency.UNREACHABLE: 'Check its power, its network and its onboard executive ("flexbt doctor").',
     Urgency.DEGRADED: 'See "console status" and "flexbt doctor".',
+    Urgency.INCIDENT: 'Read it on the robot: "console incidents NAME", or its folder.',
 }
 
 
@@ -169,7 +174,9 @@ class Escalation:
                 there.add(key)
                 needs[known[key].id] = need
             for key, thing in list(known.items()):
-                if robot.is_live and thing.robot == robot.name and key not in there:
+                lasts = INCIDENT_SECONDS if _is_incident(thing) else 0.0
+                is_gone = robot.is_live and thing.robot == robot.name and key not in there
+                if is_gone and now >= thing.since + lasts:
                     self._end(known.pop(key), local, rules)
         for thing in list(self.things.values()):
             self._call(thing, now, local, needs.get(thing.id), rules)
@@ -224,7 +231,7 @@ class Escalation:
             if len(self.calls) > MOST_UNSAID:
                 del self.calls[call.id]
         rule = rules.rule_of(thing.robot, _condition(thing))
-        if rule is not None and rule.over:
+        if rule is not None and rule.over and not _is_incident(thing):
             told = [contact for contact in thing.told if contact not in {call.contact for call in waiting}]
             self._queue(thing, told, rules, rule, f'{_title(thing)}: over since {at}', [thing.text])
 
@@ -245,6 +252,11 @@ def _condition(thing: Thing) -> Urgency:
     return CONDITIONS[thing.condition]
 
 
+def _is_incident(thing: Thing) -> bool:
+    """Return whether it is about what has happened, and is neither there nor over."""
+    return _condition(thing) is Urgency.INCIDENT
+
+
 def _title(thing: Thing) -> str:
     return f'{one_line(thing.robot, TITLE_LENGTH // 2)} {_WORDS[_condition(thing)]}'
 
@@ -261,6 +273,8 @@ def _message(thing: Thing, now: float, local: datetime, rules: AlertRules) -> tu
         f'Since {since:%Y-%m-%d %H:%M %Z}'.rstrip(),
         _REMEDIES[_condition(thing)],
         link,
-        f'To acknowledge: console alerts acknowledge {thing.id}',
+        f'To acknowledge, enter on the page: alerts acknowledge {thing.id}'
+        if link
+        else f'To acknowledge: console alerts acknowledge {thing.id}',
     ]
     return _title(thing), [line for line in lines if line]

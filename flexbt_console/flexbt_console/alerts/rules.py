@@ -34,6 +34,7 @@ CONDITIONS: Final = {
     'failed': Urgency.FAILED,
     'silent': Urgency.UNREACHABLE,
     'fault': Urgency.DEGRADED,
+    'incident': Urgency.INCIDENT,
 }
 """What a rule may be about, by the name in the file."""
 

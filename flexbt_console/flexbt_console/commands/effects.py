@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from flexbt_common.files import ALERTS, home_path
 from flexbt_console.errors import NoAnswerError, NotShownError, RefusedError, UsageError
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
@@ -267,6 +268,11 @@ def userdata(line: CommandLine, inquiry: Inquiry) -> Reading:
 def incident(_line: CommandLine, inquiry: Inquiry) -> Reading:
     folder = inquiry.robot.write_incident(inquiry.timeout)
     return Reading({'folder': folder}, [f'an incident is written, on the robot: {one_line(folder)}'])
+
+
+def acknowledge(line: CommandLine, inquiry: Inquiry) -> Reading:
+    acknowledged = inquiry.acknowledge(home_path(line.value('--state') or ALERTS), [*map(int, line.words)])
+    return Reading({'acknowledged': acknowledged}, [f'acknowledged {text}' for text in acknowledged])
 
 
 def tree(line: CommandLine, inquiry: Inquiry) -> Reading:

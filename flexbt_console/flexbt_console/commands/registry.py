@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from flexbt_common.files import INCIDENTS
+from flexbt_common.files import ALERTS, INCIDENTS
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import LIVENESS, NOTE_LENGTH, SYNTHESIS_SECONDS, CommandKind, OperatorCommand
 from flexbt_console.mirror.view import View
@@ -79,7 +79,7 @@ _ROBOT = Option(
     repeated=True,
     values=spec.robot_names,
 )
-_STATE = Option('--state', 'file in which "alerts" remembers (default ~/.ros/flexbt/alerts.db)', 'FILE')
+_STATE = Option('--state', f'file in which "alerts" remembers (default {ALERTS})', 'FILE', in_prompt=False)
 _BEHAVIOR = (
     Argument('NAME', spaced=True, values=spec.behaviors),
     Argument('PARAMETER=VALUE', required=False, repeated=True, values=spec.parameters, read=assignment),
@@ -680,11 +680,15 @@ COMMANDS: Final = (
     ),
     CommandSpec(
         'alerts acknowledge',
-        'acknowledge calls, so that nobody else is called',
-        Mode.ACKNOWLEDGE,
+        'acknowledge calls of "alerts" on this computer, so that nobody else is called',
+        Ask(effects.acknowledge),
         (Argument('NUMBER', required=False, repeated=True, read=thing_number),),
         (_STATE,),
-        details=('Without NUMBER: the only one. If there are several, they are listed.',),
+        details=(
+            'Without NUMBER: the only one. If there are several, they are listed.',
+            'On a page, and by HTTP, "this computer" is that which serves it.',
+        ),
+        link=LinkNeed.NONE,
     ),
     CommandSpec(
         'screen',
@@ -802,7 +806,8 @@ def role_for(command: CommandSpec) -> Role:
     """Return the least role for a command."""
     if command.name in MAINTENANCE:
         return Role.MAINTAINER
-    return Role.OPERATOR if isinstance(command.action, Send) or command.name == 'incident' else Role.OBSERVER
+    acts = isinstance(command.action, Send) or command.name in ('incident', 'alerts acknowledge')
+    return Role.OPERATOR if acts else Role.OBSERVER
 
 
 def find(name: str) -> CommandSpec | None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from enum import Enum, IntEnum
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from flexbt_console.errors import UsageError
@@ -152,12 +153,14 @@ class Inquiry(NamedTuple):
     """The robot to query, and the timeout of its answer, in seconds.
 
     A synthesis may take longer. It reports progress by ``tell``, and is canceled once ``left`` is done.
+    ``acknowledge`` is that of :mod:`flexbt_console.alerts.store`, by the operator.
     """
 
     robot: RobotLink
     timeout: float
     tell: Callable[[str], None]
-    left: Future[None] | None = None
+    left: Future[None] | None
+    acknowledge: Callable[[Path, Sequence[int]], list[str]]
 
 
 class Ask(NamedTuple):
@@ -180,7 +183,6 @@ class Mode(Enum):
     WEB = 'web'
     ROBOTS = 'robots'
     ALERTS = 'alerts'
-    ACKNOWLEDGE = 'acknowledge'
     REPLAY = 'replay'
     INCIDENTS = 'incidents'
     USERS = 'users'

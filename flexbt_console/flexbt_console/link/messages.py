@@ -14,6 +14,7 @@ from enum import IntEnum
 from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Pose, PoseStamped
 from std_msgs.msg import Header
 
@@ -224,6 +225,14 @@ def _pose(message: Any) -> records.FramedPose | None:
     return records.FramedPose(position.x, position.y, yaw, message.header.frame_id)
 
 
+def _incidents(message: Any) -> tuple[records.IncidentReport, ...]:
+    """Return the incidents that a black box reports."""
+    return tuple(
+        records.IncidentReport(one.name, next((value.value for value in one.values), ''), one.message)
+        for one in message.status
+    )
+
+
 def is_length(value: float) -> bool:
     """Return whether the number can be a coordinate, m: finite, and small enough to draw."""
     return abs(value) <= FARTHEST
@@ -249,6 +258,7 @@ _CONVERSIONS: Final[Mapping[Any, Callable[[Any], Any]]] = {
 """Conversions by the type of a record's field, where the message has it in another form."""
 
 _SPECIAL: Final[Mapping[type, Callable[[Any], Any]]] = {
+    DiagnosticArray: _incidents,
     msg.BlackboardEntry: _subject_value,
     msg.ExecutiveEvents: _events,
     msg.PlaceList: _places,

@@ -12,6 +12,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from std_msgs.msg import Header
@@ -139,6 +140,7 @@ class ExecutiveLink(RobotLink):
         self._leave_picture()
         node.destroy_subscription(self._pongs.subscription)
         node.destroy_subscription(self._guards.subscription)
+        node.destroy_subscription(self._incidents.subscription)
         node.destroy_publisher(self._pings)
         if self._resend is not None:
             self._resend.cancel()
@@ -307,6 +309,9 @@ class ExecutiveLink(RobotLink):
             node, msg.StopGuardStatus, guard, latched, self._on_guard, GUARD_BYTES, rates=rates
         )
         self._pongs = ReceivedMessages(node, Header, pong, quick, self._on_pong, PONG_BYTES)
+        self._incidents = ReceivedMessages(
+            node, DiagnosticArray, self._topic(names.INCIDENTS), latched, self._on_incidents, GUARD_BYTES, rates=rates
+        )
         if gives_commands:
             self._open_commands()
 
@@ -426,6 +431,11 @@ class ExecutiveLink(RobotLink):
         message = self._unpacked(received, msg.StopGuardStatus, names.STOP_GUARD_STATUS)
         if message is not None:
             self.mirror.receive_guard(record_of(message))
+
+    def _on_incidents(self, received: Received) -> None:
+        message = self._unpacked(received, DiagnosticArray, names.INCIDENTS)
+        if message is not None:
+            self.mirror.receive_incidents(record_of(message))
 
     def _on_pong(self, received: Received) -> None:
         with contextlib.suppress(ValueError):  # not from the executive

@@ -12,14 +12,15 @@ from .freshness import LinkState
 from .history import History
 from .lanes import Lanes
 from .mirror import Mirror
-from .records import Decision, ExecutiveState, Peer, TreeHold
+from .records import Decision, ExecutiveState, IncidentReport, Peer, TreeHold
 from .view import View
 
 
 class Urgency(IntEnum):
     """The needs of a robot, the most urgent first. FAILED: its run failed, or was interrupted. UNREACHABLE: it is not
     heard any more, or was never; LATE: a heartbeat was missed. DEGRADED: a node that it depends on is not there, late
-    or not ready, a tree is held by a breakpoint or a pause, or the stop guard holds the robot."""
+    or not ready, a tree is held by a breakpoint or a pause, or the stop guard holds the robot. INCIDENT: its black box
+    has written one; that is over, so it does not count for the robot as a whole."""
 
     ALARM = 0
     DECISION = 1
@@ -29,6 +30,7 @@ class Urgency(IntEnum):
     DEGRADED = 5
     RUNS = 6
     IDLE = 7
+    INCIDENT = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,20 +67,21 @@ class Need:
     urgency: Urgency
     key: str = ''
     seconds: float = 0.0
-    about: Decision | Peer | TreeHold | None = None
+    about: Decision | Peer | TreeHold | IncidentReport | None = None
 
 
 def needs_of(view: View) -> list[Need]:
     """Return the needs of a robot, the most urgent first. What a robot needs that is not live is not known, except that
-    it moved and that its stop guard holds it."""
+    it moved, that its stop guard holds it, and its incidents."""
     snapshot = view.snapshot
-    guard = [Need(Urgency.DEGRADED, 'stop guard')] if view.guard.told else []
+    told = [Need(Urgency.DEGRADED, 'stop guard')] if view.guard.told else []
+    told += [Need(Urgency.INCIDENT, one.name, about=one) for one in view.incidents]
     if snapshot is None or view.link is LinkState.LOST:
-        return [Need(Urgency.UNREACHABLE, seconds=view.age or 0.0), *guard]
+        return [Need(Urgency.UNREACHABLE, seconds=view.age or 0.0), *told]
     run = f'{snapshot.executive_id} {snapshot.run_id}'
     moves = [Need(Urgency.ALARM, run)] if view.unwanted_motion is not None else []
     if not view.live:
-        return [*moves, Need(Urgency.LATE, seconds=view.age or 0.0), *guard]
+        return [*moves, Need(Urgency.LATE, seconds=view.age or 0.0), *told]
     decisions = [
         Need(Urgency.DECISION, f'{snapshot.executive_id} {one.id}', max(0.0, snapshot.stamp - one.since), one)
         for one in snapshot.decisions
@@ -87,12 +90,13 @@ def needs_of(view: View) -> list[Need]:
     failed = [Need(Urgency.FAILED, run)] if has_failed or snapshot.state is ExecutiveState.INTERRUPTED else []
     missed = [Need(Urgency.DEGRADED, f'node {one.name}', about=one) for one in snapshot.missed_peers]
     held = [Need(Urgency.DEGRADED, f'tree {one.run_id} {one.since}', about=one) for one in snapshot.tree_holds]
-    return [*moves, *decisions, *failed, *missed, *held, *guard]
+    return [*moves, *decisions, *failed, *missed, *held, *told]
 
 
 def overview_of(name: str, view: View) -> RobotOverview:
     """Return the most urgent need of a robot, from its view."""
-    first = next(iter(needs_of(view)), Need(Urgency.RUNS if view.running else Urgency.IDLE))
+    needs = [one for one in needs_of(view) if one.urgency is not Urgency.INCIDENT]
+    first = next(iter(needs), Need(Urgency.RUNS if view.running else Urgency.IDLE))
     return RobotOverview(name, view, first.urgency, first.seconds)
 
 

@@ -27,6 +27,7 @@ from .records import (
     ExecutiveSnapshot,
     FramedPose,
     GridMap,
+    IncidentReport,
     LogLine,
     LogSeverity,
     MissionQueue,
@@ -122,6 +123,7 @@ class Mirror:
         self._commands = CommandTracker()
         self._guard = StopGuard()
         self._guard_heard = 0.0
+        self._incidents: tuple[IncidentReport, ...] = ()
         self._listens_until = clock.now() + LISTEN_SECONDS
         self._snapshot: ExecutiveSnapshot | None = None
         self._sent: float | None = None
@@ -212,6 +214,13 @@ class Mirror:
             settled = self._commands.carried_out(guard, now)
             self._read(now, 'receive_guard', guard)
         self._tell(Change.COMMAND if settled else Change.LINK)
+
+    def receive_incidents(self, incidents: tuple[IncidentReport, ...]) -> None:
+        """Process the incidents of the last day, newest first."""
+        with self._lock:
+            self._incidents = incidents
+            self._read(self._now(), 'receive_incidents', incidents)
+        self._tell(Change.LINK)
 
     def receive_structure(self, structure: Structure) -> None:
         """Process the state machine of a run."""
@@ -445,6 +454,7 @@ class Mirror:
                 unwanted_motion=self._standstill.motion,
                 listening=snapshot is None and not self._problem and now < self._listens_until,
                 guard=replace(self._guard, is_silent=self._guard.holding and now - self._guard_heard > GUARD_SECONDS),
+                incidents=self._incidents,
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:

@@ -282,6 +282,15 @@ class Peer:
 
 
 @dataclass(frozen=True, slots=True)
+class IncidentReport:
+    """An incident that the robot's black box has written: its name, its folder on the robot, and what happened."""
+
+    name: str
+    folder: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class StopGuard:
     """The status of the stop guard (StopGuardStatus.msg).
 

@@ -15,6 +15,7 @@ from .records import (
     ExecutiveSnapshot,
     ExecutiveState,
     FramedPose,
+    IncidentReport,
     LogLine,
     MissionQueue,
     StateStructure,
@@ -46,6 +47,7 @@ class View:
     ``queue``: the mission queue; None until it has arrived.
     ``unwanted_motion``: motion of the robot at a time when it should stand still.
     ``guard``: latest report of the stop guard.
+    ``incidents``: of the last day, newest first.
     ``listening``: True while no executive has been received, but it is too early to report that.
     """
 
@@ -66,6 +68,7 @@ class View:
     unwanted_motion: UnexpectedMotion | None = None
     listening: bool = False
     guard: StopGuard = field(default_factory=StopGuard)
+    incidents: tuple[IncidentReport, ...] = ()
 
     @property
     def live(self) -> bool:

@@ -27,6 +27,7 @@ from flexbt_console.mirror.records import (
     ExecutiveSnapshot,
     ExecutiveState,
     FramedPose,
+    IncidentReport,
     LogLine,
     LogSeverity,
     Peer,
@@ -429,6 +430,8 @@ def need_text(need: Need, view: View) -> str:
         return asked_text(need.about, view.snapshot)
     if isinstance(need.about, Peer):
         return peer_line(need.about)
+    if isinstance(need.about, IncidentReport):
+        return one_line(f'{need.about.folder}: {need.about.text}')
     if isinstance(need.about, TreeHold):
         return Line('a tree is held: "status" tells where', Tone.WARNING)
     texts = {

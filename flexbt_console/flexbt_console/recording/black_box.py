@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.action import get_action_names_and_types
 from rclpy.action.server import RCLError
@@ -45,7 +46,7 @@ from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import ExecutiveCommand
 
-from .incidents import ROSOUT, Occurrence, Request
+from .incidents import ROSOUT, Occurrence, Request, incidents_in
 from .player import MirrorFeed
 from .recorder import BUNDLE_SECONDS, Recorder
 from .ring import SEGMENTS, Ring
@@ -62,6 +63,9 @@ SAME_SECONDS: Final = 60.0
 
 KILLED_SECONDS: Final = 600.0
 """Age up to which a ring that was left behind is an incident, s."""
+
+TOLD_SECONDS: Final = 86_400.0
+"""Age up to which an incident is told, s."""
 
 MOST_REQUESTS: Final = 3
 """Incidents that wait for the disk, at most: the ring keeps their files."""
@@ -261,6 +265,8 @@ class BlackBox:
         battery = 'sensor_msgs/msg/BatteryState'
         self._recorder.hear(battery, names.BATTERY_STATE, names.best_effort_qos(1), self._detector.take_battery, True)
         self._service = runtime.node.create_service(Trigger, names.WRITE_INCIDENT, self._asked)
+        self._reports = runtime.node.create_publisher(DiagnosticArray, names.INCIDENTS, names.transient_local_qos())
+        self._tell_incidents()
         runtime.post_in(_LOOK_SECONDS, self._find_others)
         newest = ring.left[-1:]
         if newest and time.time() - newest[0].stat().st_mtime < KILLED_SECONDS and not self._waiting:
@@ -307,6 +313,25 @@ class BlackBox:
             one.request.write(one.file)
         except OSError as error:
             self._runtime.node.get_logger().error(f'the incident cannot be noted in {one.file}: {error}')
+
+    def _tell_incidents(self, *, again: bool = True) -> None:
+        """Publish the incidents of the last day."""
+        robot, now = self._runtime.node.get_namespace().strip('/'), time.time()
+        known = [one for one in incidents_in(self._settings.incidents) if one.robot == robot]
+        statuses = [
+            DiagnosticStatus(
+                level=DiagnosticStatus.ERROR,
+                name=one.folder.name,
+                message=one.first.text,
+                hardware_id=robot,
+                values=[KeyValue(key='folder', value=str(one.folder))],
+            )
+            for one in known
+            if now - one.first.time < TOLD_SECONDS
+        ]
+        self._reports.publish(DiagnosticArray(status=statuses))
+        if again:
+            self._runtime.post_in(TOLD_SECONDS / 24.0, self._tell_incidents)
 
     def _look(self) -> None:
         one, now = self._open, self._runtime.steady.now()
@@ -366,6 +391,7 @@ class BlackBox:
                 if made.returncode == 0 or not file.exists():  # or it was given up meanwhile
                     if made.returncode == 0:
                         logger.info(f'incident written: {made.stdout.strip()}')
+                        self._runtime.post(partial(self._tell_incidents, again=False))
                     self._ring.release(file.name)
                     with contextlib.suppress(ValueError):
                         self._waiting.remove(file)

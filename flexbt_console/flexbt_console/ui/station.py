@@ -6,10 +6,11 @@ Line mode, prompt, screen and page differ only in where lines come from and wher
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from math import fsum
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from flexbt_console.commands.command_builder import CommandBuilder
@@ -75,7 +76,7 @@ class Station:
             return Reading(None, text, title='help')
         if isinstance(spec.action, Show):
             return spec.action.show(line, view, self.mirror)._replace(title=spec.name)
-        return RobotRequest(line, self.timeout) if isinstance(spec.action, Ask) else None
+        return RobotRequest(line, self.timeout, self.builder) if isinstance(spec.action, Ask) else None
 
 
 class RobotRequest(NamedTuple):
@@ -83,6 +84,7 @@ class RobotRequest(NamedTuple):
 
     line: CommandLine
     timeout: float
+    builder: CommandBuilder
 
     def ask(self, robot: RobotLink, tell: Callable[[str], None], left: Future[None] | None = None) -> Reading:
         """Ask the robot and wait; see :class:`Inquiry`. Not on the thread of a user interface.
@@ -92,7 +94,13 @@ class RobotRequest(NamedTuple):
         """
         spec = self.line.spec
         assert isinstance(spec.action, Ask)
-        reading = spec.action.ask(self.line, Inquiry(robot, self.timeout, tell, left))
+
+        def acknowledge(state: Path, things: Sequence[int]) -> list[str]:
+            from flexbt_console.alerts import store  # what only this needs
+
+            return store.acknowledge(state, things, self.builder.require_operator())
+
+        reading = spec.action.ask(self.line, Inquiry(robot, self.timeout, tell, left, acknowledge))
         return reading._replace(title=spec.name, is_map=spec.action.is_map)
 
 

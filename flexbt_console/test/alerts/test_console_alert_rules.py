@@ -29,7 +29,14 @@ from flexbt_console.alerts.store import Store
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.fleet import Urgency, overview_of
 from flexbt_console.mirror.freshness import LinkState
-from flexbt_console.mirror.records import Decision, DecisionKind, ExecutiveSnapshot, ExecutiveState, StopGuard
+from flexbt_console.mirror.records import (
+    Decision,
+    DecisionKind,
+    ExecutiveSnapshot,
+    ExecutiveState,
+    IncidentReport,
+    StopGuard,
+)
 from flexbt_console.mirror.view import View
 
 DAY = 86_400.0
@@ -216,6 +223,33 @@ def test_a_robot_that_was_heard_before_a_restart_and_is_not_found_is_silent(tmp_
     store.close()
 
 
+def test_an_incident_is_called_about_once_though_its_black_box_comes_and_goes(tmp_path: Path) -> None:
+    """The robot goes on meanwhile, and the program is started again."""
+    known = rules_of(rule(Step(0.0, ('anna',)), Step(600.0, ('ben',)), conditions=(Urgency.INCIDENT,), over=True))
+    local, report = (
+        datetime(2026, 1, 1, tzinfo=UTC),
+        IncidentReport('2026_stop', '/incidents/2026_stop', 'STOP by cleo'),
+    )
+    runs = ExecutiveSnapshot('e', 1, state=ExecutiveState.RUNNING, run_id='r')
+    with_it = View(LinkState.LIVE, 0.1, snapshot=runs, incidents=(report,))
+    assert overview_of('/a', with_it).urgency is Urgency.RUNS, 'it is over'
+    there, without = ([seen(overview_of('/a', one))] for one in (with_it, View(LinkState.LIVE, 0.1, snapshot=runs)))
+    store = Store(tmp_path / 'alerts.db')
+    for seconds, look in ((0.0, there), (1.0, without), (2.0, there), (3.0, without)):
+        store.memory.step(seconds, local, look, known)
+        assert store.save() == ''
+        store.close()
+        store = Store(tmp_path / 'alerts.db')
+    (call,) = store.memory.calls.values()
+    assert call.title == '/a has an incident' and call.lines[0] == '/incidents/2026_stop: STOP by cleo'
+    assert store.memory.acknowledge({call.thing: 'ben'}) == [call.thing]
+    for seconds, look in ((700.0, without), (701.0, there), (2 * DAY - 1.0, there), (2 * DAY, without)):
+        store.memory.step(seconds, local, look, known)
+        assert len(store.memory.calls) == 1, 'neither called again, nor told that it is over'
+    assert not store.memory.things
+    store.close()
+
+
 def test_needs_of_any_length_and_number_are_bounded() -> None:
     known, memory = rules_of(rule(Step(0.0, ('anna',)))), Escalation()
     long, now = 'x' * 10_000_000, datetime(2026, 1, 1, tzinfo=UTC)
@@ -267,7 +301,7 @@ def test_a_message_says_what_where_since_when_what_to_do_and_has_the_link() -> N
         'Since 2026-01-01 11:59 UTC',
         'Answer on the page, or with "console confirm", "force" or "input".',
         'http://station:8465/?robot=/a&decision=e7%203',
-        'To acknowledge: console alerts acknowledge 1',
+        'To acknowledge, enter on the page: alerts acknowledge 1',
     ]
 
 

@@ -74,7 +74,7 @@ def shown(seen: SeenRobot, *words: str) -> Reading:
     line = parse(words)
     check(line)
     assert isinstance(line.spec.action, Ask)
-    return line.spec.action.ask(line, Inquiry(seen, 5.0, print))
+    return line.spec.action.ask(line, Inquiry(seen, 5.0, print, None, lambda state, things: []))
 
 
 @pytest.mark.parametrize(
