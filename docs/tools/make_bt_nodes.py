@@ -6,6 +6,7 @@ In a shell with the environment of the workspace.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from inspect import cleandoc
@@ -42,8 +43,8 @@ of the blackboard, `{=}` to the one named like the port, and `{@key}` to an entr
 Any node may have a `name`, the pre-conditions `_failureIf`, `_successIf`, `_skipIf`, `_while` and the post-conditions
 `_onSuccess`, `_onFailure`, `_onHalted`, `_post`, which are [scripts](bt_scripts.md).
 
-Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2's branches jazzy and main. See
-also [How the engine ticks a tree](../explanation/bt_engine.md) and
+Control nodes, decorators and Nav2's nodes behave as in BehaviorTree.CPP 4 and in Nav2. *(main)* and *(jazzy)* mark what
+only this branch of Nav2 has. See also [How the engine ticks a tree](../explanation/bt_engine.md) and
 [Differences from BehaviorTree.CPP](bt_differences.md).
 """
 CHILDREN: Final = {
@@ -90,7 +91,8 @@ def page() -> str:
         lines += [CHILDREN[kind][1], ''] if kind in CHILDREN else []
         for group in of_kind:
             lines += [*section(group, shared), '']
-    return '\n'.join(lines).rstrip('\n') + '\n'
+    text = '\n'.join(lines).rstrip('\n') + '\n'
+    return re.sub(r'\(Nav2 (\w+) only\)', r'(\1)', text)
 
 
 def alike(manifests: Iterable[NodeManifest]) -> Iterator[list[NodeManifest]]:
@@ -172,7 +174,7 @@ def _skill(manifest: NodeManifest) -> str:
         for name, outcome in skill.outcomes.items()
         if outcome.effects
     ]
-    facts += ['its work continues after a halt'] * skill.ignores_cancel
+    facts += ['continues after a halt'] * skill.ignores_cancel
     return ', '.join(facts)
 
 

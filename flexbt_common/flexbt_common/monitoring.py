@@ -24,13 +24,13 @@ def declare_monitoring(declare: ParameterDeclarer) -> Monitoring:
         UnfitParameterError: a value cannot work, or the file is wrong; the text has parameter and value.
     """
     is_on = declare.flag(
-        'monitors', False, 'whether each run is watched for what must never happen, such as two owners of an actuator'
+        'monitors', False, 'whether monitors check each run, for example for two owners of an actuator'
     )
-    about = 'what is done when a monitor finds something wrong: warn, or stop the run as well'
+    about = 'what a violation causes: warn, or stop the run as well'
     action = declare.text('monitor_action', 'warn', about)
     if action not in ('warn', 'stop'):
         raise UnfitParameterError('monitor_action', f'{action!r} is neither warn nor stop; {about}')
-    about = 'YAML file of what is required of behaviors and trees beside that, see "behavior_tool prove"'
+    about = 'YAML file of further requirements, as for "behavior_tool prove"'
     written = declare.fixed.text('requirements', '', about)
     return Monitoring(is_on, action == 'stop', _requirements(written) if written and is_on else {})
 

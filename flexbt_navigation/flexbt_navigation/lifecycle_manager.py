@@ -97,7 +97,7 @@ class ManagerParameters:
     )
     autostart: bool = parameter('autostart', False, 'whether they are brought up at the start')
     service_timeout: float = parameter(
-        'service_timeout', 5.0, 'wait for a node, its answer and the end of a transition, s of wall time', 0.1, 3600.0
+        'service_timeout', 5.0, 'wait for a node and its transition, s of wall time', 0.1, 3600.0
     )
 
 

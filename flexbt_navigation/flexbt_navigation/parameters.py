@@ -43,11 +43,10 @@ class NavigationParameters:
     owner_nodes: tuple[str, ...] = parameter(
         'owner_nodes',
         (names.BT_SERVER,),
-        'nodes that give the goals: while one is late the robot is held, and when one is gone every goal is ended; '
-        '[""] for none',
+        'nodes that send goals: while one is late the robot is held, and when one is gone all goals end; [""] for none',
     )
     robot_nodes: tuple[str, ...] = parameter(
-        'robot_nodes', (names.SIMULATOR,), 'nodes without which there is no robot: when one is gone every goal fails'
+        'robot_nodes', (names.SIMULATOR,), 'nodes of the robot: when one is gone all goals fail'
     )
     peer_timeout: float = parameter('peer_timeout', PEER_TIMEOUT, PEER_TIMEOUT_TEXT, 0.6, 3600.0)
 

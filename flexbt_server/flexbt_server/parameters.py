@@ -154,7 +154,7 @@ class ServerParameters:
         'feedback_rate', 5.0, 'feedback rate of a running tree, Hz of wall time', 0.1, 100.0
     )
     server_timeout: float = parameter(
-        'server_timeout', 1.0, 'time to wait for a server, and for it to accept a goal, s of wall time', 0.01, 60.0
+        'server_timeout', 1.0, 'time to wait for a server and its acceptance, s of wall time', 0.01, 60.0
     )
     cancel_timeout: float = parameter(
         'cancel_timeout', 2.0, 'time that leaves have to halt, s of wall time', 0.01, 60.0
@@ -180,7 +180,7 @@ class ServerParameters:
     max_loaded_memory: int = parameter(
         'max_loaded_memory',
         MOST_LOADED,
-        'memory that loaded trees may take, bytes; the least recently used are dropped to make room',
+        'memory for loaded trees, bytes; the least recently used are dropped',
         1_000_000,
         100_000_000_000,
         is_fixed=True,
@@ -188,7 +188,7 @@ class ServerParameters:
     groot2_port: int = parameter(
         'groot2_port',
         0,
-        'port on which Groot2 finds running trees (its default: 1667), and the next one; 0: off',
+        'port for Groot2 (its default: 1667); also uses the next one; 0: off',
         0,
         65534,
         is_fixed=True,
@@ -200,7 +200,7 @@ class ServerParameters:
     btlog_keep: int = parameter(
         'btlog_keep',
         100,
-        'number of log files to keep in that directory; a run of ReachGoal leaves several',
+        'number of log files to keep; a run of ReachGoal writes several',
         1,
         1_000_000,
         is_fixed=True,

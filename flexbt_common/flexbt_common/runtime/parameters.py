@@ -40,7 +40,7 @@ READ_WHEN_CONFIGURED: Final = 'read when the node is configured; can be set whil
 """Note in the descriptors of the parameters of managed nodes."""
 
 ALLOWED_DIRECTORIES_TEXT: Final = (
-    'directories, beside the package shares and those of the files that parameters name, from which services load files'
+    'directories from which services load files, beside package shares and those of files that parameters name'
 )
 """Description of the parameter ``allowed_directories`` of a node whose services get the names of files."""
 

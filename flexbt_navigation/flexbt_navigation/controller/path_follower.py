@@ -243,7 +243,7 @@ class FollowerLimits:
     turning_radius: float = parameter(
         'minimum_turning_radius',
         0.0,
-        'least radius of a bend of a car-like robot, m; 0 for one that turns on the spot',
+        'minimum turning radius of a car-like robot, m; 0 for one that turns on the spot',
         0.0,
         100.0,
     )

@@ -195,7 +195,7 @@ class DockingLimits:
     prestaging_tolerance: float = parameter(
         'dock_prestaging_tolerance',
         0.5,
-        'so near to the staging pose nothing is driven to get there, m and rad',
+        'distance from the staging pose that needs no drive to it, m and rad',
         0.0,
         10.0,
     )

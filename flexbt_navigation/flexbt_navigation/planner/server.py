@@ -42,7 +42,7 @@ class PlannerParameters:
 
     planner_ids: tuple[str, ...] = parameter('planner_ids', ('GridBased',), 'names under which the planner is known')
     tolerance: float = parameter(
-        'tolerance', 0.0, 'how far from a goal that cannot be reached a path may end, m; 0: nowhere else', 0.0, 10.0
+        'tolerance', 0.0, 'distance from an unreachable goal at which a path may end, m; 0: none', 0.0, 10.0
     )
 
 

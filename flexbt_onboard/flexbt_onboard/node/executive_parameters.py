@@ -37,8 +37,8 @@ class ExecutiveParameters(MotionParameters):
     peers: tuple[str, ...] = parameter(
         'peers',
         (names.BT_SERVER, names.NAVIGATION, names.SIMULATOR, names.STOP_GUARD),
-        'names of the nodes that missions depend on; an operator sees whether they are alive and ready. One of the '
-        'default is missed only after it was seen',
+        'nodes that missions depend on; operators see their liveliness. A node of the default list is missed only '
+        'after it was seen',
     )
     plan_topic: str = parameter(
         'plan_topic', names.PLAN, 'topic of the path that the robot follows (nav_msgs/msg/Path), for operators'
@@ -63,23 +63,21 @@ class ExecutiveParameters(MotionParameters):
     authority_timeout: float = parameter(
         'authority_timeout',
         30.0,
-        'seconds of wall time without a console or a command of the operator who has the authority, '
-        'after which it is lost',
+        'seconds of wall time without a console or command of its holder after which the authority is lost',
         0.5,
         3600.0,
     )
     stop_timeout: float = parameter(
         'stop_timeout',
         STOP_TIMEOUT,
-        'seconds of wall time after a stop in which everything has to be confirmed at rest; '
-        'a behavior that is not ends as an error then',
+        'seconds of wall time after which a stop that is not confirmed ends the run as an error',
         3.0,
         3600.0,
     )
     journal_directory: str = parameter(
         'journal_directory',
         '',
-        'directory of the journal, by which a run can continue after a crash of the executive; empty for none',
+        'directory of the journal, to continue a run after a crash; empty for none',
         is_fixed=True,
     )
     event_log_size: int = parameter(
@@ -130,13 +128,12 @@ def declare_parameters(node: Node) -> ExecutiveParameters:
     places = declare.fixed.text(
         'places',
         '',
-        'YAML file of the places that the robot knows by name, {name: {x: 1.0, y: 2.0, yaw: 0.0}} in m and rad',
+        'YAML file of named places, {name: {x: 1.0, y: 2.0, yaw: 0.0}} in m and rad',
     )
     machine_directory = declare.fixed.text(
         'machine_directory',
         f'{found.event_log_directory}/machines' if found.event_log_directory else '',
-        'directory of the behaviors that were synthesized, for the next start; empty for none '
-        '(default: "machines" in that of the event log)',
+        'directory of synthesized behaviors; empty for none (default: "machines" in that of the event log)',
     )
     return replace(
         found, places=_places(places), monitoring=declare_monitoring(declare), machine_directory=machine_directory

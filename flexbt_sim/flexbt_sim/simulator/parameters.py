@@ -43,25 +43,25 @@ class SimulatorParameters:
     namespaces: bool = parameter(
         'robot_namespaces',
         True,
-        'each robot of a world file is in a namespace of its name; false: its only one is in that of the node',
+        "each robot of a world file has a namespace of its name; false: its only one uses the node's",
     )
     initialpose_moves: bool = parameter(
         'initialpose_moves_robot',
         True,
-        'initialpose puts the robot there, as in nav2_loopback_sim; false: it tells its localization where it is, '
-        'as amcl. By default true where there is no world file',
+        'initialpose moves the robot, as in nav2_loopback_sim; false: it corrects its localization, as amcl. By '
+        'default true without a world file',
     )
     odom_rate: float = parameter(
         'odom_rate',
         33.3,
-        'rate of odometry and transforms, and of the pose of a robot that is driven, Hz of simulated time',
+        'rate of odometry and transforms, and of the pose of a driven robot, Hz of simulated time',
         1.0,
         100.0,
     )
     clock_rate: float = parameter(
         'clock_rate',
         20.0,
-        'least rate of /clock, Hz of simulated time (poses at rest: half); a greater odom_rate holds in a drive',
+        'minimum rate of /clock, Hz of simulated time (poses at rest: half)',
         1.0,
         1000.0,
     )
@@ -122,9 +122,9 @@ def declare_simulator_parameters(node: Node) -> SimulatorParameters:
         SimulationError, UnfitParameterError: a value that cannot work.
     """
     declare = ParameterDeclarer(node)
-    factor = 'seconds of the simulated world per second; 0 for as fast as whoever acts in it keeps up'
+    factor = 'simulated seconds per second; 0 for as fast as possible'
     declare.real(SPEED_FACTOR, 1.0, 0.0, 1000.0, factor, read_only=False)
-    world = declare.text('world', '', 'world file, with its map and robots; empty for one robot on a map, as follows')
+    world = declare.text('world', '', 'world file; empty for one robot on a map, as follows')
     pose = declare.reals(
         'initial_pose', [0.8, 4.45, 0.0], 'pose of the robot at the start and after a reset: m, m, rad'
     )
