@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Print words, sentences and average sentence length of the pages that people write.
+"""Print words, sentences and average sentence length of the pages.
 
 Words include headings and tables. Sentences are those of paragraphs and lists that end with a full stop or a colon.
-Code blocks, front matter, comments and generated pages are left out. With a limit, the exit code
+Code blocks, front matter, comments and the change log are left out. With a limit, the exit code
 is 1 if a page exceeds it or has a table cell that holds a paragraph.
 """
 
@@ -17,20 +17,9 @@ from typing import Final
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 PATTERNS: Final = ('*.md', '[a-z]*/README.md', 'docs/**/*.md')
-NOT_MEASURED: Final = {
-    'CHANGELOG.md',
-    'docs/explanation/architecture.md',
-    'docs/reference/bt_nodes.md',
-    'docs/reference/console.md',
-    'docs/reference/states.md',
-    'docs/reference/world_files.md',
-}
-"""The change log, and what programs of this directory write."""
-
 PARAGRAPH_WORDS: Final = 40
 """A table cell with more words than this is a paragraph."""
 
-GENERATED: Final = re.compile(r'<!-- written by .*?<!-- end of what is written -->', re.DOTALL)
 FRONT_MATTER: Final = re.compile(r'\A---\n.*?\n---\n', re.DOTALL)
 COMMENT: Final = re.compile(r'<!--.*?-->', re.DOTALL)
 FENCE: Final = re.compile(r'^ *(`{3,}|~{3,}).*?^ *\1 *$', re.DOTALL | re.MULTILINE)
@@ -70,7 +59,7 @@ def measure(path: Path) -> Page:
     """Count words and sentences of the page at ``path``."""
     page = Page(str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path))
     text = path.read_text(encoding='utf-8')
-    for left_out in (FRONT_MATTER, GENERATED, COMMENT, FENCE):
+    for left_out in (FRONT_MATTER, COMMENT, FENCE):
         text = left_out.sub('\n', text)
     blocks: list[str] = ['']
     for line in map(plain, text.splitlines()):
@@ -95,7 +84,7 @@ def measure(path: Path) -> Page:
 def main() -> int:
     """Print the figures of the pages and compare them with the limits."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('pages', nargs='*', type=Path, help='pages to measure; default: all that people write')
+    parser.add_argument('pages', nargs='*', type=Path, help='pages to measure; default: all')
     parser.add_argument('--readme-limit', type=float, metavar='WORDS', help='longest average of README.md')
     parser.add_argument('--limit', type=float, metavar='WORDS', help='longest average of every other page')
     parser.add_argument(
@@ -104,7 +93,7 @@ def main() -> int:
     parser.add_argument('--cells', action='store_true', help='also print table cells that hold a paragraph')
     arguments = parser.parse_args()
     paths = arguments.pages or sorted(
-        path for pattern in PATTERNS for path in ROOT.glob(pattern) if str(path.relative_to(ROOT)) not in NOT_MEASURED
+        path for pattern in PATTERNS for path in ROOT.glob(pattern) if path.name != 'CHANGELOG.md'
     )
     total, exceeded = Page('total'), False
     print('  words sentences average longest cells page')
