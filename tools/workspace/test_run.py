@@ -89,6 +89,7 @@ VARIANTS = (
             'xml/*.py',
         ),
     ),
+    Variant('flexbt_testing', 'test/one_process', {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}),
 )
 
 

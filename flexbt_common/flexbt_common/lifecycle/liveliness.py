@@ -84,7 +84,7 @@ START_SECONDS: Final = 5.0
 """Age of a process up to which it waits for the first assertion of a token, s: if it replaces a killed process, the
 other processes cannot reach it for up to 2.5 s (measured; Fast DDS over shared memory)."""
 
-STARTED: Final = time.monotonic()
+_STARTED: Final = time.monotonic()
 """Time at which this process started, s: this module is loaded early."""
 
 _LOOK_SECONDS: Final = 0.2
@@ -530,7 +530,7 @@ class _SeenToken:
         return f'{len(found)} nodes have this name: end all but one of the processes {", ".join(found)}'
 
     def _await_first_word(self) -> None:
-        self._silent_since = max(self._runtime.steady.now(), STARTED + START_SECONDS - LEASE_SECONDS)
+        self._silent_since = max(self._runtime.steady.now(), ProcessIdentity.started() + START_SECONDS - LEASE_SECONDS)
 
     def _matched(self, event: Any) -> None:
         if event.current_count > 0:
@@ -637,6 +637,11 @@ class ProcessIdentity:
             return _own(pid)
         except OSError:  # not Linux
             return ProcessIdentity('', pid, '')
+
+    @staticmethod
+    def started() -> float:
+        """Return the time at which this process started, s of the steady clock."""
+        return _STARTED
 
     @property
     def is_here(self) -> bool:

@@ -787,7 +787,7 @@ def run_node(
             file=sys.stderr,
         )
         return 2
-    with StandardStreams(), _signals_as_bytes() as (signals, wake):
+    with HOST.entered() as (wait, wake):
         runtime: NodeRuntime | None = None
         try:
             runtime = NodeRuntime(name, args=args, node_class=node_class)
@@ -797,15 +797,14 @@ def run_node(
             runtime.on_close(partial(logging.getLogger().removeHandler, handler))
             setup(runtime)
             runtime.post(partial(_tell_unknown_parameters, runtime))
-            gc.freeze()  # these objects stay; scanning them for garbage takes longer than a tick
         except Exception as error:
             reason = str(error) or type(error).__name__
             print(*escape_lines(f'{name}: cannot start: {reason}'), sep='\n', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()
-            _close_in_time(name, runtime)
+            HOST.close_in_time(name, runtime)
             return 1
-        os.read(signals, 1)
+        wait()
         if runtime.health.failure:
             print(
                 *escape_lines(f'{name}: cannot continue: {runtime.health.failure}'),
@@ -813,7 +812,7 @@ def run_node(
                 file=sys.stderr,
                 flush=True,
             )
-        _close_in_time(name, runtime)
+        HOST.close_in_time(name, runtime)
         return 1 if runtime.has_failed else 0
 
 
@@ -822,6 +821,42 @@ def _tell_unknown_parameters(runtime: NodeRuntime) -> None:
         return
     for line in unknown_parameters([one.node for one in (runtime, *runtime.further)]):
         runtime.node.get_logger().warning(line)
+
+
+class Host:
+    """The process of the operating system around a node: its streams, its signals, and its end."""
+
+    @contextlib.contextmanager
+    def entered(self) -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
+        """Yield a function that waits for SIGINT or SIGTERM, and one that ends this wait, from any thread."""
+        with StandardStreams(), _signals_as_bytes() as (signals, wake):
+
+            def wait() -> None:
+                gc.freeze()  # these objects stay; scanning them for garbage takes longer than a tick
+                os.read(signals, 1)
+
+            yield wait, wake
+
+    def close_in_time(self, name: str, runtime: NodeRuntime | None) -> None:
+        """Close the runtime. If it does not end in time, end the process."""
+        if runtime is None:
+            return
+        in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime])
+        in_time.daemon = True
+        with contextlib.suppress(RuntimeError):  # no more threads: the watchdog ends the process a second later
+            in_time.start()
+        # The watchdog of faulthandler ends the process even if the interpreter hangs, and reports where. It stays
+        # active, because the end of the interpreter may also hang, in threads that it joins or in destructors.
+        with contextlib.suppress(RuntimeError):
+            faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=watchdog_descriptor())
+        gc.unfreeze()  # the default context finds its nodes through the garbage collector
+        runtime.close()
+        gc.freeze()  # so that the interpreter does not collect at its end: destructors of the middleware may block
+        in_time.cancel()
+
+
+HOST = Host()
+"""The host of the nodes that :func:`run_node` runs."""
 
 
 @contextlib.contextmanager
@@ -846,23 +881,6 @@ def _signals_as_bytes() -> Iterator[tuple[int, Callable[[], object]]]:
         signal.set_wakeup_fd(-1)
         os.close(reading)
         os.close(writing)
-
-
-def _close_in_time(name: str, runtime: NodeRuntime | None) -> None:
-    if runtime is None:
-        return
-    in_time = threading.Timer(_CLOSE_SECONDS, _leave_now, [name, runtime])
-    in_time.daemon = True
-    with contextlib.suppress(RuntimeError):  # no more threads: the watchdog ends the process a second later
-        in_time.start()
-    # The watchdog of faulthandler ends the process even if the interpreter hangs, and reports where. It stays active,
-    # because the end of the interpreter may also hang, in threads that it joins or in destructors.
-    with contextlib.suppress(RuntimeError):
-        faulthandler.dump_traceback_later(_CLOSE_SECONDS + 1.0, exit=True, file=watchdog_descriptor())
-    gc.unfreeze()  # the default context finds its nodes through the garbage collector
-    runtime.close()
-    gc.freeze()  # so that the interpreter does not collect at its end: destructors of the middleware may block
-    in_time.cancel()
 
 
 def _leave_now(name: str, runtime: NodeRuntime) -> None:

@@ -23,9 +23,9 @@ from flexbt_common.lifecycle.liveliness import (
     LEASE_SECONDS,
     REPEAT_SECONDS,
     START_SECONDS,
-    STARTED,
     LivelinessToken,
     LivelinessWatch,
+    ProcessIdentity,
 )
 from flexbt_common.lifecycle.managed_node import NodeScope
 from flexbt_common.middleware.fastdds import FAST_DDS
@@ -79,7 +79,7 @@ def latest() -> float:
     """Return when a death that was just now has to be noticed at the latest, in uncontended time. A process that is new
     waits longer for the first assertion.
     """
-    return uncontended_time() + max(LEASE_SECONDS, STARTED + START_SECONDS - time.monotonic()) + 1.5
+    return uncontended_time() + max(LEASE_SECONDS, ProcessIdentity.started() + START_SECONDS - time.monotonic()) + 1.5
 
 
 def alive_writers(runtime: NodeRuntime) -> set[bytes]:
@@ -155,7 +155,7 @@ def test_a_node_that_is_found_and_says_nothing_is_late_and_then_gone(monkeypatch
     """As one that sent a goal and was stopped before its token was heard: what it drives has to come to rest."""
     monkeypatch.setattr(liveliness._SeenToken, '_receive', lambda token, received: None)
     monkeypatch.setattr(liveliness._SeenToken, '_liveliness_changed', lambda token, event: None)
-    monkeypatch.setattr(liveliness, 'STARTED', time.monotonic() - START_SECONDS)
+    monkeypatch.setattr(liveliness, '_STARTED', time.monotonic() - START_SECONDS)
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
         told = Told(runtime, timeout=1.0)
         with start():
@@ -456,7 +456,7 @@ def test_a_profile_for_consoles_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_node_whose_assertions_are_not_told_is_alive_by_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """The middleware loses such events on a busy machine."""
     monkeypatch.setattr(liveliness._SeenToken, '_liveliness_changed', lambda token, event: None)
-    monkeypatch.setattr(liveliness, 'STARTED', time.monotonic() - START_SECONDS)
+    monkeypatch.setattr(liveliness, '_STARTED', time.monotonic() - START_SECONDS)
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
         told: queue.Queue[tuple[str, bool]] = queue.Queue()
         LivelinessWatch(

@@ -19,6 +19,7 @@ import fcntl
 import json
 import os
 import threading
+import time
 import zlib
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
@@ -247,7 +248,7 @@ class Journal:
                 'what it said had not been told to anybody'
             )
         if found.corruption:
-            aside = self.file.with_suffix(f'.{datetime.now(UTC):%Y%m%dT%H%M%S%f}.corrupt')
+            aside = self.file.with_suffix(f'.{datetime.fromtimestamp(time.time(), UTC):%Y%m%dT%H%M%S%f}.corrupt')
             try:
                 os.link(self.file, aside)  # loses nothing if the process ends here, and needs no space
             except OSError:

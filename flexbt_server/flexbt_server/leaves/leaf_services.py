@@ -20,7 +20,7 @@ from flexbt_common.calls.action_call import ActionLinks
 from flexbt_common.calls.links import ServerLink
 from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.errors import TransformError
-from flexbt_common.lifecycle.liveliness import STARTED
+from flexbt_common.lifecycle.liveliness import ProcessIdentity
 from flexbt_common.runtime.node_runtime import CALL_SECONDS, Runtime
 from flexbt_common.transform_listener import TransformListener
 from flexbt_core.behavior_tree.engine.node import TreeNode
@@ -65,7 +65,7 @@ class LeafServices:
         The processes of a robot start together, in any order. While this process is young, the server may be starting,
         unless it is known to be gone.
         """
-        left = self.start_timeout - (time.monotonic() - STARTED)
+        left = self.start_timeout - (time.monotonic() - ProcessIdentity.started())
         if left <= timeout or (link is not None and self.runtime.call(link.is_gone)):
             return timeout
         return left

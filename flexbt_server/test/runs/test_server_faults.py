@@ -78,7 +78,7 @@ def quickest_answer(world: ServerWorld) -> float:
 def test_a_server_that_is_known_to_be_gone_is_not_waited_for_as_one_that_starts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('flexbt_server.leaves.leaf_services.STARTED', time.monotonic())
+    monkeypatch.setattr('flexbt_common.lifecycle.liveliness._STARTED', time.monotonic())
     with open_server_world(server_timeout=0.1, start_timeout=10.0 * DEADLINE) as world:
         token = LivelinessToken(world.navigation_runtime)
         token.set_ready(True)
@@ -176,7 +176,7 @@ def test_a_goal_is_not_held_back_for_ever_by_a_thread_that_does_not_return(world
 
 
 def test_servers_that_start_with_this_one_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.leaves.leaf_services.STARTED', time.monotonic())
+    monkeypatch.setattr('flexbt_common.lifecycle.liveliness._STARTED', time.monotonic())
     parameters = {'server_timeout': 1.0, 'start_timeout': DEADLINE}
     with NodeRuntime.open('bt_server', parameters=parameters) as server, NodeRuntime.open('client') as client_runtime:
         BtServer(server)

@@ -20,6 +20,7 @@ ROSDEP_KEYS = {
     'PIL': 'python3-pil',
     'aiohttp': 'python3-aiohttp',
     'catkin_pkg': 'python3-catkin-pkg-modules',
+    'greenlet': 'python3-greenlet',
     'hypothesis': 'python3-hypothesis',
     'lark': 'python3-lark-parser',
     'lxml': 'python3-lxml',

@@ -1,0 +1,355 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The ROS graph of a world: contexts, nodes, names, and what all entities of rclpy have in common.
+
+The classes here and in the modules beside it stand in for those of the same names in ``rclpy._rclpy_pybind11``, and
+keep their methods and errors. What has no side effect (names, QoS profiles, enumerations, serialization) is done by the
+real module, :data:`REAL`.
+"""
+
+from __future__ import annotations
+
+import importlib.machinery
+import importlib.util
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+from .scheduler import SCHEDULER, Process, Task
+
+MODULE: Final = 'rclpy._rclpy_pybind11'
+GID_BYTES: Final = 12
+
+
+def _load() -> ModuleType:
+    found = importlib.util.find_spec('rclpy')
+    if found is None or found.origin is None:
+        raise ImportError('rclpy is not installed')
+    for suffix in importlib.machinery.EXTENSION_SUFFIXES:
+        file = Path(found.origin).with_name(f'_rclpy_pybind11{suffix}')
+        if file.exists():
+            loader = importlib.machinery.ExtensionFileLoader(MODULE, str(file))
+            spec = importlib.util.spec_from_file_location(MODULE, file, loader=loader)
+            assert spec is not None
+            module = importlib.util.module_from_spec(spec)
+            loader.exec_module(module)
+            return module
+    raise ImportError(f'{found.origin} has no compiled module _rclpy_pybind11')
+
+
+REAL: Final = _load()
+"""The compiled module of the installed rclpy."""
+
+InvalidHandle: Final = REAL.InvalidHandle
+RCLError: Final = REAL.RCLError
+
+
+class Domain:
+    """The domain of a world: its topics, services and nodes, and its network."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.topics: dict[str, Any] = {}
+        self.services: dict[str, Any] = {}
+        self.nodes: list[Node] = []
+        self.numbers = itertools.count(1)
+        self.network: Callable[[Process, Process, bool], int | None] | None = None
+        """Delay of a message from one process to another, ns, given whether it is reliable; None if it is lost."""
+        self.discovery: Callable[[Process, Process], int] | None = None
+        """Time until endpoints of two processes have found each other, ns."""
+        self.on_message: Callable[[Process, str, Any], object] | None = None
+        """Observer of all published messages: process, topic, and the :class:`~.topics.Sample`."""
+        self.log: list[tuple[int, Process, int, str, str]] = []
+        """Lines of the log: time (ns), process, severity, logger, text."""
+
+    def transfer(
+        self,
+        source: Process,
+        target: Process,
+        is_reliable: bool,
+        last: dict[Any, int],
+        key: Any,
+        arrive: Callable[[], None],
+    ) -> None:
+        """Call ``arrive`` when a message has passed the network, in the order of sending; ``last`` has these times."""
+        if self.network is None or source is target:
+            arrive()
+            return
+        delay = self.network(source, target, is_reliable)
+        if delay is not None:
+            last[key] = max(SCHEDULER.now + delay, last.get(key, 0))
+            SCHEDULER.call_at(last[key], arrive)
+
+
+DOMAIN: Final = Domain()
+_pointers: Final = itertools.count(1000)
+
+
+class Destroyable:
+    """A handle that lives as long as it is used: as in rclpy, a ``with`` block uses it."""
+
+    _uses = 0
+    is_ended = False
+    """True if its destruction was requested."""
+
+    def __init__(self) -> None:
+        self.pointer = next(_pointers)
+
+    def __enter__(self) -> Any:
+        if self.is_ended:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        self._uses += 1
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._uses -= 1
+        if self.is_ended and not self._uses:
+            self._destroy()
+
+    def destroy_when_not_in_use(self) -> None:
+        if self.is_ended:
+            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+        self.is_ended = True
+        if not self._uses:
+            self._destroy()
+
+    def _destroy(self) -> None:
+        """Remove it from the graph."""
+
+    def vanish(self) -> None:
+        """Remove it, since its process is gone."""
+        self.is_ended = True
+        self._destroy()
+
+
+class Entity(Destroyable):
+    """What an executor waits for."""
+
+    waiter: Task | None = None
+    """Task that waits for it in a wait set."""
+    watcher: Any = None
+    """Executor that is told when it becomes ready (:class:`~.product.ReadyEntities`)."""
+
+    def is_ready(self) -> bool:
+        raise NotImplementedError
+
+    def notify(self) -> None:
+        """Wake who waits for it."""
+        if self.watcher is not None:
+            self.watcher.notify(self)
+        if self.waiter is not None:
+            SCHEDULER.wake(self.waiter, True)
+
+
+class _Rules:
+    """The ROS arguments of a process or node: renaming rules, parameters and parameter files."""
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self.renaming: list[tuple[str, str]] = []
+        self.parameters: list[tuple[str, str]] = []
+        self.files: list[str] = []
+        words = iter(arguments)
+        is_for_ros = False
+        for word in words:
+            if word == '--ros-args':
+                is_for_ros = True
+            elif word == '--':
+                is_for_ros = False
+            elif is_for_ros and word in ('-r', '--remap'):
+                self.renaming.append(_pair(next(words, '')))
+            elif is_for_ros and word in ('-p', '--param'):
+                self.parameters.append(_pair(next(words, '')))
+            elif is_for_ros and word == '--params-file':
+                self.files.append(next(words, ''))
+            elif is_for_ros and word in ('--log-level', '--log-config-file', '-e', '--enclave', '--log-file-name'):
+                next(words, '')
+
+
+def _pair(rule: str) -> tuple[str, str]:
+    name, _, value = rule.partition(':=')
+    return name, value
+
+
+class Context(Destroyable):
+    """Stand-in for rcl's context: a participant of the domain."""
+
+    def __init__(self, args: Sequence[str], domain_id: int = 0) -> None:
+        super().__init__()
+        REAL.rclpy_remove_ros_args(args)  # raises what invalid arguments raise
+        self.rules = _Rules(args)
+        self.process = SCHEDULER.current.process
+        self.process.contexts.append(self)
+        self.nodes: list[Node] = []
+        self._domain = 0 if domain_id == REAL.RCL_DEFAULT_DOMAIN_ID else domain_id
+        self._is_ok = True
+        self._prefix = next(DOMAIN.numbers).to_bytes(GID_BYTES, 'big')
+        self._numbers = itertools.count(1)
+
+    def ok(self) -> bool:
+        return self._is_ok
+
+    def shutdown(self) -> None:
+        if not self._is_ok:
+            raise RCLError('failed to shutdown: context is not valid')
+        self._is_ok = False
+
+    def get_domain_id(self) -> int:
+        return self._domain
+
+    def gid(self) -> bytes:
+        """Return a new identifier of an endpoint."""
+        return self._prefix + next(self._numbers).to_bytes(16 - GID_BYTES, 'big')
+
+
+class Node(Destroyable):
+    """Stand-in for rcl's node."""
+
+    def __init__(
+        self,
+        name: str,
+        namespace: str,
+        context: Context,
+        cli_args: Sequence[str] | None,
+        use_global_arguments: bool,
+        enable_rosout: bool,
+    ) -> None:
+        super().__init__()
+        if not context.ok():
+            raise RCLError('error creating node: rcl context is not valid')
+        self.context = context
+        self.process = context.process
+        own = _Rules(['--ros-args', *(cli_args or ())] if cli_args and '--ros-args' not in cli_args else cli_args or ())
+        everywhere = context.rules if use_global_arguments else _Rules(())
+        renaming = own.renaming + everywhere.renaming
+        for rule, value in reversed(renaming):
+            target, _, rule = rule.rpartition(':')
+            if target not in ('', name):
+                continue
+            if rule == '__ns':
+                namespace = value
+            elif rule in ('__node', '__name'):
+                name = value
+        namespace = '/' + (namespace or '').lstrip('/') if namespace != '/' else '/'
+        self.name, self.namespace = name, namespace
+        for problem in (REAL.rclpy_get_validation_error_for_node_name(name),):
+            if problem:
+                raise ValueError(f'invalid node name {name!r}: {problem}')
+        if problem := REAL.rclpy_get_validation_error_for_namespace(namespace):
+            raise ValueError(f'invalid namespace {namespace!r}: {problem}')
+        self._renaming = [
+            (self.expanded(rule.rpartition(':')[2]), self.expanded(value))
+            for rule, value in renaming
+            if not rule.rpartition(':')[2].startswith('__') and rule.rpartition(':')[0] in ('', self.name)
+        ]
+        self._files = everywhere.files + own.files
+        self._parameters = everywhere.parameters + own.parameters
+        self.entities: list[Any] = []
+        DOMAIN.nodes.append(self)
+        context.nodes.append(self)
+
+    def _destroy(self) -> None:
+        if self in DOMAIN.nodes:
+            DOMAIN.nodes.remove(self)
+
+    def expanded(self, name: str) -> str:
+        """Return a name as a full one. Raises what the real module raises for an invalid one."""
+        full: str = REAL.rclpy_expand_topic_name(name, self.name, self.namespace)
+        return full
+
+    def resolved(self, name: str) -> str:
+        """Return the full name of a topic or service, after renaming."""
+        full = self.expanded(name)
+        return next((after for before, after in self._renaming if before == full), full)
+
+    def get_fully_qualified_name(self) -> str:
+        return f'{self.namespace.rstrip("/")}/{self.name}'
+
+    def logger_name(self) -> str:
+        return self.get_fully_qualified_name()[1:].replace('/', '.')
+
+    def get_node_name(self) -> str:
+        return self.name
+
+    def get_namespace(self) -> str:
+        return self.namespace
+
+    def get_count_publishers(self, topic: str) -> int:
+        return len(DOMAIN.topics[topic].publishers) if topic in DOMAIN.topics else 0
+
+    def get_count_subscribers(self, topic: str) -> int:
+        return len(DOMAIN.topics[topic].subscriptions) if topic in DOMAIN.topics else 0
+
+    def get_count_clients(self, service: str) -> int:
+        return len(DOMAIN.services[service].clients) if service in DOMAIN.services else 0
+
+    def get_count_services(self, service: str) -> int:
+        return len(DOMAIN.services[service].servers) if service in DOMAIN.services else 0
+
+    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        return [(node.name, node.namespace) for node in DOMAIN.nodes]
+
+    def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
+        return [(node.name, node.namespace, '/') for node in DOMAIN.nodes]
+
+    def get_action_names_and_types(self) -> list[tuple[str, list[str]]]:
+        return _actions(lambda _: True, 'both')
+
+    def get_action_server_names_and_types_by_node(self, name: str, namespace: str) -> list[tuple[str, list[str]]]:
+        return _actions(lambda node: (node.name, node.namespace) == (name, namespace), 'servers')
+
+    def get_action_client_names_and_types_by_node(self, name: str, namespace: str) -> list[tuple[str, list[str]]]:
+        return _actions(lambda node: (node.name, node.namespace) == (name, namespace), 'clients')
+
+    def get_parameters(self, parameter_class: Any) -> dict[str, Any]:
+        """Return the parameters that files and arguments give this node, arguments last."""
+        import yaml
+
+        given: dict[str, Any] = {}
+        for file in self._files:
+            text = Path(file).read_text()
+            for node, content in (yaml.safe_load(text) or {}).items():
+                if node in ('/**', '**', self.name, f'/{self.name}', self.get_fully_qualified_name()):
+                    given.update(_flat('', content.get('ros__parameters', {})))
+        for key, value in self._parameters:
+            node, _, name = key.rpartition(':')
+            if node in ('', self.name, self.get_fully_qualified_name()):
+                given[name] = yaml.safe_load(value)
+        return {name: parameter_class(name, value=value) for name, value in given.items()}
+
+
+def _flat(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    for name, value in content.items():
+        if isinstance(value, dict):
+            yield from _flat(f'{prefix}{name}.', value)
+        else:
+            yield f'{prefix}{name}', value
+
+
+_GOALS: Final = '/_action/send_goal'
+
+
+def _actions(is_meant: Callable[[Node], bool], side: str) -> list[tuple[str, list[str]]]:
+    found = []
+    for name, service in sorted(DOMAIN.services.items()):
+        ends = [*(service.servers if side != 'clients' else ()), *(service.clients if side != 'servers' else ())]
+        if name.endswith(_GOALS) and (meant := [end for end in ends if is_meant(end.node)]):
+            types = {type_name(end.type).removesuffix('_SendGoal') for end in meant}
+            found.append((name.removesuffix(_GOALS), sorted(types)))
+    return found
+
+
+def type_name(kind: Any) -> str:
+    """Return the name of an interface class, as ``std_msgs/msg/String``."""
+    package, folder = kind.__module__.split('.')[:2]
+    return f'{package}/{folder}/{kind.__name__}'
+
+
+def check_support(kind: Any) -> None:
+    """Raise what rclpy raises for a class that is no interface; load its type support."""
+    from rclpy.type_support import check_for_type_support
+
+    check_for_type_support(kind)

@@ -1,0 +1,304 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""``threading``, ``time``, ``queue``, ``uuid`` and ``os.urandom`` on the scheduler.
+
+:func:`install` replaces attributes of these modules, so it has to run before the code that shall use them is imported:
+what was imported before by name, as pytest was, keeps the real ones. Conditions, events and the like are those of the
+standard library, on the locks here.
+"""
+
+from __future__ import annotations
+
+import _thread
+import concurrent.futures.thread
+import itertools
+import os
+import queue
+import sys
+import threading
+import time
+import uuid
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from .scheduler import SCHEDULER, SECOND, Task
+
+
+def _until(timeout: float | None) -> int | None:
+    return None if timeout is None else SCHEDULER.after(timeout)
+
+
+class Lock:
+    """Stand-in for ``threading.Lock``. A lock of a killed process is free."""
+
+    __slots__ = ('_owner', '_waiting')
+
+    def __init__(self) -> None:
+        self._owner: Task | None = None
+        self._waiting: deque[Task] = deque()
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        if not blocking and timeout != -1:
+            raise ValueError("can't specify a timeout for a non-blocking call")
+        if blocking:
+            SCHEDULER.maybe_yield()
+        if not self.has_owner:
+            self._owner = SCHEDULER.current
+            return True
+        if not blocking or timeout == 0:
+            return False
+        task = SCHEDULER.current
+        self._waiting.append(task)
+        if SCHEDULER.block(self, None if timeout < 0 else SCHEDULER.after(timeout)) is None:
+            if task in self._waiting:
+                self._waiting.remove(task)
+            return False
+        return True
+
+    def release(self) -> None:
+        if self._owner is None:
+            raise RuntimeError('release unlocked lock')
+        self.hand_over()
+
+    def hand_over(self) -> None:
+        """Give the lock to a waiting task, or free it."""
+        while self._waiting:
+            index = SCHEDULER.pick(len(self._waiting))
+            task = self._waiting[index]
+            del self._waiting[index]
+            if task.process.is_alive and SCHEDULER.wake(task, True):
+                self._owner = task
+                return
+        self._owner = None
+
+    @property
+    def has_owner(self) -> bool:
+        """True if a task of a process that is alive holds the lock."""
+        return self._owner is not None and self._owner.process.is_alive
+
+    def locked(self) -> bool:
+        return self.has_owner
+
+    def __enter__(self) -> bool:
+        return self.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def _at_fork_reinit(self) -> None:
+        self._owner = None
+        self._waiting.clear()
+
+    def __repr__(self) -> str:
+        return f'a lock of {self._owner}' if self._owner else 'a free lock'
+
+
+class Thread:
+    """Stand-in for ``threading.Thread``."""
+
+    _numbers = itertools.count(1)
+
+    def __init__(
+        self,
+        group: None = None,
+        target: Callable[..., object] | None = None,
+        name: str | None = None,
+        args: Any = (),
+        kwargs: Any = None,
+        *,
+        daemon: bool | None = None,
+    ) -> None:
+        self._target, self._args, self._kwargs = target, args, kwargs or {}
+        self.name = name or f'Thread-{next(Thread._numbers)}'
+        self.daemon = bool(daemon)
+        self._task: Task | None = None
+
+    def start(self) -> None:
+        if self._task is not None:
+            raise RuntimeError('threads can only be started once')
+        self._task = SCHEDULER.spawn(self._bootstrap, self.name)
+        self._task.thread = self
+
+    def _bootstrap(self) -> None:
+        try:
+            self.run()
+        except SystemExit:
+            pass
+        except BaseException:
+            threading.excepthook(threading.ExceptHookArgs((*sys.exc_info(), self)))
+
+    def run(self) -> None:
+        try:
+            if self._target is not None:
+                self._target(*self._args, **self._kwargs)
+        finally:
+            del self._target, self._args, self._kwargs
+
+    def is_alive(self) -> bool:
+        return self._task is not None and not self._task.is_done and self._task.process.is_alive
+
+    def join(self, timeout: float | None = None) -> None:
+        task, current = self._task, SCHEDULER.current
+        if task is None:
+            raise RuntimeError('cannot join thread before it is started')
+        if task is current:
+            raise RuntimeError('cannot join current thread')
+        if self.is_alive():
+            task.joining.append(current)
+            SCHEDULER.block(f'the end of {task}', _until(timeout))
+            task.joining.remove(current)
+
+    @property
+    def ident(self) -> int | None:
+        return None if self._task is None else self._task.id
+
+    native_id = ident
+
+    def setDaemon(self, daemon: bool) -> None:
+        self.daemon = daemon
+
+    def getName(self) -> str:
+        return self.name
+
+    def setName(self, name: str) -> None:
+        self.name = name
+
+    def isDaemon(self) -> bool:
+        return self.daemon
+
+    def __repr__(self) -> str:
+        return f'<{type(self).__name__}({self.name})>'
+
+
+class _MainThread(Thread):
+    def __init__(self, task: Task) -> None:
+        super().__init__(name=task.name)
+        self._task = task
+
+
+class Timer(Thread):
+    """Stand-in for ``threading.Timer``."""
+
+    def __init__(self, interval: float, function: Callable[..., object], args: Any = None, kwargs: Any = None) -> None:
+        super().__init__(target=function, args=args or (), kwargs=kwargs)
+        self.interval = interval
+        self.finished = threading.Event()
+
+    def cancel(self) -> None:
+        self.finished.set()
+
+    def run(self) -> None:
+        if not self.finished.wait(self.interval):
+            super().run()
+        self.finished.set()
+
+
+class Local:
+    """Stand-in for ``threading.local``: attributes of the current task."""
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Local:
+        made = object.__new__(cls)
+        object.__setattr__(made, '_local_arguments', (args, kwargs))
+        object.__setattr__(made, '_local_values', {})
+        object.__setattr__(made, '_local_is_made', False)
+        return made
+
+    def _values(self) -> dict[str, Any]:
+        values: dict[Task, dict[str, Any]] = object.__getattribute__(self, '_local_values')
+        found = values.get(SCHEDULER.current)
+        if found is None:
+            for done in [task for task in values if task.is_done]:
+                del values[done]
+            found = values[SCHEDULER.current] = {}
+            if object.__getattribute__(self, '_local_is_made'):  # for the first task, Python calls __init__
+                args, kwargs = object.__getattribute__(self, '_local_arguments')
+                type(self).__init__(self, *args, **kwargs)
+            object.__setattr__(self, '_local_is_made', True)
+        return found
+
+    def __getattribute__(self, name: str) -> Any:
+        if name.startswith('__') or name == '_values':
+            return object.__getattribute__(self, name)
+        values = object.__getattribute__(self, '_values')()
+        return values[name] if name in values else object.__getattribute__(self, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        self._values()[name] = value
+
+    def __delattr__(self, name: str) -> None:
+        try:
+            del self._values()[name]
+        except KeyError:
+            raise AttributeError(name) from None
+
+
+def current_thread() -> Any:
+    """Stand-in for ``threading.current_thread``."""
+    task = SCHEDULER.current
+    if task.thread is None:
+        task.thread = _MainThread(task)
+    return task.thread
+
+
+def main_thread() -> Any:
+    """Stand-in for ``threading.main_thread``: the first thread of the process that asks."""
+    process = SCHEDULER.current.process
+    first = next((task for task in SCHEDULER.tasks if task.process is process), SCHEDULER.main)
+    if first.thread is None:
+        first.thread = _MainThread(first)
+    return first.thread
+
+
+def _enumerate() -> list[Any]:
+    return [task.thread for task in [SCHEDULER.main, *SCHEDULER.tasks] if task.thread is not None]
+
+
+def random_bytes(size: int) -> bytes:
+    """Stand-in for ``os.urandom``, from the seed."""
+    return SCHEDULER.random.getrandbits(8 * size).to_bytes(size, 'big') if size else b''
+
+
+def _uuid4() -> uuid.UUID:
+    return uuid.UUID(bytes=random_bytes(16), version=4)
+
+
+def _leave() -> None:
+    """Let the interpreter end although tasks still wait: nothing waits for them for longer than this time."""
+    SCHEDULER.limit = SCHEDULER.after(10.0)
+    threading.get_ident = _thread.get_ident  # the interpreter asks whether this is its main thread
+
+
+def install() -> None:
+    """Replace what the standard library has."""
+    for name, stand_in in {
+        'Thread': Thread,
+        'Lock': Lock,
+        'Timer': Timer,
+        'RLock': threading._PyRLock,  # type: ignore[attr-defined]
+        '_allocate_lock': Lock,
+        'local': Local,
+        'current_thread': current_thread,
+        'main_thread': main_thread,
+        'get_ident': lambda: SCHEDULER.current.id,
+        'get_native_id': lambda: SCHEDULER.current.id,
+        'enumerate': _enumerate,
+        'active_count': lambda: len(_enumerate()),
+    }.items():
+        setattr(threading, name, stand_in)
+    for name, value in {
+        'time': lambda: SCHEDULER.wall / SECOND,
+        'time_ns': lambda: SCHEDULER.wall,
+        'sleep': SCHEDULER.sleep,
+        'pthread_getcpuclockid': lambda _ident: 0,
+        'clock_gettime': lambda _clock: SCHEDULER.now / SECOND,
+        **dict.fromkeys(('monotonic', 'perf_counter', 'process_time', 'thread_time'), lambda: SCHEDULER.now / SECOND),
+        **dict.fromkeys(('monotonic_ns', 'perf_counter_ns', 'process_time_ns'), lambda: SCHEDULER.now),
+    }.items():
+        setattr(time, name, value)
+    queue.SimpleQueue = queue._PySimpleQueue  # type: ignore[misc, attr-defined]
+    queue.time = time.monotonic  # type: ignore[attr-defined]
+    concurrent.futures.thread._global_shutdown_lock = Lock()  # type: ignore[assignment]
+    threading._register_atexit(_leave)  # type: ignore[attr-defined]
+    os.urandom = random_bytes
+    uuid.uuid4 = _uuid4
+    sys._current_frames = SCHEDULER.frames

@@ -1,0 +1,350 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Publishers, subscriptions and their QoS events: stand-ins for those of rclpy's compiled module.
+
+The rules are those of DDS 1.4, 2.2.3: what fits together, what a late subscription gets, how long a message lives, and
+when a publisher counts as alive. A message is copied once when it is published, and once for each reader that takes it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from types import SimpleNamespace
+from typing import Any, Final
+
+from .copying import copied
+from .graph import DOMAIN, REAL, Entity, Node, RCLError, check_support, type_name
+from .scheduler import SCHEDULER, Alarm
+
+INFINITE: Final = 1_000_000_000_000_000_000
+"""Durations from here on count as infinite, ns."""
+
+_MOST_KEPT: Final = 100_000
+_RELIABLE: Final = 1
+_BEST_EFFORT: Final = 2
+_TRANSIENT_LOCAL: Final = 1
+_VOLATILE: Final = 2
+_KEEP_ALL: Final = 2
+_MANUAL_BY_TOPIC: Final = 3
+_POLICY: Final = REAL.rmw_qos_policy_kind_t
+PublisherEvent: Final = REAL.rcl_publisher_event_type_t
+SubscriptionEvent: Final = REAL.rcl_subscription_event_type_t
+
+
+class Qos:
+    """A QoS profile in plain numbers; durations in ns, 0 for the default."""
+
+    def __init__(self, profile: Any) -> None:
+        given = profile.to_dict()
+        self.given = given
+        self.reliability = int(given['reliability'])
+        self.durability = int(given['durability'])
+        self.liveliness = int(given['liveliness'])
+        self.deadline = _finite(given['deadline'])
+        self.lifespan = _finite(given['lifespan'])
+        self.lease = _finite(given['liveliness_lease_duration'])
+        depth = int(given['depth'])
+        self.depth = _MOST_KEPT if int(given['history']) == _KEEP_ALL else max(1, min(depth, _MOST_KEPT))
+
+    def misfit(self, requested: Qos) -> Any:
+        """Return the kind of policy by which this offer does not meet a request, None if it does."""
+        if self.reliability == _BEST_EFFORT and requested.reliability == _RELIABLE:
+            return _POLICY.RMW_QOS_POLICY_RELIABILITY
+        if self.durability == _VOLATILE and requested.durability == _TRANSIENT_LOCAL:
+            return _POLICY.RMW_QOS_POLICY_DURABILITY
+        if requested.deadline and not 0 < self.deadline <= requested.deadline:
+            return _POLICY.RMW_QOS_POLICY_DEADLINE
+        if requested.liveliness == _MANUAL_BY_TOPIC and self.liveliness != _MANUAL_BY_TOPIC:
+            return _POLICY.RMW_QOS_POLICY_LIVELINESS
+        if requested.lease and not 0 < self.lease <= requested.lease:
+            return _POLICY.RMW_QOS_POLICY_LIVELINESS
+        return None
+
+
+def _finite(duration: Any) -> int:
+    nanoseconds = int(duration.nanoseconds)
+    return nanoseconds if nanoseconds < INFINITE else 0
+
+
+class Topic:
+    """The endpoints of a topic."""
+
+    def __init__(self) -> None:
+        self.publishers: list[Publisher] = []
+        self.subscriptions: list[Subscription] = []
+
+
+class Sample:
+    """A published message: as an object, as bytes, or as both, once somebody has asked."""
+
+    __slots__ = ('_data', '_message', 'dies_at', 'gid', 'stamp', 'type')
+
+    def __init__(self, message: Any, data: bytes | None, publisher: Publisher) -> None:
+        self._message, self._data = message, data
+        self.type, self.gid = publisher.type, publisher.gid
+        self.stamp = SCHEDULER.wall
+        lifespan = publisher.qos.lifespan
+        self.dies_at = SCHEDULER.now + lifespan if lifespan else None
+
+    @property
+    def is_dead(self) -> bool:
+        """True if its lifespan is over."""
+        return self.dies_at is not None and self.dies_at <= SCHEDULER.now
+
+    def message(self) -> Any:
+        """Return a new message. Raises what deserialization raises."""
+        if self._message is None:
+            self._message = REAL.rclpy_deserialize(self._data, self.type)
+        return copied(self._message)
+
+    def data(self) -> bytes:
+        """Return the serialized message."""
+        if self._data is None:
+            self._data = REAL.rclpy_serialize(self._message, self.type)
+        return self._data
+
+
+class Endpoint(Entity):
+    """A publisher or a subscription."""
+
+    def __init__(self, node: Node, message_type: Any, topic: str, profile: Any) -> None:
+        super().__init__()
+        check_support(message_type)
+        self.node, self.process, self.type = node, node.process, message_type
+        self.name = node.resolved(topic)
+        self.qos = Qos(profile)
+        self.topic = DOMAIN.topics.setdefault(self.name, Topic())
+        for other in (*self.topic.publishers, *self.topic.subscriptions):
+            if other.node.context is node.context and other.type is not message_type:
+                raise RCLError(f'{self.name} has the type {type_name(other.type)} in this context')
+        self.gid = node.context.gid()
+        self.matches: list[Any] = []
+        self.events: dict[Any, EventHandle] = {}
+        self.counts: dict[str, int] = {}
+
+    def get_logger_name(self) -> str:
+        return self.node.logger_name()
+
+    def get_topic_name(self) -> str:
+        return self.name
+
+    def tell(self, event: Any, **changes: int | Any) -> None:
+        """Add these changes to the counts of an event, and tell its handler, now or when it is made."""
+        for name, change in changes.items():
+            key = f'{event.name}.{name}'
+            self.counts[key] = self.counts.get(key, 0) + change if isinstance(change, int) else change
+        if (handle := self.events.get(event)) is not None:
+            handle.put(changes)
+
+    def is_ready(self) -> bool:
+        return False
+
+
+class EventHandle(Entity):
+    """Stand-in for rcl's event of a publisher or subscription."""
+
+    def __init__(self, parent: Endpoint, event_type: Any) -> None:
+        super().__init__()
+        self._parent = parent
+        self._event = event_type
+        self._changes: dict[str, Any] = {}
+        parent.events[event_type] = self
+        prefix = f'{event_type.name}.'
+        earlier = {key.removeprefix(prefix): count for key, count in parent.counts.items() if key.startswith(prefix)}
+        if any(earlier.values()):
+            self.put(earlier)
+
+    def put(self, changes: dict[str, Any]) -> None:
+        """Add changes since the last :meth:`take_event`."""
+        for name, change in changes.items():
+            is_number = isinstance(change, int)
+            self._changes[name] = self._changes.get(name, 0) + change if is_number else change
+        self.notify()
+
+    def is_ready(self) -> bool:
+        return bool(self._changes)
+
+    def take_event(self) -> Any:
+        """Return the status: totals, and changes since the last one."""
+        changes, self._changes = self._changes, {}
+        status: dict[str, Any] = {}
+        for name, change in changes.items():
+            total = self._parent.counts[f'{self._event.name}.{name}']
+            status |= {name: total, f'{name}_change': change} if isinstance(change, int) else {name: change}
+        return SimpleNamespace(**status) if status else None
+
+    def _destroy(self) -> None:
+        self._parent.events.pop(self._event, None)
+
+
+class Publisher(Endpoint):
+    """Stand-in for rcl's publisher."""
+
+    def __init__(self, node: Node, message_type: Any, topic: str, profile: Any) -> None:
+        super().__init__(node, message_type, topic, profile)
+        is_latched = self.qos.durability == _TRANSIENT_LOCAL
+        self.kept: deque[Sample] | None = deque(maxlen=self.qos.depth) if is_latched else None
+        self._is_manual = self.qos.liveliness == _MANUAL_BY_TOPIC and bool(self.qos.lease)
+        self.is_asserted = not self._is_manual
+        self._lease: Alarm | None = None
+        self.topic.publishers.append(self)
+        for subscription in tuple(self.topic.subscriptions):
+            _discover(self, subscription)
+
+    def publish(self, message: Any) -> None:
+        if self.matches or self.kept is not None or DOMAIN.on_message is not None:
+            self._send(Sample(copied(message), None, self))
+        else:
+            self.assert_liveliness()
+
+    def publish_raw(self, data: bytes) -> None:
+        self._send(Sample(None, data, self))
+
+    def _send(self, sample: Sample) -> None:
+        if self.kept is not None:
+            self.kept.append(sample)
+        self.assert_liveliness()
+        if DOMAIN.on_message is not None:
+            DOMAIN.on_message(self.process, self.name, sample)
+        for subscription in tuple(self.matches):
+            self.send_to(subscription, sample)
+
+    def send_to(self, subscription: Subscription, sample: Sample) -> None:
+        """Send a sample to one subscription."""
+        is_reliable = self.qos.reliability == _RELIABLE == subscription.qos.reliability
+        DOMAIN.transfer(
+            self.process,
+            subscription.process,
+            is_reliable,
+            subscription.last_arrivals,
+            self.pointer,
+            lambda: subscription.arrive(sample),
+        )
+
+    def get_subscription_count(self) -> int:
+        return len(self.matches)
+
+    def wait_for_all_acked(self, timeout: Any) -> bool:
+        """Return True: a message that has been sent has arrived, or is on its way and cannot be lost."""
+        return True
+
+    def assert_liveliness(self) -> None:
+        """Count as alive from now on until the lease ends."""
+        if not self._is_manual:
+            return
+        if self._lease is not None:
+            self._lease.cancel()
+        self._lease = SCHEDULER.call_at(SCHEDULER.now + self.qos.lease, self._lose)
+        if not self.is_asserted:
+            self.is_asserted = True
+            for subscription in self.matches:
+                subscription.count_alive(1, -1)
+
+    def _lose(self) -> None:
+        self.is_asserted = False
+        self.tell(PublisherEvent.RCL_PUBLISHER_LIVELINESS_LOST, total_count=1)
+        for subscription in self.matches:
+            subscription.count_alive(-1, 1)
+
+    def _destroy(self) -> None:
+        if self in self.topic.publishers:
+            self.topic.publishers.remove(self)
+        if self._lease is not None:
+            self._lease.cancel()
+        for subscription in self.matches:
+            _part(self, subscription)
+        self.matches = []
+
+
+class Subscription(Endpoint):
+    """Stand-in for rcl's subscription."""
+
+    def __init__(self, node: Node, message_type: Any, topic: str, profile: Any) -> None:
+        super().__init__(node, message_type, topic, profile)
+        self._queue: deque[Sample] = deque(maxlen=self.qos.depth)
+        self.last_arrivals: dict[Any, int] = {}
+        self.topic.subscriptions.append(self)
+        for publisher in tuple(self.topic.publishers):
+            _discover(publisher, self)
+
+    def arrive(self, sample: Sample) -> None:
+        """Put a sample into the queue, where it may replace the oldest one."""
+        if not self.is_ended and self.process.is_alive and not sample.is_dead:
+            self._queue.append(sample)
+            self.notify()
+
+    def is_ready(self) -> bool:
+        return bool(self._queue)
+
+    def take_sample(self) -> Sample | None:
+        """Return the oldest sample that is not dead, None if there is none."""
+        while self._queue:
+            sample = self._queue.popleft()
+            if not sample.is_dead:
+                return sample
+        return None
+
+    def take_message(self, message_type: Any, raw: bool) -> Any:
+        sample = self.take_sample()
+        if sample is None:
+            return None
+        info = {
+            'source_timestamp': sample.stamp,
+            'received_timestamp': SCHEDULER.wall,
+            'publication_sequence_number': None,
+            'reception_sequence_number': None,
+        }
+        return (sample.data() if raw else sample.message()), info
+
+    def get_publisher_count(self) -> int:
+        return len(self.matches)
+
+    def count_alive(self, alive: int, not_alive: int) -> None:
+        """Tell that publishers have become alive or not."""
+        self.tell(SubscriptionEvent.RCL_SUBSCRIPTION_LIVELINESS_CHANGED, alive_count=alive, not_alive_count=not_alive)
+
+    def _destroy(self) -> None:
+        if self in self.topic.subscriptions:
+            self.topic.subscriptions.remove(self)
+        for publisher in self.matches:
+            publisher.matches.remove(self)
+            publisher.tell(PublisherEvent.RCL_PUBLISHER_MATCHED, current_count=-1, total_count=0)
+        self.matches = []
+
+
+def _discover(publisher: Publisher, subscription: Subscription) -> None:
+    """Match the two, after the delay of discovery between their processes."""
+    delay = DOMAIN.discovery(publisher.process, subscription.process) if DOMAIN.discovery else 0
+    if delay:
+        SCHEDULER.call_at(SCHEDULER.now + delay, lambda: _match(publisher, subscription))
+    else:
+        _match(publisher, subscription)
+
+
+def _match(publisher: Publisher, subscription: Subscription) -> None:
+    if publisher.is_ended or subscription.is_ended:
+        return
+    if publisher.type is not subscription.type:
+        publisher.tell(PublisherEvent.RCL_PUBLISHER_INCOMPATIBLE_TYPE, total_count=1)
+        subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE, total_count=1)
+        return
+    if (policy := publisher.qos.misfit(subscription.qos)) is not None:
+        changes = {'total_count': 1, 'last_policy_kind': policy}
+        publisher.tell(PublisherEvent.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS, **changes)
+        subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS, **changes)
+        return
+    publisher.matches.append(subscription)
+    subscription.matches.append(publisher)
+    publisher.tell(PublisherEvent.RCL_PUBLISHER_MATCHED, current_count=1, total_count=1)
+    subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_MATCHED, current_count=1, total_count=1)
+    subscription.count_alive(int(publisher.is_asserted), int(not publisher.is_asserted))
+    if publisher.kept is not None and subscription.qos.durability == _TRANSIENT_LOCAL and publisher.process.is_alive:
+        for sample in list(publisher.kept)[-subscription.qos.depth :]:
+            publisher.send_to(subscription, sample)
+
+
+def _part(publisher: Publisher, subscription: Subscription) -> None:
+    """Tell a subscription that a publisher has ended."""
+    subscription.matches.remove(publisher)
+    subscription.last_arrivals.pop(publisher.pointer, None)
+    subscription.count_alive(-int(publisher.is_asserted), -int(not publisher.is_asserted))
+    subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_MATCHED, current_count=-1, total_count=0)

@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""These tests run in one process, which the plugin has to prepare before anything is imported (``make test`` does)."""
+
+from __future__ import annotations
+
+import sys
+
+collect_ignore_glob = [] if 'flexbt_testing.one_process.plugin' in sys.modules else ['test_*.py']
