@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import inspect
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -38,8 +39,7 @@ RUN_PYTHON: Final = 'flexbt.runPython'
 PAUSE: Final = 0.3
 """Time without an edit after which a behavior in Python is checked, s."""
 
-Handler = Callable[[Any, Any], Any]
-
+_MARK: Final = '_feature'
 _KINDS: Final = {
     'node': lsp.CompletionItemKind.Class,
     'tree': lsp.CompletionItemKind.Module,
@@ -55,11 +55,33 @@ _SEVERITIES: Final = {
 }
 
 
+def feature(name: str, options: Any = None) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator for a method that answers what the editor asks, or hears what it tells.
+
+    A refusal reaches the editor as its message, not as a fault.
+    """
+
+    def marked(method: Callable[..., Any]) -> Callable[..., Any]:
+        def answer(ls: FlexbtLanguageServer, asked: Any) -> Any:
+            try:
+                return method(ls, asked)
+            except StudioError as error:
+                raise JsonRpcException(str(error), lsp.LSPErrorCodes.RequestFailed) from error
+
+        setattr(answer, _MARK, (name, options))
+        return answer
+
+    return marked
+
+
 class FlexbtLanguageServer(LanguageServer):
     """The server of one editor, with the project of its first folder."""
 
     def __init__(self) -> None:
         super().__init__(NAME, VERSION)
+        for _, method in inspect.getmembers(type(self), lambda one: hasattr(one, _MARK)):
+            self.feature(*getattr(method, _MARK))(method)
+        self.command(RUN_PYTHON)(functools.partial(self.run_code))
         notes: list[str] = []
         self._notes = notes
         self._registry = node_registry(lambda nodes, error: notes.append(f'without {nodes}: {error}'))
@@ -77,17 +99,6 @@ class FlexbtLanguageServer(LanguageServer):
         self.names = Names(self.project, self._registry, self.checker.trees, self._palette)
         self.trees = TreeHelp(self.project, self._registry)
         self.machines = MachineHelp(self.project, self._palette)
-
-    def begin(self, parameters: lsp.InitializeParams) -> None:
-        """Take the first folder of the editor as the project, and tell what could not be loaded."""
-        folders = parameters.workspace_folders or []
-        root = folders[0].uri if folders else parameters.root_uri
-        if root:
-            self._use(_path(root))
-        options = parameters.initialization_options
-        self._runs_code = isinstance(options, dict) and options.get('runPython') is True
-        for note in self._notes:
-            self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Warning, note))
 
     def file(self, uri: str) -> str:
         """Return the name of a file in the project. A file outside of it makes its folder the project."""
@@ -112,15 +123,18 @@ class FlexbtLanguageServer(LanguageServer):
         """Return the offset of a position."""
         return Lines(self.project.text(file)).offset(position.line, position.character)
 
-    def named(self, document: lsp.TextDocumentIdentifier, position: lsp.Position) -> Named:
-        """Return what the name at a position means. Raises StudioError if there is none."""
-        file = self.file(document.uri)
-        return self.names.at(file, self.offset(file, position))
+    def named(
+        self, asked: lsp.DefinitionParams | lsp.ReferenceParams | lsp.PrepareRenameParams | lsp.RenameParams
+    ) -> Named:
+        """Return what the name means that an editor asks about. Raises StudioError if there is none."""
+        file = self.file(asked.text_document.uri)
+        return self.names.at(file, self.offset(file, asked.position))
 
-    def helper(self, file: str) -> TreeHelp | MachineHelp | None:
-        """Return what helps in a file; None if nothing does."""
+    def helper(self, document: lsp.TextDocumentIdentifier) -> tuple[str, TreeHelp | MachineHelp | None]:
+        """Return the name of a file and what helps in it; None if nothing does."""
+        file = self.file(document.uri)
         helpers: dict[str, TreeHelp | MachineHelp] = {'xml': self.trees, 'yaml': self.machines}
-        return helpers.get(self.project.open(file).document.language)
+        return file, helpers.get(self.project.open(file).document.language)
 
     def edits(self, file: str, edits: Sequence[TextEdit]) -> list[lsp.TextEdit]:
         """Return edits as the protocol has them."""
@@ -138,7 +152,7 @@ class FlexbtLanguageServer(LanguageServer):
         if self._runs_code and file.endswith('.py') and not self.project.open(file).document.problems:
             self._checks[file] = asyncio.ensure_future(self._check(uri, file, version))
         else:
-            self._publish(uri, file, self.findings(file), version)
+            self._publish(uri, file, self.checker.findings(file), version)
 
     def run_code(self) -> None:
         """Check the behaviors in Python that are open, and those that will be, by running their code."""
@@ -164,10 +178,6 @@ class FlexbtLanguageServer(LanguageServer):
         found = [self._diagnostic(file, one) for one in findings]
         self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(uri, found, version))
 
-    def findings(self, file: str) -> list[Finding]:
-        """Return the findings for an open file."""
-        return self.checker.findings(file)
-
     def _diagnostic(self, file: str, finding: Finding) -> lsp.Diagnostic:
         record = finding.record
         message = record['message']
@@ -181,121 +191,97 @@ class FlexbtLanguageServer(LanguageServer):
             source='flexbt',
         )
 
-
-def make_server() -> FlexbtLanguageServer:
-    """Return a server with all its features."""
-    server = FlexbtLanguageServer()
-
-    def feature(name: str, options: Any = None) -> Callable[[Handler], Handler]:
-        """Return a decorator that adds a feature. A refusal reaches the editor as its message, not as a fault."""
-
-        def add(handler: Handler) -> Handler:
-            @functools.wraps(handler)
-            def answer(ls: FlexbtLanguageServer, asked: Any) -> Any:
-                try:
-                    return handler(ls, asked)
-                except StudioError as error:
-                    raise JsonRpcException(str(error), lsp.LSPErrorCodes.RequestFailed) from error
-
-            server.feature(name, options)(answer)
-            return handler
-
-        return add
+    # What editors ask and tell.
 
     @feature(lsp.INITIALIZE)
-    def begin(ls: FlexbtLanguageServer, asked: lsp.InitializeParams) -> None:
-        ls.begin(asked)
+    def _begin(self, asked: lsp.InitializeParams) -> None:
+        """Take the first folder of the editor as the project, and tell what could not be loaded."""
+        folders = asked.workspace_folders or []
+        root = folders[0].uri if folders else asked.root_uri
+        if root:
+            self._use(_path(root))
+        options = asked.initialization_options
+        self._runs_code = isinstance(options, dict) and options.get('runPython') is True
+        for note in self._notes:
+            self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Warning, note))
 
     @feature(lsp.TEXT_DOCUMENT_DID_OPEN)
-    def opened(ls: FlexbtLanguageServer, told: lsp.DidOpenTextDocumentParams) -> None:
-        ls.show(told.text_document.uri, told.text_document.text, told.text_document.version)
+    def _opened(self, told: lsp.DidOpenTextDocumentParams) -> None:
+        self.show(told.text_document.uri, told.text_document.text, told.text_document.version)
 
     @feature(lsp.TEXT_DOCUMENT_DID_CHANGE)
-    def changed(ls: FlexbtLanguageServer, told: lsp.DidChangeTextDocumentParams) -> None:
-        document = ls.workspace.get_text_document(told.text_document.uri)
-        ls.show(told.text_document.uri, document.source, told.text_document.version)
+    def _changed(self, told: lsp.DidChangeTextDocumentParams) -> None:
+        document = self.workspace.get_text_document(told.text_document.uri)
+        self.show(told.text_document.uri, document.source, told.text_document.version)
 
     @feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
-    def closed(ls: FlexbtLanguageServer, told: lsp.DidCloseTextDocumentParams) -> None:
-        file = ls.file(told.text_document.uri)
-        ls.cancel_check(file)
-        ls.project.close(file)
-        ls.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(told.text_document.uri, []))
+    def _closed(self, told: lsp.DidCloseTextDocumentParams) -> None:
+        file = self.file(told.text_document.uri)
+        self.cancel_check(file)
+        self.project.close(file)
+        self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(told.text_document.uri, []))
 
     @feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=['<', '{', '"', ' ']))
-    def complete(ls: FlexbtLanguageServer, asked: lsp.CompletionParams) -> lsp.CompletionList:
-        file = ls.file(asked.text_document.uri)
-        offset = ls.offset(file, asked.position)
-        helper = ls.helper(file)
-        found = [] if helper is None else [_item(ls, file, one) for one in helper.completions(file, offset)]
-        return lsp.CompletionList(is_incomplete=False, items=found)
+    def _complete(self, asked: lsp.CompletionParams) -> lsp.CompletionList:
+        file, helper = self.helper(asked.text_document)
+        found = [] if helper is None else helper.completions(file, self.offset(file, asked.position))
+        return lsp.CompletionList(is_incomplete=False, items=[self._item(file, one) for one in found])
 
     @feature(lsp.TEXT_DOCUMENT_HOVER)
-    def hover(ls: FlexbtLanguageServer, asked: lsp.HoverParams) -> lsp.Hover | None:
-        file = ls.file(asked.text_document.uri)
-        helper = ls.helper(file)
-        found = None if helper is None else helper.help(file, ls.offset(file, asked.position))
+    def _hover(self, asked: lsp.HoverParams) -> lsp.Hover | None:
+        file, helper = self.helper(asked.text_document)
+        found = None if helper is None else helper.help(file, self.offset(file, asked.position))
         if found is None:
             return None
-        return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, found.text), ls.range(file, found.span))
+        return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, found.text), self.range(file, found.span))
 
     @feature(lsp.TEXT_DOCUMENT_DEFINITION)
-    def definition(ls: FlexbtLanguageServer, asked: lsp.DefinitionParams) -> lsp.Location | None:
+    def _definition(self, asked: lsp.DefinitionParams) -> lsp.Location | None:
         try:
-            return ls.location(ls.names.definition(ls.named(asked.text_document, asked.position)))
+            return self.location(self.names.definition(self.named(asked)))
         except StudioError:
             return None
 
     @feature(lsp.TEXT_DOCUMENT_REFERENCES)
-    def references(ls: FlexbtLanguageServer, asked: lsp.ReferenceParams) -> list[lsp.Location]:
-        return [
-            ls.location(Place(one.file, one.span))
-            for one in ls.names.uses(ls.named(asked.text_document, asked.position))
-        ]
+    def _references(self, asked: lsp.ReferenceParams) -> list[lsp.Location]:
+        return [self.location(Place(one.file, one.span)) for one in self.names.uses(self.named(asked))]
 
     @feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
-    def prepare(ls: FlexbtLanguageServer, asked: lsp.PrepareRenameParams) -> lsp.PrepareRenameDefaultBehavior:
-        ls.named(asked.text_document, asked.position)
+    def _prepare(self, asked: lsp.PrepareRenameParams) -> lsp.PrepareRenameDefaultBehavior:
+        self.named(asked)
         return lsp.PrepareRenameDefaultBehavior(default_behavior=True)
 
     @feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
-    def rename(ls: FlexbtLanguageServer, asked: lsp.RenameParams) -> lsp.WorkspaceEdit:
-        made = ls.names.rename(ls.named(asked.text_document, asked.position), asked.new_name)
+    def _rename(self, asked: lsp.RenameParams) -> lsp.WorkspaceEdit:
+        made = self.names.rename(self.named(asked), asked.new_name)
         for one in made.notes:
-            place = f'{one.file}:{Lines(ls.project.text(one.file)).position(one.span.start)[0] + 1}'
-            ls.window_log_message(lsp.LogMessageParams(lsp.MessageType.Info, f'not renamed: {place}: {one.text}'))
-        return lsp.WorkspaceEdit({ls.uri(one): ls.edits(one, edits) for one, edits in made.edits.items()})
+            place = f'{one.file}:{self.range(one.file, one.span).start.line + 1}'
+            self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Info, f'not renamed: {place}: {one.text}'))
+        return lsp.WorkspaceEdit({self.uri(one): self.edits(one, edits) for one, edits in made.edits.items()})
 
     @feature(lsp.TEXT_DOCUMENT_CODE_ACTION, lsp.CodeActionOptions([lsp.CodeActionKind.QuickFix]))
-    def fixes(ls: FlexbtLanguageServer, asked: lsp.CodeActionParams) -> list[lsp.CodeAction]:
-        file = ls.file(asked.text_document.uri)
-        start, end = ls.offset(file, asked.range.start), ls.offset(file, asked.range.end)
+    def _fixes(self, asked: lsp.CodeActionParams) -> list[lsp.CodeAction]:
+        file = self.file(asked.text_document.uri)
+        start, end = self.offset(file, asked.range.start), self.offset(file, asked.range.end)
         return [
             lsp.CodeAction(
                 fix.title,
                 kind=lsp.CodeActionKind.QuickFix,
-                edit=lsp.WorkspaceEdit({asked.text_document.uri: ls.edits(file, fix.edits)}),
+                edit=lsp.WorkspaceEdit({asked.text_document.uri: self.edits(file, fix.edits)}),
             )
-            for one in ls.findings(file)
+            for one in self.checker.findings(file)
             if one.span.start <= end and start <= one.span.end
             for fix in one.fixes
         ]
 
-    @server.command(RUN_PYTHON)
-    def run_python(ls: FlexbtLanguageServer) -> None:
-        ls.run_code()
-
-    return server
-
-
-def _item(server: FlexbtLanguageServer, file: str, completion: Completion) -> lsp.CompletionItem:
-    return lsp.CompletionItem(
-        completion.label,
-        kind=_KINDS.get(completion.kind),
-        detail=completion.detail or None,
-        documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, completion.documentation),
-        text_edit=lsp.TextEdit(server.range(file, completion.span), completion.text),
-    )
+    def _item(self, file: str, completion: Completion) -> lsp.CompletionItem:
+        return lsp.CompletionItem(
+            completion.label,
+            kind=_KINDS.get(completion.kind),
+            detail=completion.detail or None,
+            documentation=lsp.MarkupContent(lsp.MarkupKind.Markdown, completion.documentation),
+            text_edit=lsp.TextEdit(self.range(file, completion.span), completion.text),
+        )
 
 
 def _path(uri: str) -> Path:
@@ -304,5 +290,5 @@ def _path(uri: str) -> Path:
 
 def main() -> int:
     """Serve the editor that started this process until it ends it."""
-    make_server().start_io()
+    FlexbtLanguageServer().start_io()
     return 0
