@@ -93,7 +93,7 @@ def bounds() -> Iterator[tuple[str, str]]:
     )
     yield (
         'idle blackboards',
-        (f'{blackboards.MOST_BLACKBOARDS}, the last ones named, besides the shared one'),
+        (f'{blackboards.MOST_BLACKBOARDS}, the last ones named, and the shared one'),
     )
     yield (
         'entries of a blackboard; all values from outside',

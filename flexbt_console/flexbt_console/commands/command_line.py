@@ -24,7 +24,7 @@ COMMON_OPTIONS: Final = (
         'who gives the command (default: FLEXBT_OPERATOR, or user@host/terminal; a page asks for a name)',
         'NAME',
     ),
-    Option('--observer', 'only see: give no commands, and be nobody to the executive (a role of its own in a policy)'),
+    Option('--observer', 'only watch: send no commands; the executive counts no operator (its own role in a policy)'),
     Option('--namespace', 'namespace of the robot, as --ros-args -r __ns:=NAME', 'NAME', values=robot_names),
     Option(
         '--places',

@@ -299,7 +299,7 @@ class ReadTopic(MessageLeaf, _TimedLeaf):
         'topic_name': _TOPIC_PORT,
         'qos': _QOS_PORT,
         'timeout': input_port(UNSIGNED, default='1000', description='time for a message to come, ms of wall time'),
-        'new': input_port(BOOL, default='false', description='whether only a message counts that comes from now on'),
+        'new': input_port(BOOL, default='false', description='whether to ignore earlier messages'),
         'success': input_port(STRING, optional=True, description='condition, such as message.percentage > 0.2'),
     }
     example = Example('<ReadTopic type="std_msgs/msg/String" topic_name="said" message.data="{text}"/>')

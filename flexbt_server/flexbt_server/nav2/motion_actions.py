@@ -302,7 +302,7 @@ class FollowObject(FieldAction):
     ports = ACTION_PORTS | {
         'pose_topic': input_port(STRING, default='dynamic_pose', description="topic of the object's pose"),
         'tracked_frame': input_port(STRING, optional=True, description='its frame, instead of the topic'),
-        'max_duration': input_port(FLOAT, default='0.0', description='how long at most, s; 0 for ever'),
+        'max_duration': input_port(FLOAT, default='0.0', description='maximum time, s; 0: no limit'),
         'total_elapsed_time': output_port(DURATION, description='how long it was followed'),
     }
     example = Example('<FollowObject pose_topic="person_pose" max_duration="60.0"/>')
