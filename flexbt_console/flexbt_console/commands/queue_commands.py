@@ -163,7 +163,7 @@ def _options(line: CommandLine, view: View, options: QueueOptions) -> QueueOptio
 
 def show(line: CommandLine, view: View, mirror: Mirror) -> Reading:
     queue = queue_of(view)
-    return Reading(queue, queue_lines(queue))
+    return Reading(queue, queue_lines(queue, view.places))
 
 
 def queue_of(view: View) -> MissionQueue:

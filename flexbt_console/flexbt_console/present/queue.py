@@ -3,15 +3,21 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Mapping
 from typing import Final
 
 from flexbt_common.values.queue_options import OnFailure, QueueOptions
-from flexbt_console.mirror.records import MissionQueue, QueueEntry
+from flexbt_console.mirror.records import FramedPose, MissionQueue, QueueEntry
 from flexbt_console.mirror.view import View
+from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import one_line, pluralize
 
-from .rendering import autonomy_text, stamp_text
+from .rendering import autonomy_text, place_text, stamp_text
 from .style import Line, Tone
+
+Places = Mapping[str, FramedPose]
+"""Poses by the names of places."""
 
 _VALUE: Final = 60
 """Maximum characters shown of the value of an argument or input."""
@@ -36,16 +42,16 @@ def queue_title(queue: MissionQueue) -> str:
     return f'mission queue: {pluralize(len(queue.entries), "entry", "entries")}{held}'
 
 
-def queue_lines(queue: MissionQueue) -> list[str]:
+def queue_lines(queue: MissionQueue, places: Places) -> list[str]:
     """Return the whole queue: why it is held, and two lines for each entry."""
     held = [Line(f'HELD: {one_line(queue.held)}; "queue release" goes on', Tone.WARNING)] if queue.hold else []
-    entries = [line for entry in queue.entries for line in (entry_line(entry), f'      {entry_details(entry)}')]
+    entries = [line for entry in queue.entries for line in (entry_line(entry, places), f'      {entry_details(entry)}')]
     return [*held, *(entries or ['the queue is empty'])]
 
 
-def entry_line(entry: QueueEntry) -> str:
+def entry_line(entry: QueueEntry, places: Places) -> str:
     """Return what an entry runs, and what it waits for, in one line."""
-    text = f'{entry.number:>4}  {what_text(entry)}: {state_text(entry)}'
+    text = f'{entry.number:>4}  {what_text(entry, places)}: {state_text(entry)}'
     return Line(text, Tone.GOOD if entry.running else Tone.PLAIN)
 
 
@@ -54,11 +60,21 @@ def state_text(entry: QueueEntry) -> str:
     return 'RUNS' if entry.running else one_line(entry.waits_for) or 'next'
 
 
-def what_text(entry: QueueEntry) -> str:
-    """Return the behavior of an entry with its arguments and inputs."""
+def what_text(entry: QueueEntry, places: Places) -> str:
+    """Return the behavior of an entry with its arguments and inputs, of a pose the name of its place."""
     given = [f'{one_line(name)}={one_line(value, _VALUE)}' for name, value in entry.arguments]
-    given += [f'{one_line(one.key)}={one_line(one.text, _VALUE) or "..."}' for one in entry.inputs]
+    given += [f'{one_line(one.key)}={_value_text(one.text, places)}' for one in entry.inputs]
     return ' '.join([one_line(entry.behavior), *given])
+
+
+def _value_text(text: str, places: Places) -> str:
+    with contextlib.suppress(ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        pose = load_json(text)
+        at = pose['pose']['position']
+        return place_text(
+            FramedPose(float(at.get('x', 0)), float(at.get('y', 0)), 0.0, pose['header']['frame_id']), places
+        )
+    return one_line(text, _VALUE) or '...'
 
 
 def entry_details(entry: QueueEntry) -> str:

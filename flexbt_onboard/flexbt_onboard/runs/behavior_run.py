@@ -25,6 +25,7 @@ from flexbt_core.skills.observation import claims
 from flexbt_core.state_machine.engine.engine import STOP_TIMEOUT, RunLimits, RunningCallback
 from flexbt_core.state_machine.engine.events import (
     CommandDecided,
+    DecisionAsked,
     DecisionTaken,
     Faulted,
     Logged,
@@ -40,6 +41,7 @@ from flexbt_core.state_machine.engine.events import (
 )
 from flexbt_core.state_machine.engine.resume import reasons_against, start_at, switch_machine
 from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import DecisionKind
 from flexbt_core.state_machine.model.definition import ERROR, ROOT_PATH, MachineDefinition, StateDefinition
 from flexbt_core.state_machine.model.event_state import EXIT_TIMEOUT, ExitReason, state_skill
 from flexbt_core.state_machine.model.state_host import Severity
@@ -111,7 +113,8 @@ class BehaviorRun(RunReader):
         self._activities = ActivityPoll()
         self._errors: dict[str, str] = {}  # last error of each active state, by path
         self._why_ended = ''
-        self._is_forced = False  # no state was entered since an operator has forced an outcome
+        self._is_forced = False  # no state was entered since an operator has forced an outcome that was no answer
+        self._choices: set[str] = set()  # paths of the active states that have asked an operator for an outcome
         self._switches: deque[RunRequest] = deque()
         self._switched: RunBuilt | None = None  # reported once it is journaled
         self._has_ended = False
@@ -272,6 +275,8 @@ class BehaviorRun(RunReader):
                 self._tell(event)
             case _:
                 self._tell(event)
+                if isinstance(event, DecisionAsked) and event.decision.kind is DecisionKind.CHOICE:
+                    self._choices.add(event.decision.path)
                 if isinstance(event, StateLeft):
                     self._left(event)
                 self._has_changed = True
@@ -279,7 +284,9 @@ class BehaviorRun(RunReader):
 
     def _left(self, event: StateLeft) -> None:
         is_forced = event.reason is ExitReason.FORCED
-        self._is_forced = self._is_forced or is_forced
+        is_choice = event.path in self._choices  # the operator was asked for one of its outcomes
+        self._choices.discard(event.path)
+        self._is_forced = self._is_forced or (is_forced and not is_choice)
         error = self._errors.pop(event.path, '') if not is_forced else ''
         if event.target.startswith('/'):
             self._why_ended = ''  # the run continues, so the error is not its end

@@ -65,6 +65,16 @@ class Work(EventState):
         return 'failed' if kind.failures >= 0 else 'finished'
 
 
+class Ask(EventState):
+    """Ask the operator for an outcome."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['finished', 'failed'], desired_rate=None)
+
+    def on_enter(self, userdata: UserData) -> None:
+        self.ask('And now?')
+
+
 class Break(EventState):
     """Raise an error."""
 
@@ -84,7 +94,7 @@ def machine_of(state: type[EventState]) -> OperatableStateMachine:
 
 
 BEHAVIORS = [behavior_of(lambda: machine_of(Gate), 'Gate'), behavior_of(lambda: machine_of(Work), 'Work')]
-BEHAVIORS.append(behavior_of(lambda: machine_of(Break), 'Break'))
+BEHAVIORS += [behavior_of(lambda: machine_of(Break), 'Break'), behavior_of(lambda: machine_of(Ask), 'Ask')]
 
 
 class QueueBench(ExecutiveBench):
@@ -191,6 +201,17 @@ def test_faults_and_forced_ends_hold_whatever_is_said_of_failures(bench: QueueBe
     bench.wait_entries()
     assert Work.ran == 3 + 3
     assert {retried, dropped}.isdisjoint(bench.numbers())
+
+
+def test_an_answer_is_no_forced_end(bench: QueueBench) -> None:
+    ask, gate = bench.add('Ask', CONTINUE), bench.add('Gate')
+    decision = wait_until(lambda: bench.status.decisions, 'the question')[0]
+    bench.applied(C.FORCE, decision_id=decision.id, path=decision.path, outcome='failed')
+    wait_until(lambda: bench.status.queue_entry == gate, 'the next entry')
+    assert not bench.queue.held
+    assert bench.numbers() == [gate] and ask < gate
+    Gate.outcome = 'finished'
+    bench.wait_entries()
 
 
 def test_a_behavior_started_by_hand_goes_first_and_holds_the_queue_if_it_is_told(bench: QueueBench) -> None:

@@ -633,10 +633,13 @@ class OperatorScreen(OrderedApp):
             lines = [f'queue move {entry} first', f'queue move {entry} last', f'queue remove {entry}']
             lines.append(f'queue edit {entry} ')
             choices = [Entry(line, (line, line.split()[1])) for line in lines]
-            self.open(ChoiceList(entry_line(queue.entries[number]), choices), lambda which: run(lines[which]))
+            self.open(
+                ChoiceList(entry_line(queue.entries[number], view.places), choices), lambda which: run(lines[which])
+            )
 
         entries = [
-            Entry(f'{entry_line(one)}  {entry_details(one)}', (str(one.number), one.behavior)) for one in queue.entries
+            Entry(f'{entry_line(one, view.places)}  {entry_details(one)}', (str(one.number), one.behavior))
+            for one in queue.entries
         ]
         entries += [Entry(text, (line.strip(), line.split()[1])) for text, line in offers.items()]
         self.open(ChoiceList(queue_title(queue), entries), chosen)

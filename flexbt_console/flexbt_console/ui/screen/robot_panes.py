@@ -87,7 +87,10 @@ class MachinePane:
         if view.snapshot is not None and not view.running:
             shown = shown or [Line(nothing, Tone.DIM)]
             if queue and view.queue is not None and len(shown) < room:
-                shown += [toned(cut(line, columns), line) for line in queue_lines(view.queue)[: rows - len(shown)]]
+                shown += [
+                    toned(cut(line, columns), line)
+                    for line in queue_lines(view.queue, view.places)[: rows - len(shown)]
+                ]
                 queue = ''
         if queue:
             shown.append(toned(cut(f'queue: {queue}', columns), queue))

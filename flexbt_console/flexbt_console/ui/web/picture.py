@@ -301,7 +301,7 @@ def _queue(view: View) -> dict[str, Any] | None:
             {
                 'number': entry.number,
                 'running': entry.running,
-                'text': what_text(entry),
+                'text': what_text(entry, view.places),
                 'state': state_text(entry),
                 'details': entry_details(entry),
                 'up': f'queue move {entry.number} {before.number}' if before is not None and peers[0] else '',
