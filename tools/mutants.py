@@ -72,7 +72,9 @@ AREAS: Final = {
         ('commands',),
         (
             'flexbt_onboard/test/commands',
+            'flexbt_onboard/test/mission_queue',
             'flexbt_onboard/test/persistence/test_executive_durable.py',
+            'flexbt_onboard/test/persistence/test_executive_event_log.py',
             'flexbt_states/test/test_states_operator_input.py',
         ),
     ),

@@ -256,20 +256,18 @@ class CommandRegistry(CommandHandling):
         self._runs.set_next_autonomy(level)
         return False
 
-    def _confirm(self, command: ExecutiveCommand) -> bool:
-        decision = command.decision_id
+    def _transition(self, decision: str) -> str:
+        """Return the number of a decision about a transition."""
         if self._input_requests.is_open(decision):
             raise CommandRefusedError(f'decision {decision!r} asks for a value: answer it, or decline')
-        self.run.command(command.id, operator_commands.confirm, self.run.decision_number(decision))
+        return self.run.decision_number(decision)
+
+    def _confirm(self, command: ExecutiveCommand) -> bool:
+        self.run.command(command.id, operator_commands.confirm, self._transition(command.decision_id))
         return True
 
     def _step(self, how: str, command: ExecutiveCommand) -> bool:
-        if self._input_requests.is_open(command.decision_id):
-            raise CommandRefusedError(
-                f'decision {command.decision_id!r} asks for a value; a step confirms a transition'
-            )
-        number = self.run.decision_number(command.decision_id)
-        self.run.command(command.id, operator_commands.step, how, number)
+        self.run.command(command.id, operator_commands.step, how, self._transition(command.decision_id))
         return True
 
     def _force(self, command: ExecutiveCommand) -> bool:

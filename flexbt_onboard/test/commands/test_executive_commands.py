@@ -428,7 +428,9 @@ def test_a_decision_can_be_declined_and_withdrawn_and_is_no_transition(bench: Lo
     bench.decision('/A')
     asker.ask(prompt='?', type='string')
     decision = asker.decision()
-    assert 'asks for a value' in bench.refused(CONFIRM, decision_id=decision.id)
+    for kind in (CONFIRM, ExecutiveCommand.STEP_INTO):
+        assert 'asks for a value' in bench.refused(kind, decision_id=decision.id)
+    assert decision.required_autonomy == -1
     bench.applied(ExecutiveCommand.DECLINE, decision_id=decision.id, reason='busy')
     result = asker.result()
     assert (result.code, 'busy' in result.message) == (OperatorInput.Result.DECLINED, True)
