@@ -24,6 +24,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
 
+from .costmap_link import CostmapLinks
 from .operator_link import ExecutiveLink
 
 MOST_ROBOTS: Final = 64
@@ -73,6 +74,7 @@ class FleetLink:
         self.fleet = fleet
         self.own = only[0] if only else runtime.node.get_namespace()
         self._runtime = runtime
+        self.costmaps = CostmapLinks(runtime)
         self._make_mirror = make_mirror
         self._operator = operator
         self._scan_period = scan_period

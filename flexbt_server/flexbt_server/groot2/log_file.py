@@ -146,12 +146,13 @@ class LoggedTransition(NamedTuple):
 
 class LogContent(NamedTuple):
     """The content of a log file. ``epoch`` is its start since 1970, s; ``left_over`` counts bytes at its end that are
-    not a complete or valid transition."""
+    not a complete or valid transition; ``xml`` is the description of the tree."""
 
     nodes: dict[int, LoggedNode]
     epoch: float
     transitions: list[LoggedTransition]
     left_over: int
+    xml: str
 
 
 def read_log(path: Path) -> LogContent:
@@ -175,7 +176,7 @@ def read_log(path: Path) -> LogContent:
         raise LogError(f'{path}: the description of the tree cannot be read: {error}') from error
     (epoch,) = _TIME.unpack_from(data, end - _TIME.size)
     transitions, read = _transitions(data, end)
-    return LogContent(dict(described_nodes(root)), epoch / 1e6, transitions, len(data) - read)
+    return LogContent(dict(described_nodes(root)), epoch / 1e6, transitions, len(data) - read, text)
 
 
 def _transitions(data: bytes, position: int) -> tuple[list[LoggedTransition], int]:

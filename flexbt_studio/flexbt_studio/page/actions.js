@@ -215,7 +215,9 @@ export class Actions {
 
   // The clipboard has text.
 
-  async copy() {
+  copy() { return this.copying = this.copied(); }
+
+  async copied() {
     const part = this.now();
     if (!part || part.kind === 'tree' || part.kind === 'outcome') { this.studio.told('Select a node or a state to copy it', 'warning'); return ''; }
     try {
@@ -234,6 +236,7 @@ export class Actions {
   async cut() { if (await this.copy()) await this.remove(); }
 
   async paste(where, text = null) {
+    await this.copying;  // what was copied just before
     const xml = text ?? (await navigator.clipboard?.readText().catch(() => '') || this.studio.clipboard);
     if (!xml?.trim()) { this.studio.told('The clipboard is empty: c copies a node', 'warning'); return; }
     if (this.isTree) await this.insert(xml, 'clipboard', where);

@@ -54,7 +54,7 @@ export class Debugger {
 
   // Join the robot that is watched, as the operator of this browser: where its operator's page is served, too, or by Groot2's protocol.
   connect(robot) {
-    const isProgram = robot.startsWith('groot2 '), path = robot === SIMULATION ? 'simulator/link' : location.pathname.endsWith('/studio/') ? '../link' : '';
+    const isProgram = robot.startsWith('groot2 '), path = robot === SIMULATION ? 'simulator/link' : location.pathname.endsWith('/studio/') && !this.live.isRecording ? '../link' : '';
     if (robot === this.robot && this.link) return;
     this.link?.close();
     Object.assign(this, {robot, link: null, server: null, event: {}, known: {}, drawn: ''});

@@ -232,7 +232,7 @@ export class Jobs {
     };
     const entry = await this.start(this.runs, 'run', file, {tree, plan: this.plan()}, read);
     if (entry) {
-      this.cover(file, entry);
+      this.cover(entry.event.nodes, entry.events.filter((one) => !['IDLE', 'SKIPPED'].includes(one.after)).map((one) => one.path));
       this.player.play(`Dry run of ${tree}`, this.momentsOf(entry), {owner: entry});
     }
     this.show();
@@ -255,13 +255,24 @@ export class Jobs {
     return [...moments, {title: lines[events.length], lines: [...lines.slice(events.length + 1), ...board], time: end.time, statuses: () => new Map(now)}];
   }
 
-  cover(file, {events, event}) {
-    const shape = (file.view.nodes ?? []).map((one) => `${one.path} ${one.type}`).join('\n');
-    let known = this.coverage.get(file.name);
-    if (known?.shape !== shape) this.coverage.set(file.name, known = {shape, all: new Set(), reached: new Set(), runs: 0});
-    known.runs += 1;
-    for (const place of Object.values(event.nodes)) known.all.add(placeOf(...place));
-    for (const one of events) if (event.nodes[one.path] && !['IDLE', 'SKIPPED'].includes(one.after)) known.reached.add(placeOf(...event.nodes[one.path]));
+  // Note a run or recording of a tree with these nodes, their places by path, in which these paths were reached.
+  cover(nodes, paths) {
+    const files = new Set(Object.values(nodes).map(([file]) => file));
+    for (const name of files) {
+      const open = this.studio.open.get(name), known = (open ? this.covered(open) : this.coverage.get(name)) ?? {all: new Set(), reached: new Set(), runs: 0};
+      known.runs += 1;
+      this.coverage.set(name, known);
+    }
+    for (const place of Object.values(nodes)) this.coverage.get(place[0]).all.add(placeOf(...place));
+    for (const path of paths) if (nodes[path]) this.coverage.get(nodes[path][0]).reached.add(placeOf(...nodes[path]));
+  }
+
+  // What is known to have been reached in a file, as long as it has the same nodes.
+  covered(file) {
+    const known = this.coverage.get(file?.name), shape = (file?.view.nodes ?? []).map((one) => `${one.path} ${one.type}`).join('\n');
+    if (!known || (known.shape ??= shape) === shape) return known;
+    this.coverage.delete(file.name);
+    return undefined;
   }
 
   rowsKey(file, tree) { return `${file.name} ${file.viewVersion} ${tree}`; }
@@ -291,8 +302,8 @@ export class Jobs {
     byId('run').disabled = !ids.length;
     if (byId('run-job').open && ids.length && this.rowsOf !== this.rowsKey(file, list.value)) this.loadRows(file, list.value);
     if (!ids.length) { this.rowsOf = null; byId('mocks').replaceChildren(html('p', {class: 'hint'}, 'Open a file with a tree.')); }
-    const known = this.coverage.get(file?.name);
-    byId('run-told').textContent = [entry?.state === 'running' ? 'running…' : entry?.state === 'failed' ? entry.message : entry?.state === 'old' ? 'The text has changed since the last run.' : '', known ? `${counted(known.runs, 'dry run')} reached ${known.reached.size} of ${known.all.size} nodes` : ''].filter(Boolean).join(' ');
+    const known = this.covered(file);
+    byId('run-told').textContent = [entry?.state === 'running' ? 'running…' : entry?.state === 'failed' ? entry.message : entry?.state === 'old' ? 'The text has changed since the last run.' : '', known ? `${counted(known.runs, 'run')} reached ${known.reached.size} of ${known.all.size} nodes` : ''].filter(Boolean).join(' ');
     byId('run-job-state').textContent = entry?.state === 'done' ? entry.end.result : entry?.state === 'running' ? 'running…' : '';
     this.showLines(entry?.state === 'done' ? entry : null, this.player.owner === entry ? this.player.at : 0);
   }
@@ -305,9 +316,9 @@ export class Jobs {
     if (row) list.scrollTop = row.offsetTop - list.offsetTop - list.clientHeight / 2;
   }
 
-  // What is tinted as never reached: by proofs, or, where that is wanted, by the dry runs of this session.
+  // What is tinted as never reached: by proofs, or, where that is wanted, by the runs and recordings of this session.
   tint(file) {
-    const proof = this.proofs.get(file.name), known = this.coverage.get(file.name);
+    const proof = this.proofs.get(file.name), known = this.covered(file);
     return new Set([...(this.tintsNever && proof?.state === 'done' ? proof.never : []), ...(this.tintsDry && known ? [...known.all].filter((place) => !known.reached.has(place)) : [])]);
   }
 

@@ -3,6 +3,7 @@
 
 import {ask, byId} from './choice.js';
 import {statusesAt} from './player.js';
+import {RECORDING} from './recordings.js';
 
 export class Live {
   // studio has link, file, open (its files by name), treeFiles and told.
@@ -13,10 +14,11 @@ export class Live {
 
   welcome(hasRobots) {
     byId('live').hidden = !hasRobots;
-    if (this.isOn && hasRobots) this.watch();
+    if (this.isOn && (hasRobots || this.isRecording)) this.watch();
   }
 
-  toggle() { if (this.isOn) this.player.end(); else this.watch(); }
+  toggle() { if (this.isOn) this.player.end(); else this.watch(this.isRecording ? '' : undefined); }
+  get isRecording() { return Boolean(this.robot?.startsWith(RECORDING)); }
 
   // Watch a robot; without a name the one before, or else the own one.
   async watch(robot = this.robot ?? '') {
@@ -25,9 +27,10 @@ export class Live {
       if (this.player.isLive && now !== this.robot) this.player.end();
       this.robot = now;
       this.studio.debugger.connect(now);
+      const begin = this.isRecording ? await this.at(0) : null;
       this.on(true);
-      if (!this.player.isLive) this.player.play(`Robot ${this.robot}`, [], {isLive: true, owner: this, ended: () => this.on(false)});
-      if (this.last?.robot === this.robot) this.take(this.last);
+      if (!this.player.isLive) this.player.play(begin ? now.replace(RECORDING, 'Recording ') : `Robot ${now}`, begin ? [begin] : [], {isLive: true, owner: this, ended: () => { this.on(false); this.studio.recordings.ended(); }});
+      if (this.last?.robot === now) this.take(this.last);
     } catch (refusal) {
       this.studio.told(refusal.message, 'warning');
     }
@@ -45,8 +48,8 @@ export class Live {
 
   on(isOn) {
     this.isOn = isOn;
-    if (isOn) byId('live').hidden = false;
-    byId('live').setAttribute('aria-pressed', String(isOn));
+    if (isOn && !this.isRecording) byId('live').hidden = false;
+    byId('live').setAttribute('aria-pressed', String(isOn && !this.isRecording));
     if (!isOn) byId('live').className = '';
   }
 
@@ -74,7 +77,11 @@ export class Live {
 
   // The past of the robot, which the server keeps: lanes since a revision, or null if it has none; what was at a time.
   lanes(revision) { return this.studio.link.request('past', {robot: this.robot, revision}); }
-  async at(time) { return this.moment(await this.studio.link.request('past', {robot: this.robot, time})); }
+  async at(time) {
+    const event = await this.studio.link.request('past', {robot: this.robot, time, ...(this.isRecording ? {map: this.studio.recordings.map} : {})});
+    this.studio.recordings.show(event);
+    return this.moment(event);
+  }
 
   // The trees of an event that are shown: of several runs of one tree that which runs, or else the last.
   shown(event) { return [...new Map([...event.trees].sort((one, other) => one.running - other.running).map((one) => [one.tree, one])).values()]; }

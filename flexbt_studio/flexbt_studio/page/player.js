@@ -78,6 +78,8 @@ export class Player {
   get isTimed() { return this.moments.length > 0 && this.moments.at(-1).time > this.moments[0].time; }
   // Whether the robot is shown as it was. Nothing may be sent to it then but a stop.
   get showsPast() { return this.isLive && (this.wanted !== null || !this.isAtEnd && this.moments.length > 0); }
+  // Whether it is a recording, which has no now.
+  get isRecorded() { return this.isLive && this.hasPast && !this.timeline.isLive; }
   get isAtEnd() { return this.at === this.moments.length - 1; }
 
   key(event) {
@@ -135,7 +137,7 @@ export class Player {
   }
 
   first() { if (this.hasPast) this.timeline.go(this.timeline.begin); else this.go(0); }
-  last() { if (this.hasPast) this.timeline.go(null); else this.go(Infinity); }
+  last() { if (this.hasPast) this.timeline.go(this.isRecorded ? this.timeline.end : null); else this.go(Infinity); }
   step(count) { this.stop(); if (this.hasPast) this.timeline.jump('change', Math.sign(count)); else this.go(this.at + count); }
 
   // Lanes of a robot come from the server, as far as that keeps its past.
@@ -154,12 +156,17 @@ export class Player {
 
   showLanes(lanes) {
     this.lanes.classList.toggle('has-past', this.hasPast);
-    if (this.lanes.hidden) { this.lanes.hidden = false; this.timeline.take(lanes); if (!lanes.live) this.timeline.all(); } else this.timeline.take(lanes);
+    const isFirst = this.lanes.hidden;
+    this.lanes.hidden = false;
+    this.timeline.take(lanes);
+    if (isFirst && !lanes.live) this.timeline.all();
+    if (isFirst && this.isRecorded) this.timeline.go(lanes.begin);
   }
 
   // What was chosen on the lanes; null is now.
   async show(time) {
     if (!this.hasPast) { this.stop(); this.go(time === null ? Infinity : this.moments.findLastIndex((one) => one.time <= time + 1e-9), true); return; }
+    if (time === null && this.isRecorded) { this.end(); return; }
     this.wanted = time;
     if (time === null) this.past = null;
     else if (!this.isFetching) {
@@ -173,9 +180,15 @@ export class Player {
   }
 
   toggle() {
+    if (this.timer) { this.stop(); return; }
+    if (this.isRecorded) {
+      const {timeline} = this, play = () => { if (timeline.at >= timeline.end) this.stop(); else { timeline.go(timeline.at + STEP_MS / 1000); this.timer = setTimeout(play, STEP_MS); } };
+      this.pause.textContent = '‖';
+      play();
+      return;
+    }
     if (this.hasPast) { if (this.past) this.timeline.go(null); else this.timeline.jump('change', -1); return; }
     if (this.isLive) { this.go(this.isAtEnd ? this.at - 1 : Infinity); return; }
-    if (this.timer) { this.stop(); return; }
     if (this.isAtEnd) this.go(0);
     const next = () => {
       if (this.isAtEnd) { this.stop(); return; }
@@ -209,11 +222,11 @@ export class Player {
     const {moments, at} = this, first = moments[0], last = moments.at(-1), moment = moments[at];
     this.line.max = this.isTimed ? last.time - first.time : moments.length - 1;
     this.line.value = this.isTimed ? moment.time - first.time : at;
-    const when = this.past ? `PAST ${this.timeline.label}` : this.isLive ? (this.isAtEnd ? 'now' : `${(last.time - moment.time).toFixed(1)} s ago`) : moment.time === null ? '' : `${moment.time.toFixed(3)} s`;
+    const when = this.past ? `${this.isRecorded ? '' : 'PAST '}${this.timeline.label}` : this.isLive ? (this.isAtEnd ? 'now' : `${(last.time - moment.time).toFixed(1)} s ago`) : moment.time === null ? '' : `${moment.time.toFixed(3)} s`;
     this.count.textContent = this.isLive ? when : [when, `${at + 1} of ${moments.length}`].filter(Boolean).join(' · ');
     this.line.setAttribute('aria-label', `moments of ${this.title.textContent}`);
     this.line.setAttribute('aria-valuetext', this.count.textContent);
-    if (this.isLive) this.pause.textContent = this.isAtEnd && !this.past ? '‖' : '▶';
+    if (this.isLive && !this.timer) this.pause.textContent = this.isAtEnd && !this.past ? '‖' : '▶';
     this.on.moved?.(at);
   }
 

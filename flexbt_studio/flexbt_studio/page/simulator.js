@@ -2,7 +2,7 @@
 // A simulated robot: start it in a world, run the open file on it, watch it on the map, and let something go wrong.
 
 import {byId, html} from './choice.js';
-import {RobotMap} from './map.js';
+import {MapPane} from './map_pane.js';
 import {ServerLink} from './server_link.js';
 
 export const SIMULATION = 'simulation';
@@ -32,21 +32,20 @@ export class Simulator {
     this.what = html('select', {id: 'sim-what', 'aria-label': 'what goes wrong', onchange: () => this.offer()}, ...FAULTS.map(({text}, at) => html('option', {value: at}, text)));
     this.which = html('select', {id: 'sim-which', 'aria-label': 'of which'});
     this.level = html('input', {id: 'sim-level', type: 'number', step: 'any', 'aria-label': 'how much'});
-    const canvas = html('canvas', {id: 'sim-map', tabindex: '0', role: 'img', 'aria-label': 'map of the simulation'}), hint = html('span', {class: 'hint'}), cursor = html('span', {class: 'hint', role: 'status'});
     this.panel = html('div', {id: 'sim-on', hidden: true},
       html('div', {class: 'buttons'}, button('run', 'Run This File', () => this.run(), {class: 'primary'}), this.goal, button('cancel', 'End the Run', () => this.cancel()), html('a', {id: 'sim-operate', href: `simulator/${location.hash}`, target: '_blank', rel: 'noopener'}, "operator's page")),
       html('div', {class: 'buttons', role: 'group', 'aria-label': 'what if'}, 'What if: ', this.what, this.which, this.level, button('happen', 'Happens', () => this.happen()), button('over', 'All Faults End', () => this.end())),
       html('div', {class: 'buttons'}, button('drop', 'Drop Obstacles on the Map', () => this.aim(!this.drops), {'aria-pressed': 'false'}), button('take', 'Remove Them', () => { for (const [name] of this.known.obstacles ?? []) this.link?.send({remove_obstacle: name}); }, {disabled: true})));
-    this.view = html('aside', {id: 'sim-view', 'aria-label': 'simulation', hidden: true}, html('p', {}, html('strong', {class: 'badge warning'}, 'SIMULATION'), ' ', hint, ' ', cursor), this.asked, canvas);
-    byId('graph-body').append(this.view);
     byId('runs').append(html('details', {id: 'simulator', name: 'job', ontoggle: (event) => { if (event.target.open) this.opened(); }}, html('summary', {}, 'Simulation', html('span', {id: 'sim-state', class: 'hint'})),
       html('p', {class: 'hint'}, 'A simulated robot on this computer, apart from all others: no real robot moves.'),
       html('div', {class: 'buttons'}, this.worlds, html('label', {}, 'speed ', this.speed), button('start', 'Start', () => this.toggle())), this.panel));
-    this.map = new RobotMap(canvas, hint, {
+    this.view = new MapPane('sim', 'SIMULATION', {
       pose: (...pose) => { this.goal.value = pose.map((one) => one.toFixed(2)).join(' '); },
       obstacle: (x, y) => this.link?.send({obstacle: [x, y]}),
-      cursor: (text) => { cursor.textContent = text; }, leave: () => this.aim(false),
-    });
+      leave: () => this.aim(false),
+      costmaps: () => 'simulator/costmaps',
+    }, this.asked);
+    this.map = this.view.map;
     this.offer();
   }
 
@@ -83,18 +82,19 @@ export class Simulator {
     byId('sim-state').textContent = {starting: 'starting…', running: `running at speed ${state.speed}`, ended: state.message ? 'ended' : ''}[state.state];
     byId('sim-start').textContent = isOn ? 'Stop' : 'Start';
     this.worlds.disabled = this.speed.disabled = isOn;
-    this.panel.hidden = this.view.hidden = state.state !== 'running';
+    this.panel.hidden = !(this.view.isShown = state.state === 'running');
     if (before === state.state) return;
     if (!isOn) {
       this.link?.close();
       this.link = null;
+      this.map.costmaps.close();
       if (state.message) this.studio.told(`Simulation: ${state.message}`, 'error');
       if (this.studio.live.robot !== SIMULATION) return;
       this.studio.live.robot = null;
       if (this.studio.live.isOn) this.studio.player.end();
       this.studio.debugger.leave();
     } else if (state.state === 'running') {
-      Object.assign(this.map, {driven: [], scan: [], plan: []});
+      this.view.clear();
       this.link = new ServerLink({parts: (parts) => this.show(parts), map: (head, cells) => this.map.setMap(head, cells), message: ({told, read}) => { if (told ?? read) this.studio.told((told ?? read).text, told?.tone ?? ''); }, state: () => {}}, () => '', 'simulator/link');
       this.aim(false);
       this.offer();
@@ -106,10 +106,7 @@ export class Simulator {
   // What the operator's page of the robot is told.
   show(parts) {
     Object.assign(this.known, parts);
-    if (parts.driven) this.map.driven = parts.driven;
-    for (const name of ['plan', 'scan', 'places', 'obstacles']) if (name in parts) this.map.set(name, parts[name]);
-    if ('plan' in parts) this.map.set('goal', parts.plan.at(-1) ?? null);
-    if ('pose' in parts) this.map.setPose(parts.pose);
+    this.view.show(parts);
     if ('obstacles' in parts) byId('sim-take').disabled = !parts.obstacles.length;
     if (!('decisions' in parts)) return;
     const asked = parts.decisions.find((one) => one.kind === 'input');

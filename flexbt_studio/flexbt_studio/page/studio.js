@@ -17,6 +17,7 @@ import {Palette} from './palette.js';
 import {panels} from './panels.js';
 import {plainPane} from './plain_text.js';
 import {Player} from './player.js';
+import {Recordings} from './recordings.js';
 import {SessionLink} from './session_link.js';
 import {codeSheet, conflictSheet, keySheet, sheet, shownKeys, unifiedDifference} from './sheets.js';
 import {Simulator} from './simulator.js';
@@ -53,6 +54,7 @@ class Studio {
     this.live = new Live(this, this.player);
     this.debugger = new Debugger(this, this.live);
     this.simulator = new Simulator(this);
+    this.recordings = new Recordings(this);
     this.form = new Form({
       gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), isPython: () => this.file.language === 'python', act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
       trees: () => Object.keys(this.treeFiles), rename: (name) => this.actions.renameTo(this.part(this.file.selected), name), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
@@ -338,7 +340,7 @@ class Studio {
 
   rememberFolded() { remember(`folded-${this.file.name}`, [...this.file.folded]); }
 
-  // Bring a node that runs into view, in another file, too; a robot's only in this one.
+  // Bring a node that runs into view, in another file, too; of a robot only in this one.
   async follow(name, path) {
     if (name !== this.file?.name && !this.player.isLive) {
       const before = document.activeElement;
@@ -513,7 +515,7 @@ class Studio {
       page('commands', 'All commands', ['Ctrl+k'], () => this.chooseCommand()), page('open', 'Open a file', ['Ctrl+p'], () => this.chooseFile()), page('new', 'New file', ['Alt+n'], () => at.create()), page('back', 'Back to where F12 was pressed', ['Ctrl+Alt+ArrowLeft'], () => this.goBack()),
       page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], () => this.fixNow()),
       page('next_pane', 'Next pane', ['F6'], () => this.nextPane(1)), page('previous_pane', 'Previous pane', ['Shift+F6'], () => this.nextPane(-1)), page('keys', 'Keys of this place', ['?'], () => this.showKeys()),
-      ...this.jobs.commands(page), ...this.live.commands(page), ...this.simulator.commands(page), ...this.debugger.commands(),
+      ...this.jobs.commands(page), ...this.live.commands(page), ...this.simulator.commands(page), ...this.recordings.commands(page), ...this.debugger.commands(),
       page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),
       page('link', 'Copy a link to the selected item', null, () => { navigator.clipboard?.writeText(location.href.replace(/token=[^&]*&?/, '')); this.told('Link copied, without the token'); }), page('reset', 'Reset the panels', null, () => this.panels.reset()),
     ];

@@ -230,7 +230,7 @@ class Groot2Robot:
         tree, content = await self._ask(RequestType.FULL_TREE)
         text = content.decode('utf-8', 'replace')
         try:
-            known = await asyncio.to_thread(_described, self.name, text)
+            known = await asyncio.to_thread(described, self.name, text)
         except StudioError as error:
             self._refused = tree, str(error)
             raise
@@ -391,7 +391,7 @@ def _json(value: Any) -> bytes:
 # The XML by which a program describes its tree: a tree for each place where a sub-tree is used, with uids.
 
 
-def _described(name: str, text: str) -> tuple[str, str, dict[int, str], dict[str, str]]:
+def described(name: str, text: str) -> tuple[str, str, dict[int, str], dict[str, str]]:
     """Return the ID of the main tree, a document with each tree once and without uids, the paths of nodes by uid, and
     the paths of sub-trees by the name of their blackboard. Raises StudioError."""
     try:

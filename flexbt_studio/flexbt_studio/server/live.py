@@ -4,14 +4,17 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
+import zlib
 from typing import TYPE_CHECKING, Any, Final
 
 from flexbt_console.mirror.records import ExecutiveSnapshot
 from flexbt_console.mirror.view import View
 from flexbt_console.present.debugging import breakpoint_text, held_text, mark_of
 from flexbt_console.present.rendering import stamp_text
-from flexbt_console.ui.web.past import LivePast
+from flexbt_console.ui.web.past import LivePast, Past, moment_part
+from flexbt_console.ui.web.picture import map_part
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import StudioError
 
@@ -60,17 +63,9 @@ class LiveRobots:
         self._changed.set()
         return name
 
-    async def past(self, arguments: dict[str, Any]) -> dict[str, Any] | None:
-        """Return the lanes of a ``robot`` since a ``revision``, or the event of a moment (``time``, s) of its past.
-        None for what has no past here, such as a program."""
-        match arguments:
-            case {'robot': str(name), 'revision': int(revision)}:
-                past = self._pasts.get(name)
-                return None if past is None else await asyncio.to_thread(past.lanes, revision)
-            case {'robot': str(name), 'time': int(time) | float(time)} if name in self._pasts:
-                mirror = await asyncio.to_thread(self._pasts[name].moment, time)
-                return live_event(name, mirror.view())
-        raise StudioError('past: its arguments are a robot, and a revision or a time')
+    def past(self, name: str) -> LivePast | None:
+        """Return the past of a robot that is watched; None for what has none here, such as a program."""
+        return self._pasts.get(name)
 
     def _wake(self) -> None:
         """Note a change. From any thread."""
@@ -87,6 +82,29 @@ class LiveRobots:
                     self._shown[name] = event
                     self._tell(event)
             await asyncio.sleep(PERIOD)
+
+
+async def past_answer(past: Past | None, arguments: dict[str, Any]) -> dict[str, Any] | None:
+    """Return the lanes of a ``robot`` since a ``revision``, or what was at a ``time`` (s): the event of then, what the
+    operator's page shows as ``seen``, and the map if the page has another ``map``. None without a past."""
+    match arguments:
+        case {'revision': int(revision)}:
+            return None if past is None else await asyncio.to_thread(past.lanes, revision)
+        case {'robot': str(name), 'time': int(time) | float(time)} if past is not None:
+            return await asyncio.to_thread(_moment, name, past, time, arguments.get('map'))
+    raise StudioError('past: its arguments are a robot, and a revision or a time')
+
+
+def _moment(name: str, past: Past, time: float, known: Any) -> dict[str, Any]:
+    mirror = past.moment(time)
+    view = mirror.view()
+    map = view.surroundings.map
+    key = '' if map is None else f'{map.width} {map.height} {zlib.crc32(map.cells)}'
+    found = {**live_event(name, view), 'seen': moment_part(mirror, None), 'map': key}
+    if map is not None and known is not None and key != known:
+        head, cells = map_part(map)
+        found['cells'] = {**head, 'cells': base64.b64encode(cells).decode()}
+    return found
 
 
 def live_event(name: str, view: View) -> dict[str, Any]:

@@ -37,6 +37,12 @@ def main() -> int:
         help="show what a program of BehaviorTree.CPP runs that serves Groot2's protocol (usual port: 1667)",
     )
     parser.add_argument(
+        '--recordings',
+        default='',
+        metavar='FOLDER',
+        help='folder of recordings, logs of trees and incidents (default: recordings of the project, or ~/.ros/flexbt)',
+    )
+    parser.add_argument(
         '--get-editor',
         action='store_true',
         help='install the text editor CodeMirror by npm, in the versions and with the hashes of a lock file, and end',
@@ -48,6 +54,8 @@ def main() -> int:
         programs = [robot_name(options.groot2)] if options.groot2 else []
         if options.operate and programs:
             raise UsageError('--groot2 is for a studio without --operate; there, watch a program by a command (Ctrl+K)')
+        if options.operate and options.recordings:
+            raise UsageError('--recordings is for a studio without --operate; there, use the folder recordings')
         if options.operate:
             return console(
                 ['web', '--studio', options.folder, '--port', str(options.port), '--address', options.address]
@@ -57,7 +65,9 @@ def main() -> int:
         if editor is None:
             print('the text editor CodeMirror is not installed, a plain one is used: studio --get-editor', flush=True)
         run_web(
-            StudioServer(workbench_for(options.folder), access, editor, programs=programs).application(),
+            StudioServer(
+                workbench_for(options.folder), access, editor, programs=programs, recordings=options.recordings
+            ).application(),
             access,
             options.port,
             print_address,

@@ -28,8 +28,10 @@ from flexbt_studio.tool_process import checked
 from .groot2_robot import PREFIX, Groot2Robot, robot_name
 from .jobs import Jobs
 from .layouts import Layouts
-from .live import LiveRobots
+from .live import LiveRobots, past_answer
 from .page_text import PageText
+from .recordings import PREFIX as RECORDING
+from .recordings import log_of, opened
 from .simulator import NAME as SIMULATION
 from .simulator import Simulation, behavior_files, project_files, worlds
 from .versions import revisions, text_at
@@ -39,6 +41,7 @@ from .worker import Worker
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
     from flexbt_console.ui.web.access import Access
+    from flexbt_console.ui.web.past import Past, Recordings
 
 MESSAGE_BYTES: Final = 8 << 20
 """Maximum size of a message of a page, bytes: a whole file of the greatest size fits."""
@@ -61,10 +64,16 @@ class Sessions:
     """All open pages. They share a workbench, which is used on one thread."""
 
     def __init__(
-        self, workbench: Workbench, access: Access, robots: FleetLink | None = None, programs: Sequence[str] = ()
+        self,
+        workbench: Workbench,
+        access: Access,
+        recordings: Recordings,
+        robots: FleetLink | None = None,
+        programs: Sequence[str] = (),
     ) -> None:
         """``programs`` are the names of programs that can be watched by Groot2's protocol."""
         self._workbench = workbench
+        self._recordings = recordings
         self._access = access
         self._simulation: Simulation | None = None
         self._ending = asyncio.Lock()
@@ -126,26 +135,22 @@ class Sessions:
         async for message in page.socket:
             if message.type is not WSMsgType.TEXT:
                 break
+            number, method, arguments = _asked(message.data)
             if len(waiting) >= MOST_WAITING:
-                await page.send({'error': {'kind': 'busy', 'message': 'too many requests are waiting'}})
+                told = f'{MOST_WAITING} requests of this page are waiting for their answers; ask again later'
+                await page.send({'id': number, 'error': {'kind': 'busy', 'message': told}})
                 continue
-            task = asyncio.create_task(self._answer(page, message.data))
+            task = asyncio.create_task(self._answer(page, number, method, arguments))
             waiting.add(task)
             task.add_done_callback(waiting.discard)
         for task in waiting:
             task.cancel()
         await asyncio.gather(*waiting, return_exceptions=True)
 
-    async def _answer(self, page: Page, text: str) -> None:
-        number: Any = None
+    async def _answer(self, page: Page, number: Any, method: str, arguments: dict[str, Any]) -> None:
         try:
-            try:
-                asked = json.loads(text)
-                number, method, arguments = asked['id'], asked['method'], asked.get('arguments', {})
-                if not isinstance(method, str) or not isinstance(arguments, dict):
-                    raise TypeError
-            except (ValueError, TypeError, KeyError, RecursionError) as error:
-                raise StudioError('a request is {"id": …, "method": "…", "arguments": {…}}') from error
+            if not method:
+                raise StudioError('a request is {"id": …, "method": "…", "arguments": {…}}')
             if method == 'start_job':
                 result: Any = await self._start_job(page, arguments)
                 page.jobs.append(result)
@@ -154,7 +159,9 @@ class Sessions:
             elif method == 'watch':
                 result = await self._watch(str(arguments.get('robot', '')))
             elif method == 'past':
-                result = None if self._live is None else await self._live.past(arguments)
+                result = await past_answer(await self._past(str(arguments.get('robot', ''))), arguments)
+            elif method in ('recordings', 'reached', 'tree_log'):
+                result = await self._recorded(method, arguments)
             elif method.startswith('simulator_'):
                 result = await self._simulate(page, method, arguments)
             elif method == 'groot2':
@@ -219,11 +226,33 @@ class Sessions:
                 return {**found, 'layout': await loop.run_in_executor(self._drawing, layout) if states else None}
         raise StudioError(f'{method}: wrong arguments')
 
+    async def _past(self, name: str) -> Past | None:
+        """Return the past of a robot that is watched, or a recording; None without. Raises StudioError."""
+        if name.startswith(RECORDING):
+            return await asyncio.to_thread(opened, self._recordings, name)
+        return None if self._live is None else self._live.past(name)
+
+    async def _recorded(self, method: str, arguments: dict[str, Any]) -> Any:
+        """Answer a request about recordings: their names, the nodes that one has reached, or a log of a tree."""
+        if method == 'recordings':
+            return await asyncio.to_thread(self._recordings.names)
+        name = str(arguments.get('name', ''))
+        if method == 'reached':
+            past = await asyncio.to_thread(opened, self._recordings, name)
+            return await asyncio.to_thread(past.reached)
+        file, text, played = await asyncio.to_thread(log_of, self._recordings, name)
+        await self._show_text(file, text)
+        return played
+
     async def _watch(self, name: str) -> str:
         """Show what runs on a robot by events ``live``, and return its name. Raises StudioError if there is none.
 
-        ``groot2 HOST:PORT`` is a program at that address. Without a name it is the own robot, or else such a program.
+        ``groot2 HOST:PORT`` is a program at that address, ``recording NAME`` a recording, which sends no events.
+        Without a name it is the own robot, or else such a program.
         """
+        if name.startswith(RECORDING):
+            await self._past(name)
+            return name
         if not name and self._robots is None:
             name = next(iter((*self._programs, *self._groot2)), '')
         if name == SIMULATION and self._simulation is not None:
@@ -425,6 +454,25 @@ class Page:
             await self.send(event)
         except (ConnectionError, TimeoutError):
             await self.socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'the page takes nothing')
+
+
+def _asked(text: str) -> tuple[Any, str, dict[str, Any]]:
+    """Return identifier, method and arguments of a request; '' for the method if it is none."""
+    match _loaded(text):
+        case {'id': number, 'method': str(method), 'arguments': dict(arguments)}:
+            return number, method, arguments
+        case {'id': number, 'method': str(method), **more} if 'arguments' not in more:
+            return number, method, {}
+        case {'id': number}:
+            return number, '', {}
+    return None, '', {}
+
+
+def _loaded(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return None
 
 
 def _kind(error: StudioError) -> str:

@@ -336,9 +336,11 @@ class Simulation:
         """Answer a request of the operator's page of this robot."""
         if self._server is None:
             raise web.HTTPNotFound(text='the simulated robot is starting')
-        if request.match_info['name'] != 'link':
+        links = {'link': self._server.open_page, 'costmaps': self._server.open_costmaps}
+        name = request.match_info['name']
+        if name not in links:
             return await self._server.file(request)
-        opened = asyncio.ensure_future(self._server.open_page(request))
+        opened = asyncio.ensure_future(links[name](request))
         self._pages.add(opened)
         opened.add_done_callback(self._pages.discard)
         return await opened

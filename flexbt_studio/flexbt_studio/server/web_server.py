@@ -19,6 +19,7 @@ from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
 from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, WrongTokens, greeting, guard, source_of
 
+from .recordings import recordings_of
 from .session import MESSAGE_BYTES, Sessions
 from .workbench import Workbench
 
@@ -36,7 +37,8 @@ _IMPORT_MAP: Final = '<!-- import map -->'
 class StudioServer:
     """The server of the studio's pages for one project.
 
-    ``robots`` are those that can be watched; ``programs`` the names of programs that can, by Groot2's protocol.
+    ``robots`` are those that can be watched; ``programs`` the names of programs that can, by Groot2's protocol;
+    ``recordings`` is their folder, see :func:`.recordings.recordings_of`.
     """
 
     def __init__(
@@ -46,10 +48,12 @@ class StudioServer:
         editor: Path | None,
         robots: FleetLink | None = None,
         programs: Sequence[str] = (),
+        recordings: str = '',
     ) -> None:
         self._access = access
         self._wrong = WrongTokens()
-        self._sessions = Sessions(workbench, access, robots, programs)
+        recorded = recordings_of(workbench.project, recordings)
+        self._sessions = Sessions(workbench, access, recorded, robots, programs)
         self._modules = {} if editor is None else editor_modules(editor)
         own = files('flexbt_studio') / 'page'
         shared = files('flexbt_console.ui.web') / 'page'

@@ -176,6 +176,13 @@ def lines(page: StudioPage) -> list[str]:
     return page.text('debug-log').splitlines()
 
 
+def let_go(page: StudioPage) -> None:
+    """Let the held tree go on until it is held again."""
+    holds = told(page, 'HELD:')
+    page.press(Keys.F5)
+    page.until(lambda: told(page, 'HELD:') > holds)
+
+
 def told(page: StudioPage, text: str) -> int:
     """Return how many of the lines that the robot has told contain a text."""
     return sum(text in line for line in lines(page))
@@ -225,9 +232,7 @@ def test_a_tree_is_held_stepped_and_stopped(robot: StudioPage, mission: Mission)
     answer(page, 'attempt := 4000')
     page.until(lambda: attempts(page) == 4000)
     while attempts(page) <= 4000:  # Rest may be held at several of its ticks
-        holds = told(page, 'HELD:')
-        page.press(Keys.F5)
-        page.until(lambda holds=holds: told(page, 'HELD:') > holds)
+        let_go(page)
     page.press('b')
     page.until(lambda: marks(page) == {REST: '‖ HELD'})  # clearing does not let it go
     page.click(ADD)

@@ -228,7 +228,7 @@ def test_what_is_never_reached_is_tinted_and_folded_parts_show_what_is_in_them(p
         assert shown(page) == {}
         page.press(F10)
         page.until(lambda: page.focused == 'player-line')
-        page.until_text('run-told', '1 dry run reached 2 of 7 nodes')
+        page.until_text('run-told', '1 run reached 2 of 7 nodes')
         page.press(ESCAPE)
         page.run('document.getElementById("tint-dry").click()')
         assert shown(page) == never

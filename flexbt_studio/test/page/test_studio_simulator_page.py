@@ -65,6 +65,14 @@ def test_a_tree_drives_a_simulated_robot_until_a_door_is_shut(page: StudioPage, 
         page.until(lambda: is_shown('view'))
         assert 'SIMULATION' in page.text('sim-view') and 'no real robot moves' in page.text('simulator')
         page.until(lambda: page.run(_DRAWN, part('map')) > 3)  # walls, the free floor, the robot
+        # The costmaps of navigation are drawn while their layers are on, with a legend.
+        assert 'occupied' not in page.text('sim-view')
+        plain = page.run(_DRAWN, part('map'))
+        page.run('for (const one of document.querySelectorAll("#sim-view .layers input")) one.click()')
+        page.until(lambda: 'occupied' in page.text('sim-view') and 'waiting' not in page.text('sim-view'))
+        page.until(lambda: page.run(_DRAWN, part('map')) > plain + 10)
+        page.run('for (const one of document.querySelectorAll("#sim-view .layers input")) one.click()')
+        page.until(lambda: page.run(_DRAWN, part('map')) < plain + 10 and 'occupied' not in page.text('sim-view'))
 
         page.run(_CHOOSE, part('goal'), 'far')
         press('run')

@@ -3,22 +3,29 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections import OrderedDict
+from collections import OrderedDict, defaultdict
 from collections.abc import Callable
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final, Protocol
 
+from flexbt_common import names
+from flexbt_common.errors import LimitExceededError
+from flexbt_common.middleware.received_messages import Received
 from flexbt_console.errors import UsageError
+from flexbt_console.link.messages import record_of
 from flexbt_console.mirror.history import History
 from flexbt_console.mirror.lanes import Lanes
 from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.trees import MirroredStatus, TreeNodes
 from flexbt_console.present.json_form import fields_of
 from flexbt_console.recording.player import RunPlayer
-from flexbt_console.recording.run_file import RECORDING
+from flexbt_console.recording.run_file import RECORDING, read_run
 from flexbt_core.values.text import did_you_mean, short_repr
+from flexbt_msgs.msg import TreeStatus, TreeStructure
 
 from .picture import LOG_LINES, left_out_lines, log_part, parts_of
 
@@ -27,6 +34,8 @@ MOST_MEMORY: Final = 200_000_000
 """Recordings that are open at the same time, for all pages, and bytes of the messages of each, at most."""
 
 MOST_NAMES: Final = 200
+_RUNS: Final = ('*.mcap', f'[0-9]*/{RECORDING}', f'incidents/[0-9]*/{RECORDING}')
+_LOGS: Final = ('*.btlog', '[0-9]*/records/*.btlog', 'incidents/[0-9]*/records/*.btlog')
 MOST_SENT: Final = 2000
 """Entries of lanes in one answer, at most."""
 
@@ -85,10 +94,14 @@ class LivePast:
         }
 
 
+_REACHED: Final = frozenset({MirroredStatus.RUNNING, MirroredStatus.SUCCESS, MirroredStatus.FAILURE})
+
+
 class RecordedPast:
     """A recording."""
 
     def __init__(self, file: Path) -> None:
+        self._file = file
         self._lock = threading.Lock()
         self._player = RunPlayer(file, MOST_MEMORY)
 
@@ -109,32 +122,63 @@ class RecordedPast:
             'live': False,
         }
 
+    def reached(self) -> dict[str, list[str]]:
+        """Return the paths of the nodes that have run or ended in it, by the IDs of their trees."""
+        nodes: dict[tuple[str, int], TreeNodes] = {}
+        seen: defaultdict[tuple[str, int], set[int]] = defaultdict(set)
+        for one in read_run(self._file):
+            type = {names.TREE_STRUCTURE: TreeStructure, names.TREE_STATUS: TreeStatus}.get(one.topic)
+            if type is None:
+                continue
+            with contextlib.suppress(ValueError, LimitExceededError):  # it is skipped by the player, too
+                record = record_of(Received(one.data, len(one.data), b'', 0.0).unpack(type))
+                run = record.run_id, record.structure
+                if isinstance(record, TreeNodes):
+                    nodes[run] = record
+                else:
+                    statuses = [*enumerate(record.statuses, 1), *((one.uid, one.status) for one in record.changes)]
+                    seen[run].update(uid for uid, status in statuses if status in _REACHED)
+        found: defaultdict[str, set[str]] = defaultdict(set)
+        for run, tree in nodes.items():
+            found[tree.tree].update(node.path for node in tree.nodes if node.uid in seen[run])
+        return {tree: sorted(paths) for tree, paths in found.items()}
+
 
 class Recordings:
-    """The recordings in a folder, and those of incidents. A name leads to no file elsewhere. Thread-safe."""
+    """The recordings in a folder, and those of incidents. A name leads to no file elsewhere. Thread-safe.
 
-    def __init__(self, folder: Path) -> None:
+    With ``has_logs`` the log files of trees (``.btlog``) are among the names; they have no :meth:`past`.
+    """
+
+    def __init__(self, folder: Path, *, has_logs: bool = False) -> None:
         self._folder = folder
+        self._patterns = (*_RUNS, *_LOGS) if has_logs else _RUNS
         self._lock = threading.Lock()
         self._open: OrderedDict[tuple[str, int, int], RecordedPast] = OrderedDict()
 
+    def _files(self) -> dict[str, Path]:
+        """Return the files by their names; that of an incident is its folder."""
+        root, found = self._folder.resolve(), {}
+        for file in (one for pattern in self._patterns for one in self._folder.glob(pattern)):
+            if file.is_file() and not file.is_symlink() and file.resolve().is_relative_to(root):
+                found[file.relative_to(self._folder).as_posix().removesuffix(f'/{RECORDING}')] = file
+        return found
+
     def names(self) -> list[dict[str, Any]]:
         """Return the name, size and time of change of each recording, the newest first."""
-        found: list[tuple[float, dict[str, Any]]] = []
-        for file in (*self._folder.glob('*.mcap'), *self._folder.glob(f'incidents/[0-9]*/{RECORDING}')):
-            if file.is_file() and not file.is_symlink():
-                facts, name = file.stat(), str(file.relative_to(self._folder).with_suffix(''))
-                name = name.removesuffix(f'/{Path(RECORDING).stem}') if '/' in name else file.name
-                found.append((facts.st_mtime, {'name': name, 'bytes': facts.st_size, 'changed': facts.st_mtime}))
-        return [one for _, one in sorted(found, key=itemgetter(0), reverse=True)[:MOST_NAMES]]
+        found = []
+        for name, file in self._files().items():
+            with contextlib.suppress(OSError):  # it was removed just now
+                facts = file.stat()
+                found.append({'name': name, 'bytes': facts.st_size, 'changed': facts.st_mtime})
+        return sorted(found, key=itemgetter('changed'), reverse=True)[:MOST_NAMES]
 
     def file(self, name: str) -> Path:
         """Return the file of a recording. Raises UsageError."""
-        known = [one['name'] for one in self.names()]
+        known = self._files()
         if name not in known:
-            raise UsageError(f'{self._folder} has no recording {short_repr(name)}{did_you_mean(name, known)}')
-        file = self._folder / name
-        return file / RECORDING if file.is_dir() else file
+            raise UsageError(f'{self._folder} has no recording {short_repr(name)}{did_you_mean(name, list(known))}')
+        return known[name]
 
     def past(self, name: str) -> RecordedPast:
         """Return a recording by its name.

@@ -17,7 +17,7 @@ from functools import partial
 from importlib.resources import files
 from typing import TYPE_CHECKING, Final
 
-from aiohttp import web
+from aiohttp import WSCloseCode, web
 from aiohttp.http import HttpProcessingError
 from aiohttp.typedefs import Handler
 
@@ -31,7 +31,8 @@ from flexbt_console.ui.station import Station
 from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
-from .access import CLOSED_HEADERS, Access, WrongTokens, guard, source_of
+from .access import CLOSED_HEADERS, Access, WrongTokens, greeting, guard, source_of
+from .costmaps import show_costmaps
 from .drawings import Drawings
 from .page_link import PageLink
 from .past import LivePast, PagePast, Recordings
@@ -89,6 +90,7 @@ class WebServer:
         self._loop: asyncio.AbstractEventLoop | None = None
         self._is_told = False
         self._has_studio = False
+        self._costmap_pages = 0
         page = files(__package__) / 'page'
         self._files = {
             one.name: (one.read_bytes(), _TYPES[one.name.rpartition('.')[2]])
@@ -109,6 +111,7 @@ class WebServer:
         application.on_startup.append(self.start)
         application.on_cleanup.append(self.end)
         application.router.add_get('/link', self.open_page)
+        application.router.add_get('/costmaps', self.open_costmaps)
         application.router.add_get('/{name:[a-z_.]*}', self.file)
         return application
 
@@ -201,6 +204,29 @@ class WebServer:
             del self._pages[page]
             if seat in self._pictures and seat not in self._pages.values():
                 self._pictures.pop(seat).close()
+        return socket
+
+    async def open_costmaps(self, request: web.Request) -> web.StreamResponse:
+        """Answer the request of a page for the costmaps of its robot, until the page ends."""
+        socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
+        await socket.prepare(request)
+        robot = self._named(request.query.get('robot', ''))
+        if await greeting(socket, self._access, self._wrong, source_of(request.remote)) is None:
+            return socket
+        if robot is None or self._costmap_pages >= MOST_PAGES:
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'no such robot, or too many pages')
+            return socket
+        self._costmap_pages += 1
+        try:
+            link = await asyncio.to_thread(self._robots.costmaps.open, robot)
+            try:
+                await show_costmaps(socket, link)
+            finally:
+                await asyncio.to_thread(self._robots.costmaps.close, robot)
+        except TimeoutError:  # the node is busy
+            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'the node is busy')
+        finally:
+            self._costmap_pages -= 1
         return socket
 
     def operator(self, name: str, user: User) -> str:

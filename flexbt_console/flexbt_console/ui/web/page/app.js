@@ -41,7 +41,9 @@ const map = new RobotMap(byId('map'), byId('map-keys'), {
   obstacle: (x, y) => send({obstacle: [x, y]}),
   cursor: (text) => { byId('map-cursor').textContent = text; },
   leave: () => { dropping = false; choose(); },
+  costmaps: () => `costmaps${location.search}`,
 });
+byId('map-tools').prepend(map.layers);
 let mapDecision = null;
 bar.turned = new URL(location).searchParams.get('decision');  // a link of "console alerts"
 let dropping = false;
@@ -401,6 +403,7 @@ function takeMoment(moment) {
 }
 
 function drawMoment() {
+  map.set('isPast', past !== null);  // costmaps are of now
   byId('log').hidden = past !== null;
   byId('past-log').hidden = past === null;
   byId('left-out').textContent = seen().left_out.join('; ');

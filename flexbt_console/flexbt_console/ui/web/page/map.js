@@ -1,17 +1,88 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The map: walls, places, obstacles, what the lidar meets, other robots, planned and driven path, goal, robot, and a cursor for the pose that is asked for.
 
-import {plain} from './decision.js';
+import {element, plain} from './decision.js';
 
 const TURN = Math.PI / 8;
 const STEP_PX = 12;
+const RETRY_MS = 1000;
 const TRACE_STEP = 0.05;
 const MOST_TRACE = 4000;
+// Costmaps of navigation, by the names of their topics, and colours of costs: [from, hue, saturation, opacity].
+const COSTMAPS = [['local_costmap', 'Local costmap'], ['global_costmap', 'Global costmap']];
+const costColour = (cost) => (cost === 100 ? [214, 0, 148, 210] : cost === 99 ? [0, 172, 205, 190] : cost === 0 || cost > 100 ? [0, 0, 0, 0] : [40 + 2.1 * cost, 90 - 0.4 * cost, 230 - 2 * cost, 60 + cost]);
+
+// The layers that a map may have: switches and a legend, and the connection by which costmaps come while one is on.
+class Costmaps {
+  // address() is that of the server's WebSocket for costmaps; changed() is called when another picture is to be drawn.
+  constructor(address, changed) {
+    Object.assign(this, {address, changed, shown: new Set(), images: new Map()});
+    const swatch = (cost, text) => { const [red, green, blue] = costColour(cost), one = element('i', {}); one.style.background = `rgb(${red} ${green} ${blue})`; const label = element('span', {}); label.append(one, text); return label; };
+    this.told = element('span', {class: 'hint', role: 'status'});
+    this.legend = element('span', {class: 'legend'});
+    this.legend.append(swatch(10, 'low cost'), swatch(90, 'high'), swatch(99, 'too near for the robot'), swatch(100, 'occupied'), this.told);
+    this.legend.hidden = true;
+    this.controls = element('div', {class: 'layers', role: 'group', 'aria-label': 'layers of the map'});
+    this.controls.append(...COSTMAPS.map(([name, title]) => {
+      const box = element('input', {type: 'checkbox'}), label = element('label', {});
+      box.addEventListener('change', () => this.show(name, box.checked));
+      label.append(box, ` ${title}`);
+      return label;
+    }), this.legend);
+  }
+
+  show(name, isOn) {
+    if (isOn) this.shown.add(name); else { this.shown.delete(name); this.images.delete(name); }
+    this.legend.hidden = !this.shown.size;
+    if (this.shown.size && !this.socket) this.open();
+    else if (!this.shown.size) this.close();
+    else if (this.socket.readyState === WebSocket.OPEN) this.ask();
+    this.tell();
+    this.changed();
+  }
+
+  open() {
+    const address = new URL(this.address(), location.href), socket = this.socket = new WebSocket(Object.assign(address, {protocol: location.protocol === 'https:' ? 'wss:' : 'ws:', hash: ''}));
+    socket.binaryType = 'arraybuffer';
+    socket.onopen = () => { socket.send(JSON.stringify({hello: new URLSearchParams(location.hash.slice(1)).get('token')})); this.ask(); };
+    socket.onmessage = ({data}) => { if (this.socket === socket) this.take(data); };
+    socket.onclose = () => { if (this.socket !== socket) return; this.socket = null; this.images.clear(); this.tell(); this.changed(); setTimeout(() => { if (this.shown.size && !this.socket) this.open(); }, RETRY_MS); };
+  }
+
+  // Nothing is shown any more, or of another robot.
+  close() { const before = this.socket; this.socket = null; this.images.clear(); before?.close(); this.changed(); if (this.shown.size) this.open(); }
+
+  ask() { this.socket.send(JSON.stringify({show: [...this.shown]})); }
+
+  take(data) {
+    const length = new DataView(data).getUint32(0), head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))), cells = new Uint8Array(data, 4 + length);
+    if (!this.shown.has(head.costmap)) return;
+    this.images.set(head.costmap, {...head, image: painted(head, (cell) => costColour(cells[cell]))});
+    this.tell();
+    this.changed();
+  }
+
+  tell() {
+    const missing = COSTMAPS.filter(([name]) => this.shown.has(name) && !this.images.has(name)).map(([, title]) => title.toLowerCase());
+    this.told.textContent = missing.length ? `waiting for the ${missing.join(' and the ')}` : '';
+  }
+}
+
+// An image of a grid whose first row is the lowest; colour(cell) is [red, green, blue, opacity].
+function painted({width, height}, colour) {
+  const image = new OffscreenCanvas(width, height), context = image.getContext('2d'), pixels = context.createImageData(width, height);
+  for (let row = 0; row < height; row++) for (let column = 0; column < width; column++) pixels.data.set(colour((height - 1 - row) * width + column), 4 * (row * width + column));
+  context.putImageData(pixels, 0, 0);
+  return image;
+}
 
 export class RobotMap {
-  // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at; on.cursor(text): where the cursor is; on.leave(): nothing is pointed at any more
+  // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at; on.cursor(text): where the cursor is; on.leave(): nothing is pointed at any more;
+  // on.costmaps(): the address of the robot's costmaps, if it has them. layers are the controls of those.
   constructor(canvas, hint, on) {
     Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], goal: null, driven: [], places: {}, obstacles: [], scan: [], others: [], pose: null});
+    this.costmaps = new Costmaps(on.costmaps, () => this.redraw());
+    this.layers = on.costmaps ? this.costmaps.controls : '';
     this.mode = '';          // '', 'pose' or 'obstacle'
     this.cursor = null;      // {x, y, yaw}
     this.planned = false;
@@ -79,23 +150,13 @@ export class RobotMap {
   paint() {
     if (!this.map) return;
     const {width, height, cells} = this.map;
-    const image = new OffscreenCanvas(width, height);
-    const context = image.getContext('2d');
-    const pixels = context.createImageData(width, height);
     const probe = document.createElement('canvas').getContext('2d', {willReadFrequently: true});
     const colours = ['--free', '--wall', '--unknown'].map((name) => {
       probe.fillStyle = this.colour(name);
       probe.fillRect(0, 0, 1, 1);
       return probe.getImageData(0, 0, 1, 1).data;
     });
-    for (let row = 0; row < height; row++) {
-      for (let column = 0; column < width; column++) {
-        const colour = colours[cells[(height - 1 - row) * width + column]] || colours[2];
-        pixels.data.set(colour, 4 * (row * width + column));
-      }
-    }
-    context.putImageData(pixels, 0, 0);
-    this.image = image;
+    this.image = painted({width, height}, (cell) => colours[cells[cell]] || colours[2]);
   }
 
   hasContent() { return Boolean(this.map || this.pose || this.plan.length || this.scan.length || this.others.length || Object.keys(this.places).length); }
@@ -137,6 +198,16 @@ export class RobotMap {
     if (this.image) {
       context.imageSmoothingEnabled = false;
       context.drawImage(this.image, left, top, (x1 - x0) * scale, (y1 - y0) * scale);
+    }
+    for (const [name] of COSTMAPS.toReversed()) {
+      const costs = this.costmaps.images.get(name);
+      if (!costs || this.isPast) continue;
+      context.save();
+      context.translate(...at([costs.x, costs.y]));
+      context.rotate(-costs.yaw);
+      context.scale(costs.resolution * scale, costs.resolution * scale);
+      context.drawImage(costs.image, 0, -costs.height);
+      context.restore();
     }
     const line = (points, colour, wide, dashes) => {
       if (points.length < 2) return;

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The costmaps of a robot for its page, by a WebSocket of their own: they never keep a decision or a STOP waiting."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import struct
+from typing import Any, Final
+
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from flexbt_common import names
+from flexbt_console.link.costmap_link import Costmap, CostmapLink
+from flexbt_console.present.json_form import encode_json
+from flexbt_core.values.json_data import load_json
+
+PERIOD: Final = 1.0
+"""Least time between two costmaps of a kind, s."""
+SEND_SECONDS: Final = 10.0
+
+
+def costmap_message(name: str, costmap: Costmap) -> bytes:
+    """Return a costmap as a message for the page: the length of its frame, the frame, and the cells."""
+    head = {**costmap._asdict(), 'costmap': name}
+    del head['cells']
+    frame = encode_json(head).encode()
+    return struct.pack('>I', len(frame)) + frame + costmap.cells
+
+
+async def show_costmaps(socket: web.WebSocketResponse, link: CostmapLink) -> None:
+    """Send those costmaps that the page asks for by ``{"show": [NAME, ...]}``, until it ends."""
+    wanted: list[str] = []
+    asks = asyncio.Event()
+
+    async def send() -> None:
+        shown: dict[str, Costmap] = {}
+        while True:
+            asks.clear()
+            for name in wanted:
+                costmap = link.newest.get(name)
+                if costmap is not None and costmap is not shown.get(name):
+                    shown[name] = costmap
+                    async with asyncio.timeout(SEND_SECONDS):
+                        await socket.send_bytes(costmap_message(name, costmap))
+            await asyncio.sleep(PERIOD)
+            if not wanted:
+                await asks.wait()
+
+    sending = asyncio.create_task(send())
+    sending.add_done_callback(lambda done: None if done.cancelled() else done.exception())
+    try:
+        async for message in socket:
+            names_asked = _asked(message.data) if message.type is WSMsgType.TEXT else None
+            if names_asked is None:
+                await socket.close(code=WSCloseCode.UNSUPPORTED_DATA, message=b'a request is {"show": [NAME, ...]}')
+                return
+            wanted[:] = [name for name in names.COSTMAPS if name in names_asked]
+            asks.set()
+            if sending.done():
+                return
+    finally:
+        sending.cancel()
+        with contextlib.suppress(asyncio.CancelledError, ConnectionError, TimeoutError):
+            await sending
+
+
+def _asked(text: str) -> list[Any] | None:
+    try:
+        asked = load_json(text)
+    except (ValueError, RecursionError):
+        return None
+    found = asked.get('show') if isinstance(asked, dict) else None
+    return found if isinstance(found, list) else None
