@@ -55,11 +55,6 @@ class Part:
         """What it is without the parts below it. Where the transitions of a state lead says nothing about it."""
         return (self.type, self.name, *sorted(self.content.items()))
 
-    @property
-    def is_telling(self) -> bool:
-        """Whether it is unlikely that another part is the same by chance."""
-        return self.size > 1 or bool(self.name or self.content)
-
     def all(self) -> Iterator[Part]:
         """Yield it and the parts below it, parents first, in order."""
         pending = [self]
@@ -127,16 +122,13 @@ def match(before: Sequence[Part], after: Sequence[Part]) -> None:
         part.size = 1 + sum(one.size for one in part.children)
         part.whole = known.setdefault((*part.own, *(one.whole for one in part.children)), len(known))
     _pair(before[0], after[0])
-    _pair_alike(before[0].children, after[0].children, lambda one: (one.type, one.name), only=True)
-    _pair_alike(before, after, lambda one: one.whole if one.is_telling else None, only=True)
+    _pair_alike(before, after, lambda one: one.whole, only=True)
     _pair_rows(before)
     _pair_by_children(before)
     _pair_rows(before)
-    _pair_alike(before, after, lambda one: one.whole if one.is_telling else None)
+    _pair_alike(before, after, lambda one: one.whole)
     _pair_by_children(before)
-    _pair_alike(before, after, lambda one: one.own if one.name or one.content else None)
     _pair_alike(before, after, lambda one: (one.type, one.name) if one.name else None, only=True)
-    _pair_alike(before, after, lambda one: (one.whole, frozenset((above := _paired_above(one), above.twin))))
     _pair_alike(before, after, lambda one: one.whole)
     _pair_rows(before, weakly=True)
 
@@ -199,14 +191,10 @@ def _pair_by_children(before: Sequence[Part]) -> None:
             if share > (_LEAST_OF_TYPE if is_same else _LEAST) and (is_same or may_differ):
                 kept = count / (old.size - 1) * (1 + is_same) * named
                 ranked.append((kept, -abs(old.depth - new.depth), share, -number, old, new))
-    ranked.sort(key=lambda one: one[:4], reverse=True)
-    # First those in one place, parents first: a part whose only child was moved has more in common with its new parent.
-    for is_first, row in ((True, sorted(ranked, key=lambda one: -one[3])), (False, ranked)):
-        for *_, old, new in row:
-            is_in_place = old.parent is not None and old.parent.twin is new.parent
-            may_pair = is_in_place or (not is_first and old.type == new.type)
-            if old.twin is None and new.twin is None and may_pair:
-                _pair(old, new)
+    for *_, old, new in sorted(ranked, key=lambda one: one[:4], reverse=True):
+        is_in_place = old.parent is not None and old.parent.twin is new.parent
+        if old.twin is None and new.twin is None and (is_in_place or old.type == new.type):
+            _pair(old, new)
 
 
 def _pair_rows(before: Iterable[Part], *, weakly: bool = False) -> None:

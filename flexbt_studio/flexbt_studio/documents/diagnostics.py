@@ -38,7 +38,7 @@ from .document import Document, Problem
 from .project import Place, Project, tree_places
 from .text import Span, TextEdit
 from .xml_document import XmlDocument, nodes_of
-from .xml_spans import XmlElement
+from .xml_text import XmlElement
 
 _MEANT: Final = re.compile(r"did you mean (?:\[([^\]]+)\]|'([^']+)')\?")
 _WORD: Final = re.compile(r'[\w.:/-]+')

@@ -19,7 +19,7 @@ from .project import Project, tree_places
 from .text import Span
 from .xml_document import XmlDocument
 from .xml_keys import SUBTREES, node_type
-from .xml_spans import XmlElement
+from .xml_text import XmlElement
 
 _NAME: Final = re.compile(r'[\w:.-]*$')
 _TAG_NAME: Final = re.compile(r'[\w:.-]*')

@@ -10,7 +10,7 @@ word; ``name`` is the port, or the key of the state.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from flexbt_tools.tree_checks.check import HOST_KEYS
@@ -19,8 +19,8 @@ from .machine_document import CONTAINERS, MachineDocument, State, Table
 from .project import Project, tree_places
 from .text import Span
 from .xml_document import XmlDocument
-from .xml_keys import arguments, is_autoremapped
-from .xml_spans import XmlElement
+from .xml_keys import SUBTREES, arguments, is_autoremapped
+from .xml_text import XmlElement
 
 _INPUTS: Final = ('input_keys', 'io_keys')
 _OUTPUTS: Final = ('output_keys', 'io_keys')
@@ -96,25 +96,24 @@ class _Trees:
             assert isinstance(document, XmlDocument)
             if file == self._file or document.definition(id) is None:
                 for one in (*document.subtrees, *document.models):
-                    if one.tag.startswith('SubTree') and one.attributes.get('ID') == id:
+                    if one.tag in SUBTREES and one.attributes.get('ID') == id:
                         found |= {*one.attributes, *(port.attributes.get('name', '') for port in one.children)}
         return found
 
     def uses(self, document: XmlDocument, tree: XmlElement) -> list[_Use]:
         """Return the uses of keys in the order of the tree, each with the path of its node."""
-        paths = {node['span'][0]: node['path'] for node in document.view()['nodes']}
         found: list[_Use] = []
         for element in tree.all():
-            inner = self._inside(document, element) if element.tag.startswith('SubTree') else {}
+            inner = self._inside(document, element) if element.tag in SUBTREES else {}
             given = arguments(element, bare=document.is_old) if inner else {}
-            path = paths.get(element.offset, '')
+            owner = element if element in document.paths else element.parent  # that of a <remap> is its sub-tree
+            path = document.paths.get(owner, '') if owner is not None else ''
             for use in document.keys.of(element):
                 role = inner.get(use.attribute, use.role) if use.form in ('argument', 'same', 'default') else use.role
-                found.append(_Use(use.key, path or _above(element, paths), role, use.attribute, use.span))
+                found.append(_Use(use.key, path, role, use.attribute, use.span))
             if inner and is_autoremapped(element):
                 shared = {key: role for key, role in inner.items() if key not in given and key[:1] not in '_@'}
-                here = Span(element.offset, element.offset)
-                found += [_Use(key, path, role, key, here) for key, role in shared.items()]
+                found += [_Use(key, path, role, key, Span(0, 0)) for key, role in shared.items()]
         return found
 
     def _inside(self, document: XmlDocument, call: XmlElement) -> dict[str, str]:
@@ -135,24 +134,18 @@ class _Trees:
         return roles
 
 
-def _above(element: XmlElement, paths: Mapping[int, str]) -> str:
-    """Return the path of the sub-tree that a <remap> belongs to."""
-    return paths.get(element.parent.offset, '') if element.parent is not None else ''
-
-
 def _declared(state: State) -> Iterator[_Use]:
     """Yield the keys that a container declares, as uses by nobody."""
     for table in ('userdata', *_INPUTS, 'output_keys'):
         for item in state.items(table):
-            yield _Use(item.key, '', 'uses', '', item.key_span if item.key_span.end else item.span)
+            yield _Use(item.key, '', 'uses', '', item.name_span)
 
 
 def _of_child(document: MachineDocument, child: State, known: Mapping[str, Mapping[str, Any]]) -> Iterator[_Use]:
     """Yield the keys of its container that a state uses, by its remapping and by what is known of its class."""
     reads, writes, _ = state_keys(document, child, known)
-    remapping = child.tables.get('remapping', Table())
-    for key in dict.fromkeys([*(item.key for item in remapping.items), *sorted(reads | writes)]):
-        item = remapping.find(key)
+    for key in dict.fromkeys([*(item.key for item in child.items('remapping')), *sorted(reads | writes)]):
+        item = child.find('remapping', key)
         role = ' and '.join(['reads'] * (key in reads) + ['writes'] * (key in writes)) or 'uses'
         span = item.value_span if item is not None else Span(child.label_span.start, child.label_span.start)
         yield _Use(key if item is None else item.value or '', child.path, role, key, span)
@@ -172,14 +165,7 @@ def state_keys(
     if described is None or state.kind != 'state':
         return set(), set(), False
     given = {item.key for item in state.items('parameters')}
-    reads, writes = (
-        {
-            one['name']
-            for one in described[kind]
-            if not (only := _ONLY_WITH.search(one['description'])) or only[1] in given
-        }
-        for kind in ('inputs', 'outputs')
-    )
+    reads, writes = ({one['name'] for one in described[kind] if _applies(one, given)} for kind in ('inputs', 'outputs'))
     is_all = True
     if _ANY_KEY in reads | writes:
         values = {item.key: document.value(item) for item in state.items('parameters')}
@@ -193,6 +179,12 @@ def state_keys(
             elif _ANY_KEY in writes and name in _KEPT and isinstance(value, dict):
                 writes |= {one for one in value.values() if isinstance(one, str)}
     return reads - {_ANY_KEY}, writes - {_ANY_KEY}, is_all
+
+
+def _applies(key: Mapping[str, Any], given: Collection[str]) -> bool:
+    """Return whether a state has a key of its docstring with the parameters that are given."""
+    only = _ONLY_WITH.search(key['description'])
+    return only is None or only[1] in given
 
 
 def _keys_in(name: str, value: Any) -> set[str]:

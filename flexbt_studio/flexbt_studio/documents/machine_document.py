@@ -119,6 +119,10 @@ class State:
         table = self.tables.get('outcomes')
         return None if table is None or table.locked else [item.key for item in table.items]
 
+    def find(self, table: str, key: str) -> Item | None:
+        """Return the item of a table with a key; None if there is none."""
+        return next((item for item in self.items(table) if item.key == key), None)
+
     def items(self, table: str) -> list[Item]:
         """Return the items of a table; none if there is no such table."""
         return self.tables[table].items if table in self.tables else []
@@ -401,6 +405,13 @@ class MachineDocument(Document):
         lines = self._own_lines(parent.rows, parent.rows.items.index(one.item))
         text = self.source(lines or one.item.span)
         return textwrap.dedent(LINE_BREAK.sub('\n', text)).strip('\n')
+
+    def neighbor(self, parent: State) -> State:
+        """Return the last state of a container that can be edited. Raises GestureError if there is none."""
+        for child in reversed(parent.children):
+            if not child.locked:
+                return child
+        raise GestureError(f'{parent.path} has no state whose form a new one could have; write the first in the text')
 
     def free_label(self, parent: State, label: str) -> str:
         """Return a label that no state and no outcome of a container has: this one, or with a number."""

@@ -24,15 +24,15 @@ from flexbt_studio.errors import GestureError, StudioError
 from flexbt_tools.tree_checks.check import HOST_KEYS
 
 from .diagnostics import TreeChecker
-from .document import Document
+from .document import Document, need
 from .flow import state_keys
-from .machine_document import CONTAINERS, Item, MachineDocument, State, Table
+from .machine_document import CONTAINERS, Item, MachineDocument, State
 from .project import Place, Project, tree_places
 from .python_document import PythonDocument
 from .text import Span, TextEdit
 from .xml_document import PORT_TAGS, XmlDocument
 from .xml_keys import SUBTREES, node_type
-from .xml_spans import XmlElement
+from .xml_text import XmlElement
 from .yaml_document import Node, Tree, YamlDocument, scalar_text
 
 LONGEST: Final = 200
@@ -342,8 +342,7 @@ class Names:
         Raises:
             StudioError: the name is not allowed or taken, or something that names it cannot be edited.
         """
-        if len(new) > LONGEST:
-            raise StudioError(f'a name has at most {LONGEST} characters, not {len(new)}')
+        need(len(new) <= LONGEST, f'a name has at most {LONGEST} characters, not {len(new)}')
         made = Renaming()
         if new == named.name:
             return made
@@ -416,8 +415,7 @@ class Names:
 
     def _rename_node(self, named: Named, new: str, made: Renaming) -> None:
         document = self._trees_of(named.file)
-        if not new.strip():
-            raise StudioError('a node needs a name; remove the attribute to have none')
+        need(new.strip(), 'a node needs a name; remove the attribute to have none')
         edits = document.gesture('set_value', {'node': named.owner, 'name': 'name', 'value': new})
         made.add(named.file, edits)
         renamed: dict[str, dict[str, str]] = {}
@@ -436,24 +434,22 @@ class Names:
                 made.add(file, [TextEdit(key.start, key.end, scalar_text(new, self._project.text(file)[key.start]))])
 
     def _rename_port(self, named: Named, new: str, made: Renaming) -> None:
-        if named.owner in self._registry:
-            raise StudioError(f'[{named.name}] is a port of the class of {named.owner}; rename it in its code')
-        if problem := port_name_problem(new):
-            raise StudioError(problem)
+        is_declared = named.owner not in self._registry
+        need(is_declared, f'[{named.name}] is a port of the class of {named.owner}; rename it in its code')
+        need(not port_name_problem(new), port_name_problem(new))
         for file, document in self._tree_files():
-            for element in (one for tree in document.trees.values() for one in tree.all()):
+            for element in document.nodes:
                 if node_type(element) != named.owner or element.tag in SUBTREES:
                     continue
-                if new in element.parts:
-                    raise StudioError(f'{file}: {element} has an attribute [{new}] already; choose another name')
+                is_free = new not in element.parts
+                need(is_free, f'{file}: {element} has an attribute [{new}] already; choose another name')
                 if named.name in element.parts:
                     made.add(file, document.renamed_attribute(element, named.name, new))
             models = (one for one in document.models if one.attributes.get('ID') == named.owner)
-            ports = [port for one in models for port in one.children]
-            if any(port.attributes.get('name') == new for port in ports):
-                raise StudioError(f'{file}: the model of {named.owner} has a port [{new}] already; choose another name')
-            spans = [one.value_span('name') for one in ports if one.attributes.get('name') == named.name]
-            made.add(file, [TextEdit(*span, new) for span in spans])
+            ports = [(port, port.attributes.get('name')) for one in models for port in one.children]
+            is_free = all(name != new for _, name in ports)
+            need(is_free, f'{file}: the model of {named.owner} has a port [{new}] already; choose another name')
+            made.add(file, [TextEdit(*port.value_span('name'), new) for port, name in ports if name == named.name])
 
     # Machines.
 
@@ -465,13 +461,9 @@ class Names:
     def _rename_state(self, named: Named, new: str, made: Renaming) -> None:
         document = self._machine(named.file)
         made.add(named.file, document.gesture('rename_state', {'state': named.owner, 'label': new}))
-        self._in_requirements(
-            made,
-            {
-                behavior: {run: f'{run.rpartition("/")[0]}/{new}' for run in runs}
-                for behavior, runs in self._runs_of(named.file, named.owner).items()
-            },
-        )
+        runs = self._runs_of(named.file, named.owner).items()
+        renamed = {behavior: {run: f'{run.rpartition("/")[0]}/{new}' for run in own} for behavior, own in runs}
+        self._in_requirements(made, renamed)
 
     def _runs_of(self, file: str, path: str) -> dict[str, list[str]]:
         """Return the paths of a state in the runs of each behavior, also of those that embed its behavior."""
@@ -499,15 +491,11 @@ class Names:
         for file, _, state, item, name in self._parameters():
             if name == _RUNS_BEHAVIOR and item.value in names:
                 made.notes.append(Mention(file, state.label_span, f'{state.path} runs this behavior; see its outcomes'))
-        self._in_requirements(
-            made,
-            {
-                behavior: {f'={old}' if run == '/' else f'{run} > {old}': f'={new}' if run == '/' else f'{run} > {new}'}
-                for behavior, runs in self._runs_of(named.file, named.owner).items()
-                for run in runs
-            },
-            exact=True,
-        )
+        renamed: dict[str, dict[str, str]] = {}
+        for behavior, runs in self._runs_of(named.file, named.owner).items():
+            marks = ['=' if run == '/' else f'{run} > ' for run in runs]
+            renamed[behavior] = {f'{mark}{old}': f'{mark}{new}' for mark in marks}
+        self._in_requirements(made, renamed, exact=True)
 
     def _rename_userdata(self, named: Named, new: str, made: Renaming) -> None:
         document, old = self._machine(named.file), named.name
@@ -516,12 +504,12 @@ class Names:
         edits = [document.renamed(span, new) for span in self._declared(document, container, old, new)]
         for child in container.children:
             given = {item.value for item in child.items('remapping')}
-            is_own = child.tables.get('remapping', Table()).find(new) is None
-            if new in given or (is_own and self._uses_key(document, child, new)):
-                raise StudioError(f'{child.path} uses the key {new} too, so the two would become one')
+            is_user = child.find('remapping', new) is None and self._uses_key(document, child, new)
+            is_free = new not in given and not is_user
+            need(is_free, f'{child.path} uses the key {new} too, so the two would become one')
             mapped = [item for item in child.items('remapping') if item.value == old]
             edits += [document.renamed(item.value_span, new) for item in mapped]
-            if not mapped and child.tables.get('remapping', Table()).find(old) is None:
+            if not mapped and child.find('remapping', old) is None:
                 uses = self._uses_key(document, child, old)
                 if uses:
                     document.state(child.path)
@@ -529,38 +517,29 @@ class Names:
                 elif uses is None:
                     text = f'{child.path} ({child.type}) may use the key by this name'
                     made.notes.append(Mention(named.file, child.label_span, text))
-        if not edits:
-            raise StudioError(f'{named.owner} has no key {old}')
+        need(edits, f'{named.owner} has no key {old}')
         made.add(named.file, edits)
-        is_interface = any(container.tables.get(one, Table()).find(old) for one in _INTERFACE[1:])
+        is_interface = any(container.find(table, old) for table in _INTERFACE[1:])
         outside = [(named.file, document, container)] if container.parent else []
         outside += self._embedding(self._names_of(named.file, named.owner))
         for file, other, state in outside:
-            item = state.tables.get('remapping', Table()).find(old)
+            item = state.find('remapping', old)
             kept = other.default_key(state, old) if isinstance(other, YamlDocument) else None
             if item is not None or kept is not None:
                 spans = [*([item.key_span] if item else ()), *([kept.span] if kept else ())]
                 made.add(file, [other.renamed(span, new) for span in spans])
             elif is_interface:
                 made.add(file, other.put(state, 'remapping', new, old, other.name))
-        self._in_requirements(
-            made,
-            {
-                behavior: {old: new, f'{{{old}}}': f'{{{new}}}'}
-                for behavior, runs in self._runs_of(named.file, named.owner).items()
-                if '/' in runs
-            },
-            exact=True,
-        )
+        runs = self._runs_of(named.file, named.owner).items()
+        renamed = {behavior: {old: new, f'{{{old}}}': f'{{{new}}}'} for behavior, own in runs if '/' in own}
+        self._in_requirements(made, renamed, exact=True)
 
     def _declared(self, document: MachineDocument, container: State, old: str, new: str) -> Iterator[Span]:
         """Yield where a container declares a userdata key."""
         for table in _INTERFACE:
-            items = container.tables.get(table, Table())
-            if items.find(new) is not None:
-                raise StudioError(f'{container.path} has a key {new} already; choose another name')
-            item = items.find(old)
-            if item is not None:
+            is_free = container.find(table, new) is None
+            need(is_free, f'{container.path} has a key {new} already; choose another name')
+            if (item := container.find(table, old)) is not None:
                 yield item.name_span
         if isinstance(document, YamlDocument) and container.parent is None and (item := document.input(old)):
             yield item.key_span
@@ -569,7 +548,7 @@ class Names:
         """Return whether a state uses a key of its container that it names itself; None if that is not known."""
         if child.kind == 'behavior':
             own = next((root for names, _, root in self._behaviors() if child.type in names), None)
-            return None if own is None else any(own.tables.get(one, Table()).find(key) for one in _INTERFACE[1:])
+            return None if own is None else any(own.find(table, key) for table in _INTERFACE[1:])
         reads, writes, is_all = state_keys(document, child, self._states)
         return True if key in reads | writes else False if is_all else None
 
@@ -580,8 +559,8 @@ class Names:
         taken = next((file for names, file, _ in others if new in names), None)
         if taken is not None:
             raise StudioError(f'{taken} has a behavior {short_repr(new)} already; choose another name')
-        if not any(one['name'] == named.name and one.get('name_span') for one in document.behaviors):
-            raise StudioError(f'{named.file} does not write the name of its behavior; rename the file, or add name:')
+        is_written = any(one['name'] == named.name and one.get('name_span') for one in document.behaviors)
+        need(is_written, f'{named.file} does not write the name of its behavior; rename the file, or add name:')
         self._rename_elsewhere(named, new, made)
         self._in_requirements(made, {named.name: {}}, sections={named.name: new})
 
@@ -600,10 +579,9 @@ class Names:
     def _mock_patterns(self) -> Iterator[tuple[str, Node]]:
         for file, text in self._requirement_files():
             root = Tree(text).root
-            parts = root.parts if root is not None and root.kind == 'mapping' else []
-            for key, value in zip(parts[::2], parts[1::2], strict=True):
-                if key.value == 'mocks' and value.kind == 'mapping':
-                    yield from ((file, one) for one in value.parts[::2] if one.kind == 'scalar')
+            for key, value in root.pairs() if root is not None else ():
+                if key.value == 'mocks':
+                    yield from ((file, one) for one, _ in value.pairs() if one.kind == 'scalar')
 
     def _in_requirements(
         self,
@@ -688,8 +666,7 @@ def _is_below(state: State, top: State) -> bool:
 def _sections(text: str) -> Iterator[tuple[Node, list[Node]]]:
     """Yield names and lines of a text in YAML whose entries are lists of texts."""
     root = Tree(text).root
-    parts = root.parts if root is not None and root.kind == 'mapping' else []
-    for key, value in zip(parts[::2], parts[1::2], strict=True):
+    for key, value in root.pairs() if root is not None else ():
         if key.kind == 'scalar' and value.kind == 'sequence' and all(one.kind == 'scalar' for one in value.parts):
             yield key, value.parts
 

@@ -365,13 +365,8 @@ class PythonDocument(MachineDocument):
 
     def _behavior(self, owner: ast.ClassDef, root: str) -> dict[str, Any]:
         """Return name, description and parameters of a behavior, from its manifest or its constructor."""
-        found: dict[str, Any] = {
-            'name': owner.name,
-            'class': owner.name,
-            'description': ast.get_docstring(owner) or '',
-            'parameters': [],
-        }
-        found |= {'span': self._span(owner), 'name_span': None, 'root': root}
+        found: dict[str, Any] = {'name': owner.name, 'class': owner.name, 'name_span': None, 'parameters': []}
+        found |= {'description': ast.get_docstring(owner) or '', 'span': self._span(owner), 'root': root}
         for node in ast.walk(owner):
             if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'self.name' and _text(node.value):
                 found['name'], found['name_span'] = _text(node.value), self._span(node.value)
@@ -479,8 +474,8 @@ class PythonDocument(MachineDocument):
     def removed(self, state: State) -> list[TextEdit]:
         parent = state.parent
         assert parent is not None and state.item is not None
-        if len(parent.rows.items) == 1 and parent.rows.inner is None:
-            raise GestureError(f'{state.path} is the only state of its container; edit the text')
+        is_alone = len(parent.rows.items) == 1 and parent.rows.inner is None
+        need(not is_alone, f'{state.path} is the only state of its container; edit the text')
         edits = self.remove_items(parent.rows, [parent.rows.items.index(state.item)])
         waiting, spans = [state], [state.item.span]
         while waiting:
@@ -527,9 +522,8 @@ class PythonDocument(MachineDocument):
         if item is not None:
             return [TextEdit(*item.value_span, written)]
         need(one.kind == 'behavior' or _is_word(name), f'{short_repr(name)} cannot be the name of an argument')
-        return self.insert_item(
-            table, f'{self.name(name)}: {written}' if one.kind == 'behavior' else f'{name}={written}'
-        )
+        entry = f'{self.name(name)}: {written}' if one.kind == 'behavior' else f'{name}={written}'
+        return self.insert_item(table, entry)
 
     @gesture
     def add_state(
@@ -549,11 +543,7 @@ class PythonDocument(MachineDocument):
             self.check_name(outcome, 'an outcome')
             if target != label:
                 self._check_target(one, str(target))
-        neighbor = next((child for child in reversed(one.children) if not child.locked), None)
-        if neighbor is None:
-            raise GestureError(
-                f'{parent} has no state whose form a new one could have; write the first one in the text'
-            )
+        neighbor = self.neighbor(one)
         entries = neighbor.tables['entries']
         items, inner = entries.items, entries.inner or Span(0, 0)
         like = self.source(items[0].value_span)
@@ -596,11 +586,9 @@ class PythonDocument(MachineDocument):
         call = body[0].value if len(body) == 1 and isinstance(body[0], ast.Expr) else None
         arguments = other._arguments(call, _ADD) if isinstance(call, ast.Call) else Table()
         label = arguments.find('label')
-        neighbor = next((child for child in reversed(one.children) if not child.locked), None)
-        need(label and label.value and arguments.find('state'), f'{short_repr(text)} is no state; copy one')
-        if label is None or label.value is None or neighbor is None or arguments.inner is None:
-            raise GestureError(f'{parent} has no state whose form a new one could have; write it in the text')
-        new = self.free_label(one, label.value)
+        if label is None or label.value is None or arguments.inner is None or not arguments.find('state'):
+            raise GestureError(f'{short_repr(text)} is no state; copy one')
+        neighbor, new = self.neighbor(one), self.free_label(one, label.value)
         ways = arguments.find('transitions')
         targets = other._literal(ways.node, ast.Dict).items if ways else []
         edits = [other.renamed(item.value_span, new) for item in targets if item.value == label.value]
@@ -762,12 +750,9 @@ def _expression(text: str) -> str:
         call = ast.parse(f'f({text})', mode='eval').body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         raise GestureError(f'{short_repr(text)} is no Python expression: {error}') from error
-    comments = any(one.group()[0] == '#' for one in _TOKENS.finditer(text))
-    is_call = (
-        isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and len(call.args) == 1 and not call.keywords
-    )
-    is_one = is_call and not isinstance(call.args[0], ast.Starred | ast.GeneratorExp)  # type: ignore[attr-defined]
-    need(
-        is_one and not comments and len(text.splitlines()) == 1, f'{short_repr(text)} is not one expression in one line'
-    )
+    is_line = len(text.splitlines()) == 1 and all(one.group()[0] != '#' for one in _TOKENS.finditer(text))
+    is_call = isinstance(call, ast.Call) and isinstance(call.func, ast.Name)  # and no call of what it returns
+    given = [*call.args, *call.keywords] if isinstance(call, ast.Call) and is_call else []
+    is_one = len(given) == 1 and not isinstance(given[0], ast.keyword | ast.Starred | ast.GeneratorExp)
+    need(is_line and is_one, f'{short_repr(text)} is not one expression in one line')
     return text

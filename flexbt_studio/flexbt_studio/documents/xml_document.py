@@ -30,8 +30,7 @@ from flexbt_studio.errors import GestureError
 from .document import gesture, need
 from .text import LINE_BREAK, Span, TextEdit
 from .xml_keys import SUBTREES, KeyReader, KeyUse, arguments, is_autoremapped, is_true, node_type, script_name_problem
-from .xml_layout import Layout, Written
-from .xml_spans import XmlElement
+from .xml_text import Layout, Written, XmlElement
 
 PORT_TAGS: Final = {'input_port': 'input', 'output_port': 'output', 'inout_port': 'inout'}
 """Tags of ports of a model, with their directions."""

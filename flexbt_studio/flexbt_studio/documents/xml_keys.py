@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree.script.parser import TokenKind, tokenize
 from flexbt_core.behavior_tree.xml.node_elements import EXPLICIT_TAGS, NodeTypes
 
 from .text import Span
-from .xml_spans import XmlElement, raw_places
+from .xml_text import XmlElement, raw_places
 
 SUBTREES: Final = ('SubTree', 'SubTreePlus')
 _EXPLICIT: Final = (*EXPLICIT_TAGS, 'SubTreePlus')

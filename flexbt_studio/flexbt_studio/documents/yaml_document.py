@@ -57,6 +57,10 @@ class Node:
     tag: str | None = None
     parts: list[Node] = field(default_factory=list)
 
+    def pairs(self) -> list[tuple[Node, Node]]:
+        """Return the keys and values of a mapping; none of other parts."""
+        return [*zip(self.parts[::2], self.parts[1::2], strict=True)] if self.kind == 'mapping' else []
+
 
 class Tree:
     """The parts of a YAML text, as far as it can be read."""
@@ -180,7 +184,7 @@ class YamlDocument(MachineDocument):
             table.locked = f'it is the alias *{node.value}; write it out'
             node = self._tree.anchored.get(node.value, node)
         if node.kind == 'mapping':
-            for key, value in zip(node.parts[::2], node.parts[1::2], strict=True):
+            for key, value in node.pairs():
                 text = value.value if value.kind == 'scalar' else None
                 whole, span = Span(key.start, max(key.end, value.end)), Span(value.start, value.end)
                 table.items.append(Item(whole, key.value, Span(key.start, key.end), text, span, value))
@@ -410,7 +414,7 @@ class YamlDocument(MachineDocument):
         added = [] if item else self.put(state, table, key, '-', lambda _value, _like: written)
         edits = [self._replaced(item, written)] if item else added
         after = type(self)(applied(self.text, self.checked(edits)), self.file)
-        new = after.state(state.path).tables.get(table, Table()).find(key)
+        new = after.state(state.path).find(table, key)
         need(new is not None and after.source(new.value_span) == written, f'{short_repr(text)} cannot be written here')
         return edits
 
@@ -736,7 +740,7 @@ class YamlDocument(MachineDocument):
 
     def default_key(self, state: State, key: str) -> Item | None:
         """Return where an embedded behavior is told to keep its own value of an input key."""
-        kept = state.tables.get('behavior', Table()).find('default_keys')
+        kept = state.find('behavior', 'default_keys')
         return None if kept is None else self._table(kept.node).find(key)
 
     def input(self, key: str) -> Item | None:
@@ -799,8 +803,7 @@ def _as_yaml(node: Node) -> yaml.Node:
     if node.kind == 'scalar':
         tag = node.tag or f'tag:yaml.org,2002:{_tag(node.value, is_plain=node.is_plain)}'
         return yaml.ScalarNode(tag, node.value, mark, mark)
-    parts = [_as_yaml(part) for part in node.parts]
     if node.kind == 'mapping':
-        pairs = list(zip(parts[::2], parts[1::2], strict=True))
+        pairs = [(_as_yaml(key), _as_yaml(value)) for key, value in node.pairs()]
         return yaml.MappingNode(node.tag or 'tag:yaml.org,2002:map', pairs, mark, mark)
-    return yaml.SequenceNode(node.tag or 'tag:yaml.org,2002:seq', parts, mark, mark)
+    return yaml.SequenceNode(node.tag or 'tag:yaml.org,2002:seq', [*map(_as_yaml, node.parts)], mark, mark)

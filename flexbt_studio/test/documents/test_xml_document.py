@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree.model.errors import Source, TreeLoadError
 from flexbt_core.behavior_tree.xml.parser import parse
 from flexbt_studio.documents.text import applied, inverse
 from flexbt_studio.documents.xml_document import XmlDocument
-from flexbt_studio.documents.xml_spans import MOST_PROBLEMS
+from flexbt_studio.documents.xml_text import MOST_PROBLEMS
 from flexbt_studio.errors import GestureError
 
 PHASES = (Phase.explicit, Phase.reuse, Phase.generate)
