@@ -500,7 +500,7 @@ COMMANDS: Final = (
         'list the mission queue: the behaviors that the robot starts by itself when no other runs',
         Show(queue_commands.show),
         details=('The first entry whose conditions hold starts. Higher priorities come first.',),
-        needs=(Part.QUEUE,),
+        needs=(Part.QUEUE, Part.PLACES),
     ),
     _sent(
         'queue add',

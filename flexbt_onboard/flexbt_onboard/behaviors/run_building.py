@@ -9,11 +9,12 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from flexbt_common.values.entries import from_entry
+from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.engine.resume import RunPosition
 from flexbt_core.state_machine.model.definition import MachineDefinition
-from flexbt_core.values.text import short_repr
+from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_msgs.msg import BehaviorStructure, BlackboardEntry, StateStructure
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError, ManifestError, ParameterError
 
@@ -68,6 +69,25 @@ def run_request(
         raise CommandRefusedError(f'behavior {entry.name!r} is broken: {entry.error}')
     level = checked_autonomy(autonomy)
     return RunRequest(entry, tuple(arguments), tuple(inputs), level, by, command_id, is_durable=is_durable)
+
+
+def check_given(request: RunRequest) -> None:
+    """Check arguments and inputs of a later run, as far as that needs no machine.
+
+    Raises:
+        CommandRefusedError: a parameter is unknown or does not accept its text, or an input cannot be converted.
+    """
+    known = {one.name: one for one in request.entry.parameters}
+    try:
+        for name, text in request.arguments:
+            if name not in known:
+                near = did_you_mean(name, known)
+                raise ParameterError(f'behavior {request.entry.name!r} has no parameter {name!r}{near}')
+            known[name].from_text(text)
+        for one in request.inputs:
+            from_entry(one)
+    except FlexbtError as error:
+        raise CommandRefusedError(str(error)) from error
 
 
 def checked_autonomy(level: int) -> int:

@@ -19,7 +19,7 @@ from flexbt_core.values.text import truncate_middle
 from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, ExecutiveCommand, ExecutiveLog, MissionQueue
 from flexbt_msgs.msg import QueueEntry as QueueEntryMessage
 from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
-from flexbt_onboard.behaviors.run_building import run_request
+from flexbt_onboard.behaviors.run_building import check_given, run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.persistence.queue_entries import Changes, EndedRun, QueueEntry
@@ -137,6 +137,7 @@ class QueueRunner(RunReader):
     def _entry(self, command: ExecutiveCommand, behavior: str) -> QueueEntry:
         given = tuple((one.name, one.value) for one in command.arguments)
         request = run_request(self._library, behavior, given, command.inputs, command.autonomy, command.operator_id)
+        check_given(request)
         options = options_of(command.queue_options[0])
         check_options(options, self._conditions.places)
         return QueueEntry(

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import threading
 from collections.abc import Callable, Iterator
@@ -20,7 +21,7 @@ from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_core.values.places import Place
-from flexbt_msgs.msg import BlackboardEntry, CommandResult, ExecutiveStatus, QueueOptions
+from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, CommandResult, ExecutiveStatus, QueueOptions
 from flexbt_msgs.msg import ExecutiveCommand as C
 from flexbt_onboard.mission_queue import queue_runner
 from flexbt_onboard.mission_queue.mission_queue import ENTRIES, QUEUE_SIZE
@@ -287,7 +288,7 @@ def test_of_two_operators_the_slower_one_is_refused(bench: QueueBench) -> None:
 def test_the_queue_is_bounded(bench: QueueBench) -> None:
     bench.applied(C.QUEUE_HOLD)
     queue, options = bench.executive._queue, [QueueOptions(on_failure=HOLD)]
-    large = [BlackboardEntry(key='k', type='string', data=b'x' * 900_000)]
+    large = [BlackboardEntry(key='k', type='string', text='x' * 900_000)]
 
     def add(count: int, inputs: list[BlackboardEntry]) -> list[str]:
         refusals = []
@@ -333,6 +334,73 @@ def test_with_a_full_disk_nothing_is_added_and_nothing_starts_until_it_can_be_wr
     is_full.clear()
     bench.wait_entries()
     assert Work.ran == 1
+
+
+def test_a_disk_that_hangs_holds_up_neither_stop_nor_status(bench: QueueBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    gate, work = bench.add('Gate'), bench.add('Work')
+    bench.wait_active('/Only')
+    hangs, real = threading.Event(), os.fdatasync
+    answers = threading.Event()
+
+    def slow(descriptor: int) -> None:
+        hangs.set()
+        answers.wait()
+        real(descriptor)
+
+    monkeypatch.setattr(os, 'fdatasync', slow)
+    try:
+        bench.send(C.QUEUE_MOVE, queue_number=work, queue_before=0)
+        wait_until(hangs.is_set, 'the disk')
+        sent = bench.send(C.STOP)
+        bench.wait_held(f"entry {gate} ended by 'preempted'")  # seen before it is on disk, and applied
+    finally:
+        answers.set()
+    assert bench.result(sent).code == CommandResult.APPLIED
+    assert Work.ran == 0
+
+
+@pytest.mark.parametrize(
+    ('given', 'why'),
+    [
+        ({'inputs': [BlackboardEntry(key='k', type='no_such_msgs/msg/Type', text='{}')]}, 'no_such_msgs'),
+        ({'inputs': [BlackboardEntry(key='k', type='int64', text='many')]}, 'many'),
+        ({'inputs': [BlackboardEntry(key='k', type='geometry_msgs/msg/PoseStamped', data=b'\xff' * 9)]}, 'PoseStamped'),
+        ({'arguments': [BehaviorArgument(name='speed', value='fast')]}, "has no parameter 'speed'"),
+        ({'queue_options': [QueueOptions(on_failure=HOLD, distance=math.nan)]}, 'distance of an entry is nan'),
+        ({'queue_options': [QueueOptions(on_failure=HOLD, battery=math.nan)]}, 'battery of an entry is nan'),
+        ({'queue_options': [QueueOptions(on_failure=HOLD, interval=math.nan)]}, 'interval of an entry is nan'),
+        ({'queue_options': [QueueOptions(on_failure=77)]}, 'on_failure of an entry is 0'),
+        ({'queue_options': []}, 'queue_options'),
+        ({'autonomy': 9}, 'autonomy 9'),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else '',
+)
+def test_what_could_never_start_is_refused_when_it_is_added(bench: QueueBench, given: Any, why: str) -> None:
+    fields = {'behavior': 'Work', 'queue_options': [QueueOptions(on_failure=HOLD)], **given}
+    assert why in bench.refused(C.QUEUE_ADD, **fields)
+    assert bench.numbers() == []
+    bench.add('Work')
+    bench.wait_entries()
+    assert Work.ran == 1
+
+
+def test_two_consoles_that_reorder_at_once_lose_nothing(bench: QueueBench) -> None:
+    bench.applied(C.QUEUE_HOLD)
+    numbers = [bench.add('Work') for _ in range(6)]
+    sent = []
+    for turn in range(20):
+        for who in 'ab':
+            one, other = numbers[turn % 6], numbers[(turn * 5 + ord(who)) % 6]
+            sent.append(bench.send(C.QUEUE_MOVE, queue_number=one, queue_before=other, operator_id=who))
+    gone = bench.send(C.QUEUE_REMOVE, queue_number=numbers[3], operator_id='b')
+    late = bench.send(C.QUEUE_MOVE, queue_number=numbers[3], queue_before=0, operator_id='a')
+    assert {bench.result(one).code for one in [*sent, gone]} == {CommandResult.APPLIED}
+    assert 'no entry' in bench.result(late).reason
+    wait_until(lambda: len(bench.numbers()) == 5, 'the removal')
+    assert sorted(bench.numbers()) == [one for one in numbers if one != numbers[3]]
+    bench.release()
+    bench.wait_entries()
+    assert Work.ran == 5
 
 
 def test_an_entry_whose_behavior_was_uninstalled_holds_the_queue(tmp_path: Path) -> None:
