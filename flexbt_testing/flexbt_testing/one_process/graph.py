@@ -11,7 +11,10 @@ from __future__ import annotations
 import importlib.machinery
 import importlib.util
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+import os
+import sys
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
@@ -53,8 +56,8 @@ class Domain:
 
     def reset(self) -> None:
         """Forget everything."""
-        self.topics: dict[str, Any] = {}
-        self.services: dict[str, Any] = {}
+        self.topics: dict[tuple[str, str], Any] = {}  # by domain and name
+        self.services: dict[tuple[str, str], Any] = {}
         self.nodes: list[Node] = []
         self.numbers = itertools.count(1)
         self.network: Callable[[Process, Process, bool], int | None] | None = None
@@ -65,6 +68,15 @@ class Domain:
         """Observer of all published messages: process, topic, and the :class:`~.topics.Sample`."""
         self.log: list[tuple[int, Process, int, str, str]] = []
         """Lines of the log: time (ns), process, severity, logger, text."""
+
+    def vanish(self, is_meant: Callable[[Any], bool]) -> None:
+        """Remove nodes and endpoints whose process is gone, or that nobody can use any more."""
+        ends = [end for topic in self.topics.values() for end in (*topic.publishers, *topic.subscriptions)]
+        ends += [end for service in self.services.values() for end in (*service.servers, *service.clients)]
+        for end in (*ends, *self.nodes):
+            if is_meant(end):
+                end.is_ended = True
+                end._destroy()
 
     def transfer(
         self,
@@ -87,6 +99,7 @@ class Domain:
 
 DOMAIN: Final = Domain()
 _pointers: Final = itertools.count(1000)
+_GOALS: Final = '/_action/send_goal'
 
 
 class Destroyable:
@@ -119,11 +132,6 @@ class Destroyable:
 
     def _destroy(self) -> None:
         """Remove it from the graph."""
-
-    def vanish(self) -> None:
-        """Remove it, since its process is gone."""
-        self.is_ended = True
-        self._destroy()
 
 
 class Entity(Destroyable):
@@ -184,7 +192,11 @@ class Context(Destroyable):
         self.process = SCHEDULER.current.process
         self.process.contexts.append(self)
         self.nodes: list[Node] = []
-        self._domain = 0 if domain_id == REAL.RCL_DEFAULT_DOMAIN_ID else domain_id
+        is_default = domain_id == REAL.RCL_DEFAULT_DOMAIN_ID
+        self._domain = int(os.environ.get('ROS_DOMAIN_ID') or 0) if is_default else domain_id
+        is_alone = os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'OFF'
+        self.domain = f'{self._domain} alone {self.pointer}' if is_alone else str(self._domain)
+        """What its endpoints can find: others of the same domain, or only each other."""
         self._is_ok = True
         self._prefix = next(DOMAIN.numbers).to_bytes(GID_BYTES, 'big')
         self._numbers = itertools.count(1)
@@ -221,7 +233,7 @@ class Node(Destroyable):
         if not context.ok():
             raise RCLError('error creating node: rcl context is not valid')
         self.context = context
-        self.process = context.process
+        self.process, self.domain = context.process, context.domain
         own = _Rules(['--ros-args', *(cli_args or ())] if cli_args and '--ros-args' not in cli_args else cli_args or ())
         everywhere = context.rules if use_global_arguments else _Rules(())
         renaming = own.renaming + everywhere.renaming
@@ -247,8 +259,10 @@ class Node(Destroyable):
         ]
         self._files = everywhere.files + own.files
         self._parameters = everywhere.parameters + own.parameters
-        self.entities: list[Any] = []
         DOMAIN.nodes.append(self)
+        owner = sys._getframe(1).f_locals.get('self')  # of rclpy, whose compiled nodes end when they are collected
+        if owner is not None:
+            weakref.finalize(owner, DOMAIN.vanish, lambda one: self in (one, getattr(one, 'node', None)))
         context.nodes.append(self)
 
     def _destroy(self) -> None:
@@ -277,32 +291,46 @@ class Node(Destroyable):
     def get_namespace(self) -> str:
         return self.namespace
 
+    def ends(self, table: Mapping[tuple[str, str], Any], *sides: str, name: str = '') -> list[Any]:
+        """Return the endpoints of all topics or services of this domain, or of one, in the order of names."""
+        keys = [(self.domain, name)] if name else sorted(key for key in table if key[0] == self.domain)
+        return [end for key in keys if key in table for side in sides for end in getattr(table[key], side)]
+
     def get_count_publishers(self, topic: str) -> int:
-        return len(DOMAIN.topics[topic].publishers) if topic in DOMAIN.topics else 0
+        return len(self.ends(DOMAIN.topics, 'publishers', name=topic))
 
     def get_count_subscribers(self, topic: str) -> int:
-        return len(DOMAIN.topics[topic].subscriptions) if topic in DOMAIN.topics else 0
+        return len(self.ends(DOMAIN.topics, 'subscriptions', name=topic))
 
     def get_count_clients(self, service: str) -> int:
-        return len(DOMAIN.services[service].clients) if service in DOMAIN.services else 0
+        return len(self.ends(DOMAIN.services, 'clients', name=service))
 
     def get_count_services(self, service: str) -> int:
-        return len(DOMAIN.services[service].servers) if service in DOMAIN.services else 0
+        return len(self.ends(DOMAIN.services, 'servers', name=service))
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        return [(node.name, node.namespace) for node in DOMAIN.nodes]
+        return [(node.name, node.namespace) for node in DOMAIN.nodes if node.domain == self.domain]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
-        return [(node.name, node.namespace, '/') for node in DOMAIN.nodes]
+        return [(name, namespace, '/') for name, namespace in self.get_node_names_and_namespaces()]
 
     def get_action_names_and_types(self) -> list[tuple[str, list[str]]]:
-        return _actions(lambda _: True, 'both')
+        return self._actions(('servers', 'clients'))
 
     def get_action_server_names_and_types_by_node(self, name: str, namespace: str) -> list[tuple[str, list[str]]]:
-        return _actions(lambda node: (node.name, node.namespace) == (name, namespace), 'servers')
+        return self._actions(('servers',), (name, namespace))
 
     def get_action_client_names_and_types_by_node(self, name: str, namespace: str) -> list[tuple[str, list[str]]]:
-        return _actions(lambda node: (node.name, node.namespace) == (name, namespace), 'clients')
+        return self._actions(('clients',), (name, namespace))
+
+    def _actions(self, sides: tuple[str, ...], of_node: tuple[str, str] | None = None) -> list[tuple[str, list[str]]]:
+        found: dict[str, set[str]] = {}
+        for end in self.ends(DOMAIN.services, *sides):
+            if end.service.endswith(_GOALS) and of_node in (None, (end.node.name, end.node.namespace)):
+                found.setdefault(end.service.removesuffix(_GOALS), set()).add(
+                    type_name(end.type).removesuffix('_SendGoal')
+                )
+        return [(name, sorted(types)) for name, types in found.items()]
 
     def get_parameters(self, parameter_class: Any) -> dict[str, Any]:
         """Return the parameters that files and arguments give this node, arguments last."""
@@ -327,19 +355,6 @@ def _flat(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
             yield from _flat(f'{prefix}{name}.', value)
         else:
             yield f'{prefix}{name}', value
-
-
-_GOALS: Final = '/_action/send_goal'
-
-
-def _actions(is_meant: Callable[[Node], bool], side: str) -> list[tuple[str, list[str]]]:
-    found = []
-    for name, service in sorted(DOMAIN.services.items()):
-        ends = [*(service.servers if side != 'clients' else ()), *(service.clients if side != 'servers' else ())]
-        if name.endswith(_GOALS) and (meant := [end for end in ends if is_meant(end.node)]):
-            types = {type_name(end.type).removesuffix('_SendGoal') for end in meant}
-            found.append((name.removesuffix(_GOALS), sorted(types)))
-    return found
 
 
 def type_name(kind: Any) -> str:

@@ -38,15 +38,7 @@ def kill(process: Process) -> None:
         lock = task.waits_for
         if isinstance(lock, standard_library.Lock) and not lock.has_owner:
             lock.hand_over()
-    SCHEDULER.call_at(SCHEDULER.now + LEASE, lambda: _vanish(process))
-
-
-def _vanish(process: Process) -> None:
-    ends = [end for topic in DOMAIN.topics.values() for end in (*topic.publishers, *topic.subscriptions)]
-    ends += [end for service in DOMAIN.services.values() for end in (*service.servers, *service.clients)]
-    for end in (*ends, *(node for node in DOMAIN.nodes)):
-        if end.process is process:
-            end.vanish()
+    SCHEDULER.call_at(SCHEDULER.now + LEASE, lambda: DOMAIN.vanish(lambda one: one.process is process))
 
 
 class _Taken:

@@ -43,37 +43,34 @@ _CLASSES: Final[tuple[type, ...]] = (
 NamesAndTypes = list[tuple[str, list[str]]]
 
 
-def _names_and_types(pairs: list[tuple[str, Any]]) -> NamesAndTypes:
+def _names_and_types(ends: list[Any], attribute: str) -> NamesAndTypes:
     names: dict[str, set[str]] = {}
-    for name, kind in pairs:
-        names.setdefault(name, set()).add(type_name(kind))
+    for end in ends:
+        names.setdefault(getattr(end, attribute), set()).add(type_name(end.type))
     return [(name, sorted(types)) for name, types in sorted(names.items())]
 
 
-def _is_of(name: str, namespace: str) -> Callable[[Any], bool]:
-    if not any((node.name, node.namespace) == (name, namespace) for node in DOMAIN.nodes):
-        raise REAL.NodeNameNonExistentError(f'cannot get topic names and types: unknown node {name!r} in {namespace!r}')
-    return lambda end: (end.node.name, end.node.namespace) == (name, namespace)
+def _topics(*sides: str) -> Callable[[Node, bool], NamesAndTypes]:
+    return lambda node, _raw: _names_and_types(node.ends(DOMAIN.topics, *sides), 'name')
 
 
-def _topic_ends(side: str, is_meant: Callable[[Any], bool] = lambda _: True) -> NamesAndTypes:
-    ends = (end for topic in DOMAIN.topics.values() for end in getattr(topic, side))
-    return _names_and_types([(end.name, end.type) for end in ends if is_meant(end)])
+def _services(node: Node) -> NamesAndTypes:
+    return _names_and_types(node.ends(DOMAIN.services, 'servers'), 'service')
 
 
-def _service_ends(side: str, is_meant: Callable[[Any], bool] = lambda _: True) -> NamesAndTypes:
-    ends = (end for service in DOMAIN.services.values() for end in getattr(service, side))
-    return _names_and_types([(end.service, end.type) for end in ends if is_meant(end)])
+def _of_node(table: Any, side: str, attribute: str) -> Callable[..., NamesAndTypes]:
+    def names_and_types(node: Node, *rest: Any) -> NamesAndTypes:
+        wanted = tuple(rest[-2:])
+        if wanted not in node.get_node_names_and_namespaces():
+            raise REAL.NodeNameNonExistentError(f'cannot get names and types: unknown node {wanted[0]!r}')
+        ends = [end for end in node.ends(table(), side) if (end.node.name, end.node.namespace) == wanted]
+        return _names_and_types(ends, attribute)
 
-
-def _topics(_node: Node, _no_demangle: bool) -> NamesAndTypes:
-    ends = [end for topic in DOMAIN.topics.values() for end in (*topic.publishers, *topic.subscriptions)]
-    return _names_and_types([(end.name, end.type) for end in ends])
+    return names_and_types
 
 
 def _endpoints(side: str, number: int) -> Callable[[Node, str, bool], list[dict[str, Any]]]:
-    def infos(_node: Node, name: str, _no_mangle: bool) -> list[dict[str, Any]]:
-        ends = getattr(DOMAIN.topics[name], side) if name in DOMAIN.topics else ()
+    def infos(node: Node, name: str, _no_mangle: bool) -> list[dict[str, Any]]:
         return [
             {
                 'node_name': end.node.name,
@@ -84,7 +81,7 @@ def _endpoints(side: str, number: int) -> Callable[[Node, str, bool], list[dict[
                 'endpoint_gid': list(end.gid),
                 'qos_profile': dict(end.qos.given),
             }
-            for end in ends
+            for end in node.ends(DOMAIN.topics, side, name=name)
         ]
 
     return infos
@@ -104,18 +101,14 @@ _FUNCTIONS: Final[dict[str, Any]] = {
     'unregister_sigint_guard_condition': lambda _guard: None,
     'rclpy_assert_liveliness': lambda publisher: publisher.assert_liveliness(),
     'rclpy_get_rmw_implementation_identifier': lambda: IDENTIFIER,
-    'rclpy_get_client_names_and_types_by_node': lambda _, name, space: _service_ends('clients', _is_of(name, space)),
-    'rclpy_get_service_names_and_types_by_node': lambda _, name, space: _service_ends('servers', _is_of(name, space)),
-    'rclpy_get_publisher_names_and_types_by_node': lambda _, _raw, name, space: _topic_ends(
-        'publishers', _is_of(name, space)
-    ),
-    'rclpy_get_subscriber_names_and_types_by_node': lambda _, _raw, name, space: _topic_ends(
-        'subscriptions', _is_of(name, space)
-    ),
+    'rclpy_get_client_names_and_types_by_node': _of_node(lambda: DOMAIN.services, 'clients', 'service'),
+    'rclpy_get_service_names_and_types_by_node': _of_node(lambda: DOMAIN.services, 'servers', 'service'),
+    'rclpy_get_publisher_names_and_types_by_node': _of_node(lambda: DOMAIN.topics, 'publishers', 'name'),
+    'rclpy_get_subscriber_names_and_types_by_node': _of_node(lambda: DOMAIN.topics, 'subscriptions', 'name'),
     'rclpy_get_publishers_info_by_topic': _endpoints('publishers', 1),
     'rclpy_get_subscriptions_info_by_topic': _endpoints('subscriptions', 2),
-    'rclpy_get_service_names_and_types': lambda _node: _service_ends('servers'),
-    'rclpy_get_topic_names_and_types': _topics,
+    'rclpy_get_service_names_and_types': _services,
+    'rclpy_get_topic_names_and_types': _topics('publishers', 'subscriptions'),
     'rclpy_logging_configure': lambda _context: None,
     'rclpy_logging_fini': lambda: None,
     'rclpy_logging_rcutils_log': _log,

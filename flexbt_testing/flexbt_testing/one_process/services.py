@@ -56,7 +56,7 @@ class _ServiceEnd(Entity):
         self.node, self.process, self.type = node, node.process, service_type
         self.service = node.resolved(name)
         profile = profile or _default('qos_profile_services_default')
-        self.ends = DOMAIN.services.setdefault(self.service, ServiceEnds())
+        self.ends = DOMAIN.services.setdefault((node.domain, self.service), ServiceEnds())
         self._queue: deque[tuple[Any, rmw_request_id_t, int]] = deque(maxlen=Qos(profile).depth)
         self._last: dict[Any, int] = {}
 
@@ -470,6 +470,11 @@ class LifecycleStateMachine(Destroyable):
     """Stand-in for rcl's state machine of a managed node, with its services."""
 
     initialized = True
+    service_change_state: Service
+    service_get_state: Service
+    service_get_available_states: Service
+    service_get_available_transitions: Service
+    service_get_transition_graph: Service
 
     def __init__(self, node: Node, has_interface: bool) -> None:
         from lifecycle_msgs.msg import TransitionEvent

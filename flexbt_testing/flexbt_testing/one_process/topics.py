@@ -112,7 +112,7 @@ class Endpoint(Entity):
         self.node, self.process, self.type = node, node.process, message_type
         self.name = node.resolved(topic)
         self.qos = Qos(profile)
-        self.topic = DOMAIN.topics.setdefault(self.name, Topic())
+        self.topic = DOMAIN.topics.setdefault((node.domain, self.name), Topic())
         for other in (*self.topic.publishers, *self.topic.subscriptions):
             if other.node.context is node.context and other.type is not message_type:
                 raise RCLError(f'{self.name} has the type {type_name(other.type)} in this context')
