@@ -16,14 +16,14 @@ setup(
     name=package_name,
     version='0.1.0',
     packages=find_packages(exclude=['test', 'test.*']),
-    package_data={package_name: ['py.typed', 'goals/reach_goal.yaml']},
+    package_data={package_name: ['py.typed', 'goals/reach_goal.yaml', 'mission_night/check_room.yaml']},
     data_files=[
         ('share/ament_index/resource_index/packages', ['resource/' + package_name]),
         ('share/' + package_name, ['package.xml']),
         share('launch', *Path('launch').glob('*.launch.py')),
         *(
             share(demonstration, *(modules / demonstration).glob('*.xml'), *(modules / demonstration).glob('*.yaml'))
-            for demonstration in ('goals', 'inspection', 'nav2_robot', 'navigate', 'night_watch')
+            for demonstration in ('goals', 'inspection', 'mission_night', 'nav2_robot', 'navigate', 'night_watch')
         ),
     ],
     install_requires=['setuptools'],
@@ -43,6 +43,7 @@ setup(
         ],
         'flexbt.behaviors': [
             'ask_operator = flexbt_demo_behaviors.nav2_robot.behavior:AskOperator',
+            'check_room = flexbt_demo_behaviors.mission_night:check_room.yaml',
             'inspect_site = flexbt_demo_behaviors.inspection.behaviors:InspectSite',
             'inspection = flexbt_demo_behaviors.inspection.behaviors:Inspection',
             'navigate = flexbt_demo_behaviors.navigate.behaviors:Navigate',

@@ -57,10 +57,10 @@ def address() -> str:
 class Page:
     """The page in a browser."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, size: tuple[int, int] = SIZE) -> None:
         options = webdriver.ChromeOptions()
         options.binary_location = str(shutil.which('chromium') or shutil.which('google-chrome'))
-        for flag in [*FLAGS.split(), 'window-size={},{}'.format(*SIZE)]:
+        for flag in [*FLAGS.split(), 'window-size={},{}'.format(*size)]:
             options.add_argument(f'--{flag}')
         self.driver = webdriver.Chrome(options=options, service=Service(shutil.which('chromedriver')))
         wait_for(lambda: self._opens(url), 'the server of the page')
@@ -89,6 +89,15 @@ class Page:
             'document.getElementById("line-form").requestSubmit()',
             text,
         )
+
+    def resize(self, size: tuple[int, int]) -> None:
+        """Show the page as on a screen of this size, which may be smaller than a window can be."""
+        metrics = {'width': size[0], 'height': size[1], 'deviceScaleFactor': 2, 'mobile': True}
+        self.driver.execute_cdp_cmd('Emulation.setDeviceMetricsOverride', metrics)
+
+    def part(self, selector: str, file: Path) -> None:
+        """Save a picture of an element."""
+        self.driver.find_element('css selector', selector).screenshot(str(file))
 
     def picture(self, scheme: str, file: Path) -> None:
         """Save a picture in a colour scheme, light or dark."""
