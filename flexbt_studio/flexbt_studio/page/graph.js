@@ -109,7 +109,7 @@ export class Graph {
     while (item.parent === null && first.element.matches('.container')) first = first.children.find((one) => one.state.initial && !one.way) ?? {element: first.element.querySelector('.type')};
     const target = first.element.matches('.container') ? first.element.querySelector('.type') : first.element;
     this.view.reveal(target);
-    const outer = this.pane.getBoundingClientRect(), inner = target.getBoundingClientRect();
+    const outer = this.picture.getBoundingClientRect(), inner = target.getBoundingClientRect();
     if (this.view.moved && outer.width && (inner.right < outer.left + 8 || inner.left > outer.right - 8 || inner.bottom < outer.top + 8 || inner.top > outer.bottom - 8)) this.view.fit();
   }
 
@@ -120,7 +120,7 @@ export class Graph {
       const [left, top, wide, high] = one.box, isAway = left > x + width + MARGIN || left + wide < x - MARGIN || top > y + height + MARGIN || top + high < y - MARGIN;
       if (isAway !== one.isAway) { one.isAway = isAway; one.element.classList.toggle('away', isAway); }
     }
-    this.picture.classList.toggle('tiny', this.pane.clientWidth < TINY * width);
+    this.picture.classList.toggle('tiny', this.picture.clientWidth < TINY * width);
   }
 
   focus() { (this.byPath.get(this.selected) ?? this.items[0])?.element.focus({preventScroll: true}); }

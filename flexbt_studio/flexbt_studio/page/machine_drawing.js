@@ -2,7 +2,7 @@
 // State machines as a picture, at the places of the server's layout: containers, states, outcomes, transitions.
 
 import {svg} from './choice.js';
-import {shortened} from './graph.js';
+import {BOLD, SMALL, shortened, widthOf} from './graph.js';
 
 const SIGNS = {machine: '▣', concurrency: '∥', priority: '‼', behavior: '▤', state: ''};
 const WORDS = {machine: 'machine', concurrency: 'concurrency', priority: 'priority container', behavior: 'embedded behavior', state: 'state'};
@@ -42,7 +42,7 @@ export function drawMachine(view, layout, folded) {
     const marks = [...one.wrappers.map((wrapper) => ({retry: '↻', timeout: '⏱'})[wrapper.kind] ?? ''), one.locked ? '🔒' : ''].join('');
     const element = svg('g', {class: `node ${isOpen ? 'container' : 'state'} ${one.kind}${one.locked ? ' locked' : ''}`}, svg('rect', {class: 'box', x, y, width, height, rx: isOpen ? 8 : 10}));
     if (one.kind === 'behavior' || (isContainer && isFolded)) element.append(svg('path', {class: 'double', d: `M${x + 4} ${y + 4}V${y + height - 4}M${x + width - 4} ${y + 4}V${y + height - 4}`}));
-    if (isOpen) element.append(svg('text', {class: 'type', x: x + 12, y: y + 20}, title), svg('text', {class: 'detail', x: x + width - 10, y: y + 20, 'text-anchor': 'end'}, `${marks} ${WORDS[one.kind]}`));
+    if (isOpen) element.append(svg('text', {class: 'type', x: x + 12, y: y + 20}, title), svg('text', {class: 'detail', x: x + width - 10, y: y + 20, 'text-anchor': 'end'}, widthOf(title, BOLD) + widthOf(`${marks} ${WORDS[one.kind]}`, SMALL) + 30 > width ? marks : `${marks} ${WORDS[one.kind]}`));
     else {
       element.append(svg('text', {class: 'type', x: x + width / 2, y: y + 20, 'text-anchor': 'middle'}, title),
         svg('text', {class: 'detail', x: x + width / 2, y: y + 37, 'text-anchor': 'middle'}, shortened(`${marks} ${one.type || WORDS[one.kind]}`, 46)));

@@ -66,8 +66,8 @@ export class Player {
     setInterval(() => this.askLanes(), 1000);
     this.isFollowing = html('input', {id: 'player-follow', type: 'checkbox', checked: true});
     this.bar = html('div', {id: 'player', role: 'group', 'aria-label': 'player', hidden: true},
-      html('div', {}, this.title, this.count, html('label', {}, this.isFollowing, ' Follow'), button('end', '×', 'End (Esc)', () => this.end())),
-      html('div', {}, html('span', {class: 'seg'}, button('first', '⇤', 'First moment (Home)', () => this.first()), button('back', '‹', 'Step back (, or ←)', () => this.step(-1)), this.pause, button('next', '›', 'Step (. or →)', () => this.step(1)), button('last', '⇥', 'Last moment, or now (End)', () => this.last())), this.line), this.lanes, this.told);
+      html('div', {}, this.title, html('span', {class: 'seg'}, button('first', '⇤', 'First moment (Home)', () => this.first()), button('back', '‹', 'Step back (, or ←)', () => this.step(-1)), this.pause, button('next', '›', 'Step (. or →)', () => this.step(1)), button('last', '⇥', 'Last moment, or now (End)', () => this.last())), this.count, html('label', {}, this.isFollowing, ' Follow'), button('end', '×', 'End (Esc)', () => this.end())),
+      html('div', {}, this.line), this.lanes, this.told);
     byId('graph-body').after(this.bar);
     this.line.addEventListener('input', () => { const value = Number(this.line.value); this.go(this.isTimed ? this.moments.findLastIndex((one) => one.time - this.moments[0].time <= value + 1e-9) : Math.round(value)); });
     addEventListener('keydown', (event) => this.key(event), {capture: true});
@@ -156,6 +156,7 @@ export class Player {
 
   showLanes(lanes) {
     this.lanes.classList.toggle('has-past', this.hasPast);
+    this.lanes.classList.toggle('is-recorded', !lanes.live);
     const isFirst = this.lanes.hidden;
     this.lanes.hidden = false;
     this.timeline.take(lanes);

@@ -1,38 +1,25 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The connection to the server of the studio: requests with answers, events, and a new connection whenever it is lost.
 
-const LONGEST_WAIT_MS = 4000;
+import {Connection} from './server_link.js';
 
 export class Refusal extends Error {
   // kind: gesture, conflict, refused, fault or busy as the server says, or lost: there is no connection.
   constructor({kind, message}) { super(message); this.kind = kind; }
 }
 
-export class SessionLink {
+export class SessionLink extends Connection {
   // on.event(event), on.state(isOpen, text).
   constructor(on) {
-    this.on = on;
-    this.asked = new Map();
-    this.number = 0;
-    this.wait = 200;
-    this.isOpen = false;
+    super('session');
+    Object.assign(this, {on, asked: new Map(), number: 0, isOpen: false});
     this.open();
   }
 
-  open() {
-    const address = new URL('session', location.href);
-    address.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';
-    address.hash = '';
-    const socket = this.socket = new WebSocket(address);
-    socket.onopen = () => socket.send(JSON.stringify({hello: new URLSearchParams(location.hash.slice(1)).get('token')}));
-    socket.onmessage = (message) => this.take(JSON.parse(message.data));
-    socket.onclose = (event) => this.lost(event.reason);
-  }
-
-  take(message) {
+  take(data) {
+    const message = JSON.parse(data);
     if (message.event === 'welcome') {
       this.isOpen = true;
-      this.wait = 200;
       this.on.state(true, '');
     }
     if (message.event) { this.on.event(message); return; }
@@ -43,6 +30,8 @@ export class SessionLink {
     else asked.answer(message.result);
   }
 
+  drop() { this.isOpen = false; super.drop(); }
+
   lost(reason) {
     this.isOpen = false;
     const asked = [...this.asked.values()];
@@ -50,8 +39,7 @@ export class SessionLink {
     const text = reason || 'the studio does not answer';
     this.on.state(false, text);
     for (const one of asked) one.refuse(new Refusal({kind: 'lost', message: text}));
-    setTimeout(() => this.open(), this.wait);
-    this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
+    this.retry();
   }
 
   request(method, args = {}) {

@@ -43,7 +43,7 @@ export class Simulator {
       pose: (...pose) => { this.goal.value = pose.map((one) => one.toFixed(2)).join(' '); },
       obstacle: (x, y) => this.link?.send({obstacle: [x, y]}),
       leave: () => this.aim(false),
-      costmaps: () => 'simulator/costmaps',
+      costmaps: 'simulator/costmaps',
     }, this.asked);
     this.map = this.view.map;
     this.offer();
@@ -87,7 +87,7 @@ export class Simulator {
     if (!isOn) {
       this.link?.close();
       this.link = null;
-      this.map.costmaps.close();
+      this.map.costmaps.leave();
       if (state.message) this.studio.told(`Simulation: ${state.message}`, 'error');
       if (this.studio.live.robot !== SIMULATION) return;
       this.studio.live.robot = null;
@@ -96,6 +96,7 @@ export class Simulator {
     } else if (state.state === 'running') {
       this.view.clear();
       this.link = new ServerLink({parts: (parts) => this.show(parts), map: (head, cells) => this.map.setMap(head, cells), message: ({told, read}) => { if (told ?? read) this.studio.told((told ?? read).text, told?.tone ?? ''); }, state: () => {}}, () => '', 'simulator/link');
+      this.map.costmaps.open();
       this.aim(false);
       this.offer();
       this.studio.live.watch(SIMULATION);

@@ -41,7 +41,7 @@ const map = new RobotMap(byId('map'), byId('map-keys'), {
   obstacle: (x, y) => send({obstacle: [x, y]}),
   cursor: (text) => { byId('map-cursor').textContent = text; },
   leave: () => { dropping = false; choose(); },
-  costmaps: () => `costmaps${location.search}`,
+  costmaps: 'costmaps',
 });
 byId('map-tools').prepend(map.layers);
 let mapDecision = null;

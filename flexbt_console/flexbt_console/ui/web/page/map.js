@@ -2,21 +2,22 @@
 // The map: walls, places, obstacles, what the lidar meets, other robots, planned and driven path, goal, robot, and a cursor for the pose that is asked for.
 
 import {element, plain} from './decision.js';
+import {Connection, mapOf} from './server_link.js';
 
 const TURN = Math.PI / 8;
 const STEP_PX = 12;
-const RETRY_MS = 1000;
 const TRACE_STEP = 0.05;
 const MOST_TRACE = 4000;
-// Costmaps of navigation, by the names of their topics, and colours of costs: [from, hue, saturation, opacity].
+// Costmaps of navigation, by the names of their topics, and the colour of a cost: [red, green, blue, opacity].
 const COSTMAPS = [['local_costmap', 'Local costmap'], ['global_costmap', 'Global costmap']];
 const costColour = (cost) => (cost === 100 ? [214, 0, 148, 210] : cost === 99 ? [0, 172, 205, 190] : cost === 0 || cost > 100 ? [0, 0, 0, 0] : [40 + 2.1 * cost, 90 - 0.4 * cost, 230 - 2 * cost, 60 + cost]);
 
 // The layers that a map may have: switches and a legend, and the connection by which costmaps come while one is on.
-class Costmaps {
-  // address() is that of the server's WebSocket for costmaps; changed() is called when another picture is to be drawn.
-  constructor(address, changed) {
-    Object.assign(this, {address, changed, shown: new Set(), images: new Map()});
+class Costmaps extends Connection {
+  // path is that of the server's WebSocket for costmaps; changed() is called when another picture is to be drawn.
+  constructor(path, changed) {
+    super(path, () => location.search);
+    Object.assign(this, {changed, shown: new Set(), images: new Map()});
     const swatch = (cost, text) => { const [red, green, blue] = costColour(cost), one = element('i', {}); one.style.background = `rgb(${red} ${green} ${blue})`; const label = element('span', {}); label.append(one, text); return label; };
     this.told = element('span', {class: 'hint', role: 'status'});
     this.legend = element('span', {class: 'legend'});
@@ -34,28 +35,22 @@ class Costmaps {
   show(name, isOn) {
     if (isOn) this.shown.add(name); else { this.shown.delete(name); this.images.delete(name); }
     this.legend.hidden = !this.shown.size;
-    if (this.shown.size && !this.socket) this.open();
-    else if (!this.shown.size) this.close();
-    else if (this.socket.readyState === WebSocket.OPEN) this.ask();
+    if (!this.shown.size) this.drop();
+    else if (!this.socket) this.open();
+    else if (this.socket.readyState === WebSocket.OPEN) this.opened();
     this.tell();
     this.changed();
   }
 
-  open() {
-    const address = new URL(this.address(), location.href), socket = this.socket = new WebSocket(Object.assign(address, {protocol: location.protocol === 'https:' ? 'wss:' : 'ws:', hash: ''}));
-    socket.binaryType = 'arraybuffer';
-    socket.onopen = () => { socket.send(JSON.stringify({hello: new URLSearchParams(location.hash.slice(1)).get('token')})); this.ask(); };
-    socket.onmessage = ({data}) => { if (this.socket === socket) this.take(data); };
-    socket.onclose = () => { if (this.socket !== socket) return; this.socket = null; this.images.clear(); this.tell(); this.changed(); setTimeout(() => { if (this.shown.size && !this.socket) this.open(); }, RETRY_MS); };
-  }
-
   // Nothing is shown any more, or of another robot.
-  close() { const before = this.socket; this.socket = null; this.images.clear(); before?.close(); this.changed(); if (this.shown.size) this.open(); }
+  leave() { this.drop(); this.images.clear(); this.changed(); }
 
-  ask() { this.socket.send(JSON.stringify({show: [...this.shown]})); }
+  open() { if (this.shown.size) super.open(); }
+  opened() { this.socket.send(JSON.stringify({show: [...this.shown]})); }
+  lost() { this.images.clear(); this.tell(); this.changed(); this.retry(); }
 
   take(data) {
-    const length = new DataView(data).getUint32(0), head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))), cells = new Uint8Array(data, 4 + length);
+    const [head, cells] = mapOf(data);
     if (!this.shown.has(head.costmap)) return;
     this.images.set(head.costmap, {...head, image: painted(head, (cell) => costColour(cells[cell]))});
     this.tell();
@@ -78,7 +73,7 @@ function painted({width, height}, colour) {
 
 export class RobotMap {
   // on.pose(x, y, yaw), on.obstacle(x, y): what was pointed at; on.cursor(text): where the cursor is; on.leave(): nothing is pointed at any more;
-  // on.costmaps(): the address of the robot's costmaps, if it has them. layers are the controls of those.
+  // on.costmaps: the path of the robot's costmaps at the server, if it has them. layers are the controls of those.
   constructor(canvas, hint, on) {
     Object.assign(this, {canvas, hint, on, map: null, image: null, plan: [], goal: null, driven: [], places: {}, obstacles: [], scan: [], others: [], pose: null});
     this.costmaps = new Costmaps(on.costmaps, () => this.redraw());

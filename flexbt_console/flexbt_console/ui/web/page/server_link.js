@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// The connection to the server: opened again whenever it is lost, and taken for lost when it is silent.
+// Connections to the server, on both pages: opened again whenever they are lost.
 
-const SILENT_MS = 3500;
+const SILENT_MS = 3500, LOOK_MS = 500;
+const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
 const REFUSED_WAIT_MS = 1000;  // the server is there: what it waits for is shown soon when it comes
 
@@ -14,52 +15,68 @@ const guest = remembered('guest', `guest-${Math.random().toString(36).slice(2, 6
 remember('guest', guest);
 export const operator = () => remembered('operator', '') || guest;
 
-export class ServerLink {
-  // on.parts(parts), on.message(message), on.map(head, cells), on.state(isOpen, word, text): while it is not open, what
-  // is wrong, in a word and in a line.
-  // search() names the robot, path is that of the server's link for the page.
-  constructor(on, search = () => location.search, path = 'link') {
-    Object.assign(this, {on, search, path});
-    this.wait = 250;
-    this.socket = null;
-    this.heard = 0;
-    this.welcome = false;
-    this.refused = null;
-    setInterval(() => this.look(), 500);
-    addEventListener('pagehide', () => { const before = this.socket; this.socket = null; before?.close(); });  // a page that the browser keeps for "back" is not at the robot
-    addEventListener('pageshow', (event) => { if (event.persisted) this.open(); });
-    this.open();
+// A connection to a WebSocket of the server at a path, until close(). Who extends it has take(data) and lost(reason), which may call
+// retry(). hello() returns what goes with the token in the first message.
+export class Connection {
+  constructor(path, search = () => '', hello = () => ({})) {
+    Object.assign(this, {path, search, hello, socket: null, wait: FIRST_WAIT_MS, over: new AbortController()});
+    const on = (event, act) => addEventListener(event, act, {signal: this.over.signal});
+    on('pagehide', () => this.drop());  // a page that the browser keeps for "back" is not connected
+    on('pageshow', (event) => { if (event.persisted) this.open(); });
   }
 
   open() {
     clearTimeout(this.again);  // one connection, whoever opens it
-    const address = new URL(this.path, location.href);
-    address.protocol = location.protocol === 'https:' ? 'wss:' : 'ws:';
-    address.search = this.search();
-    address.hash = '';
-    const socket = new WebSocket(address);
+    const address = Object.assign(new URL(this.path, location.href), {protocol: location.protocol === 'https:' ? 'wss:' : 'ws:', search: this.search(), hash: ''});
+    const socket = this.socket = new WebSocket(address), token = new URLSearchParams(location.hash.slice(1)).get('token');
     socket.binaryType = 'arraybuffer';
-    this.socket = socket;
+    socket.onopen = () => { socket.send(JSON.stringify({hello: token, ...this.hello()})); this.opened?.(); };
+    socket.onmessage = ({data}) => { if (this.socket === socket) { this.wait = FIRST_WAIT_MS; this.take(data); } };
+    socket.onclose = ({reason}) => { if (this.socket === socket) this.lost(reason); };
+  }
+
+  drop() { const before = this.socket; clearTimeout(this.again); this.socket = null; before?.close(); }
+  close() { this.over.abort(); this.drop(); }
+
+  // Open it again after a while, which grows each time that nothing has come.
+  retry(wait = this.wait) {
+    this.socket = null;
+    this.again = setTimeout(() => this.open(), wait);
+    this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
+  }
+}
+
+// The frame and the cells of a map that came as a message.
+export function mapOf(data) {
+  const length = new DataView(data).getUint32(0);
+  return [JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))), new Uint8Array(data, 4 + length)];
+}
+
+// The link of the operator's page, which is taken for lost when it is silent.
+export class ServerLink extends Connection {
+  // on.parts(parts), on.message(message), on.map(head, cells), on.state(isOpen, word, text): while it is not open, what
+  // is wrong, in a word and in a line.
+  // search() names the robot, path is that of the server's link for the page.
+  constructor(on, search = () => location.search, path = 'link') {
+    super(path, search, () => ({operator: operator()}));
+    Object.assign(this, {on, heard: 0, welcome: false, refused: null});
+    const looking = setInterval(() => this.look(), LOOK_MS);
+    this.over.signal.addEventListener('abort', () => clearInterval(looking));
+    this.open();
+  }
+
+  open() {
     this.welcome = false;
     this.heard = performance.now();
-    const token = new URLSearchParams(location.hash.slice(1)).get('token');
-    socket.onopen = () => socket.send(JSON.stringify({hello: token, operator: operator()}));
-    socket.onmessage = (event) => { if (this.socket === socket) this.take(event.data); };
-    socket.onclose = (event) => { if (this.socket === socket) this.lost(event.reason); };
+    super.open();
   }
 
   take(data) {
     this.heard = performance.now();
-    if (data instanceof ArrayBuffer) {
-      const length = new DataView(data).getUint32(0);
-      const head = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
-      this.on.map(head, new Uint8Array(data, 4 + length));
-      return;
-    }
+    if (data instanceof ArrayBuffer) { this.on.map(...mapOf(data)); return; }
     const message = JSON.parse(data);
     if (message.hello) {
       this.welcome = true;
-      this.wait = 250;
       this.on.state(true, '', '');
     }
     if (message.refused) this.refused = message.refused;
@@ -68,18 +85,7 @@ export class ServerLink {
   }
 
   // Begin again, as who uses the page now.
-  renew() {
-    const before = this.socket;
-    this.open();
-    before?.close();
-  }
-
-  close() {
-    const before = this.socket;
-    clearTimeout(this.again);
-    this.socket = null;
-    before?.close();
-  }
+  renew() { this.drop(); this.open(); }
 
   look() {
     if (this.socket && performance.now() - this.heard > SILENT_MS) {
@@ -90,18 +96,16 @@ export class ServerLink {
   }
 
   lost(reason) {
-    this.socket = null;
     this.welcome = false;
     const {word, text} = this.refused ?? {word: 'NO SERVER', text: reason || 'the server of this page is gone'};
     this.on.state(false, word, text);
-    this.again = setTimeout(() => this.open(), this.refused ? REFUSED_WAIT_MS : this.wait);
+    this.retry(this.refused ? REFUSED_WAIT_MS : undefined);
     this.refused = null;
-    this.wait = Math.min(2 * this.wait, LONGEST_WAIT_MS);
   }
 
   // Whether it went out.
   send(message) {
-    if (!this.welcome || this.socket.readyState !== WebSocket.OPEN) return false;
+    if (!this.welcome || this.socket?.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(message));
     return true;
   }

@@ -18,7 +18,8 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
   let box = {x: 0, y: 0, width: 1, height: 1}, target = null;
   let scale = 1, x = 0, y = 0, moved = false, dragged = false, pinched = 0;
 
-  const size = () => [pane.clientWidth || 1, pane.clientHeight || 1];
+  const edges = () => svg.getBoundingClientRect();  // other things may be beside it in the pane
+  const size = () => { const {width, height} = edges(); return [width || 1, height || 1]; };
   const within = (value, low, high) => Math.min(Math.max(value, low), high);
 
   function apply() {
@@ -36,7 +37,7 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
 
   // Where something is, in the units of the drawing.
   function placeOf(element) {
-    const outer = pane.getBoundingClientRect(), inner = element.getBoundingClientRect();
+    const outer = edges(), inner = element.getBoundingClientRect();
     return {left: x + (inner.left - outer.left) / scale, right: x + (inner.right - outer.left) / scale, top: y + (inner.top - outer.top) / scale, bottom: y + (inner.bottom - outer.top) / scale};
   }
 
@@ -84,7 +85,7 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
     const page = document.scrollingElement;
     if (!event.ctrlKey && page.scrollHeight > page.clientHeight) return;  // it scrolls the page
     event.preventDefault();
-    const outer = pane.getBoundingClientRect();
+    const outer = edges();
     if (event.shiftKey) panBy(-event.deltaY - event.deltaX, 0);
     else zoomTo(scale * Math.exp(-event.deltaY * (event.deltaMode ? 16 : 1) / 400), event.clientX - outer.left, event.clientY - outer.top);
   }, {passive: false});
@@ -106,7 +107,7 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
     pointers.set(event.pointerId, event);
     if (pointers.size === 1) panBy(dx, dy);
     else {
-      const [a, b] = [...pointers.values()], outer = pane.getBoundingClientRect();
+      const [a, b] = [...pointers.values()], outer = edges();
       panBy(dx / 2, dy / 2);
       zoomTo(pinched * spread(), (a.clientX + b.clientX) / 2 - outer.left, (a.clientY + b.clientY) / 2 - outer.top);
     }
@@ -136,7 +137,7 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
     tools.append(button);
   }
   pane.append(tools);
-  new ResizeObserver(() => { if (moved) apply(); else fit(); }).observe(pane);
+  new ResizeObserver(() => { if (moved) apply(); else fit(); }).observe(svg);
   return {
     content(extent) { box = {...extent, width: extent.width || 1, height: extent.height || 1}; if (moved) apply(); else fit(); },
     fit, zoomTo, reveal,
