@@ -25,6 +25,7 @@ from flexbt_onboard.behaviors.run_building import RunRequest, checked_autonomy, 
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.link.tree_debugging import TreeDebuggingLink
+from flexbt_onboard.mission_queue.mission_queue import MissionQueue
 from flexbt_onboard.mission_queue.queue_runner import QueueRunner
 from flexbt_onboard.persistence.run_journal import InterruptedRun
 from flexbt_onboard.runs.behavior_run import BehaviorRun
@@ -104,12 +105,18 @@ def _of_trees(name: str, *fields: str) -> CommandDefinition:
     return CommandDefinition(name, apply, RunRequirement.NONE, fields)
 
 
-def _of_queue(name: str, command: Callable[[QueueRunner, ExecutiveCommand], None], *fields: str) -> CommandDefinition:
+_ENTRY: Final = 'queue_number'
+_OPTIONS: Final = 'queue_options'
+
+
+def _of_queue(
+    name: str, command: Callable[[QueueRunner, MissionQueue, ExecutiveCommand], object], *fields: str
+) -> CommandDefinition:
     """Return a command of the mission queue, which decides and journals it in one line."""
 
     def apply(registry: CommandRegistry, sent: ExecutiveCommand) -> None:
-        with registry.queue.deciding(sent.id):
-            command(registry.queue, sent)
+        with registry.queue.changing(sent.id) as queue:
+            command(registry.queue, queue, sent)
 
     return CommandDefinition(name, apply, RunRequirement.NONE, fields)
 
@@ -235,7 +242,8 @@ class CommandRegistry(CommandHandling):
         who = _operator(command)
         reason = _because(f'by {who}', command)
         run = self._runs.run
-        self.queue.hold_for_stop(f'STOP {reason}')
+        if self.queue.message.entries:  # it has something that could start
+            self.queue.hold(f'STOP {reason}')
         if run is not None and command.run_id not in ('', run.run_id):
             self._report.log(ExecutiveLog.WARN, f'{who} stops what runs, and has seen another run')
         if run is None:
@@ -329,13 +337,13 @@ class CommandRegistry(CommandHandling):
         _of_trees('TREE_RECORD'),
         _of_trees('TREE_CLEAR'),
         _of_trees('TREE_SET', 'text'),
-        _of_queue('QUEUE_ADD', QueueRunner.add, 'behavior', 'queue_options'),
-        _of_queue('QUEUE_EDIT', QueueRunner.edit, 'queue_number', 'queue_options'),
-        _of_queue('QUEUE_REMOVE', lambda queue, sent: queue.remove(sent.queue_number), 'queue_number'),
-        _of_queue('QUEUE_MOVE', lambda queue, sent: queue.move(sent.queue_number, sent.queue_before), 'queue_number'),
-        _of_queue('QUEUE_HOLD', lambda queue, sent: queue.hold(_because(f'by {_operator(sent)}', sent))),
-        _of_queue('QUEUE_RELEASE', lambda queue, sent: queue.release(sent.queue_number), 'queue_number'),
-        _of_queue('QUEUE_CLEAR', lambda queue, sent: queue.clear(sent.queue_number), 'queue_number'),
+        _of_queue('QUEUE_ADD', lambda runner, queue, sent: queue.add(runner.new_entry(sent)), 'behavior', _OPTIONS),
+        _of_queue('QUEUE_EDIT', lambda runner, queue, sent: queue.edit(runner.changed_entry(sent)), _ENTRY, _OPTIONS),
+        _of_queue('QUEUE_REMOVE', lambda _, queue, sent: queue.remove(sent.queue_number), _ENTRY),
+        _of_queue('QUEUE_MOVE', lambda _, queue, sent: queue.move(sent.queue_number, sent.queue_before), _ENTRY),
+        _of_queue('QUEUE_HOLD', lambda _, queue, sent: queue.hold(_because(f'by {_operator(sent)}', sent))),
+        _of_queue('QUEUE_RELEASE', lambda _, queue, sent: queue.release(sent.queue_number), _ENTRY),
+        _of_queue('QUEUE_CLEAR', lambda _, queue, sent: queue.clear(sent.queue_number), _ENTRY),
         _of_authority('CLAIM_AUTHORITY', Authority.claim),
         _of_authority('RELEASE_AUTHORITY', Authority.release),
         _of_authority('HAND_OVER_AUTHORITY', Authority.hand_over, 'grantee'),

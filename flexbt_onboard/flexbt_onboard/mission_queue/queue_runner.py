@@ -99,40 +99,42 @@ class QueueRunner(RunReader):
     # -- commands -----------------------------------------------------------------------------------------------------
 
     @contextmanager
-    def deciding(self, command_id: str) -> Iterator[None]:
-        """Journal a command as applied in the line of its change, so that a resend after a crash changes nothing."""
-        self._command_id = command_id
+    def changing(self, command_id: str | None = None) -> Iterator[Queue]:
+        """Yield the queue for changes, which operators see afterwards.
+
+        A command is journaled as applied in the line of its change, so that a resend after a crash changes nothing.
+        """
+        self._command_id, hold = command_id, self._queue.state.hold
         try:
-            yield
+            yield self._queue
         finally:
             self._command_id = None
+        if self._queue.state.hold != hold:
+            self._tell_hold()
+        self._after_change()
 
     def _write(self, changes: Changes) -> None:
         command_id, self._command_id = self._command_id, None
         self._journal.change_queue(changes, command_id)
 
-    def add(self, command: ExecutiveCommand) -> None:
-        """Add an entry.
+    def new_entry(self, command: ExecutiveCommand) -> QueueEntry:
+        """Return the entry that a command adds.
 
         Raises:
-            CommandRefusedError: the behavior or an option is not valid, the queue is full, or the entry would be lost
-                in a crash.
+            CommandRefusedError: the behavior or an option is not valid, or the entry would be lost in a crash.
         """
         if problem := self._journal_problem():
             raise CommandRefusedError(f'the entry would be lost in a crash: {problem}')
-        self._queue.add(self._entry(command, command.behavior))
-        self._after_change()
+        return self._entry(command, command.behavior)
 
-    def edit(self, command: ExecutiveCommand) -> None:
-        """Change an entry; without arguments or inputs, it keeps those that it has.
+    def changed_entry(self, command: ExecutiveCommand) -> QueueEntry:
+        """Return an entry as a command changes it; without arguments or inputs, it keeps those that it has.
 
         Raises:
-            CommandRefusedError: there is no such entry, it was changed meanwhile, or something is not valid.
+            CommandRefusedError: there is no such entry, or something is not valid.
         """
         entry = self._queue.entry(command.queue_number)
-        changed = self._entry(command, entry.behavior)
-        self._queue.edit(replace(changed, number=entry.number, revision=command.queue_revision))
-        self._after_change()
+        return replace(self._entry(command, entry.behavior), number=entry.number, revision=command.queue_revision)
 
     def _entry(self, command: ExecutiveCommand, behavior: str) -> QueueEntry:
         given = tuple((one.name, one.value) for one in command.arguments)
@@ -151,36 +153,10 @@ class QueueRunner(RunReader):
             self._now(),
         )
 
-    def remove(self, number: int) -> None:
-        """Remove an entry. Raises CommandRefusedError if there is none."""
-        self._queue.remove(number)
-        self._after_change()
-
-    def move(self, number: int, before: int) -> None:
-        """Move an entry. Raises CommandRefusedError: see :meth:`.mission_queue.MissionQueue.move`."""
-        self._queue.move(number, before)
-        self._after_change()
-
-    def clear(self, newest: int) -> None:
-        """Remove all entries up to a number."""
-        self._queue.clear(newest)
-        self._after_change()
-
     def hold(self, why: str) -> None:
         """Start no further entry."""
-        self._queue.hold(why)
-        self._report_held(why)
-
-    def hold_for_stop(self, why: str) -> None:
-        """Hold the queue for a STOP, if it has anything that could start."""
-        if self._queue.state.entries:
-            self.hold(why)
-
-    def release(self, hold: int) -> None:
-        """End a hold. Raises CommandRefusedError if the queue is not held, or for another reason meanwhile."""
-        self._queue.release(hold)
-        self._tell('the queue is released')
-        self._after_change()
+        with self.changing() as queue:
+            queue.hold(why)
 
     # -- runs ---------------------------------------------------------------------------------------------------------
 
@@ -253,7 +229,7 @@ class QueueRunner(RunReader):
         why = self._queue.settle(end, self._now(), self._started)
         self._started = None
         if why:
-            self._report_held(why)
+            self._tell_hold()
         elif end.number not in self._queue.state.entries:
             self._tell(f'entry {end.number} of the queue is done', end.number)
 
@@ -284,9 +260,12 @@ class QueueRunner(RunReader):
         self._changed()
         self.consider()
 
-    def _report_held(self, why: str) -> None:
-        self._tell(f'the queue is held: {why}', severity=ExecutiveLog.WARN)
-        self._after_change()
+    def _tell_hold(self) -> None:
+        state = self._queue.state
+        if state.hold:
+            self._tell(f'the queue is held: {state.held}', severity=ExecutiveLog.WARN)
+        else:
+            self._tell('the queue is released')
 
     def _tell(self, text: str, number: int = 0, severity: int = ExecutiveLog.INFO) -> None:
         self._report.log(severity, text)

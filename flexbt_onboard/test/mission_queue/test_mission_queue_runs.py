@@ -293,8 +293,10 @@ def test_the_queue_is_bounded(bench: QueueBench) -> None:
     def add(count: int, inputs: list[BlackboardEntry]) -> list[str]:
         refusals = []
         for _ in range(count):
+            command = C(behavior='Work', inputs=inputs, autonomy=1, queue_options=options, operator_id='flooder')
             try:
-                queue.add(C(behavior='Work', inputs=inputs, autonomy=1, queue_options=options, operator_id='flooder'))
+                with queue.changing() as rules:
+                    rules.add(queue.new_entry(command))
             except Exception as error:
                 refusals.append(str(error))
         return refusals
