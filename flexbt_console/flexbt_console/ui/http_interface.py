@@ -90,6 +90,18 @@ STATUS: Final = {
 }
 """HTTP statuses of exit codes."""
 
+_BYTES: Final = 'application/octet-stream'
+READS: Final[Mapping[str, tuple[str, str, str]]] = {
+    '/robots': ('list_robots', 'list the robots, the most urgent first', 'application/json'),
+    '/robots/{robot}': ('status_of_robot', 'status of a robot', 'application/json'),
+    '/robots/{robot}/events': ('events_of_robot', 'events of a robot, as a stream', 'text/event-stream'),
+    '/incidents': ('list_incidents', 'list the incidents, newest first', 'application/json'),
+    '/incidents/{name}/{file}': ('file_of_incident', 'file of an incident', _BYTES),
+    '/recordings': ('list_recordings', 'list the recordings', 'application/json'),
+    '/recordings/{name}': ('recording', 'recording', _BYTES),
+}
+"""What is read by GET: operation, text, and type of the answer, by path."""
+
 _KEY: Final = 'Idempotency-Key'
 _NAMESPACE: Final = uuid.UUID('0b5de8ad-52a5-4cc8-8f6e-8a60a55d7a39')
 _LEFT_OUT: Final = frozenset({'--png', '--size', '--scan', '--state'})
@@ -234,14 +246,10 @@ class HttpInterface:
         """Return the application to be mounted at ``/api/``."""
         application = web.Application(middlewares=[self._known])
         application.router.add_get('/openapi.json', self._description)
-        application.router.add_get('/robots', self._list)
-        application.router.add_get('/robots/{robot}', self._status)
-        application.router.add_get('/robots/{robot}/events', self._events)
         application.router.add_post('/robots/{robot}/commands/{command}', self._command)
-        application.router.add_get('/incidents', self._incidents)
-        application.router.add_get('/incidents/{name}/{file:.+}', self._incident_file)
-        application.router.add_get('/recordings', self._recordings)
-        application.router.add_get('/recordings/{name:.+}', self._recording)
+        for path, (operation, _, content) in READS.items():
+            file_path = f'{path[:-1]}:.+}}' if content == _BYTES else path  # its last part may have slashes
+            application.router.add_get(file_path, getattr(self, f'_{operation}'))
         application.on_cleanup.append(self._end)
         return application
 
@@ -277,11 +285,11 @@ class HttpInterface:
     async def _description(self, _request: web.Request) -> web.Response:
         return _json(description())
 
-    async def _list(self, _request: web.Request) -> web.Response:
+    async def _list_robots(self, _request: web.Request) -> web.Response:
         robots = robots_json(self._robots.fleet.overview())
         return _json({'robots': [{**one, 'robot': _segment(one['robot'])} for one in robots]})
 
-    async def _status(self, request: web.Request) -> web.Response:
+    async def _status_of_robot(self, request: web.Request) -> web.Response:
         return _json(status_json(self._robots.robot(self._name(request))[0].view()))
 
     async def _command(self, request: web.Request) -> web.Response:
@@ -323,7 +331,7 @@ class HttpInterface:
             self._keys.popitem(last=False)
         return identifier
 
-    async def _events(self, request: web.Request) -> web.StreamResponse:
+    async def _events_of_robot(self, request: web.Request) -> web.StreamResponse:
         """Send the events of a robot from now on, as server-sent events; the first ones are the present state."""
         robot = self._name(request)
         answer = web.StreamResponse(headers={'Content-Type': 'text/event-stream', 'Cache-Control': 'no-cache'})
@@ -344,21 +352,21 @@ class HttpInterface:
                 await asyncio.sleep(EVENT_SECONDS)
         return answer
 
-    async def _incidents(self, _request: web.Request) -> web.Response:
+    async def _list_incidents(self, _request: web.Request) -> web.Response:
         def shown() -> list[dict[str, Any]]:
             known = incidents_in(home_path(INCIDENTS))
             return [{'name': one.folder.name, 'files': _files(one.folder), **one.facts} for one in known]
 
         return _json({'incidents': await asyncio.to_thread(shown)})
 
-    async def _incident_file(self, request: web.Request) -> web.StreamResponse:
+    async def _file_of_incident(self, request: web.Request) -> web.StreamResponse:
         found = await asyncio.to_thread(incident_named, home_path(INCIDENTS), request.match_info['name'])
         file = request.match_info['file']
         if file not in await asyncio.to_thread(_files, found.folder):
             raise web.HTTPNotFound(text=f'{found.folder.name} has no {short_repr(file)}')
         return web.FileResponse(found.folder / file)
 
-    async def _recordings(self, _request: web.Request) -> web.Response:
+    async def _list_recordings(self, _request: web.Request) -> web.Response:
         return _json({'recordings': await asyncio.to_thread(self._recorded.names)})
 
     async def _recording(self, request: web.Request) -> web.StreamResponse:
@@ -465,36 +473,27 @@ def _schema(written: str, is_repeated: bool) -> dict[str, Any]:
     return {'type': 'array', 'items': one} if is_repeated else one
 
 
+def _in_path(name: str) -> dict[str, Any]:
+    return {'name': name, 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
+
+
 def description() -> dict[str, Any]:
     """Return the OpenAPI document."""
-    robot = {'name': 'robot', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
-    robot['description'] = f'namespace of the robot; {OWN} for the one without'
+    robot = _in_path('robot') | {'description': f'namespace of the robot; {OWN} for the one without'}
     key = {'name': _KEY, 'in': 'header', 'schema': {'type': 'string', 'maxLength': KEY_CHARACTERS}}
     key['description'] = 'a request with the same key has its effect once'
-    name = {'name': 'name', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
-    file = {'name': 'file', 'in': 'path', 'required': True, 'schema': {'type': 'string'}}
-
-    def get(what: str, *parameters: Any, content: str = 'application/json', of: str = '') -> dict[str, Any]:
-        identifier = of or what.split(',')[0].title().replace(' ', '')
-        good = {'description': what, 'content': {content: {'schema': _ANY}}}
-        return {
+    paths: dict[str, Any] = {}
+    for path, (operation, what, content) in READS.items():
+        named = [part[1:-1] for part in path.split('/') if part.startswith('{')]
+        first, *more = operation.split('_')
+        paths[path] = {
             'get': {
                 'summary': what,
-                'operationId': identifier[0].lower() + identifier[1:],
-                'parameters': list(parameters),
-                'responses': {'200': good, **_PROBLEMS},
+                'operationId': first + ''.join(map(str.title, more)),
+                'parameters': [robot if name == 'robot' else _in_path(name) for name in named],
+                'responses': {'200': {'description': what, 'content': {content: {'schema': _ANY}}}, **_PROBLEMS},
             }
         }
-
-    paths: dict[str, Any] = {
-        '/robots': get('list the robots, the most urgent first', of='listRobots'),
-        '/robots/{robot}': get('status of a robot', robot),
-        '/robots/{robot}/events': get('events of a robot as a stream', robot, content='text/event-stream'),
-        '/incidents': get('list the incidents, newest first', of='listIncidents'),
-        '/incidents/{name}/{file}': get('file of an incident', name, file, content='application/octet-stream'),
-        '/recordings': get('list the recordings', of='listRecordings'),
-        '/recordings/{name}': get('recording', name, content='application/octet-stream'),
-    }
     for spec in offered():
         path = f'/robots/{{robot}}/commands/{spec.name.replace(" ", "_")}'
         words = spec.name.replace('-', ' ').title().replace(' ', '')

@@ -94,11 +94,11 @@ def test_a_client_that_is_made_of_the_description_drives_a_mission(
             key = {'idempotency_key': 'generated'}
             started = ask('start_command', 'StartCommandBody', given={'name': 'Drive', 'autonomy': 'low'}, **key)
             assert started.status_code == 200 and started.parsed['result'] == 'applied'
-        wait_until(lambda: ask('status_of_a_robot').parsed['decisions'], 'the question')
+        wait_until(lambda: ask('status_of_robot').parsed['decisions'], 'the question')
         assert ask('input_command', 'InputCommandBody', given={'value': '1 2 0'}).parsed['result'] == 'applied'
-        wait_until(lambda: ask('status_of_a_robot').parsed['decisions'][0]['path'] == '/Accept', 'the next question')
+        wait_until(lambda: ask('status_of_robot').parsed['decisions'][0]['path'] == '/Accept', 'the next question')
         assert ask('confirm_command', 'ConfirmCommandBody', given={}).parsed['result'] == 'applied'
-        wait_until(lambda: not ask('status_of_a_robot').parsed['decisions'], 'the drive')
+        wait_until(lambda: not ask('status_of_robot').parsed['decisions'], 'the drive')
         assert ask('stop_command', 'StopCommandBody', given={}).parsed['result'] == 'applied'
 
 
