@@ -45,6 +45,9 @@ MOST_WAITING: Final = 100
 """Runs of trees that are followed, and reports that wait for the nodes of their run, at most."""
 
 TEXT_LENGTH: Final = 300
+MOST_TEXT: Final = 100_000
+"""Characters of an entry's text, and of a text of the log that are looked at."""
+
 PLACE_RADIUS: Final = 0.5
 """Metres within which a goal is called by the name of a place."""
 
@@ -340,10 +343,9 @@ class Lanes:
     def _take_log(self, line: LogLine) -> None:
         if self._is_dated(line) and line.severity >= LogSeverity.WARN:
             tone = 'error' if line.severity is LogSeverity.ERROR else 'warning'
-            text = f'{line.text}  {line.path}'
-            self._happened(
-                Lane.FAULTS, line.path, line.text[:200], line.severity.name.lower(), tone, text[:TEXT_LENGTH]
-            )
+            path = one_line(line.path, TEXT_LENGTH // 3)
+            text = f'{_gist(line.text)}  {path}'.rstrip()
+            self._happened(Lane.FAULTS, line.path, _gist(line.text), line.severity.name.lower(), tone, text)
 
     def _take_places(self, places: Mapping[str, FramedPose]) -> None:
         self._places = places
@@ -443,6 +445,12 @@ def _levels(path: str) -> Iterable[str]:
     """Return the containers around a state, from the outside in, and the state itself."""
     labels = path.strip('/').split('/')
     return ['/' + '/'.join(labels[: n + 1]) for n in range(len(labels))] if path.strip('/') else []
+
+
+def _gist(text: str) -> str:
+    """Return the first line, and the last one: of an exception, the name and the reason."""
+    lines = text[:MOST_TEXT].strip().splitlines() or ['']
+    return one_line('  '.join(dict.fromkeys((lines[0], lines[-1].strip()))), TEXT_LENGTH * 2 // 3 - 2)
 
 
 def _leaf(path: str) -> str:

@@ -53,7 +53,7 @@ from .ring import SEGMENTS, Ring
 from .topics import full_definition
 
 QUIET_SECONDS: Final = 2.0
-"""Time after the start for which what arrives is of the past: messages that late subscribers get."""
+"""Time after the first message for which what arrives is of the past: messages that late subscribers get."""
 
 LONGEST_SECONDS: Final = 30.0
 """Time after which further occurrences are another incident, s."""
@@ -67,8 +67,10 @@ KILLED_SECONDS: Final = 600.0
 TOLD_SECONDS: Final = 86_400.0
 """Age up to which an incident is told, s."""
 
-MOST_REQUESTS: Final = 3
-"""Incidents that wait for the disk, at most: the ring keeps their files."""
+MOST_REQUESTS: Final = 100
+MOST_HELD: Final = 2.0
+"""Incidents that wait for the disk, at most, and how many times the bytes of the ring the files may have that are kept
+for them."""
 
 _MOST_OCCURRENCES: Final = 50
 _LOOK_SECONDS: Final = 1.0
@@ -141,57 +143,67 @@ class Detector:
     - link: the executive is gone, or hangs
     - goal: an action server has aborted a goal
     - battery: the battery is low
+
+    What was before counts as known, but for the time, s, in which no black box was there, because it was killed.
     """
 
-    def __init__(self, runtime: NodeRuntime, settings: Settings, report: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, runtime: NodeRuntime, settings: Settings, report: Callable[[str, str, float], None], killed_for: float
+    ) -> None:
         self._runtime, self._settings, self._report = runtime, settings, report
         self.mirror = Mirror(runtime.steady)
         self._feed, self._lanes = MirrorFeed(self.mirror), Lanes(self.mirror)
         self._revision = self._numbers = 0
-        self._begin = runtime.steady.now()
-        self._was_live = self._was_held = False
+        self._since = runtime.steady.now() - killed_for
+        self._quiet_until, self._is_new = -math.inf if killed_for else math.inf, True
+        self._was_live, self._was_held = bool(killed_for), False
         self._late: frozenset[str] = frozenset()
         self._is_low = False
         self._goals: dict[str, tuple[set[bytes], float]] = {}
         """Of each action the aborted goals that are known, and when it was joined."""
         runtime.post_in(_LOOK_SECONDS, self._look)
-        runtime.post_in(QUIET_SECONDS, lambda: runtime.node.get_logger().info('begins to find incidents'))
 
     def take(self, topic: str, message: Received) -> None:
         """Take a message that is recorded."""
+        if self._is_new:  # with the first one comes what late subscribers get
+            self._is_new, told = False, 'begins to find incidents'
+            self._quiet_until = min(self._quiet_until, self._runtime.steady.now() + QUIET_SECONDS)
+            self._runtime.post_in(QUIET_SECONDS, lambda: self._runtime.node.get_logger().info(told))
         if topic in _COMMANDS:
             with contextlib.suppress(ValueError):
                 command = message.checked(ExecutiveCommand)
                 if command.kind == ExecutiveCommand.STOP:  # there may be no executive to tell of it
-                    self._report('stop', f'STOP by {command.operator_id[:200]}')
+                    self._tell('stop', f'STOP by {command.operator_id[:200]}')
         elif topic in _TELLING:
             self._feed.take(topic, message)
             self._read()
 
     def _read(self) -> None:
         entries, self._revision = self._lanes.since(self._revision), self._lanes.revision
-        is_quiet = self._runtime.steady.now() < self._begin + QUIET_SECONDS
+        is_quiet = self._runtime.steady.now() < self._quiet_until
         for one in entries:
             if one.number > self._numbers and not is_quiet and (found := _occurrence(one)) is not None:
-                self._report(*found)
+                is_dated = found[0] in ('fault', 'forced')
+                if one.begin >= self._since or not is_dated:
+                    self._report(*found, one.begin if is_dated else self._runtime.steady.now())
         self._numbers = max((self._numbers, *(one.number for one in entries)))
         view = self.mirror.view()
         is_held, self._was_held = self._was_held, view.guard.holding
         if view.guard.holding and not is_held and not is_quiet:
-            self._report('stop', view.guard.told)
+            self._tell('stop', view.guard.told)
         peers = view.snapshot.peers if view.snapshot is not None else ()
         late = {one.name: one.problem for one in peers if one.late}
         for name in late.keys() - self._late:
-            self._report('node', f'{name} hangs: {late[name] or "no sign of life"}')
+            self._tell('node', f'{name} hangs: {late[name] or "no sign of life"}')
         self._late = frozenset(late)
 
     def _look(self) -> None:
         """Look for what no message tells: an executive that is silent, and new actions."""
         self._runtime.post_in(_LOOK_SECONDS, self._look)
         view = self.mirror.view()
-        if self._was_live and view.link is LinkState.LOST:
-            self._report('link', f'the executive is silent or gone{f": {view.problem}" if view.problem else ""}')
-        self._was_live = view.live or (self._was_live and view.link is not LinkState.LOST)
+        if self._was_live and view.link is LinkState.LOST and not view.listening:
+            self._tell('link', f'the executive is silent or gone{f": {view.problem}" if view.problem else ""}')
+        self._was_live = view.live or (self._was_live and (view.listening or view.link is not LinkState.LOST))
         if self._settings.goals:
             node = self._runtime.node
             inside = node.get_namespace().rstrip('/') + '/'
@@ -207,7 +219,7 @@ class Detector:
         aborted = {bytes(one.goal_info.goal_id.uuid) for one in message.status_list if one.status == _ABORTED}
         self._goals[action] = aborted, joined
         if aborted - known and self._runtime.steady.now() > joined + QUIET_SECONDS:  # before: goals of the past
-            self._report('goal', f'{action} has aborted a goal')
+            self._tell('goal', f'{action} has aborted a goal')
 
     def take_battery(self, received: Received) -> None:
         """Take a sensor_msgs/BatteryState."""
@@ -217,8 +229,11 @@ class Detector:
             return
         level, least = message.percentage, self._settings.battery
         if level < least and not self._is_low:
-            self._report('battery', f'the battery is at {100 * level:.0f} %')
+            self._tell('battery', f'the battery is at {100 * level:.0f} %')
         self._is_low = level < least + (_BATTERY_MARGIN if self._is_low else 0.0)
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._report(kind, text, self._runtime.steady.now())
 
 
 def _occurrence(entry: LaneEntry) -> tuple[str, str] | None:
@@ -256,11 +271,18 @@ class BlackBox:
         self._waiting: deque[Path] = deque(sorted(settings.ring.glob(_REQUEST)))
         self._is_closed = False
         self._others: dict[str, Any] = {}
+        known = [one for folder in incidents_in(settings.incidents) for one in folder.occurrences]
         for file in self._waiting:
             with contextlib.suppress(OSError, ValueError):
                 ring.hold(file.name, frozenset(Request.read(file).segments))
+                known += Request.read(file).occurrences
+        ahead = time.time() - runtime.steady.now()
+        for one in sorted(known, key=lambda one: one.time):
+            self._told[one.kind, one.text] = one.time - ahead
         threading.Thread(target=self._make_all, name='incidents', daemon=True).start()
-        self._detector = Detector(runtime, settings, self.report)
+        killed_for = time.time() - ring.left[-1].stat().st_mtime if ring.left else math.inf
+        was_killed = killed_for < KILLED_SECONDS
+        self._detector = Detector(runtime, settings, self.report, killed_for if was_killed else 0.0)
         self._recorder = Recorder(runtime, ring, tell_ready, sys.maxsize, self._detector.take)
         battery = 'sensor_msgs/msg/BatteryState'
         self._recorder.hear(battery, names.BATTERY_STATE, names.best_effort_qos(1), self._detector.take_battery, True)
@@ -268,19 +290,20 @@ class BlackBox:
         self._reports = runtime.node.create_publisher(DiagnosticArray, names.INCIDENTS, names.transient_local_qos())
         self._tell_incidents()
         runtime.post_in(_LOOK_SECONDS, self._find_others)
-        newest = ring.left[-1:]
-        if newest and time.time() - newest[0].stat().st_mtime < KILLED_SECONDS and not self._waiting:
-            self.report('black_box', 'the black box itself was killed; its recording of before is here')
+        if was_killed and not self._waiting:
+            text = 'the black box itself was killed; its recording of before is here'
+            self.report('black_box', text, runtime.steady.now())
 
-    def report(self, kind: str, text: str) -> None:
-        """Note an occurrence: it begins an incident, or belongs to the one that still records."""
+    def report(self, kind: str, text: str, happened: float) -> None:
+        """Note an occurrence at a time of the steady clock: it begins an incident, or belongs to the one that still
+        records."""
         text, now = one_line(text, 500), self._runtime.steady.now()
-        if kind != 'key' and now < self._told.get((kind, text), -math.inf) + SAME_SECONDS:
+        if kind != 'key' and happened < self._told.get((kind, text), -math.inf) + SAME_SECONDS:
             return
-        self._told[kind, text] = now
+        self._told[kind, text] = happened
         while len(self._told) > 200:
             self._told.popitem(last=False)
-        occurrence = Occurrence(time.time(), kind, text)
+        occurrence = Occurrence(time.time() - (now - happened), kind, text)
         self._runtime.node.get_logger().warning(f'incident: {kind}: {text}')
         if self._open is None:
             request = Request(
@@ -351,12 +374,13 @@ class BlackBox:
         self._write(one)
         with self._wake:
             self._waiting.append(one.file)
-            while len(self._waiting) > MOST_REQUESTS:
+            most = MOST_HELD * self._settings.ring_size
+            while len(self._waiting) > MOST_REQUESTS or (len(self._waiting) > 1 and self._ring.held_size > most):
                 given_up = self._waiting.popleft()
                 given_up.unlink(missing_ok=True)
                 self._ring.release(given_up.name)
                 self._runtime.node.get_logger().error(
-                    f'{given_up.stem} was given up: {MOST_REQUESTS} later incidents wait for the disk'
+                    f'{given_up.stem} was given up: {len(self._waiting)} later incidents wait for the disk'
                 )
             self._wake.notify()
 
@@ -374,8 +398,8 @@ class BlackBox:
             self._wake.notify()
             left = list(self._waiting)
         self._ring.close(keep=bool(left))
-        for file in left:
-            subprocess.Popen([*_MAKE, str(file)], start_new_session=True, **_SILENT)  # noqa: S603
+        if left:
+            subprocess.Popen([*_MAKE, *map(str, left)], start_new_session=True, **_SILENT)  # noqa: S603
 
     def _make_all(self) -> None:
         """Make the incidents one after another. A thread of its own."""
@@ -397,7 +421,8 @@ class BlackBox:
                         self._waiting.remove(file)
                     continue
                 logger.error(
-                    f'the incident {file.stem} cannot be written, and is tried again: {one_line(made.stderr, 300)}',
+                    f'the incident {file.stem} cannot be written, and is tried again: '
+                    f'{one_line(made.stderr, 300) or f"exit code {made.returncode}"}',
                     throttle_duration_sec=60.0,
                 )
                 self._wake.wait_for(lambda: self._is_closed, _RETRY_SECONDS)
@@ -405,7 +430,7 @@ class BlackBox:
     # What is kept besides the topics of a recorder.
 
     def _asked(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.report('key', 'somebody has asked for it')
+        self.report('key', 'somebody has asked for it', self._runtime.steady.now())
         response.success = self._open is not None
         response.message = str(self._settings.incidents / self._open.request.name) if self._open else ''
         return response

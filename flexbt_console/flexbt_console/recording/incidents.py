@@ -97,9 +97,10 @@ class Request:
 
     @property
     def name(self) -> str:
-        """Name of the folder: the time in UTC, and the kind."""
+        """Name of the folder: the time in UTC, the kind, and the robot, as several may have one directory."""
         first = self.occurrences[0]
-        return f'{datetime.fromtimestamp(first.time, UTC):%Y%m%d_%H%M%S}_{first.kind}'
+        robot = f'_{self.robot.replace("/", ".")}' if self.robot else ''
+        return f'{datetime.fromtimestamp(first.time, UTC):%Y%m%d_%H%M%S}_{first.kind}{robot}'
 
 
 @dataclass(frozen=True)
@@ -409,16 +410,17 @@ def lanes_svg(entries: Sequence[LaneEntry], duration: float, moment: float) -> s
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Make the incident of a request, remove the request, and print the folder. Return 1 if that is impossible now."""
-    file = Path((sys.argv[1:] if arguments is None else arguments)[0])
-    try:
-        folder = make(Request.read(file))
-        file.unlink(missing_ok=True)
-    except (OSError, ValueError, UsageError) as error:
-        print(one_line(f'{type(error).__name__}: {error}', 500), file=sys.stderr)
-        return 1
-    print(folder)
-    return 0
+    """Make the incidents of requests, remove these, and print the folders. Return 1 if one is impossible now."""
+    failures = 0
+    for file in map(Path, sys.argv[1:] if arguments is None else arguments):
+        try:
+            folder = make(Request.read(file))
+            file.unlink(missing_ok=True)
+            print(folder)
+        except (OSError, ValueError, UsageError) as error:
+            print(one_line(f'{type(error).__name__}: {error}', 500), file=sys.stderr)
+            failures += 1
+    return int(failures > 0)
 
 
 if __name__ == '__main__':

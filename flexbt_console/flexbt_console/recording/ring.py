@@ -120,6 +120,13 @@ class Ring:
         with self._lock:
             self._held.pop(holder, None)
 
+    @property
+    def held_size(self) -> int:
+        """Bytes of the files that are held."""
+        with self._lock:
+            held = frozenset().union(*self._held.values())
+            return sum(one.stat().st_size for one in self._files() if str(one) in held)
+
     def close(self, keep: bool) -> None:
         """End the file; remove all files unless they are still to be read."""
         with self._lock:
