@@ -25,28 +25,46 @@ install()
 importlib.reload(lock_order)  # it watches the locks of the world
 
 _REAL_SECONDS: Final = float(os.environ.get('FLEXBT_ONE_PROCESS_SECONDS', '60'))
-"""Real time after which a test that never blocks is ended, with its stack, s."""
+"""Real time without a switch of tasks after which a test is ended, with its stack, s."""
 
 _SIMULATED_SECONDS: Final = 3600.0
 """Simulated time after which a test counts as stuck, s."""
+
+
+_WORLD: Final = pytest.StashKey[Any]()
 
 
 class TooLongError(Exception):
     """A test has computed for too long without letting the clock go on."""
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
+    """Leave out a plugin that would wait for a socket in a thread of the world."""
+    early_config.pluginmanager.unregister(name='rerunfailures')
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option of coverage."""
+    about = 'tell which transitions, outcomes and tree nodes the tests of the fixture `world` have taken'
+    parser.getgroup('flexbt').addoption('--mission-coverage', action='store_true', help=about)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Describe the marks."""
-    config.addinivalue_line('markers', 'seeds(count): repeat a test of the fixture `world` with this many seeds')
-    config.addinivalue_line('markers', 'dds(reason): the test needs the real middleware, processes or time')
+    for mark in (
+        "world(name='', motion='full', **options): what the fixture `world` has: a demonstration, a world file or a "
+        'function of programs; `motion` is full or abstract',
+        'seeds(count): repeat a test of the fixture `world` with this many seeds',
+    ):
+        config.addinivalue_line('markers', mark)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip tests that have to run on the real middleware."""
-    for item in items:
-        mark = item.get_closest_marker('dds')
-        if mark is not None:
-            item.add_marker(pytest.mark.skip(f'on DDS only: {mark.args[0]}'))
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out tests that have to run on the real middleware."""
+    real = [item for item in items if item.get_closest_marker('dds')]
+    config.hook.pytest_deselected(items=real)
+    items[:] = [item for item in items if item not in real]
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -59,26 +77,39 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 @pytest.fixture
-def world(request: pytest.FixtureRequest) -> Iterator[Any]:
-    """Yield a :class:`flexbt_testing.one_process.world.World` with a robot that is ready."""
+def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """Yield a :class:`flexbt_testing.one_process.world.World` with a robot that is ready; see the mark ``world``."""
+    from .programs import named_programs
     from .world import World
 
-    with World(request.param) as made:
+    mark = request.node.get_closest_marker('world')
+    scratch = tmp_path_factory.mktemp('world')
+    name = mark.args[0] if mark and mark.args else ''
+    programs = named_programs(name, request.path.parent, scratch, **(mark.kwargs if mark else {}))
+    made = World(request.param, programs, writable=[tmp_path_factory.getbasetemp()])
+    SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
+    with made:
+        request.node.stash[_WORLD] = made
         yield made
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Limit the simulated and the real time of a test."""
+    switches = -1
 
     def end(*_: object) -> None:
+        nonlocal switches
+        if switches != SCHEDULER.switches:
+            switches = SCHEDULER.switches
+            return
         faulthandler.dump_traceback(all_threads=False)
         raise TooLongError(
             f'{SCHEDULER.current} computes for {_REAL_SECONDS:g} s at {(SCHEDULER.now - BOOT) / SECOND:.3f} s'
         )
 
     before = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, _REAL_SECONDS)
+    signal.setitimer(signal.ITIMER_REAL, _REAL_SECONDS, _REAL_SECONDS)
     SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
     try:
         return (yield)
@@ -89,9 +120,26 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Tell the seed of a failed test of a world."""
+    """Tell what the robots of a failed test did, and how to repeat it."""
     report = yield
-    made = getattr(item, 'funcargs', {}).get('world')
+    made = item.stash.get(_WORLD, None)
     if report.failed and made is not None:
-        report.sections.append(('world', f'again with FLEXBT_SEED={made.seed}; states: {made.states}'))
+        given = item.config.invocation_params
+        plugins = [f'-p {word}' for word in given.args if str(word).startswith('flexbt_testing.')]
+        environment = [
+            f'{name}={os.environ[name]}' for name in ('PYTEST_PLUGINS', 'FLEXBT_ACCELERATION') if name in os.environ
+        ]
+        test = os.path.relpath(item.path, given.dir) + '::' + item.nodeid.partition('::')[2]
+        again = ' '.join([*environment, f'FLEXBT_SEED={made.seed}', 'python3 -m pytest', *plugins, f"'{test}'"])
+        report.sections.append(('world', f'{made.report()}\nagain: {again}'))
     return report
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    """Print the coverage of missions."""
+    if config.getoption('--mission-coverage'):
+        from .coverage import COVERAGE
+
+        terminalreporter.section('mission coverage')
+        for line in COVERAGE.lines():
+            terminalreporter.write_line(line)

@@ -1,28 +1,32 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot with its operator in one process, for tests of missions."""
+"""A robot, or several, with an operator, in one process: for tests of missions."""
 
 from __future__ import annotations
 
-import importlib
 import math
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
+from . import rclpy_globals
 from .graph import DOMAIN
+from .network import OPERATOR, ROBOT, Network
 from .product import install, kill
 from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, Process
 
 install()
+rclpy_globals.install()
 
-from ament_index_python.packages import get_package_share_directory  # noqa: E402 - in the world
+import yaml  # noqa: E402 - in the world, as all that follows
 from geometry_msgs.msg import PoseStamped  # noqa: E402
+from rclpy.action import ActionClient  # noqa: E402
+from simulation_interfaces.srv import DeleteEntity, SpawnEntity  # noqa: E402
 
 from flexbt_common import names  # noqa: E402
 from flexbt_common.runtime.node_runtime import NodeRuntime  # noqa: E402
@@ -32,76 +36,50 @@ from flexbt_console.mirror.command_tracker import CommandState  # noqa: E402
 from flexbt_console.mirror.mirror import Change, Mirror  # noqa: E402
 from flexbt_console.mirror.records import AutonomyLevel, CommandKind, Decision, ExecutiveState  # noqa: E402
 from flexbt_console.mirror.view import View  # noqa: E402
+from flexbt_msgs.action import BtGetData  # noqa: E402
+from flexbt_msgs.msg import BehaviorStructure, ExecutiveEvent, ExecutiveEvents, TreeStatus, TreeStructure  # noqa: E402
+from flexbt_msgs.srv import SetFault  # noqa: E402
 from flexbt_sim.world import Pose  # noqa: E402
+
+from .boundary import BOUNDARY  # noqa: E402
+from .coverage import COVERAGE  # noqa: E402
+from .programs import Program, robot_programs  # noqa: E402
 
 ANSWER_SECONDS: Final = 60.0
 """Simulated time that the operator waits for a decision or for the effect of a command, s."""
+
+READY_SECONDS: Final = 180.0
+"""Simulated time within which the programs of a world have to be ready, s."""
 
 REST_SPEED: Final = 0.01
 REST_TURN: Final = 0.02
 """Speeds below which the robot is at rest, m/s and rad/s."""
 
-Parameters = Mapping[str, Any]
+_NODES: Final = frozenset(('bt_server', 'stop_guard', 'navigation', 'simulation', 'abstract_robot'))
+"""Programs that the executive waits for."""
 
-
-@dataclass(frozen=True)
-class Program:
-    """An executable of a package, with the parameters of its node and its namespace."""
-
-    package: str
-    executable: str
-    parameters: Parameters = field(default_factory=dict)
-    namespace: str = ''
-
-    def arguments(self) -> list[str]:
-        """Return the ROS arguments of the process."""
-        words = ['--ros-args']
-        if self.namespace:
-            words += ['-r', f'__ns:=/{self.namespace}']
-        for name, value in self.parameters.items():
-            words += ['-p', f'{name}:={_yaml(value)}']
-        return words
-
-
-def _yaml(value: Any) -> str:
-    import yaml
-
-    return str(yaml.safe_dump(value, default_flow_style=True, width=10_000)).removesuffix('\n').removesuffix('\n...')
-
-
-def robot_programs(
-    places: str = '', simulator: Parameters | None = None, server: Parameters | None = None
-) -> list[Program]:
-    """Return the programs of a simulated robot: simulator, navigation, BT server, stop guard and executive.
-
-    ``places`` is the YAML file of named places, by default that of the built-in map. The others are further parameters.
-    """
-    built_in = Path(get_package_share_directory('flexbt_sim')) / 'maps' / 'rooms_places.yaml'
-    clock = {'use_sim_time': True}
-    return [
-        Program('flexbt_sim', 'simulator', {'odom_rate': 20.0, **(simulator or {})}),
-        Program('flexbt_navigation', 'navigation', clock),
-        Program('flexbt_server', 'bt_server', {**clock, **(server or {})}),
-        Program('flexbt_onboard', 'stop_guard'),
-        Program('flexbt_onboard', 'onboard_executive', {**clock, 'places': places or str(built_in)}),
-    ]
+_STORY_LENGTH: Final = 40
 
 
 class TrackedRobot:
     """The simulated robot as it really is: no link is between it and the test."""
 
-    def __init__(self, places: Callable[[str], Pose]) -> None:
+    def __init__(self, mission: Mission) -> None:
         self.pose: Pose | None = None
         self.at_rest = True
         """True if it neither drives nor turns."""
         self.length = 0.0
         """Length of the path that it has driven, m."""
-        self._places = places
+        self._mission = mission
         self._time = 0.0
 
-    def near(self, place: str, distance: float) -> bool:
+    def near(self, place: str, distance: float = 0.3) -> bool:
         """Return whether it is within a distance of a named place, m."""
-        return self.pose is not None and self.pose.distance(self._places(place)) <= distance
+        pose, goal = self.pose, self._mission.place(place)
+        is_near = pose is not None and pose.distance(goal) <= distance
+        if not is_near and pose is not None:
+            self._mission.tell(f'test: the robot is {pose.distance(goal):.2f} m from {place}, more than {distance:g} m')
+        return is_near
 
     def add_pose(self, pose: Pose, time: float) -> None:
         """Add the pose at a simulated time, s."""
@@ -113,43 +91,318 @@ class TrackedRobot:
             self.length += driven
         self.pose, self._time = pose, time
 
+    def __repr__(self) -> str:
+        return f'<robot at {self.pose}, {"at rest" if self.at_rest else "moving"}, {self.length:.2f} m driven>'
 
-class World:
+
+class Mission:
+    """The mission of one robot: what its operator sees and commands, and what it really does."""
+
+    def __init__(self, world: World, namespace: str) -> None:
+        self.namespace = namespace
+        self.states: list[str] = []
+        """The active states that the operator has seen, in order, several at a time joined by a comma."""
+        self.transitions: list[tuple[str, str]] = []
+        """The states that were left, in order, each with its outcome."""
+        self.robot = TrackedRobot(self)
+        self._world = world
+        self._answered: set[str] = set()
+        self._events: set[tuple[str, int]] = set()
+        self._behaviors: dict[str, str] = {}
+        self._trees: dict[tuple[str, int], Any] = {}
+
+    def tell(self, text: str) -> None:
+        """Add a line to what the report of a failed test says."""
+        who = f'{self.namespace}: ' if self.namespace else ''
+        self._world.story.append(f'{self._world.now:8.2f} s  {who}{text}')
+
+    def open(self, station: NodeRuntime, observer: NodeRuntime, operator: str) -> None:
+        """Join the robot, as an operator and as an observer whom no link separates from it."""
+        self.mirror = Mirror(station.steady)
+        self._link = ExecutiveLink(station, self.mirror, namespace=f'/{self.namespace}' if self.namespace else '')
+        self._make = CommandBuilder(operator)
+        self.mirror.add_listener(self._on_change)
+        observer.call(lambda: self._observe(observer.node))
+
+    # -- observation
+
+    @property
+    def view(self) -> View:
+        """What the operator sees."""
+        return self.mirror.view()
+
+    @property
+    def decisions(self) -> dict[str, Decision]:
+        """What waits for an answer of the operator, by the path of the state."""
+        return {one.path: one for one in self.view.decisions if one.id not in self._answered}
+
+    @property
+    def outcome(self) -> str:
+        """The outcome of the last run; '' before its end."""
+        snapshot = self.view.snapshot
+        return snapshot.outcome if snapshot is not None and not self.view.running else ''
+
+    def run_until(self, condition: Callable[[View], object], within: float = ANSWER_SECONDS) -> None:
+        """Let the world go on until a condition of the operator's view holds.
+
+        Raises:
+            AssertionError: it did not hold within this time, s.
+        """
+        until = SCHEDULER.after(within)
+        while not condition(self.view):
+            assert SCHEDULER.now < until, f'not within {within:g} s; {self._situation()}'
+            SCHEDULER.sleep(0.02)
+
+    def asks(self, state: str) -> Callable[[View], bool]:
+        """Return the condition that a state asks something that is not answered yet."""
+        return lambda view: any(self._is_open(one, state) and not view.lacks(one) for one in view.decisions)
+
+    def ended(self, outcome: str) -> Callable[[View], bool]:
+        """Return the condition that the run has ended with this outcome."""
+
+        def has_ended(view: View) -> bool:
+            snapshot = view.snapshot
+            return snapshot is not None and snapshot.state is ExecutiveState.IDLE and snapshot.outcome == outcome
+
+        return has_ended
+
+    def place(self, name: str) -> Pose:
+        """Return the pose of a named place."""
+        known = self.view.places
+        assert name in known, f'there is no place {name!r}; there are {", ".join(known)}'
+        return Pose(known[name].x, known[name].y, known[name].yaw)
+
+    def blackboard(self, key: str, blackboard: str = '') -> Any:
+        """Return an entry of a blackboard of the BT server, by default of the one that all trees share.
+
+        A message is a dictionary. Raises AssertionError if there is no such entry.
+        """
+        client = ActionClient(self._world.observer.node, BtGetData, names.of_robot(self._own, names.BT_GET_DATA))
+        request = BtGetData.Goal(blackboard=blackboard, keys=[key], encoding=BtGetData.Goal.TEXT)
+        try:
+            self._world.run_while(lambda: not client.server_is_ready(), 'the BT server')
+            goal = self._world.result(client.send_goal_async(request), 'the BT server')
+            result = self._world.result(goal.get_result_async(), 'the BT server').result
+        finally:
+            client.destroy()
+        assert result.code == BtGetData.Result.SUCCESS, result.message
+        return yaml.safe_load(result.entries[0].text)
+
+    # -- the operator
+
+    def start(self, behavior: str, autonomy: str = 'High', **arguments: str) -> None:
+        """Start a behavior at a level of autonomy: Off, Low, High or Full."""
+        level = AutonomyLevel[autonomy.upper()]
+        self.tell(f'operator: starts {behavior!r} at autonomy {autonomy}')
+        self._give(self._make.start(self.view, behavior, list(arguments.items()), level))
+        self.run_until(lambda view: view.running)
+
+    def answer(self, state: str, answer: str) -> None:
+        """Answer the question of a state, once it asks: with a place, an outcome, or a value as text."""
+        decision = self._asked(state)
+        self.tell(f'operator: answers {state} with {answer}')
+        self._give(self._make.answer(self.view, decision.id, answer))
+
+    def decline(self, state: str) -> None:
+        """Decline the question of a state, once it asks."""
+        decision = self._asked(state)
+        self.tell(f'operator: declines {state}')
+        self._give(self._make.decline(self.view, decision.id))
+
+    def choose(self, state: str, outcome: str) -> None:
+        """Choose an outcome of a state that waits for it, or confirm or overrule its transition."""
+        decision = self._asked(state)
+        self.tell(f'operator: chooses {outcome} of {state}')
+        self._give(self._make.choose(self.view, decision, outcome))
+
+    def confirm(self, state: str) -> None:
+        """Confirm the outcome that a state suggests, once it asks."""
+        decision = self._asked(state)
+        self.tell(f'operator: confirms {decision.outcome} of {state}')
+        self._give(self._make.confirm(self.view, decision.id))
+
+    def force(self, state: str, outcome: str) -> None:
+        """Leave an active state that has not asked."""
+        self.tell(f'operator: forces {outcome} of {state}')
+        self._give(self._make.force(self.view, state, outcome))
+
+    def pause(self) -> None:
+        """Pause the run, until :meth:`resume`."""
+        self._command(CommandKind.PAUSE)
+
+    def resume(self) -> None:
+        """Let a paused run go on."""
+        self.tell('operator: RESUME')
+        self._give(self._make.resume(self.view))
+
+    def stop(self) -> None:
+        """Stop the run."""
+        self._command(CommandKind.STOP)
+
+    # -- faults
+
+    def fail_goal(self, action: str, seconds: float = 1.0, message: str = 'a fault of the test') -> None:
+        """Let a navigation server abort its goal, and each one of the next seconds: ``follow_path`` and the like."""
+        self.tell(f'test: {action} fails for {seconds:g} s')
+        fault = yaml.safe_dump({'server': action, 'error_msg': message})
+        request = SetFault.Request(entity=self.namespace, fault='server_fails', parameters=fault, duration=seconds)
+        response = self._world.ask(SetFault, 'set_fault', request, self._own)
+        assert response.success, response.message
+
+    # -- inside
+
+    @property
+    def _own(self) -> str:
+        return f'/{self.namespace}' if self.namespace else ''
+
+    def _asked(self, state: str) -> Decision:
+        self.run_until(self.asks(state))
+        decision = next(one for one in self.view.decisions if self._is_open(one, state))
+        self._answered.add(decision.id)
+        return decision
+
+    def _is_open(self, decision: Decision, state: str) -> bool:
+        return decision.path == state and decision.id not in self._answered
+
+    def _command(self, kind: CommandKind) -> None:
+        self.tell(f'operator: {kind.name}')
+        self._give(self._make.command(self.view, kind))
+
+    def _give(self, command: Any) -> None:
+        """Send a command and wait until it is applied."""
+        tracked = self._link.send(replace(command, reason='of a test'), ANSWER_SECONDS)
+
+        def is_settled(_view: View) -> bool:
+            nonlocal tracked
+            tracked = self.mirror.command(command.id) or tracked
+            return tracked.state is not CommandState.PENDING
+
+        self.run_until(is_settled, 2.0 * ANSWER_SECONDS)
+        assert tracked.state is CommandState.APPLIED, (
+            f'{command.kind.name}: {tracked.state.value}, {tracked.reason}; {self._situation()}'
+        )
+
+    def _situation(self) -> str:
+        view = self.view
+        asked = ', '.join(f'{one.path} ({one.kind.name.lower()})' for one in view.decisions)
+        return (
+            f'the executive is {view.snapshot.state.name if view.snapshot else "unknown"} in '
+            f'{", ".join(view.active_paths) or "no state"}, asked by {asked or "nobody"}; link {view.link.value}; '
+            f'{self.robot!r}; states: {self.states}'
+        )
+
+    def is_ready(self, nodes: set[str]) -> bool:
+        """Return whether the robot is there, with these nodes."""
+        view = self.view
+        peers = view.snapshot.peers if view.snapshot else ()
+        ready = {peer.name.rpartition('/')[2] for peer in peers if peer.alive and peer.ready}
+        is_known = view.behaviors is not None and view.has_places and self.robot.pose is not None
+        return view.live and nodes <= ready and is_known
+
+    def _on_change(self, change: Change) -> None:
+        if change is not Change.STATUS:
+            return
+        active = ', '.join(self.view.active_paths)
+        if active and (not self.states or active != self.states[-1]):
+            self.states.append(active)
+
+    def _observe(self, node: Any) -> None:
+        for kind, name, read, qos in (
+            (PoseStamped, names.POSE, self._read_pose, 100),
+            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, self._read_behavior, names.transient_local_qos()),
+            (ExecutiveEvents, names.EXECUTIVE_EVENTS, self._read_events, names.transient_local_qos(50)),
+            (TreeStructure, names.TREE_STRUCTURE, self._read_tree, names.transient_local_qos(50)),
+            (TreeStatus, names.TREE_STATUS, self._read_status, 1000),
+        ):
+            node.create_subscription(kind, names.of_robot(self._own, name), read, qos)
+
+    def _read_pose(self, message: Any) -> None:
+        stamp, place, turn = message.header.stamp, message.pose.position, message.pose.orientation
+        pose = Pose(place.x, place.y, 2.0 * math.atan2(turn.z, turn.w))
+        self.robot.add_pose(pose, stamp.sec + 1e-9 * stamp.nanosec)
+
+    def _read_behavior(self, message: Any) -> None:
+        self._behaviors[message.run_id] = message.behavior
+        COVERAGE.add_behavior(message)
+
+    def _read_events(self, message: Any) -> None:
+        for number, event in enumerate(message.events, message.first):
+            key = (message.executive_id, number)
+            if event.kind != ExecutiveEvent.TRANSITION or key in self._events:
+                continue
+            self._events.add(key)
+            self.transitions.append((event.path, event.outcome))
+            self.tell(f'executive: {event.path} left by {event.outcome} ({event.reason})')
+            COVERAGE.add_transition(self._behaviors.get(event.run_id, ''), event.path, event.outcome)
+
+    def _read_tree(self, message: Any) -> None:
+        if (message.run_id, message.number) not in self._trees:
+            self._trees[message.run_id, message.number] = message
+            COVERAGE.add_tree(message)
+
+    def _read_status(self, message: Any) -> None:
+        tree = self._trees.get((message.run_id, message.structure))
+        if tree is None:
+            return
+        for change in message.changes:
+            node = tree.nodes[change.uid - 1]
+            COVERAGE.add_status(tree.behavior_tree, node.path, change.status)
+            if (
+                change.previous_status == TreeStatus.RUNNING
+                and change.status == TreeStatus.FAILURE
+                and node.kind == node.ACTION
+            ):
+                self.tell(f'tree {tree.behavior_tree}: {node.path} failed')
+
+
+class World(Mission):
     """Processes of a robot, a scripted operator, and a clock that jumps to the next event.
 
     The same seed gives the same run, message for message. Seed 0 keeps the order in which tasks become ready; another
     one draws it. Open a world with ``with``; its files are in a directory of its own, which is removed at the end. An
     interpreter has one world at a time.
+
+    With several robots it is itself the mission of the first one; :attr:`robots` has all, by their namespaces.
     """
 
-    def __init__(self, seed: int = 0, programs: Sequence[Program] | None = None, operator: str = 'engineer') -> None:
+    def __init__(
+        self,
+        seed: int = 0,
+        programs: Sequence[Program] | None = None,
+        operator: str = 'engineer',
+        writable: Sequence[Path] = (),
+    ) -> None:
+        """``writable`` are directories in which the programs may write files, besides that of the world."""
         SCHEDULER.reset(seed)
         DOMAIN.reset()
         self.seed = seed
-        self.programs = {program.executable: program for program in programs or robot_programs()}
+        self.story: list[str] = []
+        """What has happened, a line each, for the report of a failed test."""
+        self.programs = {program.name: program for program in programs or robot_programs()}
         self.processes: dict[str, Process] = {}
-        self.states: list[str] = []
-        """The active states that the operator has seen, in order, several at a time joined by a comma."""
-        self.robot = TrackedRobot(self.place)
+        namespaces = [one.namespace for one in self.programs.values() if one.executable == 'onboard_executive']
+        super().__init__(self, namespaces[0] if namespaces else '')
+        self.robots: dict[str, Mission] = {self.namespace: self}
+        self.robots |= {name: Mission(self, name) for name in namespaces[1:]}
         self._operator = operator
-        self._answered: set[str] = set()
+        self._writable = list(writable)
 
     def __enter__(self) -> World:
-        self._home = Path(tempfile.mkdtemp(prefix='flexbt_world_'))
+        self.home = Path(tempfile.mkdtemp(prefix='flexbt_world_'))
         self._environment = {name: os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')}
-        os.environ.update(HOME=str(self._home), ROS_HOME=str(self._home / 'ros'), ROS_LOG_DIR=str(self._home / 'log'))
+        os.environ.update(HOME=str(self.home), ROS_HOME=str(self.home / 'ros'), ROS_LOG_DIR=str(self.home / 'log'))
+        BOUNDARY.close_around([self.home, *self._writable])
         for name in self.programs:
             self.launch(name)
-        self._observer = NodeRuntime('observer', args=[])
-        self._observer.call(self._observe)
-        station = SCHEDULER.process('operator')
-        with _acting_as(station):
+        self.observer = NodeRuntime('observer', args=[])
+        with _acting_as(SCHEDULER.process(OPERATOR)):
             self._station = NodeRuntime('operator', args=[])
-            self.mirror = Mirror(self._station.steady)
-            self._link = ExecutiveLink(self._station, self.mirror)
-        self._make = CommandBuilder(self._operator)
-        self.mirror.add_listener(self._on_change)
-        self.run_until(self._is_ready, 180.0)
+            for mission in self.robots.values():
+                mission.open(self._station, self.observer, self._operator)
+        for name, mission in self.robots.items():
+            own = {one.executable for one in self.programs.values() if one.namespace == name}
+            here = {'navigation' if node in ('simulation', 'abstract_robot') else node for node in own & _NODES}
+            mission.run_until(lambda _view: mission.is_ready(here), READY_SECONDS)  # noqa: B023
         return self
 
     def __exit__(
@@ -157,19 +410,28 @@ class World:
     ) -> None:
         """End all processes in order, those that are killed or stopped aside."""
         self._station.close()
-        self._observer.close()
+        self.observer.close()
         for name in self.processes:
             self.terminate(name)
         self.run(3.0)
         for process in self.processes.values():
             if process.is_alive:
                 kill(process)
+        BOUNDARY.open()
         for name, value in self._environment.items():
             if value is None:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-        shutil.rmtree(self._home, ignore_errors=True)
+        shutil.rmtree(self.home, ignore_errors=True)
+
+    def report(self) -> str:
+        """Return what the robots did, for a failed test."""
+        lines = [*self.story[-_STORY_LENGTH:], *(f'stopped: {crossing}' for crossing in BOUNDARY.crossings)]
+        for mission in self.robots.values():
+            lines.append(f'at {self.now:.2f} s {mission.namespace or "the robot"}: {mission._situation()}')
+        ended = [f'{name} ({one.exit_code})' for name, one in self.processes.items() if not one.is_alive]
+        return '\n'.join(lines + ([f'ended: {", ".join(ended)}'] if ended else []))
 
     # -- time
 
@@ -187,48 +449,57 @@ class World:
         """Let the world go on for this time, s."""
         SCHEDULER.sleep(seconds)
 
-    def run_until(self, condition: Callable[[View], object], within: float) -> None:
-        """Let the world go on until a condition of the operator's view holds.
-
-        Raises:
-            AssertionError: it did not hold within this time, s.
-        """
-        until = SCHEDULER.after(within)
-        while not condition(self.view):
-            view = self.view
-            assert SCHEDULER.now < until, (
-                f'not within {within:g} s: the executive is {view.snapshot and view.snapshot.state.name} in '
-                f'{", ".join(view.active_paths) or "no state"}, link {view.link.value}; states: {self.states}'
-            )
-            SCHEDULER.sleep(0.02)
-
     def at(self, time: float, act: Callable[[], object]) -> None:
         """Call ``act`` at a time of this world, s, on a thread of its own."""
         SCHEDULER.call_at(
             BOOT + int(time * SECOND), lambda: SCHEDULER.spawn(act, f'at {time:g} s', SCHEDULER.main.process)
         )
 
+    def run_while(self, condition: Callable[[], object], what: str) -> None:
+        """Let the world go on while a condition holds. Raises AssertionError if it still does after a minute."""
+        until = SCHEDULER.after(ANSWER_SECONDS)
+        while condition():
+            assert SCHEDULER.now < until, f'{what} does not answer within {ANSWER_SECONDS:g} s'
+            SCHEDULER.sleep(0.02)
+
+    def result(self, future: Any, what: str) -> Any:
+        """Let the world go on until a future of rclpy is done, and return its result."""
+        self.run_while(lambda: not future.done(), what)
+        return future.result()
+
     # -- processes
 
-    def launch(self, name: str) -> Process:
-        """Start a program of the world."""
-        program = self.programs[name]
-        process = SCHEDULER.process(name)
-        process.arguments = program.arguments()
-        main: Callable[[], int] = getattr(importlib.import_module(f'{program.package}.executables'), program.executable)
+    def launch(self, program: str | Callable[[], Any]) -> Process:
+        """Start a program of the world, or a further one: ``package/executable``, or a function."""
+        if callable(program):
+            made = Program('', program.__name__, main=program)
+        elif program in self.programs:
+            made = self.programs[program]
+        else:
+            package, _, executable = program.partition('/')
+            made = Program(package, executable)
+        main = made.load()
+        self.programs.setdefault(made.name, made)
+        process = SCHEDULER.process(made.name)
+        process.arguments = made.arguments()
 
         def body() -> None:
             try:
                 process.exit_code = main()
+            except BaseException as error:
+                process.exit_code = 1
+                self.tell(f'{made.name}: {type(error).__name__}: {error}')
+                raise
             finally:
                 process.is_alive = False
 
-        self.processes[name] = process
+        self.processes[made.name] = process
         SCHEDULER.spawn(body, 'MainThread', process)
         return process
 
     def kill(self, name: str) -> None:
         """End a process as SIGKILL does."""
+        self.tell(f'test: kills {name}')
         kill(self._alive(name))
 
     def terminate(self, name: str) -> None:
@@ -240,109 +511,73 @@ class World:
     def restart(self, name: str) -> None:
         """Start a process that has ended again."""
         assert not self.processes[name].is_alive, f'{name} runs; kill or terminate it first'
+        self.tell(f'test: starts {name} again')
         self.launch(name)
 
     def hold_up(self, name: str) -> None:
         """Stop a process as SIGSTOP does, until :meth:`resume`."""
+        self.tell(f'test: holds {name} up')
         SCHEDULER.hold_up(self._alive(name))
 
-    def resume(self, name: str) -> None:
-        """Let a stopped process continue, as SIGCONT does."""
+    def resume(self, name: str = '') -> None:
+        """Let a paused run go on; with a name, let a stopped process continue, as SIGCONT does."""
+        if not name:
+            super().resume()
+            return
+        self.tell(f'test: lets {name} continue')
         SCHEDULER.resume(self._alive(name))
 
     def _alive(self, name: str) -> Process:
+        assert name in self.processes, f'there is no process {name!r}; there are {", ".join(self.processes)}'
         process = self.processes[name]
         assert process.is_alive, f'{name} has ended already, with exit code {process.exit_code}'
         return process
 
-    # -- the operator
+    # -- what is around the robot
+
+    def drop_obstacle(self, name: str, x: float, y: float, length: float = 0.4, width: float = 0.4) -> None:
+        """Put a box into the world: its centre and its sides along the axes of the map, m."""
+        self.tell(f'test: puts {name} at ({x:g}, {y:g})')
+        box = {'obstacles': {name: {'pose': [x, y, 0.0], 'shape': [length, width]}}}
+        self._change(SpawnEntity, 'spawn_entity', SpawnEntity.Request(name=name, resource_string=yaml.safe_dump(box)))
+
+    def take_away(self, name: str) -> None:
+        """Remove a box."""
+        self.tell(f'test: takes {name} away')
+        self._change(DeleteEntity, 'delete_entity', DeleteEntity.Request(entity=name))
+
+    def _change(self, kind: Any, name: str, request: Any) -> None:
+        assert 'abstract_robot' not in {one.executable for one in self.programs.values()}, (
+            "an abstract robot meets no obstacles; leave out motion='abstract'"
+        )
+        result = self.ask(kind, name, request).result
+        assert result.result == result.RESULT_OK, result.error_message
+
+    def ask(self, kind: Any, name: str, request: Any, namespace: str = '') -> Any:
+        """Call a service of the simulator, and return the response."""
+        is_abstract = 'abstract_robot' in {one.executable for one in self.programs.values()}
+        service = names.of_robot(namespace if is_abstract else '', f'{names.SIMULATOR}/{name}')
+        client = self.observer.node.create_client(kind, service)
+        try:
+            self.run_while(lambda: not client.service_is_ready(), service)
+            return self.result(client.call_async(request), service)
+        finally:
+            self.observer.node.destroy_client(client)
 
     @property
-    def view(self) -> View:
-        """What the operator sees."""
-        return self.mirror.view()
+    def network(self) -> Network:
+        """The network between the hosts of this world: the robot, and the operator."""
+        if not isinstance(DOMAIN.network, Network):
+            DOMAIN.network = Network()
+        return DOMAIN.network
 
-    def start(self, behavior: str, autonomy: str = 'High', **arguments: str) -> None:
-        """Start a behavior at a level of autonomy: Off, Low, High or Full."""
-        level = AutonomyLevel[autonomy.upper()]
-        self._give(self._make.start(self.view, behavior, list(arguments.items()), level))
-        self.run_until(lambda view: view.running, ANSWER_SECONDS)
-
-    def answer(self, state: str, answer: str) -> None:
-        """Answer the question of a state, once it asks: with a place, an outcome, or a value as text."""
-        self.run_until(self.asks(state), ANSWER_SECONDS)
-        decision = next(one for one in self.view.decisions if self._is_open(one, state))
-        self._answered.add(decision.id)
-        self._give(self._make.answer(self.view, decision.id, answer))
-
-    def choose(self, state: str, outcome: str) -> None:
-        """Choose an outcome of a state that waits for it, or confirm or overrule its transition."""
-        self.run_until(self.asks(state), ANSWER_SECONDS)
-        decision = next(one for one in self.view.decisions if self._is_open(one, state))
-        self._answered.add(decision.id)
-        self._give(self._make.choose(self.view, decision, outcome))
-
-    def force(self, state: str, outcome: str) -> None:
-        """Leave an active state that has not asked."""
-        self._give(self._make.force(self.view, state, outcome))
-
-    def stop(self) -> None:
-        """Stop the run."""
-        self._give(self._make.command(self.view, CommandKind.STOP))
-
-    def asks(self, state: str) -> Callable[[View], bool]:
-        """Return the condition that a state asks something that is not answered yet."""
-        return lambda view: any(self._is_open(one, state) and not view.lacks(one) for one in view.decisions)
-
-    def ended(self, outcome: str) -> Callable[[View], bool]:
-        """Return the condition that the run has ended with this outcome."""
-
-        def has_ended(view: View) -> bool:
-            snapshot = view.snapshot
-            return snapshot is not None and snapshot.state is ExecutiveState.IDLE and snapshot.outcome == outcome
-
-        return has_ended
-
-    def place(self, name: str) -> Pose:
-        """Return the pose of a named place."""
-        place = self.view.places[name]
-        return Pose(place.x, place.y, place.yaw)
-
-    def _is_open(self, decision: Decision, state: str) -> bool:
-        return decision.path == state and decision.id not in self._answered
-
-    def _give(self, command: Any) -> None:
-        """Send a command and wait until it is applied."""
-        tracked = self._link.send(replace(command, reason='of a test'), ANSWER_SECONDS)
-
-        def is_settled(_view: View) -> bool:
-            nonlocal tracked
-            tracked = self.mirror.command(command.id) or tracked
-            return tracked.state is not CommandState.PENDING
-
-        self.run_until(is_settled, 2.0 * ANSWER_SECONDS)
-        assert tracked.state is CommandState.APPLIED, f'{command.kind.name}: {tracked.state.value}, {tracked.reason}'
-
-    def _is_ready(self, view: View) -> bool:
-        peers = view.snapshot.peers if view.snapshot else ()
-        nodes = len(self.programs) - 1
-        is_there = len(peers) >= nodes and all(peer.alive and peer.ready for peer in peers)
-        return view.live and is_there and view.behaviors is not None and view.has_places and self.robot.pose is not None
-
-    def _on_change(self, change: Change) -> None:
-        if change is not Change.STATUS:
-            return
-        active = ', '.join(self.view.active_paths)
-        if active and (not self.states or active != self.states[-1]):
-            self.states.append(active)
-
-    def _observe(self) -> None:
-        def on_pose(message: Any) -> None:
-            stamp, place, turn = message.header.stamp, message.pose.position, message.pose.orientation
-            pose = Pose(place.x, place.y, 2.0 * math.atan2(turn.z, turn.w))
-            self.robot.add_pose(pose, stamp.sec + 1e-9 * stamp.nanosec)
-
-        self._observer.node.create_subscription(PoseStamped, names.POSE, on_pose, 100)
+    def cut(self, name: str, seconds: float) -> None:
+        """Cut the operator, or a process, off from the others: what is reliable arrives later, the rest is lost."""
+        self.tell(f'test: cuts {name} off for {seconds:g} s')
+        if name != OPERATOR:
+            self.network.hosts[self._alive(name).name] = name
+            self.network.cut(seconds, name, OPERATOR)
+        self.network.cut(seconds, ROBOT, name)
 
 
 @contextmanager

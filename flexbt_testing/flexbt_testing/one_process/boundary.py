@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What code of a world may not do: reach the network, other processes and files outside, which no seed decides.
+
+Only the processes of a world are watched, not the test. Python tells such actions to an audit hook (PEP 578), before
+they happen.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from .scheduler import SCHEDULER, Process
+
+_PROGRAM: Final = (
+    "start it by world.launch('package/executable') if it is a ROS program in Python, else call a function"
+)
+_INSTEAD: Final = {
+    'socket.connect': 'a topic or service of a node that the test makes, or a function that the test replaces',
+    'subprocess.Popen': _PROGRAM,
+    'os.system': _PROGRAM,
+    'os.posix_spawn': _PROGRAM,
+    'os.exec': _PROGRAM,
+    'os.fork': _PROGRAM,
+}
+_WRITES: Final = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+
+
+class OutsideWorldError(RuntimeError):
+    """Code of a world has tried to leave it."""
+
+
+class Boundary:
+    """The boundary of the current world."""
+
+    def __init__(self) -> None:
+        self._test: Process | None = None
+        self._folders: tuple[str, ...] = ()
+        self.crossings: list[str] = []
+        """What was stopped, a line each."""
+        self._is_hooked = False
+
+    def close_around(self, folders: list[Path]) -> None:
+        """Begin to watch all processes but the current one. Their files may be in these folders."""
+        self._test, self._folders, self.crossings = (
+            SCHEDULER.current.process,
+            tuple(f'{folder}/' for folder in folders),
+            [],
+        )
+        if not self._is_hooked:
+            self._is_hooked = True
+            sys.addaudithook(self._check)
+
+    def open(self) -> None:
+        """Watch nothing until the next world."""
+        self._test = None
+
+    def _check(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if self._test is None or (event != 'open' and event not in _INSTEAD):
+            return
+        process = SCHEDULER.current.process
+        if process is self._test or (event == 'open' and self._may_open(*arguments)):
+            return
+        what = f'opens {arguments[0]!r} for writing' if event == 'open' else f'calls {event} {_text(arguments)}'
+        instead = _INSTEAD.get(event, 'the home directory of the world (Path.home()), or tmp_path of the test')
+        self.crossings.append(f'{process.name} {what}')
+        raise OutsideWorldError(f'{process.name} {what}: not in a simulated world. Use instead: {instead}')
+
+    def _may_open(self, path: Any, mode: Any, flags: Any) -> bool:
+        is_written = isinstance(flags, int) and flags & _WRITES
+        if not is_written or not isinstance(path, str | bytes):
+            return True
+        file = os.fsdecode(path)
+        return file == os.devnull or '__pycache__' in file or str(Path(file).absolute()).startswith(self._folders)
+
+
+def _text(arguments: tuple[Any, ...]) -> str:
+    return ' '.join(repr(one) for one in arguments if isinstance(one, str | bytes | list | tuple))[:200]
+
+
+BOUNDARY: Final = Boundary()
