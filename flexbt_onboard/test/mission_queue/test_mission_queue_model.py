@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
-from hypothesis import settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
@@ -16,7 +17,7 @@ from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.mission_queue import mission_queue
-from flexbt_onboard.mission_queue.conditions import time_problem
+from flexbt_onboard.mission_queue.conditions import check_options, is_within, time_problem
 from flexbt_onboard.mission_queue.mission_queue import MissionQueue
 from flexbt_onboard.persistence.journal import JournalState, encode_head, encode_line, read_journal
 from flexbt_onboard.persistence.queue_entries import Changes, EndedRun, QueueEntry, QueueState
@@ -291,3 +292,15 @@ def test_queue_against_model() -> None:
     run_state_machine_as_test(
         QueueAgainstModel, settings=settings(max_examples=200, stateful_step_count=30, deadline=None)
     )
+
+
+@given(st.integers(0, 1439), st.integers(0, 1439), st.integers(0, 2**31 - 1))
+def test_a_window_of_the_day_holds_from_its_begin_to_its_end_whatever_the_clock_jumps_to(
+    begin: int, end: int, now: int
+) -> None:
+    local = time.localtime(now)
+    minute = 60 * local.tm_hour + local.tm_min
+    window = f'{begin // 60:02}:{begin % 60:02}-{end // 60:02}:{end % 60:02}'
+    check_options(QueueOptions(window=window), {})
+    expected = begin == end or (minute - begin) % 1440 < (end - begin) % 1440
+    assert is_within(window, now) is expected
