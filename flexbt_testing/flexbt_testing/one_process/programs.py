@@ -143,7 +143,7 @@ def named_programs(name: str, folder: Path, scratch: Path, motion: str = 'full',
         module, _, attribute = function.partition(':')
         if not attribute:
             raise LookupError(
-                f'there is no world {name!r}{did_you_mean(name, _DEMONSTRATIONS)}; give a demonstration '
+                f'there is no world {name!r}{did_you_mean(name, _DEMONSTRATIONS, ".")} Give a demonstration '
                 f'({", ".join(_DEMONSTRATIONS)}), a world file (.yaml), or module:function'
             )
         make = getattr(importlib.import_module(module), attribute)

@@ -7,7 +7,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -37,8 +37,10 @@ from flexbt_console.mirror.mirror import Change, Mirror  # noqa: E402
 from flexbt_console.mirror.records import AutonomyLevel, CommandKind, Decision, ExecutiveState  # noqa: E402
 from flexbt_console.mirror.view import View  # noqa: E402
 from flexbt_msgs.action import BtGetData  # noqa: E402
-from flexbt_msgs.msg import BehaviorStructure, ExecutiveEvent, ExecutiveEvents, TreeStatus, TreeStructure  # noqa: E402
+from flexbt_msgs.msg import BehaviorStructure, TreeStatus, TreeStructure  # noqa: E402
 from flexbt_msgs.srv import SetFault  # noqa: E402
+from flexbt_onboard.link.event_stream import EventStream  # noqa: E402
+from flexbt_onboard.node import executive  # noqa: E402
 from flexbt_sim.world import Pose  # noqa: E402
 
 from .boundary import BOUNDARY  # noqa: E402
@@ -107,8 +109,6 @@ class Mission:
         self.robot = TrackedRobot(self)
         self._world = world
         self._answered: set[str] = set()
-        self._events: set[tuple[str, int]] = set()
-        self._behaviors: dict[str, str] = {}
         self._trees: dict[tuple[str, int], Any] = {}
 
     def tell(self, text: str) -> None:
@@ -222,7 +222,8 @@ class Mission:
         self._give(self._make.confirm(self.view, decision.id))
 
     def force(self, state: str, outcome: str) -> None:
-        """Leave an active state that has not asked."""
+        """Leave a state that has not asked, once it is active."""
+        self.run_until(lambda view: state in view.active_levels)
         self.tell(f'operator: forces {outcome} of {state}')
         self._give(self._make.force(self.view, state, outcome))
 
@@ -309,8 +310,7 @@ class Mission:
     def _observe(self, node: Any) -> None:
         for kind, name, read, qos in (
             (PoseStamped, names.POSE, self._read_pose, 100),
-            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, self._read_behavior, names.transient_local_qos()),
-            (ExecutiveEvents, names.EXECUTIVE_EVENTS, self._read_events, names.transient_local_qos(50)),
+            (BehaviorStructure, names.EXECUTIVE_STRUCTURE, COVERAGE.add_behavior, names.transient_local_qos()),
             (TreeStructure, names.TREE_STRUCTURE, self._read_tree, names.transient_local_qos(50)),
             (TreeStatus, names.TREE_STATUS, self._read_status, 1000),
         ):
@@ -321,19 +321,11 @@ class Mission:
         pose = Pose(place.x, place.y, 2.0 * math.atan2(turn.z, turn.w))
         self.robot.add_pose(pose, stamp.sec + 1e-9 * stamp.nanosec)
 
-    def _read_behavior(self, message: Any) -> None:
-        self._behaviors[message.run_id] = message.behavior
-        COVERAGE.add_behavior(message)
-
-    def _read_events(self, message: Any) -> None:
-        for number, event in enumerate(message.events, message.first):
-            key = (message.executive_id, number)
-            if event.kind != ExecutiveEvent.TRANSITION or key in self._events:
-                continue
-            self._events.add(key)
-            self.transitions.append((event.path, event.outcome))
-            self.tell(f'executive: {event.path} left by {event.outcome} ({event.reason})')
-            COVERAGE.add_transition(self._behaviors.get(event.run_id, ''), event.path, event.outcome)
+    def add_transition(self, behavior: str, path: str, outcome: str, reason: str) -> None:
+        """Add a transition of the executive, at the moment at which it happens."""
+        self.transitions.append((path, outcome))
+        self.tell(f'executive: {path} left by {outcome} ({reason})')
+        COVERAGE.add_transition(behavior, path, outcome)
 
     def _read_tree(self, message: Any) -> None:
         if (message.run_id, message.number) not in self._trees:
@@ -365,6 +357,9 @@ class World(Mission):
     With several robots it is itself the mission of the first one; :attr:`robots` has all, by their namespaces.
     """
 
+    current: World | None = None
+    """The world that is open."""
+
     def __init__(
         self,
         seed: int = 0,
@@ -392,6 +387,7 @@ class World(Mission):
         self._environment = {name: os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')}
         os.environ.update(HOME=str(self.home), ROS_HOME=str(self.home / 'ros'), ROS_LOG_DIR=str(self.home / 'log'))
         BOUNDARY.close_around([self.home, *self._writable])
+        World.current = self
         for name in self.programs:
             self.launch(name)
         self.observer = NodeRuntime('observer', args=[])
@@ -418,6 +414,7 @@ class World(Mission):
             if process.is_alive:
                 kill(process)
         BOUNDARY.open()
+        World.current = None
         for name, value in self._environment.items():
             if value is None:
                 os.environ.pop(name, None)
@@ -578,6 +575,20 @@ class World(Mission):
             self.network.hosts[self._alive(name).name] = name
             self.network.cut(seconds, name, OPERATOR)
         self.network.cut(seconds, ROBOT, name)
+
+
+class _ToldEvents(EventStream):
+    """The events of an executive, of which the world is told at once: the topic limits how many are sent."""
+
+    def add(self, event: str, fields: Mapping[str, Any]) -> None:
+        super().add(event, fields)
+        namespace = self._runtime.node.get_namespace().strip('/')
+        mission = World.current.robots.get(namespace) if World.current else None
+        if event == 'left' and mission is not None:
+            mission.add_transition(self._behavior, *(str(fields.get(key, '')) for key in ('path', 'outcome', 'reason')))
+
+
+setattr(executive, 'EventStream', _ToldEvents)  # noqa: B010 - a name that it has imported
 
 
 @contextmanager

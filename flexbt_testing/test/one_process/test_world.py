@@ -1,8 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Missions of a whole robot in one process."""
+"""Missions of whole robots in one process, as users test theirs."""
 
 from __future__ import annotations
 
+import re
+import shlex
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rclpy
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from flexbt_core.errors import FlexbtError
+from flexbt_testing.one_process.boundary import BOUNDARY, OutsideWorldError
 from flexbt_testing.one_process.world import World
 
 
@@ -12,6 +28,11 @@ def test_the_robot_gets_to_the_kitchen(world: World) -> None:
     world.run_until(world.asks('/AskGoal'), within=90)
     assert world.robot.near('kitchen', 0.15)
     assert world.states == ['/AskGoal', '/Drive', '/AskGoal']
+    assert world.transitions[-2:] == [('/AskGoal', 'received'), ('/Drive', 'done')]
+    assert world.blackboard('goal')['pose']['position']['x'] == pytest.approx(world.place('kitchen').x)
+    world.decline('/AskGoal')
+    world.run_until(world.ended('finished'))
+    assert world.outcome == 'finished'
 
 
 def test_a_bt_server_that_dies_stops_the_robot(world: World) -> None:
@@ -25,3 +46,198 @@ def test_a_bt_server_that_dies_stops_the_robot(world: World) -> None:
     world.restart('bt_server')
     world.run(10.0)
     world.stop()
+
+
+def test_a_box_in_the_way_is_driven_around(world: World) -> None:
+    world.start('Navigate')
+    world.answer('/AskGoal', 'corridor')
+    world.drop_obstacle('box', 6.0, 4.45, 0.3, 0.3)
+    world.at(world.now + 20.0, lambda: world.take_away('box'))
+    world.run_until(world.asks('/AskGoal'), within=120)
+    assert world.robot.near('corridor')
+    assert world.robot.length > 10.4
+
+
+@pytest.mark.seeds(2)
+@pytest.mark.world(motion='abstract')
+def test_pauses_faults_and_forced_outcomes(world: World) -> None:
+    world.start('Navigate')
+    world.answer('/AskGoal', 'kitchen')
+    world.run(5.0)
+    world.pause()
+    world.run(1.0)
+    length = world.robot.length
+    world.run(1.0)
+    assert world.robot.length == length
+    world.resume()
+    world.run(5.0)
+    assert world.robot.length > length
+    world.fail_goal('follow_path', seconds=60.0)
+    world.run_until(lambda view: '/Drive' in world.decisions)
+    assert world.decisions['/Drive'].outcome == 'failed'
+    world.choose('/Drive', 'canceled')
+    world.answer('/AskGoal', 'office')
+    world.force('/Drive', 'failed')
+    world.run_until(world.asks('/AskGoal'))
+    assert [outcome for path, outcome in world.transitions if path == '/Drive'] == ['canceled', 'failed']
+
+
+@pytest.mark.world(motion='abstract')
+def test_an_operator_without_a_link_misses_nothing(world: World) -> None:
+    world.start('Navigate')
+    world.answer('/AskGoal', 'dock')
+    world.cut('operator', 20.0)
+    world.hold_up('bt_server')
+    world.run(10.0)
+    assert not world.view.live
+    world.resume('bt_server')
+    world.run_until(lambda view: view.live)
+    assert world.now > 20.0
+
+
+@pytest.mark.world('night_watch', motion='abstract')
+def test_a_demonstration_with_two_robots(world: World) -> None:
+    for name, mission in world.robots.items():
+        other = 'beta' if name == 'alpha' else 'alpha'
+        mission.start('Night Watch', rooms='lab' if name == 'alpha' else 'archive', home=f'{name}_dock', partner=other)
+    world.run(20.0)
+    assert all(('/GetMap', 'received') in mission.transitions for mission in world.robots.values()), world.transitions
+    assert all(mission.robot.length > 1.0 for mission in world.robots.values())
+    world.robots['beta'].stop()
+
+
+@pytest.mark.world('nav2_robot')
+def test_a_client_program_of_nav2(world: World) -> None:
+    from flexbt_demo_behaviors.nav2_robot.deliveries import main
+
+    program = world.launch(main)
+    world.run_until(world.asks('/Ask'), within=120)
+    assert world.robot.near('shelf')
+    world.choose('/Ask', 'home')
+    world.run_while(lambda: program.is_alive, 'the program')
+    assert program.exit_code == 0
+    assert world.robot.near('dock')
+
+
+def test_programs_with_rclpy_have_each_their_default_context(world: World) -> None:
+    heard: list[str] = []
+
+    def serve() -> None:
+        rclpy.init()
+        node = rclpy.create_node('server')
+
+        def answer(_request: Any, response: Any) -> Any:
+            response.message = f'{node.get_name()} answers'
+            return response
+
+        node.create_service(Trigger, 'ask', answer)
+        rclpy.spin(node)
+
+    def ask() -> None:
+        rclpy.init()
+        node = rclpy.create_node('client')
+        client = node.create_client(Trigger, 'ask')
+        while not client.wait_for_service(timeout_sec=1.0):
+            pass
+        future = client.call_async(Trigger.Request())
+        rclpy.spin_until_future_complete(node, future)
+        heard.append(future.result().message)
+        node.destroy_node()
+        rclpy.shutdown()
+
+    first = world.launch(ask)
+    world.launch(serve)
+    world.run_while(lambda: first.is_alive, 'the client')
+    assert heard == ['server answers']
+    assert first.exit_code is None
+    world.kill('serve')
+
+
+LEAVING: dict[str, Callable[[], object]] = {
+    'socket.connect': lambda: socket.create_connection(('127.0.0.1', 9)),
+    'subprocess.Popen': lambda: subprocess.run(['true'], check=True),
+    'opens': lambda: Path('/var/tmp/of_a_world').write_text('x'),  # noqa: S108
+}
+
+
+@pytest.mark.parametrize('what', LEAVING)
+@pytest.mark.world(motion='abstract')
+def test_code_that_leaves_the_world_is_stopped(world: World, tmp_path: Path, what: str) -> None:
+    errors: list[Exception] = []
+
+    def leave() -> None:
+        (tmp_path / 'allowed').write_text('x')
+        (Path.home() / 'allowed').write_text('x')
+        try:
+            LEAVING[what]()
+        except OutsideWorldError as error:
+            errors.append(error)
+
+    program = world.launch(leave)
+    world.run_while(lambda: program.is_alive, 'the program')
+    [error] = errors
+    assert re.match(rf'leave .*{what}.*not in a simulated world\. Use instead: ', str(error)), error
+    assert what in BOUNDARY.crossings[0]
+    subprocess.run(['true'], check=True)  # the test may
+
+
+def test_a_failed_test_says_what_the_robot_did_and_how_to_repeat_it(tmp_path: Path) -> None:
+    (tmp_path / 'pytest.ini').write_text('[pytest]\naddopts = -p flexbt_testing.world\n')
+    (tmp_path / 'test_it.py').write_text(
+        'import pytest\n'
+        "@pytest.mark.world(motion='abstract')\n"
+        '@pytest.mark.seeds(2)\n'
+        'def test_it(world):\n'
+        "    world.start('Navigate')\n"
+        "    world.answer('/AskGoal', 'kitchen')\n"
+        '    world.run(3.0)\n'
+        "    assert world.robot.near('kitchen') or not world.seed\n"
+    )
+
+    def run(command: list[str]) -> str:
+        ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert ran.returncode == 1, ran.stdout + ran.stderr
+        return ran.stdout
+
+    told = run([sys.executable, '-m', 'pytest', '--mission-coverage'])
+    assert '1 failed, 1 passed' in told
+    assert 'operator: answers /AskGoal with kitchen' in told
+    assert 'm from kitchen, more than 0.3 m' in told
+    assert 'behavior Navigate: transitions 2 of 8; never /LoadTree failed, ' in told
+    [again] = re.findall(r"^again: (FLEXBT_SEED=1 .*'test_it.py::test_it\[1\]')$", told, re.MULTILINE)
+    repeated = run(['env', *shlex.split(again.replace('python3', sys.executable))])
+    assert '1 failed' in repeated
+    story = [line for line in told.splitlines() if ' s  ' in line]
+    assert story and story == [line for line in repeated.splitlines() if ' s  ' in line]
+
+
+@pytest.mark.parametrize(
+    ('name', 'motion', 'reason'),
+    [
+        ('nightwatch', 'full', "there is no world 'nightwatch'; did you mean 'night_watch'? Give a demonstration ("),
+        ('missing.yaml', 'full', 'missing.yaml: not a file name; expected package/relative/path'),
+        ('', 'fast', "there is no motion 'fast'; choose 'full' or 'abstract'"),
+    ],
+)
+def test_a_wrong_name_is_told(tmp_path: Path, name: str, motion: str, reason: str) -> None:
+    from flexbt_testing.one_process.programs import named_programs
+
+    with pytest.raises((LookupError, FlexbtError), match=re.escape(reason)):
+        named_programs(name, tmp_path, tmp_path, motion)
+
+
+def test_a_topic_of_the_test_reaches_a_program(world: World) -> None:
+    got: list[str] = []
+
+    def listen() -> None:
+        rclpy.init()
+        node = rclpy.create_node('listener')
+        node.create_subscription(String, 'words', lambda message: got.append(message.data), 10)
+        rclpy.spin(node)
+
+    world.launch(listen)
+    publisher = world.observer.node.create_publisher(String, 'words', 10)
+    world.run_while(lambda: not publisher.get_subscription_count(), 'the listener')
+    publisher.publish(String(data='hello'))
+    world.run_while(lambda: not got, 'the listener')
+    world.kill('listen')

@@ -1,0 +1,366 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Services, actions, parameters and lifecycle nodes: what each side is answered, and when."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from action_msgs.srv import CancelGoal
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
+from nav2_msgs.action import Wait
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    ParameterDescriptor,
+    ParameterEvent,
+    ParameterType,
+    SetParametersResult,
+)
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action.graph import get_action_names_and_types
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.exceptions import ParameterAlreadyDeclaredException, ParameterNotDeclaredException
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.parameter import Parameter, ParameterValue
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import QoSProfile, qos_profile_action_status_default
+from std_srvs.srv import SetBool, Trigger
+
+# Services
+
+
+def test_clients_get_their_own_responses(ros: Any) -> None:
+    def answer(request: Any, response: Any) -> Any:
+        response.success, response.message = request.data, str(request.data)
+        return response
+
+    deep = QoSProfile(depth=100)
+    ros.node('server').create_service(SetBool, ros.topic, answer, qos_profile=deep)
+    clients = [ros.node(f'client_{n}').create_client(SetBool, ros.topic, qos_profile=deep) for n in range(2)]
+    for client in clients:
+        assert client.wait_for_service(60.0)
+    futures = [clients[number % 2].call_async(SetBool.Request(data=number % 3 == 0)) for number in range(20)]
+    assert [ros.result(future).success for future in futures] == [number % 3 == 0 for number in range(20)]
+
+
+def test_a_service_that_ends_is_gone_and_comes_back(ros: Any) -> None:
+    server = ros.node('server')
+    client = ros.node('client').create_client(Trigger, ros.topic)
+    assert not client.wait_for_service(0.01)
+    service = server.create_service(Trigger, ros.topic, lambda _request, response: response)
+    assert client.wait_for_service(60.0)
+    server.destroy_service(service)
+    ros.wait(lambda: not client.service_is_ready())
+    server.create_service(Trigger, ros.topic, lambda _request, response: response)
+    ros.wait(client.service_is_ready)
+    assert ros.result(client.call_async(Trigger.Request())) == Trigger.Response()
+
+
+def test_a_service_may_be_answered_by_a_coroutine(ros: Any) -> None:
+    node = ros.node('server')
+    group = ReentrantCallbackGroup()
+    inner = node.create_client(Trigger, f'{ros.topic}_inner', callback_group=group)
+
+    async def answer(_request: Any, response: Any) -> Any:
+        response.message = 'outer ' + (await inner.call_async(Trigger.Request())).message
+        return response
+
+    def answer_inner(_request: Any, response: Any) -> Any:
+        response.message = 'inner'
+        return response
+
+    node.create_service(Trigger, ros.topic, answer, callback_group=group)
+    ros.node('other').create_service(Trigger, f'{ros.topic}_inner', answer_inner)
+    assert inner.wait_for_service(60.0)
+    client = ros.node('client').create_client(Trigger, ros.topic)
+    assert client.wait_for_service(60.0)
+    assert ros.result(client.call_async(Trigger.Request())).message == 'outer inner'
+
+
+def test_a_queue_of_requests_keeps_the_newest(ros: Any) -> None:
+    asked: list[bool] = []
+    server = ros.node('server', spins=False)
+
+    def answer(request: Any, response: Any) -> Any:
+        asked.append(request.data)
+        return response
+
+    server.create_service(SetBool, ros.topic, answer, qos_profile=QoSProfile(depth=2))
+    client = ros.node('client').create_client(SetBool, ros.topic)
+    assert client.wait_for_service(60.0)
+    futures = [client.call_async(SetBool.Request(data=number >= 3)) for number in range(5)]
+    ros.spin(server)
+    assert ros.result(futures[4]) is not None
+    assert asked[-1] is True
+
+
+# Actions
+
+
+class Server:
+    """An action server whose goals wait until the test ends them."""
+
+    def __init__(self, ros: Any, **options: Any) -> None:
+        self.node = ros.node('server', spins=False)
+        self.handles: list[Any] = []
+        self.end = threading.Event()
+        self.outcome = 'succeed'
+        self.accepts_cancel = True
+        self._ros = ros
+        self.server = ActionServer(
+            self.node,
+            Wait,
+            ros.topic,
+            self._execute,
+            goal_callback=lambda goal: GoalResponse.REJECT if goal.time.sec < 0 else GoalResponse.ACCEPT,
+            cancel_callback=lambda _goal: CancelResponse.ACCEPT if self.accepts_cancel else CancelResponse.REJECT,
+            callback_group=ReentrantCallbackGroup(),
+            **options,
+        )
+        self._executor = MultiThreadedExecutor(8, context=self.node.context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def _execute(self, handle: Any) -> Any:
+        self.handles.append(handle)
+        handle.publish_feedback(Wait.Feedback())
+        self._ros.wait(lambda: self.end.is_set() or handle.is_cancel_requested)
+        if self.outcome != 'raise':
+            getattr(handle, 'canceled' if handle.is_cancel_requested else self.outcome)()
+            return Wait.Result()
+        raise RuntimeError('of the test')
+
+    def close(self) -> None:
+        self.end.set()
+        self._executor.shutdown()
+        self._thread.join()
+
+
+@pytest.fixture
+def server(ros: Any) -> Iterator[Server]:
+    made = Server(ros)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def client(ros: Any, server: Server) -> Any:
+    made = ActionClient(ros.node('client'), Wait, ros.topic)
+    assert made.wait_for_server(60.0)
+    return made
+
+
+def goal(seconds: int = 1) -> Any:
+    made = Wait.Goal()
+    made.time.sec = seconds
+    return made
+
+
+@pytest.mark.parametrize(
+    ('outcome', 'status'),
+    [
+        ('succeed', GoalStatus.STATUS_SUCCEEDED),
+        ('abort', GoalStatus.STATUS_ABORTED),
+        ('raise', GoalStatus.STATUS_ABORTED),
+    ],
+)
+def test_a_goal_ends(ros: Any, server: Server, client: Any, outcome: str, status: int) -> None:
+    feedback: list[Any] = []
+    server.outcome = outcome
+    handle = ros.result(client.send_goal_async(goal(), feedback.append))
+    assert handle.accepted
+    ros.wait(lambda: feedback)
+    assert bytes(feedback[0].goal_id.uuid) == bytes(handle.goal_id.uuid)
+    result = handle.get_result_async()
+    server.end.set()
+    assert ros.result(result).status == status
+    assert ros.result(handle.get_result_async()).status == status, 'a second time'
+
+
+def test_a_goal_is_rejected(ros: Any, server: Server, client: Any) -> None:
+    handle = ros.result(client.send_goal_async(goal(-1)))
+    assert not handle.accepted
+    assert server.handles == []
+
+
+def test_a_goal_is_canceled_if_the_server_agrees(ros: Any, server: Server, client: Any) -> None:
+    handle = ros.result(client.send_goal_async(goal()))
+    ros.wait(lambda: server.handles)
+    server.accepts_cancel = False
+    refused = ros.result(handle.cancel_goal_async())
+    assert list(refused.goals_canceling) == []
+    server.accepts_cancel = True
+    canceling = ros.result(handle.cancel_goal_async())
+    assert canceling.return_code == CancelGoal.Response.ERROR_NONE
+    assert [bytes(one.goal_id.uuid) for one in canceling.goals_canceling] == [bytes(handle.goal_id.uuid)]
+    assert ros.result(handle.get_result_async()).status == GoalStatus.STATUS_CANCELED
+    late = ros.result(handle.cancel_goal_async())
+    assert late.return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED
+
+
+def test_cancel_of_all_and_of_what_is_unknown(ros: Any, server: Server, client: Any) -> None:
+    handles = [ros.result(client.send_goal_async(goal())) for _ in range(3)]
+    ros.wait(lambda: len(server.handles) == 3)
+    cancel = ros.node('other').create_client(CancelGoal, f'{ros.topic}/_action/cancel_goal')
+    assert cancel.wait_for_service(60.0)
+    unknown = CancelGoal.Request(goal_info=GoalInfo())
+    unknown.goal_info.goal_id.uuid = [1] * 16
+    assert ros.result(cancel.call_async(unknown)).return_code == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
+    everything = ros.result(cancel.call_async(CancelGoal.Request()))
+    assert {bytes(one.goal_id.uuid) for one in everything.goals_canceling} == {
+        bytes(one.goal_id.uuid) for one in handles
+    }
+    for handle in handles:
+        assert ros.result(handle.get_result_async()).status == GoalStatus.STATUS_CANCELED
+
+
+def test_the_list_of_goals_tells_each_status(ros: Any, server: Server, client: Any) -> None:
+    lists: list[list[int]] = []
+    late: list[list[int]] = []
+    listener = ros.node('listener')
+    topic = f'{ros.topic}/_action/status'
+
+    def into(those: list[list[int]]) -> Any:
+        return lambda message: those.append([one.status for one in message.status_list])
+
+    listener.create_subscription(GoalStatusArray, topic, into(lists), qos_profile_action_status_default)
+    ros.wait(lambda: listener.count_publishers(topic))
+    handle = ros.result(client.send_goal_async(goal()))
+    ros.wait(lambda: [GoalStatus.STATUS_EXECUTING] in lists)
+    server.end.set()
+    assert ros.result(handle.get_result_async()).status == GoalStatus.STATUS_SUCCEEDED
+    ros.wait(lambda: lists[-1] == [GoalStatus.STATUS_SUCCEEDED])
+    listener.create_subscription(GoalStatusArray, topic, into(late), qos_profile_action_status_default)
+    ros.wait(lambda: late)
+    assert late[-1] == [GoalStatus.STATUS_SUCCEEDED]
+
+
+def test_an_action_is_in_the_graph_until_its_server_ends(ros: Any, server: Server, client: Any) -> None:
+    node = ros.node('other')
+    ros.wait(lambda: (f'/{ros.topic}', ['nav2_msgs/action/Wait']) in get_action_names_and_types(node))
+    server.server.destroy()
+    ros.wait(lambda: not client.server_is_ready())
+
+
+# Parameters
+
+
+def test_parameters_are_set_and_refused(ros: Any) -> None:
+    node = ros.node('server')
+    node.declare_parameter(
+        'speed', 0.5, ParameterDescriptor(floating_point_range=[FloatingPointRange(from_value=0.0, to_value=1.0)])
+    )
+    node.declare_parameter('fixed', 'a', ParameterDescriptor(read_only=True))
+    node.declare_parameter('count', 3)
+    node.add_on_set_parameters_callback(
+        lambda those: SetParametersResult(successful=all(one.value != 13 for one in those), reason='not 13')
+    )
+    client = AsyncParameterClient(ros.node('client'), node.get_fully_qualified_name())
+    assert client.wait_for_services(60.0)
+    wanted = {'speed': 0.7, 'fixed': 'b', 'count': 13, 'unknown': 1}
+    results = ros.result(
+        client.set_parameters([Parameter(name, value=value) for name, value in wanted.items()])
+    ).results
+    assert [one.successful for one in results] == [True, False, False, False]
+    assert results[2].reason == 'not 13'
+    too_fast, wrong_type = ros.result(
+        client.set_parameters([Parameter('speed', value=2.0), Parameter('count', value='many')])
+    ).results
+    assert not too_fast.successful and not wrong_type.successful
+    values = ros.result(client.get_parameters(['speed', 'fixed', 'count'])).values
+    assert (values[0].double_value, values[1].string_value, values[2].integer_value) == (0.7, 'a', 3)
+    described = ros.result(client.describe_parameters(['speed'])).descriptors[0]
+    assert (described.type, described.floating_point_range[0].to_value) == (ParameterType.PARAMETER_DOUBLE, 1.0)
+    listed = ros.result(client.list_parameters([], 10)).result.names
+    assert {'speed', 'fixed', 'count', 'use_sim_time'} <= set(listed)
+
+
+def test_changes_of_parameters_are_events(ros: Any) -> None:
+    events: list[Any] = []
+    listener = ros.node('listener')
+    listener.create_subscription(ParameterEvent, '/parameter_events', events.append, 100)
+    node = ros.node(f'of_{ros.topic}')
+    ros.wait(lambda: listener.count_publishers('/parameter_events') >= 2)
+    ros.wait(lambda: node.count_subscribers('/parameter_events') >= 1)
+    node.declare_parameter('speed', 1.0)
+
+    def of_node() -> list[Any]:
+        own = node.get_fully_qualified_name()
+        return [p.value for e in events if e.node == own for p in e.changed_parameters if p.name == 'speed']
+
+    node.set_parameters([Parameter('speed', value=2.0)])
+    ros.wait(of_node)
+    assert of_node() == [ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=2.0)]
+
+
+def test_parameters_come_from_arguments_and_files(ros: Any, tmp_path: Any) -> None:
+    file = tmp_path / 'parameters.yaml'
+    file.write_text(
+        '/**:\n  ros__parameters:\n    a: 1\n    nested: {b: [1.5, 2.5]}\nother:\n  ros__parameters: {a: 2}\n'
+    )
+    arguments = ['--ros-args', '--params-file', str(file), '-p', 'c:=true', '-p', 'text:="5"', '-p', 'other:d:=1']
+    node = ros.node('own', context=ros.context(arguments), automatically_declare_parameters_from_overrides=True)
+    values = {name: node.get_parameter(name).value for name in ('a', 'nested.b', 'c', 'text')}
+    assert {**values, 'nested.b': list(values['nested.b'])} == {'a': 1, 'nested.b': [1.5, 2.5], 'c': True, 'text': '5'}
+    assert not node.has_parameter('d')
+    with pytest.raises(ParameterNotDeclaredException):
+        node.get_parameter('d')
+    with pytest.raises(ParameterAlreadyDeclaredException):
+        node.declare_parameter('a', 2)
+
+
+# Lifecycle nodes
+
+
+class Managed(LifecycleNode):
+    """A lifecycle node whose transitions end as it is told."""
+
+    answer = TransitionCallbackReturn.SUCCESS
+
+    def on_configure(self, state: Any) -> TransitionCallbackReturn:
+        return self.answer
+
+    def on_error(self, state: Any) -> TransitionCallbackReturn:
+        return TransitionCallbackReturn.SUCCESS
+
+
+def test_a_lifecycle_node_goes_its_way(ros: Any) -> None:
+    node, asking = ros.node('managed', kind=Managed), ros.node('asking')
+    change = asking.create_client(ChangeState, '/managed/change_state')
+    get = asking.create_client(GetState, '/managed/get_state')
+    available = asking.create_client(GetAvailableTransitions, '/managed/get_available_transitions')
+    for one in (change, get, available):
+        assert one.wait_for_service(60.0)
+
+    def go(transition: int) -> bool:
+        return bool(ros.result(change.call_async(ChangeState.Request(transition=Transition(id=transition)))).success)
+
+    def state() -> int:
+        return int(ros.result(get.call_async(GetState.Request())).current_state.id)
+
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED
+    node.answer = TransitionCallbackReturn.FAILURE
+    assert not go(Transition.TRANSITION_CONFIGURE)
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED
+    node.answer = TransitionCallbackReturn.ERROR
+    assert not go(Transition.TRANSITION_CONFIGURE)
+    assert state() == State.PRIMARY_STATE_UNCONFIGURED, 'on_error has repaired it'
+    node.answer = TransitionCallbackReturn.SUCCESS
+    for transition, reached in (
+        (Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE),
+        (Transition.TRANSITION_ACTIVATE, State.PRIMARY_STATE_ACTIVE),
+        (Transition.TRANSITION_DEACTIVATE, State.PRIMARY_STATE_INACTIVE),
+        (Transition.TRANSITION_CLEANUP, State.PRIMARY_STATE_UNCONFIGURED),
+    ):
+        assert go(transition)
+        assert state() == reached
+    listed = ros.result(available.call_async(GetAvailableTransitions.Request())).available_transitions
+    assert {one.transition.label for one in listed} == {'configure', 'shutdown'}
+    assert go(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    assert state() == State.PRIMARY_STATE_FINALIZED

@@ -1,0 +1,338 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Topics: quality of service, events, what arrives, and what a late subscription gets."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import pytest
+from geometry_msgs.msg import Point32, PoseStamped
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import Imu, PointCloud
+from std_msgs.msg import Int32, String, UInt8MultiArray
+
+RELIABLE = QoSProfile(depth=10)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MANUAL = QoSProfile(
+    depth=10, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC, liveliness_lease_duration=Duration(seconds=1.0)
+)
+
+
+class Heard(list[int]):
+    """The numbers that a subscription has received."""
+
+    def __init__(self, node: Any, topic: str, qos: QoSProfile, **options: Any) -> None:
+        super().__init__()
+        self.subscription = node.create_subscription(
+            Int32, topic, lambda message: self.append(message.data), qos, **options
+        )
+
+
+def pair(ros: Any, offered: QoSProfile = RELIABLE, requested: QoSProfile = RELIABLE) -> tuple[Any, Heard]:
+    """Return a publisher and a subscription in two contexts, that have found each other."""
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, offered)
+    heard = Heard(ros.node('listener'), ros.topic, requested)
+    ros.wait(publisher.get_subscription_count, 'a match')
+    ros.wait(heard.subscription.get_publisher_count, 'a match')
+    return publisher, heard
+
+
+def test_messages_arrive_in_order(ros: Any) -> None:
+    publisher, heard = pair(ros)
+    for number in range(10):
+        publisher.publish(Int32(data=number))
+    ros.wait(lambda: heard == list(range(10)))
+
+
+@pytest.mark.parametrize('offered', [RELIABLE, BEST_EFFORT], ids=['reliable', 'best_effort'])
+def test_a_best_effort_subscription_hears_both(ros: Any, offered: QoSProfile) -> None:
+    publisher, heard = pair(ros, offered, BEST_EFFORT)
+
+    def is_heard() -> bool:
+        publisher.publish(Int32(data=1))
+        return bool(heard)
+
+    ros.wait(is_heard)
+
+
+@pytest.mark.parametrize('depth', [1, 3])
+def test_a_queue_keeps_the_newest(ros: Any, depth: int) -> None:
+    node = ros.node('listener', spins=False)
+    heard = Heard(node, ros.topic, QoSProfile(depth=depth))
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, RELIABLE)
+    ros.wait(publisher.get_subscription_count)
+    for number in range(6):
+        publisher.publish(Int32(data=number))
+    assert publisher.wait_for_all_acked(Duration(seconds=30.0))
+    ros.spin(node)
+    ros.wait(lambda: heard and heard[-1] == 5)
+    assert heard == [0, 1, 2, 3, 4, 5][-depth:]
+
+
+def test_keep_all_keeps_all(ros: Any) -> None:
+    every = QoSProfile(history=HistoryPolicy.KEEP_ALL)
+    node = ros.node('listener', spins=False)
+    heard = Heard(node, ros.topic, every)
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, every)
+    ros.wait(publisher.get_subscription_count)
+    for number in range(100):
+        publisher.publish(Int32(data=number))
+    ros.spin(node)
+    ros.wait(lambda: heard == list(range(100)))
+
+
+def test_a_late_subscription_gets_what_is_latched(ros: Any) -> None:
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, LATCHED)
+    for number in range(5):
+        publisher.publish(Int32(data=number))
+    listener = ros.node('listener')
+    late, volatile = Heard(listener, ros.topic, LATCHED), Heard(listener, ros.topic, RELIABLE)
+    ros.wait(lambda: len(late) == 2 and publisher.get_subscription_count() == 2)
+    publisher.publish(Int32(data=5))
+    ros.wait(lambda: late == [3, 4, 5] and volatile)
+    assert volatile == [5]
+
+
+def test_a_latched_message_of_a_publisher_that_ended_is_gone(ros: Any) -> None:
+    talker = ros.node('talker')
+    ended, alive = (talker.create_publisher(Int32, ros.topic, LATCHED) for _ in range(2))
+    ended.publish(Int32(data=1))
+    alive.publish(Int32(data=2))
+    talker.destroy_publisher(ended)
+    heard = Heard(ros.node('listener'), ros.topic, LATCHED)
+    ros.wait(lambda: heard)
+    alive.publish(Int32(data=3))
+    ros.wait(lambda: heard[-1] == 3)
+    assert heard == [2, 3]
+
+
+def test_an_old_message_is_not_delivered(ros: Any) -> None:
+    short = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=0.2))
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, short)
+    publisher.publish(Int32(data=1))
+    end = time.monotonic() + 0.5
+    ros.wait(lambda: time.monotonic() > end)
+    heard = Heard(ros.node('listener'), ros.topic, LATCHED)
+    ros.wait(publisher.get_subscription_count)
+
+    def is_heard() -> bool:
+        publisher.publish(Int32(data=2))
+        return bool(heard)
+
+    ros.wait(is_heard)
+    assert 1 not in heard
+
+
+MISFITS = {
+    'reliability': (BEST_EFFORT, RELIABLE, QoSPolicyKind.RELIABILITY),
+    'durability': (RELIABLE, LATCHED, QoSPolicyKind.DURABILITY),
+    'deadline': (RELIABLE, QoSProfile(depth=1, deadline=Duration(seconds=1.0)), QoSPolicyKind.DEADLINE),
+    'liveliness': (RELIABLE, MANUAL, QoSPolicyKind.LIVELINESS),
+}
+
+
+@pytest.mark.parametrize(('offered', 'requested', 'policy'), MISFITS.values(), ids=MISFITS)
+def test_what_does_not_fit_is_told_to_both(
+    ros: Any, offered: QoSProfile, requested: QoSProfile, policy: QoSPolicyKind
+) -> None:
+    told: dict[str, Any] = {}
+    of_publisher = PublisherEventCallbacks(incompatible_qos=lambda event: told.update(offered=event))
+    of_subscription = SubscriptionEventCallbacks(incompatible_qos=lambda event: told.update(requested=event))
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, offered, event_callbacks=of_publisher)
+    heard = Heard(ros.node('listener'), ros.topic, requested, event_callbacks=of_subscription)
+    ros.wait(lambda: len(told) == 2)
+    for event in told.values():
+        assert (event.total_count, event.total_count_change, event.last_policy_kind) == (1, 1, policy)
+    assert (publisher.get_subscription_count(), heard.subscription.get_publisher_count()) == (0, 0)
+
+
+def test_matches_are_told_to_both(ros: Any) -> None:
+    told: dict[str, list[tuple[int, int, int, int]]] = {'publisher': [], 'subscription': []}
+
+    def tell(who: str) -> Any:
+        def on_event(event: Any) -> None:
+            if event.total_count_change or event.current_count_change:  # DDS may tell the same counts again
+                told[who].append(
+                    (event.total_count, event.total_count_change, event.current_count, event.current_count_change)
+                )
+
+        return on_event
+
+    of_publisher = PublisherEventCallbacks(matched=tell('publisher'))
+    talker, listener = ros.node('talker'), ros.node('listener')
+    publisher = talker.create_publisher(Int32, ros.topic, RELIABLE, event_callbacks=of_publisher)
+    heard = Heard(
+        listener, ros.topic, RELIABLE, event_callbacks=SubscriptionEventCallbacks(matched=tell('subscription'))
+    )
+    ros.wait(lambda: all(told.values()))
+    assert told == {'publisher': [(1, 1, 1, 1)], 'subscription': [(1, 1, 1, 1)]}
+    listener.destroy_subscription(heard.subscription)
+    ros.wait(lambda: len(told['publisher']) == 2)
+    again = Heard(
+        listener, ros.topic, RELIABLE, event_callbacks=SubscriptionEventCallbacks(matched=tell('subscription'))
+    )
+    ros.wait(lambda: len(told['publisher']) == 3 and len(told['subscription']) == 2)
+    talker.destroy_publisher(publisher)
+    ros.wait(lambda: len(told['subscription']) == 3)
+    assert told['publisher'] == [(1, 1, 1, 1), (1, 0, 0, -1), (2, 1, 1, 1)]
+    assert told['subscription'] == [(1, 1, 1, 1), (1, 1, 1, 1), (1, 0, 0, -1)]
+    assert again.subscription.get_publisher_count() == 0
+
+
+@pytest.mark.parametrize('how', ['publish', 'assert_liveliness'])
+def test_a_lease_is_lost_and_regained(ros: Any, how: str) -> None:
+    counts: list[tuple[int, int]] = []
+    lost: list[int] = []
+    publisher = ros.node('talker').create_publisher(
+        Int32,
+        ros.topic,
+        MANUAL,
+        event_callbacks=PublisherEventCallbacks(liveliness=lambda event: lost.append(event.total_count)),
+    )
+    events = SubscriptionEventCallbacks(
+        liveliness=lambda event: counts.append((event.alive_count, event.not_alive_count))
+    )
+    heard = Heard(ros.node('listener'), ros.topic, MANUAL, event_callbacks=events)
+    ros.wait(heard.subscription.get_publisher_count)
+
+    def show_life() -> None:
+        if how == 'publish':
+            publisher.publish(Int32())
+        else:
+            publisher.assert_liveliness()
+
+    show_life()
+    ros.wait(lambda: (1, 0) in counts)
+    ros.wait(lambda: counts[-1] == (0, 1))
+    ros.wait(lambda: lost)
+    seen = len(counts)
+    show_life()
+    ros.wait(lambda: (1, 0) in counts[seen:])
+
+
+def test_a_publisher_that_ends_is_neither_alive_nor_lost(ros: Any) -> None:
+    counts: list[tuple[int, int]] = []
+    slow = QoSProfile(depth=1, liveliness_lease_duration=Duration(seconds=1000.0))
+    talker = ros.node('talker')
+    publisher = talker.create_publisher(Int32, ros.topic, slow)
+    events = SubscriptionEventCallbacks(
+        liveliness=lambda event: counts.append((event.alive_count, event.not_alive_count))
+    )
+    Heard(ros.node('listener'), ros.topic, slow, event_callbacks=events)
+    ros.wait(lambda: (1, 0) in counts)
+    talker.destroy_publisher(publisher)
+    ros.wait(lambda: counts[-1] == (0, 0))
+
+
+def test_without_a_lease_nothing_is_told_of_liveliness(ros: Any) -> None:
+    told: list[str] = []
+    talker = ros.node('talker')
+    publisher = talker.create_publisher(Int32, ros.topic, RELIABLE)
+    events = SubscriptionEventCallbacks(
+        liveliness=lambda _event: told.append('liveliness'), matched=lambda _event: told.append('matched')
+    )
+    heard = Heard(ros.node('listener'), ros.topic, RELIABLE, event_callbacks=events)
+    ros.wait(publisher.get_subscription_count)
+    publisher.publish(Int32())
+    ros.wait(lambda: heard and told)
+    assert 'liveliness' not in told
+
+
+def test_receivers_have_copies(ros: Any) -> None:
+    got: list[Any] = []
+    publisher = ros.node('talker').create_publisher(PoseStamped, ros.topic, RELIABLE)
+    listener = ros.node('listener')
+
+    def change(message: Any) -> None:
+        got.append(message)
+        message.pose.position.x += 1.0
+
+    for _ in range(2):
+        listener.create_subscription(PoseStamped, ros.topic, change, RELIABLE)
+    ros.wait(lambda: publisher.get_subscription_count() == 2)
+    sent = PoseStamped()
+    publisher.publish(sent)
+    sent.pose.position.x = 10.0
+    ros.wait(lambda: len(got) == 2)
+    assert [message.pose.position.x for message in got] == [1.0, 1.0]
+
+
+def _cloud() -> PointCloud:
+    cloud = PointCloud(points=[Point32(x=0.1, y=1e30, z=-0.0)])
+    cloud.header.frame_id = 'ä frame'
+    return cloud
+
+
+@pytest.mark.parametrize(
+    'message',
+    [
+        String(data='line\nÄ\t'),
+        UInt8MultiArray(data=bytes(range(256))),
+        Imu(orientation_covariance=[0.1] * 9),
+        _cloud(),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_values_arrive_as_they_were_serialized(ros: Any, message: Any) -> None:
+    got: list[Any] = []
+    publisher = ros.node('talker').create_publisher(type(message), ros.topic, RELIABLE)
+    ros.node('listener').create_subscription(type(message), ros.topic, got.append, RELIABLE)
+    ros.wait(publisher.get_subscription_count)
+    publisher.publish(message)
+    ros.wait(lambda: got)
+    assert got[0] == deserialize_message(serialize_message(message), type(message))
+
+
+def test_bytes_can_be_published_and_received(ros: Any) -> None:
+    raw: list[bytes] = []
+    got: list[int] = []
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, RELIABLE)
+    listener = ros.node('listener')
+    listener.create_subscription(Int32, ros.topic, raw.append, RELIABLE, raw=True)
+    listener.create_subscription(Int32, ros.topic, lambda message: got.append(message.data), RELIABLE)
+    ros.wait(lambda: publisher.get_subscription_count() == 2)
+    publisher.publish(serialize_message(Int32(data=7)))
+    ros.wait(lambda: raw and got)
+    assert got == [7]
+    assert deserialize_message(raw[0], Int32) == Int32(data=7)
+
+
+def test_a_callback_can_have_the_times_of_a_message(ros: Any) -> None:
+    infos: list[dict[str, Any]] = []
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, RELIABLE)
+    ros.node('listener').create_subscription(Int32, ros.topic, lambda _message, info: infos.append(info), RELIABLE)
+    ros.wait(publisher.get_subscription_count)
+    before = time.time_ns()
+    publisher.publish(Int32())
+    ros.wait(lambda: infos)
+    assert before <= infos[0]['source_timestamp'] <= infos[0]['received_timestamp'] <= time.time_ns()
+
+
+def test_a_node_hears_itself_and_others_of_its_context(ros: Any) -> None:
+    context = ros.context()
+    node, other = ros.node('one', context=context), ros.node('other', context=context)
+    own, others = Heard(node, ros.topic, RELIABLE), Heard(other, ros.topic, RELIABLE)
+    publisher = node.create_publisher(Int32, ros.topic, RELIABLE)
+    ros.wait(lambda: publisher.get_subscription_count() == 2)
+    publisher.publish(Int32(data=3))
+    ros.wait(lambda: own == others == [3])
+
+
+def test_a_wrong_message_is_refused(ros: Any) -> None:
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, RELIABLE)
+    with pytest.raises(TypeError):
+        publisher.publish(String())
+
+
+def test_what_is_destroyed_cannot_be_used(ros: Any) -> None:
+    node = ros.node('talker')
+    publisher = node.create_publisher(Int32, ros.topic, RELIABLE)
+    assert node.destroy_publisher(publisher)
+    assert not node.destroy_publisher(publisher)
+    with pytest.raises(Exception, match='destruction was requested'):
+        publisher.publish(Int32())
