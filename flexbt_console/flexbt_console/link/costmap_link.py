@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy
 
@@ -16,6 +17,7 @@ from flexbt_common.runtime.pace import Pace
 from flexbt_common.transform_buffer import Rigid, TransformBuffer
 from flexbt_common.transform_listener import BROADCASTERS, take_transforms
 from flexbt_common.values.limits import check_limits
+from flexbt_console.mirror.records import GridMap
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import one_line
 
@@ -29,17 +31,12 @@ MOST_SHOWN: Final = 250_000
 UNKNOWN: Final = 255
 
 
-class Costmap(NamedTuple):
-    """A costmap in the frame of the map: its lower left corner (m, m), the direction of its rows (rad), and its cells
-    row by row, a byte each: 0 to 98 cost, 99 inscribed, 100 lethal, :data:`UNKNOWN`."""
+@dataclass(frozen=True, slots=True)
+class Costmap(GridMap):
+    """A costmap in the frame of the map, with the direction of its rows, rad. Cells: 0 to 98 cost, 99 inscribed, 100
+    lethal, :data:`UNKNOWN`."""
 
-    width: int
-    height: int
-    resolution: float
-    x: float
-    y: float
     yaw: float
-    cells: bytes
 
 
 class CostmapLink:
@@ -107,14 +104,14 @@ class CostmapLink:
         """Take a costmap. Raises ValueError if it is wrong, TransformError if its place on the map is not known."""
         check_limits(message.header)
         info, frame, count = message.info, message.header.frame_id, len(message.data)
-        corner, turned = info.origin.position, info.origin.orientation
-        is_somewhere = is_length(corner.x) and is_length(corner.y) and 0.0 < info.resolution <= MOST_RESOLUTION
+        origin, turned = info.origin.position, info.origin.orientation
+        is_somewhere = is_length(origin.x) and is_length(origin.y) and 0.0 < info.resolution <= MOST_RESOLUTION
         if info.width * info.height != count or not 0 < count <= MOST_CELLS or not is_somewhere:
-            size = f'{info.width} x {info.height} cells of {info.resolution:g} m'
-            raise ValueError(f'a costmap of {size} with {count} values')
+            extent = f'{info.width} x {info.height} cells of {info.resolution:g} m'
+            raise ValueError(f'a costmap of {extent} with {count} values')
         if name == names.COSTMAPS[0]:
             self._map_frame = frame or self._map_frame  # the global one is in the frame of the map
-        where = Rigid.of((corner.x, corner.y, 0.0), (turned.x, turned.y, turned.z, turned.w))
+        where = Rigid.of((origin.x, origin.y, 0.0), (turned.x, turned.y, turned.z, turned.w))
         if frame not in ('', self._map_frame):
             if not self._hears_frames:
                 self._hear_frames()
@@ -124,10 +121,8 @@ class CostmapLink:
         cells = combined(numpy.frombuffer(message.data, numpy.uint8).reshape(info.height, info.width), factor)
         ahead = where.apply((1.0, 0.0, 0.0))
         yaw = math.atan2(ahead[1] - where.translation[1], ahead[0] - where.translation[0])
-        shown = Costmap(
-            cells.shape[1], cells.shape[0], info.resolution * factor, *where.translation[:2], yaw, cells.tobytes()
-        )
-        self.newest = {**self.newest, name: shown}
+        size, corner = (cells.shape[1], cells.shape[0], info.resolution * factor), where.translation[:2]
+        self.newest = {**self.newest, name: Costmap(*size, *corner, cells.tobytes(), yaw)}
 
 
 def combined(cells: Any, factor: int) -> Any:

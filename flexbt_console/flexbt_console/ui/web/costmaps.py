@@ -5,27 +5,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import struct
 from typing import Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_common import names
 from flexbt_console.link.costmap_link import Costmap, CostmapLink
-from flexbt_console.present.json_form import encode_json
+from flexbt_console.present.json_form import fields_of
 from flexbt_core.values.json_data import load_json
+
+from .picture import map_message
 
 PERIOD: Final = 1.0
 """Least time between two costmaps of a kind, s."""
 SEND_SECONDS: Final = 10.0
-
-
-def costmap_message(name: str, costmap: Costmap) -> bytes:
-    """Return a costmap as a message for the page: the length of its frame, the frame, and the cells."""
-    head = {**costmap._asdict(), 'costmap': name}
-    del head['cells']
-    frame = encode_json(head).encode()
-    return struct.pack('>I', len(frame)) + frame + costmap.cells
 
 
 async def show_costmaps(socket: web.WebSocketResponse, link: CostmapLink) -> None:
@@ -41,8 +34,9 @@ async def show_costmaps(socket: web.WebSocketResponse, link: CostmapLink) -> Non
                 costmap = link.newest.get(name)
                 if costmap is not None and costmap is not shown.get(name):
                     shown[name] = costmap
+                    head = {**fields_of(costmap, 'cells'), 'costmap': name}
                     async with asyncio.timeout(SEND_SECONDS):
-                        await socket.send_bytes(costmap_message(name, costmap))
+                        await socket.send_bytes(map_message(head, costmap.cells))
             await asyncio.sleep(PERIOD)
             if not wanted:
                 await asks.wait()

@@ -28,7 +28,7 @@ from flexbt_core.values.text import escape_lines, one_line
 from .access import ANYBODY, Access, WrongTokens, greeting
 from .drawings import NO_DRAWING, Drawing, Drawings, machine_drawing
 from .past import PagePast, moment_part
-from .picture import COMMAND_PART, PERIOD, Pictures, map_message, robot_lines
+from .picture import COMMAND_PART, PERIOD, Pictures, map_message, map_part, robot_lines
 from .requests import BURST, RATE, SHOWS_PAST, answered, folded_paths, is_harmless, operator_name, past_of, read
 
 PULSE: Final = 1.0
@@ -268,7 +268,7 @@ class PageLink:
             mirror = self._past.of(name).moment(number)
             view = mirror.view()
             drawing = machine_drawing(view.structure, self._folded) if view.structure else None
-            map = b'' if view.surroundings.map is None else map_message(view.surroundings.map)
+            map = b'' if view.surroundings.map is None else map_message(*map_part(view.surroundings.map))
             more = {'of': name, 'time': number, 'folded': drawing.key if drawing else '', 'map': bool(map)}
             return drawing, encode_json({'past': {**moment_part(mirror, None), **more}}), map
 

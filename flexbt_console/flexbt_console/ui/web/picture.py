@@ -439,7 +439,7 @@ class Pictures:
         }
         map = view.surroundings.map
         if map is not self._map[0]:
-            self._map = map, b'' if map is None else map_message(map)
+            self._map = map, b'' if map is None else map_message(*map_part(map))
         return Picture(
             view,
             robots,
@@ -450,9 +450,8 @@ class Pictures:
         )
 
 
-def map_message(map: GridMap) -> bytes:
-    """Return a map as a message for the page: the length of its frame, the frame, and the cells."""
-    head, cells = map_part(map)
+def map_message(head: dict[str, Any], cells: bytes) -> bytes:
+    """Return a map or costmap as a message for the page: the length of its frame, the frame, and the cells."""
     frame = encode_json(head).encode()
     return struct.pack('>I', len(frame)) + frame + cells
 

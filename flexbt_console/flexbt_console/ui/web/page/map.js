@@ -8,6 +8,7 @@ const TURN = Math.PI / 8;
 const STEP_PX = 12;
 const TRACE_STEP = 0.05;
 const MOST_TRACE = 4000;
+const STALE_MS = 5000;  // after which a costmap is told to be old
 // Costmaps of navigation, by the names of their topics, and the colour of a cost: [red, green, blue, opacity].
 const COSTMAPS = [['local_costmap', 'Local costmap'], ['global_costmap', 'Global costmap']];
 const costColour = (cost) => (cost === 100 ? [214, 0, 148, 210] : cost === 99 ? [0, 172, 205, 190] : cost === 0 || cost > 100 ? [0, 0, 0, 0] : [40 + 2.1 * cost, 90 - 0.4 * cost, 230 - 2 * cost, 60 + cost]);
@@ -52,14 +53,17 @@ class Costmaps extends Connection {
   take(data) {
     const [head, cells] = mapOf(data);
     if (!this.shown.has(head.costmap)) return;
-    this.images.set(head.costmap, {...head, image: painted(head, (cell) => costColour(cells[cell]))});
+    this.images.set(head.costmap, {...head, at: performance.now(), image: painted(head, (cell) => costColour(cells[cell]))});
+    clearTimeout(this.aging);
+    this.aging = setTimeout(() => this.tell(), STALE_MS + 1);
     this.tell();
     this.changed();
   }
 
   tell() {
     const missing = COSTMAPS.filter(([name]) => this.shown.has(name) && !this.images.has(name)).map(([, title]) => title.toLowerCase());
-    this.told.textContent = missing.length ? `waiting for the ${missing.join(' and the ')}` : '';
+    const old = COSTMAPS.filter(([name]) => performance.now() - this.images.get(name)?.at > STALE_MS).map(([, title]) => title.toLowerCase());
+    this.told.textContent = missing.length ? `waiting for the ${missing.join(' and the ')}` : old.length ? `OLD: the ${old.join(' and the ')}` : '';
   }
 }
 
