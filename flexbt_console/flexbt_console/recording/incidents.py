@@ -25,6 +25,7 @@ from typing import Any, Final
 from rcl_interfaces.msg import Log
 
 from flexbt_common.middleware.received_messages import Received
+from flexbt_common.pictures.time_line import Bar, Look, time_line
 from flexbt_console.errors import UsageError
 from flexbt_console.mirror.lanes import Lane, LaneEntry
 from flexbt_console.present.maps import save_map
@@ -32,7 +33,7 @@ from flexbt_console.present.rendering import status_lines
 from flexbt_console.present.style import glyphs
 from flexbt_console.present.tree_lines import whole_tree_lines
 from flexbt_core.values.json_data import load_json
-from flexbt_core.values.text import one_line, printable, xml_text
+from flexbt_core.values.text import one_line
 from flexbt_core.values.text_files import write_text
 
 from .player import RunPlayer
@@ -356,57 +357,37 @@ def _html(title: str, sections: Iterable[_Section]) -> str:
     return '\n'.join(shown) + '\n'
 
 
-_ROW: Final = 18
-_LEFT: Final = 220
-_WIDTH: Final = 900
-_SVG_STYLE: Final = (
-    'text{font:12px sans-serif;fill:#1b1d21}.back{fill:#fff}.lane{fill:#f0f2f5}rect.entry{fill:#4c78a8}'
-    'rect.error{fill:#c0392b}rect.good{fill:#2a7d4f}rect.warning{fill:#b9770e}.now{stroke:#c0392b;stroke-width:2}'
-    '@media (prefers-color-scheme:dark){text{fill:#e8e8e8}.back{fill:#1b1d21}.lane{fill:#26292f}}'
-)
+_LOOKS: Final = {
+    'plain': Look('#4c78a8', '#6fa0d6', 'was so'),
+    'good': Look('#2a7d4f', '#4caf7d', 'went well'),
+    'warning': Look('#b9770e', '#e0a040', 'warning'),
+    'error': Look('#c0392b', '#ff8a80', 'wrong'),
+    'now': Look('#c0392b', '#ff8a80', 'the incident'),
+}
 _MOST_ROWS: Final = 60
-_TICK_SECONDS: Final = 10
 
 
 def lanes_svg(entries: Sequence[LaneEntry], duration: float, moment: float) -> str:
     """Return the lanes as a picture with a row for each thing; if there are too many, those of the latest entries."""
-    order = list(Lane)
-    rows = list(dict.fromkeys((one.lane, one.key) for one in sorted(entries, key=lambda one: order.index(one.lane))))
-    if len(rows) > _MOST_ROWS:
-        latest = {(one.lane, one.key): one.begin for one in entries}
-        kept = set(sorted(rows, key=lambda row: latest[row], reverse=True)[:_MOST_ROWS])
-        rows = [row for row in rows if row in kept]
-    scale, height = _WIDTH / (duration or 1.0), 40 + _ROW * len(rows)
-    labels = {(one.lane, one.key): one.label for one in entries}
-    shown = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{_LEFT + _WIDTH + 20}" height="{height + 10}">',
-        f'<style>{_SVG_STYLE}</style><rect class="back" width="100%" height="100%"/>',
-    ]
-    for second in range(-int(moment) // _TICK_SECONDS, int(duration - moment) // _TICK_SECONDS + 1):
-        at = _LEFT + (moment + second * _TICK_SECONDS) * scale
-        if second and at >= _LEFT:
-            shown.append(f'<text x="{at:.1f}" y="14" text-anchor="middle">{second * _TICK_SECONDS:+d} s</text>')
-    places = {row: place for place, row in enumerate(rows)}
-    for row, place in places.items():
-        top = 24 + _ROW * place
-        shown.append(
-            f'<rect class="lane" x="{_LEFT}" y="{top + 1}" width="{_WIDTH}" height="{_ROW - 2}"/>'
-            f'<text x="6" y="{top + 13}">{xml_text(printable(f"{row[0].value}: {labels[row]}"[:34]))}</text>'
+    order, entries = list(Lane), [one for one in entries if one.end is None or one.end >= 0.0]
+    labels = {(one.lane, one.key): one.label for one in sorted(entries, key=lambda one: order.index(one.lane))}
+    latest = {(one.lane, one.key): one.begin for one in entries}
+    kept = set(sorted(labels, key=lambda row: latest[row], reverse=True)[:_MOST_ROWS])
+    places = {row: place for place, row in enumerate(row for row in labels if row in kept)}
+    rows = [(f'{lane.value}: {labels[lane, key]}'[:34], key) for lane, key in places]
+    bars = [
+        Bar(
+            places[one.lane, one.key],
+            one.begin,
+            duration if one.end is None else one.end,
+            one.tone or 'plain',
+            f'{one.begin - moment:+.1f} s  {one.label} {one.word}  {one.text}',
         )
-    for one in entries:
-        if (one.lane, one.key) in places:
-            x, end = _LEFT + one.begin * scale, duration if one.end is None else one.end
-            width = max(2.0, (end - one.begin) * scale)
-            top = 24 + _ROW * places[one.lane, one.key] + 3
-            told = printable(f'{one.begin - moment:+.1f} s  {one.label} {one.word}  {one.text}')
-            shown.append(
-                f'<rect class="entry {one.tone}" x="{x:.1f}" y="{top}" width="{width:.1f}" height="{_ROW - 6}">'
-                f'<title>{xml_text(told)}</title></rect>'
-            )
-    at = _LEFT + moment * scale
-    shown.append(f'<line class="now" x1="{at:.1f}" x2="{at:.1f}" y1="18" y2="{height}"/>')
-    shown.append(f'<text x="{min(at, _LEFT + _WIDTH - 60):.1f}" y="14">the incident</text></svg>')
-    return '\n'.join(shown) + '\n'
+        for one in entries
+        if (one.lane, one.key) in places
+    ]
+    bars.append(Bar(None, moment, moment, 'now', 'the incident'))
+    return time_line([], rows, bars, _LOOKS, (0.0, duration), moment)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
