@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -148,17 +148,19 @@ def _options(line: CommandLine, view: View, options: QueueOptions) -> QueueOptio
     now = view.snapshot.stamp if view.snapshot is not None else 0.0
     for name, value in map(condition, line.values('--when')):
         changes.update(_NONE[name] if value == NO_CONDITION else _changes(name, value, now))
-    if line.has('--priority'):
-        changes['priority'] = priority(line.value('--priority'))
-    if line.has('--every'):
-        changes.update(interval=duration(line.value('--every')), count=0)
-    if line.has('--repeat'):
-        changes['count'] = repetitions(line.value('--repeat'))
-    if line.has('--on-failure'):
-        changes['on_failure'], changes['retries'] = on_failure(line.value('--on-failure'))
-    if line.has('--wanted'):
-        changes['wanted'] = tuple(line.values('--wanted'))
-    return replace(options, **changes)
+    for option, changed in _CHANGED.items():
+        for text in line.values(option):
+            changes.update(changed(text))
+    return replace(options, **changes, wanted=tuple(line.values('--wanted')) or options.wanted)
+
+
+_CHANGED: Final[Mapping[str, Callable[[str], dict[str, Any]]]] = {
+    '--priority': lambda text: {'priority': priority(text)},
+    '--every': lambda text: {'interval': duration(text), 'count': 0},
+    '--repeat': lambda text: {'count': repetitions(text)},
+    '--on-failure': lambda text: dict(zip(('on_failure', 'retries'), on_failure(text), strict=True)),
+}
+"""The fields that an option sets. The order counts: --repeat limits --every."""
 
 
 def show(line: CommandLine, view: View, mirror: Mirror) -> Reading:
@@ -173,8 +175,8 @@ def queue_of(view: View) -> MissionQueue:
     return view.queue
 
 
-def _entry(view: View, number: int) -> QueueEntry:
-    queue = queue_of(view)
+def _entry(view: View, line: CommandLine) -> QueueEntry:
+    queue, number = queue_of(view), entry_number(line.first_word)
     found = queue.entry(number)
     if found is None:
         known = ', '.join(str(entry.number) for entry in queue.entries) or 'none'
@@ -190,60 +192,50 @@ def _add(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorComm
     return replace(command, kind=CommandKind.QUEUE_ADD, queue_options=(_options(line, view, QueueOptions()),))
 
 
-def _edit(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
-    entry = _entry(view, entry_number(line.words[0]))
+def _edit(line: CommandLine, view: View) -> dict[str, Any]:
+    entry = _entry(view, line)
     arguments = tuple(assignment(word) for word in line.words[1:])
     check_behavior(view, entry.behavior, arguments, unseen=True)
     level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else entry.autonomy
-    return _command(
-        builder,
-        view,
-        CommandKind.QUEUE_EDIT,
-        queue_number=entry.number,
-        queue_revision=entry.revision,
-        arguments=arguments,
-        inputs=tuple(start_input(text, view.places) for text in line.values('--input')),
-        autonomy=int(level),
-        queue_options=(_options(line, view, entry.options),),
-    )
+    return {
+        'queue_number': entry.number,
+        'queue_revision': entry.revision,
+        'arguments': arguments,
+        'inputs': tuple(start_input(text, view.places) for text in line.values('--input')),
+        'autonomy': int(level),
+        'queue_options': (_options(line, view, entry.options),),
+    }
 
 
-def _move(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
-    entry, where = _entry(view, entry_number(line.words[0])), line.words[1]
+def _move(line: CommandLine, view: View) -> dict[str, Any]:
+    entry, where = _entry(view, line), line.words[1]
     peers = [one.number for one in queue_of(view).entries if one.options.priority == entry.options.priority]
     before = {'first': peers[0], 'last': 0}.get(where) if where in WHERE else entry_number(where)
-    return _command(builder, view, CommandKind.QUEUE_MOVE, queue_number=entry.number, queue_before=before)
+    return {'queue_number': entry.number, 'queue_before': before}
 
 
-def _remove(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
-    entry = _entry(view, entry_number(line.words[0]))
-    return _command(builder, view, CommandKind.QUEUE_REMOVE, queue_number=entry.number)
-
-
-def _release(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+def _release(line: CommandLine, view: View) -> dict[str, Any]:
     hold = entry_number(line.value(HOLD_OPTION)) if line.has(HOLD_OPTION) else queue_of(view).hold
     if not hold:
         raise RefusedError('the queue is not held')
-    return _command(builder, view, CommandKind.QUEUE_RELEASE, queue_number=hold)
+    return {'queue_number': hold}
 
 
-def _clear(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+def _clear(line: CommandLine, view: View) -> dict[str, Any]:
     newest = max((entry.number for entry in queue_of(view).entries), default=0)
     if not newest:
         raise RefusedError('the queue is empty')
-    return _command(builder, view, CommandKind.QUEUE_CLEAR, queue_number=newest)
+    return {'queue_number': newest}
 
 
-def _command(builder: CommandBuilder, view: View, kind: CommandKind, **fields: Any) -> OperatorCommand:
-    return builder.command(view, kind, run_id='', **fields)
+def _send(kind: CommandKind, fields: Callable[[CommandLine, View], dict[str, Any]]) -> Send:
+    return Send((kind,), lambda line, view, builder: builder.command(view, kind, run_id='', **fields(line, view)))
 
 
 ADD: Final = Send((CommandKind.QUEUE_ADD,), _add)
-EDIT: Final = Send((CommandKind.QUEUE_EDIT,), _edit)
-MOVE: Final = Send((CommandKind.QUEUE_MOVE,), _move)
-REMOVE: Final = Send((CommandKind.QUEUE_REMOVE,), _remove)
-HOLD: Final = Send(
-    (CommandKind.QUEUE_HOLD,), lambda line, view, builder: _command(builder, view, CommandKind.QUEUE_HOLD)
-)
-RELEASE: Final = Send((CommandKind.QUEUE_RELEASE,), _release)
-CLEAR: Final = Send((CommandKind.QUEUE_CLEAR,), _clear)
+EDIT: Final = _send(CommandKind.QUEUE_EDIT, _edit)
+MOVE: Final = _send(CommandKind.QUEUE_MOVE, _move)
+REMOVE: Final = _send(CommandKind.QUEUE_REMOVE, lambda line, view: {'queue_number': _entry(view, line).number})
+HOLD: Final = _send(CommandKind.QUEUE_HOLD, lambda line, view: {})
+RELEASE: Final = _send(CommandKind.QUEUE_RELEASE, _release)
+CLEAR: Final = _send(CommandKind.QUEUE_CLEAR, _clear)

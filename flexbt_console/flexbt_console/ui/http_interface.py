@@ -169,7 +169,7 @@ def line_of(spec: CommandSpec, given: Mapping[str, Any]) -> CommandLine:
     for option in options_of(spec):
         value = given.get(key_of(option.name))
         if option.value is None:
-            if value not in (None, True, False):
+            if value is not None and not isinstance(value, bool):
                 raise UsageError(f'{key_of(option.name)!r} is true or false, not {short_repr(value)}')
             options += [option.name] * bool(value)
         elif value is not None:
@@ -401,13 +401,9 @@ class HttpInterface:
 
 async def _body(request: web.Request) -> dict[str, Any]:
     """Return the object in the body of a request, {} without one. Raises UsageError."""
-    data = b''
     try:
         async with asyncio.timeout(BODY_SECONDS):
-            while part := await request.content.readany():
-                data += part
-                if len(data) > BODY_BYTES:
-                    raise web.HTTPRequestEntityTooLarge(BODY_BYTES, len(data))
+            data = await request.clone(client_max_size=BODY_BYTES).read()
     except TimeoutError:
         raise web.HTTPRequestTimeout(text=f'the body has not arrived within {BODY_SECONDS:g} s') from None
     except (web.RequestPayloadError, ConnectionError) as error:
