@@ -108,9 +108,7 @@ def test_a_demonstration_with_two_robots(world: World) -> None:
 
 @pytest.mark.world('nav2_robot')
 def test_a_client_program_of_nav2(world: World) -> None:
-    from flexbt_demo_behaviors.nav2_robot.deliveries import main
-
-    program = world.launch(main)
+    program = world.launch('flexbt_demo_behaviors/deliveries')
     world.run_until(world.asks('/Ask'), within=120)
     assert world.robot.near('shelf')
     world.choose('/Ask', 'home')
