@@ -38,7 +38,7 @@ def test_its_tests_pass_without_executables_on_the_path(workspace: Path) -> None
     python = ['env', 'PATH=/usr/bin:/bin', sys.executable]  # as with ROS, where they are run by `ros2 run`
     tests = run(workspace, [*python, '-m', 'pytest', '-q', f'src/{NAME}/test'], 'install/local_setup.sh')
     assert tests.returncode == 0, tests.stdout + tests.stderr
-    assert '4 passed' in tests.stdout
+    assert '8 passed' in tests.stdout
 
 
 def test_its_files_are_what_their_readers_expect(workspace: Path) -> None:
