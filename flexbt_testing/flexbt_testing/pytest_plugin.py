@@ -38,8 +38,8 @@ def pytest_load_initial_conftests() -> None:
     gc.disable()
 
 
-def pytest_configure() -> None:
-    """Set how hypothesis draws examples.
+def pytest_configure(config: pytest.Config) -> None:
+    """Describe the mark ``dds``, and set how hypothesis draws examples.
 
     By default the examples are the same in each run, and few, so that a failing test was broken by a change. With
     FLEXBT_FUZZ (`make fuzz`) they are new, and more. One example may take long on a busy machine; tests of speed check
@@ -47,6 +47,8 @@ def pytest_configure() -> None:
     """
     from hypothesis import settings
 
+    why = 'dds(reason): needs the real middleware, processes or streams, so it never runs in one process'
+    config.addinivalue_line('markers', why)
     is_fuzzing = 'FLEXBT_FUZZ' in os.environ
     settings.register_profile(
         'flexbt', deadline=None, derandomize=not is_fuzzing, max_examples=200 if is_fuzzing else 50

@@ -63,18 +63,23 @@ _MESSAGE_WIDTH = 160
 class Variant:
     """Tests of one package that run once more, in another environment: those in its directory `tests`.
 
-    `without`: files there whose tests have nothing to do with it.
+    `without`: files there whose tests have nothing to do with it; `options` are further ones of pytest.
     """
 
     package: str
     tests: str
     environment: Mapping[str, str]
     without: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return ' '.join(f'{name}={value}' for name, value in self.environment.items())
 
 
+ONE_PROCESS = {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}
+IN_ONE_PROCESS = {} if os.environ.get('DDS') else dict.fromkeys(('flexbt_states',), ONE_PROCESS)
+"""Packages whose tests run in one process, on a simulated clock; with `make test DDS=1` they run on the middleware, as
+their tests with the mark `dds` always do."""
 VARIANTS = (
     Variant(
         'flexbt_core',
@@ -89,7 +94,7 @@ VARIANTS = (
             'xml/*.py',
         ),
     ),
-    Variant('flexbt_testing', 'test/one_process', {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}),
+    Variant('flexbt_testing', 'test/one_process', ONE_PROCESS),
 )
 
 
@@ -112,7 +117,12 @@ def run(workspace: Workspace) -> int:
     """Run everything; gives the exit code. The last line printed is the summary."""
     packages = {package.name: package for package in workspace.layout.packages() if package.test_modules()}
     runs = [_Run(workspace, package) for package in packages.values()]
-    runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
+    real = [
+        Variant(name, 'test', {'DDS': '1'}, options=('-m', 'dds'))
+        for name in IN_ONE_PROCESS
+        if _has_real(packages[name])
+    ]
+    runs += [_Run(workspace, packages[variant.package], variant) for variant in (*VARIANTS, *real)]
     runs.sort(key=lambda run: run.rank)
     deadline = time.monotonic() + DEADLINE
     failed_checks = _finish(runs, deadline, lambda: failing_checks(workspace, alone=False))
@@ -215,7 +225,9 @@ class _Run:
         elif self.is_spread:
             command += _in_parallel(workspace)
         command += [variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)] if variant else ['test']
-        environment = {**workspace.environment, **(variant.environment if variant else {})}
+        command += variant.options if variant else ()
+        further = variant.environment if variant else IN_ONE_PROCESS.get(self._package.name, {})
+        environment = {**workspace.environment, **further}
         environment.pop('PYTHONDONTWRITEBYTECODE', None)  # or each pytest would rewrite the plug-ins that it loads anew
         self._log.parent.mkdir(parents=True, exist_ok=True)
         self._start = time.monotonic()
@@ -287,6 +299,11 @@ class _Run:
     @property
     def _log(self) -> Path:
         return self._workspace.layout.log / f'test-{str(self).replace(" ", "-")}.log'
+
+
+def _has_real(package: Package) -> bool:
+    """Return whether some tests of a package need the middleware."""
+    return any('mark.dds(' in file.read_text(encoding='utf-8') for file in package.test_modules())
 
 
 def _in_parallel(workspace: Workspace) -> list[str]:

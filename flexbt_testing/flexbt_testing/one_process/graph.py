@@ -12,6 +12,7 @@ import importlib.machinery
 import importlib.util
 import itertools
 import os
+import re
 import sys
 import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -187,9 +188,11 @@ class Context(Destroyable):
 
     def __init__(self, args: Sequence[str], domain_id: int = 0) -> None:
         super().__init__()
+        self.process = SCHEDULER.current.process
+        if args is sys.argv:
+            args = self.process.arguments or args
         REAL.rclpy_remove_ros_args(args)  # raises what invalid arguments raise
         self.rules = _Rules(args)
-        self.process = SCHEDULER.current.process
         self.process.contexts.append(self)
         self.nodes: list[Node] = []
         is_default = domain_id == REAL.RCL_DEFAULT_DOMAIN_ID
@@ -339,14 +342,29 @@ class Node(Destroyable):
         given: dict[str, Any] = {}
         for file in self._files:
             text = Path(file).read_text()
-            for node, content in (yaml.safe_load(text) or {}).items():
-                if node in ('/**', '**', self.name, f'/{self.name}', self.get_fully_qualified_name()):
-                    given.update(_flat('', content.get('ros__parameters', {})))
+            for pattern, content in _nodes('', yaml.safe_load(text) or {}):
+                if self._is_meant(pattern):
+                    given.update(_flat('', content))
         for key, value in self._parameters:
-            node, _, name = key.rpartition(':')
-            if node in ('', self.name, self.get_fully_qualified_name()):
+            pattern, _, name = key.rpartition(':')
+            if not pattern or self._is_meant(pattern):
                 given[name] = yaml.safe_load(value)
-        return {name: parameter_class(name, value=value) for name, value in given.items()}
+        # An empty list has no type.
+        return {name: parameter_class(name, value=value if value != [] else None) for name, value in given.items()}
+
+    def _is_meant(self, pattern: str) -> bool:
+        """Return whether a name in a parameter file is that of this node; ``*`` is one part, ``**`` any number."""
+        parts = ['(/[^/]+)*' if part == '**' else f'/{re.escape(part)}' for part in pattern.strip('/').split('/')]
+        expression = ''.join(parts).replace(r'\*', '[^/]+')
+        return re.fullmatch(expression, self.get_fully_qualified_name()) is not None
+
+
+def _nodes(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for name, inner in content.items():
+        if name == 'ros__parameters':
+            yield prefix, inner or {}
+        elif isinstance(inner, dict):
+            yield from _nodes(f'{prefix}/{name.strip("/")}', inner)
 
 
 def _flat(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:

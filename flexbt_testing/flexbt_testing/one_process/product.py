@@ -7,6 +7,7 @@ Everything else of the product runs unchanged. :func:`install` has to be called 
 from __future__ import annotations
 
 import importlib
+import inspect
 import os
 import sys
 import threading
@@ -117,6 +118,7 @@ class ReadyEntities:
         self._maybe: dict[Entity, None] = {}
         self._timers: list[Timer] = []
         self._task: Task | None = None
+        self._is_notified = False
         for kind, those in entities.items():
             for one in those:
                 is_awaited = None
@@ -148,6 +150,7 @@ class ReadyEntities:
     def notify(self, entity: Entity) -> None:
         """Note that an entity may be ready, and wake the executor if it waits for it."""
         self._maybe[entity] = None
+        self._is_notified = True
         record = self._records[entity]
         if self._task is not None and (record.is_awaited is None or record.is_awaited()):
             SCHEDULER.wake(self._task, True)
@@ -158,6 +161,12 @@ class ReadyEntities:
         found = self._look(some_await)
         with turn.lent():
             while not found and (until is None or SCHEDULER.now < until):
+                if (
+                    self._is_notified
+                ):  # another task has run since the entities were looked at: locks are points of preemption
+                    self._is_notified = False
+                    found = self._look(some_await)
+                    continue
                 due = [timer.due for timer in self._timers if timer.due is not None]
                 self._task = SCHEDULER.current
                 SCHEDULER.block(
@@ -208,8 +217,9 @@ class _KeptFiles:
 
 
 def _run_main(module: str, **_limits: Any) -> int:
-    main: Callable[[list[str]], int] = importlib.import_module(module).main
-    return main(SCHEDULER.current.process.arguments)
+    main: Callable[..., int] = importlib.import_module(module).main
+    takes_arguments = bool(inspect.signature(main).parameters)
+    return main(SCHEDULER.current.process.arguments) if takes_arguments else main()
 
 
 def install() -> None:

@@ -87,7 +87,9 @@ def _endpoints(side: str, number: int) -> Callable[[Node, str, bool], list[dict[
     return infos
 
 
-def _log(severity: Any, name: str, text: str, *_where: Any) -> None:
+def _log(severity: Any, name: str, text: str, *where: Any) -> None:
+    if SCHEDULER.current.process is SCHEDULER.main.process:  # of the test, which may look at its streams
+        REAL.rclpy_logging_rcutils_log(severity, name, text, *where)
     DOMAIN.log.append((SCHEDULER.now, SCHEDULER.current.process, int(severity), name, text))
     if os.environ.get('FLEXBT_ONE_PROCESS_LOG'):
         level = REAL.RCUTILS_LOG_SEVERITY(int(severity)).name.removeprefix('RCUTILS_LOG_SEVERITY_')

@@ -35,6 +35,9 @@ MOST_SWITCHES: Final = 200_000
 """Number of switches within a millisecond of simulated time after which the tasks count as looping. STEP would allow a
 thousand, except where tasks wake each other at once."""
 
+MOST_LOOKS: Final = 1_000
+"""Number of looks at the clock or at a lock after which a task that never waits is made to, for 1 ms: it may poll."""
+
 USES_THREADS: Final = os.environ.get('FLEXBT_ONE_PROCESS') == 'threads'
 
 
@@ -158,6 +161,7 @@ class Scheduler:
         """Time at which the world counts as stuck, ns."""
         self.trace: Callable[[Task, int], object] | None = None
         self.switches = 0
+        self.looks = 0
         self.tasks: list[Task] = []
         self.processes: dict[int, Process] = {}
         self._abandoned = getattr(self, '_abandoned', [])
@@ -238,6 +242,13 @@ class Scheduler:
         if self.preemption and self.random.random() < self.preemption:
             self.yield_turn()
 
+    def look(self) -> None:
+        """Count a look of the task at the clock, or at a lock that it does not wait for."""
+        self.looks += 1
+        if self.looks > MOST_LOOKS:
+            self.block('what it polls for', self.now + SECOND // 1000)
+            self.looks = 0
+
     def pick(self, count: int) -> int:
         """Return the index of one of several candidates: the first one, or one that the seed draws."""
         return self.random.randrange(count) if self.shuffles and count > 1 else 0
@@ -272,6 +283,7 @@ class Scheduler:
             return
         self.current = following
         self.switches += 1
+        self.looks = 0
         self.now += STEP
         if self.trace is not None:
             self.trace(following, self.now)

@@ -42,6 +42,8 @@ class Lock:
             raise ValueError("can't specify a timeout for a non-blocking call")
         if blocking:
             SCHEDULER.maybe_yield()
+        else:
+            SCHEDULER.look()
         if not self.has_owner:
             self._owner = SCHEDULER.current
             return True
@@ -268,6 +270,14 @@ def _leave() -> None:
     threading.get_ident = _thread.get_ident  # the interpreter asks whether this is its main thread
 
 
+def _look(clock: Callable[[], Any]) -> Callable[[], Any]:
+    def read() -> Any:
+        SCHEDULER.look()
+        return clock()
+
+    return read
+
+
 def install() -> None:
     """Replace what the standard library has."""
     for name, stand_in in {
@@ -285,14 +295,16 @@ def install() -> None:
         'active_count': lambda: len(_enumerate()),
     }.items():
         setattr(threading, name, stand_in)
+    wall, wall_ns = _look(lambda: SCHEDULER.wall / SECOND), _look(lambda: SCHEDULER.wall)
+    steady, steady_ns = _look(lambda: SCHEDULER.now / SECOND), _look(lambda: SCHEDULER.now)
     for name, value in {
-        'time': lambda: SCHEDULER.wall / SECOND,
-        'time_ns': lambda: SCHEDULER.wall,
+        'time': wall,
+        'time_ns': wall_ns,
         'sleep': SCHEDULER.sleep,
         'pthread_getcpuclockid': lambda _ident: 0,
         'clock_gettime': lambda _clock: SCHEDULER.now / SECOND,
-        **dict.fromkeys(('monotonic', 'perf_counter', 'process_time', 'thread_time'), lambda: SCHEDULER.now / SECOND),
-        **dict.fromkeys(('monotonic_ns', 'perf_counter_ns', 'process_time_ns'), lambda: SCHEDULER.now),
+        **dict.fromkeys(('monotonic', 'perf_counter', 'process_time', 'thread_time'), steady),
+        **dict.fromkeys(('monotonic_ns', 'perf_counter_ns', 'process_time_ns'), steady_ns),
     }.items():
         setattr(time, name, value)
     queue.SimpleQueue = queue._PySimpleQueue  # type: ignore[misc, attr-defined]

@@ -336,7 +336,8 @@ def _match(publisher: Publisher, subscription: Subscription) -> None:
     subscription.matches.append(publisher)
     publisher.tell(PublisherEvent.RCL_PUBLISHER_MATCHED, current_count=1, total_count=1)
     subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_MATCHED, current_count=1, total_count=1)
-    subscription.count_alive(int(publisher.is_asserted), int(not publisher.is_asserted))
+    if publisher.qos.lease:
+        subscription.count_alive(int(publisher.is_asserted), int(not publisher.is_asserted))
     if publisher.kept is not None and subscription.qos.durability == _TRANSIENT_LOCAL and publisher.process.is_alive:
         for sample in list(publisher.kept)[-subscription.qos.depth :]:
             publisher.send_to(subscription, sample)
@@ -346,5 +347,6 @@ def _part(publisher: Publisher, subscription: Subscription) -> None:
     """Tell a subscription that a publisher has ended."""
     subscription.matches.remove(publisher)
     subscription.last_arrivals.pop(publisher.pointer, None)
-    subscription.count_alive(-int(publisher.is_asserted), -int(not publisher.is_asserted))
+    if publisher.qos.lease:
+        subscription.count_alive(-int(publisher.is_asserted), -int(not publisher.is_asserted))
     subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_MATCHED, current_count=-1, total_count=0)
