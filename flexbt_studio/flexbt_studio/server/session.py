@@ -57,6 +57,10 @@ DISK_SECONDS: Final = 1.0
 CHECK_SECONDS: Final = 0.08
 """Time without an edit after which a file is checked, s."""
 
+_OWN: Final = frozenset(
+    {'layout', 'revisions', 'text_at', 'compared', 'watch', 'past', 'reached', 'tree_log', 'groot2'}
+)
+
 _LOGGER: Final = logging.getLogger(__name__)
 
 
@@ -151,32 +155,7 @@ class Sessions:
         try:
             if not method:
                 raise StudioError('a request is {"id": …, "method": "…", "arguments": {…}}')
-            if method == 'start_job':
-                result: Any = await self._start_job(page, arguments)
-                page.jobs.append(result)
-            elif method == 'layout':
-                result = await self._layout(arguments)
-            elif method == 'watch':
-                result = await self._watch(str(arguments.get('robot', '')))
-            elif method == 'past':
-                result = await past_answer(await self._past(str(arguments.get('robot', ''))), arguments)
-            elif method in ('recordings', 'reached', 'tree_log'):
-                result = await self._recorded(method, arguments)
-            elif method.startswith('simulator_'):
-                result = await self._simulate(page, method, arguments)
-            elif method == 'groot2':
-                result = await self._groot2_command(arguments)
-            elif method in ('revisions', 'text_at', 'compared'):
-                result = await self._version(method, arguments)
-            elif method == 'cancel_job':
-                self._jobs.cancel(arguments.get('number', 0))
-                result = None
-            elif method == 'allow_code':
-                result = page.runs_code = True
-                for file in await self._work(lambda: list(self._workbench.project.open_files)):
-                    self._check_soon(file)
-            else:
-                result = await self._work(self._workbench.answer, method, arguments)
+            result = await self._result(page, method, arguments)
             answer: dict[str, Any] = {'id': number, 'result': result}
         except StudioError as error:
             answer = {'id': number, 'error': {'kind': _kind(error), 'message': str(error)}}
@@ -201,48 +180,65 @@ class Sessions:
             raise StudioError(f'start_job: wrong arguments: {error}') from error
         return self._jobs.start(job, file, version, copy)
 
-    async def _layout(self, arguments: dict[str, Any]) -> dict[str, Any]:
-        """Return the places of the states of a ``file``, with the containers at the ``folded`` paths closed."""
-        match arguments:
-            case {'file': str(file), 'folded': list(folded)}:
-                states = await self._work(self._workbench.states, file)
-                loop = asyncio.get_running_loop()
-                return await loop.run_in_executor(self._drawing, self._layouts.machine, states, folded)
-        raise StudioError('layout: its arguments are a file and the list of folded paths')
+    async def _result(self, page: Page, method: str, arguments: dict[str, Any]) -> Any:
+        """Return the result of a request. Those of the workbench, which only read and edit texts, come last.
 
-    async def _version(self, method: str, arguments: dict[str, Any]) -> Any:
-        """Answer a request about versions of a ``file``, on other threads: git may be slow, and so a large picture."""
-        workbench = self._workbench
+        Git may be slow, and so a large picture or recording: that is done on other threads. Raises StudioError.
+        """
+        workbench, path, apart = self._workbench, self._workbench.project.path, asyncio.to_thread
         match method, arguments:
+            case 'start_job', _:
+                page.jobs.append(number := await self._start_job(page, arguments))
+                return number
+            case 'cancel_job', _:
+                return self._jobs.cancel(arguments.get('number', 0))
+            case 'allow_code', _:
+                page.runs_code = True
+                for file in await self._work(lambda: list(workbench.project.open_files)):
+                    self._check_soon(file)
+                return True
+            case 'layout', {'file': str(file), 'folded': list(folded)}:
+                return await self._drawn(self._layouts.machine, await self._work(workbench.states, file), folded)
             case 'revisions', {'file': str(file)}:
-                return await asyncio.to_thread(revisions, workbench.project.path(file))
+                return await apart(revisions, path(file))
             case 'text_at', {'file': str(file), 'revision': str(revision), 'name': str(name)}:
-                return await asyncio.to_thread(text_at, workbench.project.path(file), revision, name)
+                return await apart(text_at, path(file), revision, name)
             case 'compared', {'file': str(file), 'before': str(before), 'after': str(after)}:
-                loop = asyncio.get_running_loop()
-                found = await loop.run_in_executor(self._drawing, workbench.compared, file, before, after)
+                found = await self._drawn(workbench.compared, file, before, after)
                 states = found['view'].get('states', [])
-                layout = partial(self._layouts.machine, states, [])
-                return {**found, 'layout': await loop.run_in_executor(self._drawing, layout) if states else None}
-        raise StudioError(f'{method}: wrong arguments')
+                return {**found, 'layout': await self._drawn(self._layouts.machine, states, []) if states else None}
+            case 'watch', {'robot': str(name)}:
+                return await self._watch(name)
+            case 'past', {'robot': str(name)}:
+                return await past_answer(await self._past(name), arguments)
+            case 'recordings', _:
+                return await apart(self._recordings.names)
+            case 'reached', {'name': str(name)}:
+                return await apart(lambda: opened(self._recordings, name).reached())
+            case 'tree_log', {'name': str(name)}:
+                file, text, played = await apart(log_of, self._recordings, name)
+                await self._show_text(file, text)
+                return played
+            case 'groot2', {'robot': str(name), 'do': str(line)}:
+                if name not in self._groot2:
+                    raise StudioError(f'there is no such program: {short_repr(name)}; watch it first')
+                return await self._groot2[name].command(line)
+        if method.startswith('simulator_'):
+            return await self._simulate(page, method, arguments)
+        if method in _OWN:
+            raise StudioError(f'{method}: wrong arguments')
+        return await self._work(workbench.answer, method, arguments)
+
+    async def _drawn(self, function: Any, *arguments: Any) -> Any:
+        return await asyncio.get_running_loop().run_in_executor(self._drawing, function, *arguments)
 
     async def _past(self, name: str) -> Past | None:
         """Return the past of a robot that is watched, or a recording; None without. Raises StudioError."""
         if name.startswith(RECORDING):
             return await asyncio.to_thread(opened, self._recordings, name)
+        if name == SIMULATION and self._simulation is not None:
+            return self._simulation.past()
         return None if self._live is None else self._live.past(name)
-
-    async def _recorded(self, method: str, arguments: dict[str, Any]) -> Any:
-        """Answer a request about recordings: their names, the nodes that one has reached, or a log of a tree."""
-        if method == 'recordings':
-            return await asyncio.to_thread(self._recordings.names)
-        name = str(arguments.get('name', ''))
-        if method == 'reached':
-            past = await asyncio.to_thread(opened, self._recordings, name)
-            return await asyncio.to_thread(past.reached)
-        file, text, played = await asyncio.to_thread(log_of, self._recordings, name)
-        await self._show_text(file, text)
-        return played
 
     async def _watch(self, name: str) -> str:
         """Show what runs on a robot by events ``live``, and return its name. Raises StudioError if there is none.
@@ -333,12 +329,6 @@ class Sessions:
             self._groot2[name] = Groot2Robot(name, self.tell, self._show_text)
         self._groot2[name].show_again()
         return name
-
-    async def _groot2_command(self, arguments: dict[str, Any]) -> Any:
-        match arguments:
-            case {'robot': str(robot), 'do': str(line)} if robot in self._groot2:
-                return await self._groot2[robot].command(line)
-        raise StudioError(f'there is no such program: {short_repr(arguments.get("robot"))}; watch it first')
 
     async def _show_text(self, file: str, text: str) -> None:
         """Show a text that cannot be edited, also to the pages that show an older one of this name."""

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from flexbt_common.runtime.node_runtime import NodeRuntime
     from flexbt_console.link.fleet_link import FleetLink
     from flexbt_console.ui.web.access import Access
+    from flexbt_console.ui.web.past import LivePast
     from flexbt_console.ui.web.server import WebServer
 
 NAME: Final = 'simulation'
@@ -326,6 +327,10 @@ class Simulation:
         """Show what runs on the robot by events ``live``, and return its name."""
         await self._there().watch(self._robot)
         return NAME
+
+    def past(self) -> LivePast | None:
+        """Return the past of the robot."""
+        return self._there().past(self._robot)
 
     def _there(self) -> LiveRobots:
         if self._live is None or self.is_over:
