@@ -36,9 +36,10 @@ from std_srvs.srv import Trigger
 from flexbt_common import names
 from flexbt_common.files import INCIDENTS, USER_DIRECTORY, home_path
 from flexbt_common.lifecycle.liveliness import LivelinessToken
-from flexbt_common.middleware.received_messages import Received
+from flexbt_common.middleware.received_messages import Received, ReceivedMessages
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer
+from flexbt_common.values.limits import MESSAGE
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.lanes import Lane, LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror
@@ -159,8 +160,9 @@ class Detector:
         self._was_live, self._was_held = bool(killed_for), False
         self._late: frozenset[str] = frozenset()
         self._is_low = False
-        self._goals: dict[str, tuple[set[bytes], float]] = {}
-        """Of each action the aborted goals that are known, and when it was joined."""
+        self._goals: dict[str, set[bytes]] = {}
+        """Of each action the aborted goals that are known."""
+        self._goals_since = time.time() - killed_for
         runtime.post_in(_LOOK_SECONDS, self._look)
 
     def take(self, topic: str, message: Received) -> None:
@@ -209,17 +211,18 @@ class Detector:
             inside = node.get_namespace().rstrip('/') + '/'
             for name, _ in get_action_names_and_types(node):
                 if name.startswith(inside) and name not in self._goals:
-                    self._goals[name] = set(), self._runtime.steady.now()
+                    self._goals[name] = set()
                     topic, qos = f'{name}/_action/status', qos_profile_action_status_default
                     with contextlib.suppress(RCLError):  # a security policy may not let this node hear it
-                        node.create_subscription(GoalStatusArray, topic, partial(self._statuses, name), qos)
+                        ReceivedMessages(node, GoalStatusArray, topic, qos, partial(self._statuses, name), MESSAGE)
 
-    def _statuses(self, action: str, message: GoalStatusArray) -> None:
-        known, joined = self._goals[action]
-        aborted = {bytes(one.goal_info.goal_id.uuid) for one in message.status_list if one.status == _ABORTED}
-        self._goals[action] = aborted, joined
-        if aborted - known and self._runtime.steady.now() > joined + QUIET_SECONDS:  # before: goals of the past
-            self._tell('goal', f'{action} has aborted a goal')
+    def _statuses(self, action: str, received: Received) -> None:
+        with contextlib.suppress(ValueError):
+            message = received.checked(GoalStatusArray)
+            aborted = {bytes(one.goal_info.goal_id.uuid) for one in message.status_list if one.status == _ABORTED}
+            known, self._goals[action] = self._goals[action], aborted
+            if aborted - known and received.sent >= self._goals_since:  # before: goals of the past
+                self._tell('goal', f'{action} has aborted a goal')
 
     def take_battery(self, received: Received) -> None:
         """Take a sensor_msgs/BatteryState."""
