@@ -166,6 +166,11 @@ def test_what_is_known_about_a_place(folder: Path) -> None:
             lsp.CompletionParams(*editor.at('main.xml', text, 'wait_duration', 0))
         )
         assert isinstance(ports, lsp.CompletionList) and 'server_timeout' in [one.label for one in ports.items]
+        text = text.replace('<Sequence>', '<Sequence _skipIf="a > 1 || b < 2">').replace('="1"/>', '="1" />')
+        await editor.show('main.xml', text, 2)  # what is in a value is no tag
+        for place in (editor.at('main.xml', text, 'wait_duration', 0), editor.at('main.xml', text, '/>', 0)):
+            ports = await editor.client.text_document_completion_async(lsp.CompletionParams(*place))
+            assert isinstance(ports, lsp.CompletionList) and 'server_timeout' in [one.label for one in ports.items]
 
     with_editor(folder, story)
 

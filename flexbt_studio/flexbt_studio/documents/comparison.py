@@ -70,15 +70,11 @@ def parts(view: Mapping[str, Any]) -> list[Part]:
     found: dict[str | None, Part] = {None: file}
     for data in (*view.get('trees', ()), *view.get('nodes', ()), *view.get('states', ())):
         above = data.get('parent') or data.get('tree')
-        if 'attributes' in data:
-            kind = f'{data["tag"]} {data["type"]}' if data['tag'].startswith('SubTree') else data['type']
-            part = Part(data['path'], kind, data['name'], data=data)
-        elif 'label' in data:
-            part = Part(data['path'], data['type'] or data['kind'], data['label'], data=data)
-        else:
-            part = Part(data['path'], 'tree', data['id'], data=data)
-        part.content = dict(_content(data))
-        part.parent = found[above]
+        kind = (data['type'] or data.get('kind', '')) if 'type' in data else 'tree'
+        kind = f'{data["tag"]} {data["type"]}' if data.get('tag', '').startswith('SubTree') else kind
+        name = next(data[key] for key in ('label', 'name', 'id') if key in data)
+        part = Part(data['path'], kind, name, dict(_content(data)), data, found[above])
+        assert part.parent is not None
         part.depth = part.parent.depth + 1
         part.parent.children.append(part)
         found[data['path']] = part
@@ -159,10 +155,9 @@ def _pair_alike(
     for olds, news in rows.values():
         if not only or len(olds) == len(news) == 1:
             for old, new in zip(olds, news, strict=False):
-                is_likely = not below or (
-                    _likeness(old, new) and (not old.name or not new.name or old.name == new.name)
-                )
-                if old.twin is None and new.twin is None and is_likely:
+                are_free = old.twin is None and new.twin is None
+                has_one_name = not (old.name and new.name) or old.name == new.name
+                if are_free and (not below or (has_one_name and _likeness(old, new))):
                     _pair(old, new)
 
 
@@ -202,14 +197,13 @@ def _pair_rows(before: Iterable[Part], *, weakly: bool = False) -> None:
     for old in before:
         if old.twin is None:
             continue
-        _pair_row(old.children, old.twin.children, lambda one: one.whole)
-        _pair_row(old.children, old.twin.children, lambda one: (one.type, one.name) if one.name else None)
-        _pair_alike(
-            old.children, old.twin.children, lambda one: one.type if one.children else None, only=True, below=True
-        )
+        olds, news = old.children, old.twin.children
+        _pair_row(olds, news, lambda one: one.whole)
+        _pair_row(olds, news, lambda one: (one.type, one.name) if one.name else None)
+        _pair_alike(olds, news, lambda one: one.type if one.children else None, only=True, below=True)
         if weakly:
-            _pair_likest(old.children, old.twin.children)
-            _pair_gaps(old.children, old.twin.children)
+            _pair_likest(olds, news)
+            _pair_gaps(olds, news)
 
 
 def _pair_row(olds: Sequence[Part], news: Sequence[Part], key: Callable[[Part], Hashable]) -> None:
@@ -235,18 +229,14 @@ def _pair_likest(olds: Sequence[Part], news: Sequence[Part]) -> None:
             for _, _, i, j in sorted(ranked):
                 if one[i].twin is None and other[j].twin is None:
                     _pair(one[i], other[j])
-        for old, new in zip(
-            [part for part in one if part.twin is None], [part for part in other if part.twin is None], strict=False
-        ):
+        rest = ([part for part in row if part.twin is None] for row in (one, other))
+        for old, new in zip(*rest, strict=False):
             _pair(old, new)
 
 
 def _likeness(one: Part, other: Part) -> int:
-    below = Counter((part.type, part.name) for part in one.children)
-    return (
-        len(one.content.items() & other.content.items())
-        + (below & Counter((part.type, part.name) for part in other.children)).total()
-    )
+    own, others = (Counter((part.type, part.name) for part in row.children) for row in (one, other))
+    return len(one.content.items() & other.content.items()) + (own & others).total()
 
 
 def _pair_gaps(olds: Sequence[Part], news: Sequence[Part]) -> None:
@@ -395,11 +385,8 @@ class _Union:
         host, data = self._hosts[part], part.data
         changed: dict[str, Any] = {'path': self.path(part)}
         if 'label' in data:
-            changed |= {
-                'parent': self.path(host),
-                'initial': False,
-                'transitions': self._led(part, data['transitions']),
-            }
+            ways = self._led(part, data['transitions'])
+            changed |= {'parent': self.path(host), 'initial': False, 'transitions': ways}
         elif 'tree' in data:
             above = host
             while above.parent is not None and above.parent.path:
@@ -409,13 +396,9 @@ class _Union:
 
     def _led(self, part: Part, ways: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
         """Return transitions of a part of the earlier version, with the present labels of their targets."""
-        return [{**way, 'target': self._target(part, way['target'])} for way in ways]
-
-    @staticmethod
-    def _target(part: Part, label: str) -> str:
-        """Return the present label of what a transition of a part of the earlier version led to."""
         siblings = () if part.parent is None else part.parent.children
-        return next((one.twin.name for one in siblings if one.name == label and one.twin is not None), label)
+        labels = {one.name: one.twin.name for one in reversed(siblings) if one.twin is not None}
+        return [{**way, 'target': labels.get(way['target'], way['target'])} for way in ways]
 
     def note(self, part: Part, kinds: list[str], lines: list[str], *, is_listed: bool = True) -> None:
         """Note changes of a part."""
@@ -462,9 +445,6 @@ class _Union:
             while one['path'].startswith('-') and (one['parent'], one['label']) in labels:
                 one['label'] += ' (removed)'
             labels.add((one['parent'], one['label']))
-        rows = {
-            'trees': [one for one in shown if 'label' not in one and 'tree' not in one],
-            'nodes': [one for one in shown if 'tree' in one],
-            'states': states,
-        }
+        trees = [one for one in shown if 'label' not in one and 'tree' not in one]
+        rows = {'trees': trees, 'nodes': [one for one in shown if 'tree' in one], 'states': states}
         return {**after, **{key: row for key, row in rows.items() if key in after}}

@@ -138,13 +138,14 @@ class TreeChecker:
         self._skills = skills
 
     def findings(self, file: str) -> list[Finding]:
-        """Return the findings for an open file, in the order of their places. Raises StudioError if it is not open."""
-        document = self._project.open(file).document
-        assert isinstance(document, XmlDocument)
+        """Return the findings for a file, in the order of their places. Raises StudioError if it cannot be read."""
+        document = self._project.trees(file)
         found = [_of_problem(document, problem) for problem in document.problems]
         nodes = document.view()['nodes']
         places = Places(document.text)
-        for one in self._checked(file, document):
+        for one in self._check(file, document.text, self._registry):
+            if document.problems and one.rule is REFUSED:
+                continue
             span = places.span(one.place)
             path = _innermost(nodes, span.start)
             fixes = list(_fixes(document, path, span, one.place.message))
@@ -192,22 +193,13 @@ class TreeChecker:
         key = library.find(id, read.file)
         if key is None:
             return
-        views: dict[str, tuple[Places, list[dict[str, Any]]]] = {}
+        paths: dict[str, dict[int, str]] = {}
         for path, item in run_items(library, key):
-            place = item.tree.error(item.node, '')
-            name = files.get(place.file)
-            if name is None:
-                continue
-            if name not in views:
-                document = self._project.document(name)
-                views[name] = Places(document.text), document.view()['nodes']
-            places, nodes = views[name]
-            yield path, (name, _innermost(nodes, places.span(place).start)), item
-
-    def _checked(self, file: str, document: Document) -> Iterator[Diagnostic]:
-        for one in self._check(file, document.text, self._registry):
-            if not (document.problems and one.rule is REFUSED):
-                yield one
+            name = files.get(item.tree.error(item.node, '').file)
+            if name is not None and name not in paths:
+                paths[name] = {element.offset: own for element, own in self._project.trees(name).paths.items()}
+            if name is not None:
+                yield path, (name, paths[name].get(item.node.offset, '')), item
 
     def _check(self, file: str, text: str, registry: NodeRegistry) -> Iterator[Diagnostic]:
         """Yield what the checker finds in a file with this text."""
@@ -243,8 +235,7 @@ class TreeChecker:
         wanted = [file]
         owners: dict[str, Place] | None = None
         for one in wanted:
-            document = self._project.document(one)
-            assert isinstance(document, XmlDocument)
+            document = self._project.trees(one)
             missing = {id for call in document.subtrees if document.definition(id := call.attributes.get('ID')) is None}
             if missing and owners is None:
                 owners = tree_places(self._project, file)

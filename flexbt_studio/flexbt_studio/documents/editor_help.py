@@ -91,7 +91,7 @@ class TreeHelp:
 
     def completions(self, file: str, offset: int) -> list[Completion]:
         """Return what may stand at an offset of an open file, the likeliest first."""
-        document = self._document(file)
+        document = self._project.trees(file)
         tag = _tag_at(document, offset)
         start = document.text.rfind('<', 0, offset)
         is_name = start >= 0 and _TAG_NAME.fullmatch(document.text, start + 1, offset)
@@ -100,14 +100,9 @@ class TreeHelp:
         if tag is None:
             return []
         value = _value_at(document.text, tag, offset)
-        return list(
-            self._attributes(document.text, tag, offset) if value is None else self._values(file, tag, value, offset)
-        )
-
-    def _document(self, file: str) -> XmlDocument:
-        document = self._project.open(file).document
-        assert isinstance(document, XmlDocument)
-        return document
+        if value is None:
+            return list(self._attributes(document.text, tag, offset))
+        return list(self._values(file, tag, value, offset))
 
     def _types(self, text: str, start: int) -> Iterator[Completion]:
         name = _TAG_NAME.match(text, start)
@@ -135,7 +130,7 @@ class TreeHelp:
                 yield Completion(name, 'port', detail, told, span, f'{name}=""')
 
     def _values(self, file: str, tag: XmlElement, value: _OpenValue, offset: int) -> Iterator[Completion]:
-        document, text = self._document(file), self._document(file).text
+        document, text = self._project.trees(file), self._project.trees(file).text
         if tag.tag in SUBTREES and value.attribute == 'ID':
             for id, place in sorted(tree_places(self._project, file).items()):
                 yield Completion(id, 'tree', place.file, '', value.span, id)
@@ -157,7 +152,7 @@ class TreeHelp:
 
     def help(self, file: str, offset: int) -> Help | None:
         """Return help about the node type or port at an offset; None if there is none."""
-        document = self._document(file)
+        document = self._project.trees(file)
         text = document.text
         word = _word_at(text, offset)
         tag = _tag_at(document, word.end)

@@ -92,8 +92,7 @@ class _Trees:
         """Return the names under which sub-trees and models hand keys to a tree of the file."""
         id = tree.attributes.get('ID', '')
         found: set[str] = set()
-        for file, document in self._project.documents('trees'):
-            assert isinstance(document, XmlDocument)
+        for file, document in self._project.tree_files():
             if file == self._file or document.definition(id) is None:
                 for one in (*document.subtrees, *document.models):
                     if one.tag in SUBTREES and one.attributes.get('ID') == id:
@@ -121,9 +120,8 @@ class _Trees:
         id = call.attributes.get('ID', '')
         owner, tree = document, document.definition(id)
         if tree is None and id in self._places:
-            found = self._project.document(self._places[id].file)
-            assert isinstance(found, XmlDocument)
-            owner, tree = found, found.definition(id)
+            owner = self._project.trees(self._places[id].file)
+            tree = owner.definition(id)
         if tree is None or tree in self._roles:
             return self._roles.get(tree, {})
         roles = self._roles[tree] = {}  # of a tree that runs itself nothing is known yet

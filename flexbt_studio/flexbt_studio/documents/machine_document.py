@@ -182,7 +182,9 @@ class MachineDocument(Document):
 
     def removed(self, state: State) -> list[TextEdit]:
         """Return the edits that remove a state."""
-        raise NotImplementedError
+        assert state.parent is not None and state.item is not None
+        rows = state.parent.rows
+        return self.remove_items(rows, [rows.items.index(state.item)])
 
     def parameter_uses(self) -> Iterator[tuple[str, Span, bool]]:
         """Yield where parameters of the behavior are named, and whether that is their declaration."""
@@ -237,10 +239,8 @@ class MachineDocument(Document):
             return [{key: one.key, value: one.value, 'span': one.span, f'{value}_span': span} for one, span in ways]
 
         def values(table: str) -> list[dict[str, Any]]:
-            ways = (
-                (one.key, self.source(one.value_span), *self.value(one), one.value_span) for one in state.items(table)
-            )
-            names = 'name', 'text', 'value', 'literal', 'span'
+            names, items = ('name', 'text', 'value', 'literal', 'span'), state.items(table)
+            ways = ((one.key, self.source(one.value_span), *self.value(one), one.value_span) for one in items)
             return [dict(zip(names, one, strict=True)) for one in ways]
 
         parent = state.parent
@@ -443,6 +443,7 @@ class MachineDocument(Document):
         return [self.renamed(span, new) for span, _ in uses]
 
     def _uses_of_parameter(self, name: str) -> list[tuple[Span, bool]]:
+        need(self.behaviors, 'the file has no behavior whose parameters can be read; edit the text')
         uses = [*self.parameter_uses()]
         known = {one for one, _, _ in uses}
         need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
@@ -632,9 +633,8 @@ class MachineDocument(Document):
         slots = [self._own_lines(table, place) for place in places]
         commas = table.inner is None or all(self._comma_behind(table, place) is not None for place in places)
         need(table.inner is not None or all(slots), f'{state.path} shares a line with others; edit the text')
-        spans = [
-            Span(slot.start, slot.start + len(self.source(slot).rstrip('\r\n'))) for slot in slots if slot is not None
-        ]
+        taken = [slot for slot in slots if slot is not None]
+        spans = [Span(slot.start, slot.start + len(self.source(slot).rstrip('\r\n'))) for slot in taken]
         if not commas or len(spans) < len(slots):
             spans = [table.items[place].span for place in places]
         elif any(self._code_between(before.end, after.start) for before, after in itertools.pairwise(spans)):
@@ -651,12 +651,10 @@ class MachineDocument(Document):
         at = self.row(table, index).start if index < last else spans[-1].end
         gap = Span(spans[0].end, spans[1].start) if len(spans) == 2 else _NOWHERE
         blank = '' if self.source(gap).strip() else self.line_break * min(len(self.source(gap).splitlines()), 2)
-        row = f'{indent}{table.mark}{new}'
+        row, end = f'{indent}{table.mark}{new}', self.line_break
         if at == len(self.text) and not self.text.endswith(('\n', '\r')):
-            return [TextEdit(at, at, f'{self.line_break}{blank}{row}')]
-        return [
-            TextEdit(at, at, f'{row}{self.line_break}{blank}' if index < last else f'{blank}{row}{self.line_break}')
-        ]
+            return [TextEdit(at, at, f'{end}{blank}{row}')]
+        return [TextEdit(at, at, f'{row}{end}{blank}' if index < last else f'{blank}{row}{end}')]
 
     def _remove_row(self, table: Table, index: int) -> list[TextEdit]:
         start, end = span = self.row(table, index)

@@ -32,7 +32,6 @@ from .python_document import PythonDocument
 from .text import Span, TextEdit
 from .xml_document import PORT_TAGS, XmlDocument
 from .xml_keys import SUBTREES, node_type
-from .xml_text import XmlElement
 from .yaml_document import Node, Tree, YamlDocument, scalar_text
 
 LONGEST: Final = 200
@@ -181,7 +180,7 @@ class Names:
                     yield Use(Span(part.start, part.start + len(name)), named or Named('port', name, file, id))
 
     def _tree(self, id: str, places: Mapping[str, Place]) -> Named:
-        document = self._trees_of(places[id].file)
+        document = self._project.trees(places[id].file)
         element = document.definition(id)
         assert element is not None
         return Named('tree', id, places[id].file, document.paths[element])
@@ -198,11 +197,10 @@ class Names:
                 kind = 'outcome' if table == 'outcomes' else 'userdata'
                 for item in state.items(table):
                     yield Use(item.name_span, Named(kind, item.key, file, state.path), True)
+            children = {child.label: child for child in state.children}
             for condition in state.conditions:
-                yield Use(
-                    condition.outcome.value_span, Named('outcome', condition.outcome.value or '', file, state.path)
-                )
-                children = {child.label: child for child in state.children}
+                named = Named('outcome', condition.outcome.value or '', file, state.path)
+                yield Use(condition.outcome.value_span, named)
                 for pair in (one for one in condition.pairs.items if one.key in children):
                     child = children[pair.key]
                     yield Use(pair.key_span, Named('state', child.label, file, child.path))
@@ -242,16 +240,6 @@ class Names:
 
     # The files of a project.
 
-    def _trees_of(self, file: str) -> XmlDocument:
-        document = self._project.document(file)
-        assert isinstance(document, XmlDocument)
-        return document
-
-    def _tree_files(self) -> Iterator[tuple[str, XmlDocument]]:
-        for file, document in self._project.documents('trees'):
-            if isinstance(document, XmlDocument):
-                yield file, document
-
     def _machines(self) -> Iterator[tuple[str, MachineDocument]]:
         for file, document in self._project.documents():
             if isinstance(document, MachineDocument):
@@ -281,7 +269,7 @@ class Names:
 
     def _callers(self, named: Named, id: str) -> Iterator[tuple[str, XmlDocument]]:
         """Yield the other files in which this ID means a tree of the file of ``named``."""
-        for file, document in self._tree_files():
+        for file, document in self._project.tree_files():
             is_used = file != named.file and document.definition(id) is None and document.tree_uses(id)
             if is_used and tree_places(self._project, file)[id].file == named.file:
                 yield file, document
@@ -319,7 +307,7 @@ class Names:
         return [*(Mention(file, span, named.kind) for file, span in sorted(set(spans))), *found.notes]
 
     def _key_uses(self, named: Named) -> Iterator[Mention]:
-        document = self._trees_of(named.file)
+        document = self._project.trees(named.file)
         tree = document.trees[named.owner]
         for use in document.keys.readable(tree):
             if use.key == named.name:
@@ -377,17 +365,17 @@ class Names:
         taken = tree_places(self._project, named.file).get(new)
         if taken is not None:
             raise StudioError(f'there is a tree [{new}] already, in {taken.file}; choose another ID')
-        document = self._trees_of(named.file)
+        document = self._project.trees(named.file)
         made.add(named.file, document.gesture('rename_tree', {'id': named.owner, 'new': new}))
         self._rename_elsewhere(named, new, made)
         self._in_requirements(made, {named.name: {}}, sections={named.name: new})
-        defined = [one for one, other in self._tree_files() if other.definition(named.name) is not None]
+        defined = [one for one, other in self._project.tree_files() if other.definition(named.name) is not None]
         for file, _ in self._machines() if len(defined) > 1 else ():
             spans = [Span(one.start, one.end) for one in made.edits.pop(file, ())]
             made.notes += [Mention(file, span, f'several files define this tree: {defined}') for span in spans]
 
     def _rename_key(self, named: Named, new: str, made: Renaming) -> None:
-        document, old = self._trees_of(named.file), named.name
+        document, old = self._project.trees(named.file), named.name
         made.add(named.file, document.gesture('rename_key', {'tree': named.owner, 'old': old, 'new': new}))
         tree = document.trees[named.owner]
         id = tree.attributes.get('ID', '')
@@ -407,14 +395,14 @@ class Names:
             if (name in _BOARD_KEYS and value == named.name) or (isinstance(value, dict) and named.name in value):
                 yield Mention(file, item.value_span, f'{state.path} [{name}] may mean this key of the blackboard')
         if named.name.startswith('@'):
-            for file, other in self._tree_files():
+            for file, other in self._project.tree_files():
                 for path, tree in other.trees.items():
                     for use in other.keys.readable(tree) if (file, path) != (named.file, named.owner) else ():
                         if use.key in (named.name, named.name[1:]):
                             yield Mention(file, use.span, f'{use.element} may mean this key of the topmost tree')
 
     def _rename_node(self, named: Named, new: str, made: Renaming) -> None:
-        document = self._trees_of(named.file)
+        document = self._project.trees(named.file)
         need(new.strip(), 'a node needs a name; remove the attribute to have none')
         edits = document.gesture('set_value', {'node': named.owner, 'name': 'name', 'value': new})
         made.add(named.file, edits)
@@ -427,7 +415,7 @@ class Names:
                 if run.rpartition('/')[2] == named.name:
                     renamed.setdefault(section, {})[run] = f'{run[: -len(named.name)]}{new}'
         self._in_requirements(made, renamed)
-        nodes = (node for _, one in self._tree_files() for node in one.view()['nodes'])
+        nodes = (node for _, one in self._project.tree_files() for node in one.view()['nodes'])
         everywhere = [node for node in nodes if named.name in (node['name'], node['type'])]
         for file, key in self._mock_patterns():
             if key.value == named.name and len(everywhere) == 1 and named.name not in self._registry:
@@ -437,7 +425,7 @@ class Names:
         is_declared = named.owner not in self._registry
         need(is_declared, f'[{named.name}] is a port of the class of {named.owner}; rename it in its code')
         need(not port_name_problem(new), port_name_problem(new))
-        for file, document in self._tree_files():
+        for file, document in self._project.tree_files():
             for element in document.nodes:
                 if node_type(element) != named.owner or element.tag in SUBTREES:
                     continue
@@ -473,7 +461,7 @@ class Names:
             pending = [(owner, root, '', 0)]
             for one, top, prefix, depth in pending:
                 for state in self._machine(one).states.values():
-                    if not _is_below(state, top):
+                    if not state.path.startswith(top.path):
                         continue
                     run = f'{prefix}/{state.path.partition("/")[2]}' if state is not top else prefix or '/'
                     if (one, state.path) == (file, path):
@@ -647,20 +635,6 @@ def _known_spans(document: MachineDocument) -> list[Span]:
     items = [item for state in document.states.values() for table in tables for item in state.items(table)]
     labels = [state.label_span for state in document.states.values()]
     return [*labels, *(item.key_span for item in items), *(item.value_span for item in items)]
-
-
-def _tree_around(element: XmlElement) -> XmlElement | None:
-    one: XmlElement | None = element
-    while one is not None and one.tag != 'BehaviorTree':
-        one = one.parent
-    return one
-
-
-def _is_below(state: State, top: State) -> bool:
-    one: State | None = state
-    while one is not None and one is not top:
-        one = one.parent
-    return one is top
 
 
 def _sections(text: str) -> Iterator[tuple[Node, list[Node]]]:

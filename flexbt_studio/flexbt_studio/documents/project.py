@@ -51,10 +51,8 @@ class Kind(NamedTuple):
 
 KINDS: Final = (
     Kind('trees', ('.xml',), re.compile(r'<(?:BehaviorTree|TreeNodesModel)\b|BTCPP_format'), XmlDocument),
-    Kind(
-        'machine', ('.yaml', '.yml'), re.compile(r'^(?:machine|concurrency|priority)\s*:', re.MULTILINE), YamlDocument
-    ),
-    Kind('behavior', ('.py',), re.compile(r'^class\s+\w+\((?:[^)]*\b)?Behavior\b', re.MULTILINE), PythonDocument),
+    Kind('machine', ('.yaml', '.yml'), re.compile(r'(?m)^(?:machine|concurrency|priority)\s*:'), YamlDocument),
+    Kind('behavior', ('.py',), re.compile(r'(?m)^class\s+\w+\((?:[^)]*\b)?Behavior\b'), PythonDocument),
 )
 
 
@@ -169,6 +167,19 @@ class Project:
             if not kind or one['kind'] == kind:
                 with contextlib.suppress(StudioError):
                     yield one['file'], self.document(one['file'])
+
+    def trees(self, file: str) -> XmlDocument:
+        """Return the document of a file with trees, as :meth:`document`. Raises StudioError."""
+        document = self.document(file)
+        if not isinstance(document, XmlDocument):
+            raise StudioError(f'{file} has no trees; name a file with behavior trees in XML')
+        return document
+
+    def tree_files(self) -> Iterator[tuple[str, XmlDocument]]:
+        """Yield the files with trees, with their documents. Those that cannot be read are left out."""
+        for file, document in self.documents('trees'):
+            if isinstance(document, XmlDocument):
+                yield file, document
 
     def texts_with(self, suffixes: set[str]) -> Iterator[tuple[str, str]]:
         """Yield the files with these suffixes and their texts. Those that cannot be read are left out."""
@@ -362,8 +373,7 @@ def tree_places(project: Project, near: str = '') -> dict[str, Place]:
         return file != near, -sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], pairs)), file
 
     found: dict[str, Place] = {}
-    for file, document in sorted(project.documents('trees'), key=lambda one: distance(one[0])):
-        assert isinstance(document, XmlDocument)
+    for file, document in sorted(project.tree_files(), key=lambda one: distance(one[0])):
         for tree in reversed(document.trees.values()):
             if id := tree.attributes.get('ID', ''):
                 found.setdefault(id, Place(file, tree.value_span('ID')))

@@ -70,7 +70,7 @@ class _Scope:
     name: str
     methods: dict[str, _Scope]
     values: dict[str, list[tuple[ast.expr, ast.stmt, str]]] = field(default_factory=dict)
-    containers: dict[ast.Call, _Container] = field(default_factory=dict)
+    containers: dict[ast.expr | None, _Container] = field(default_factory=dict)
     uses: Counter[str] = field(default_factory=Counter)
     returned: ast.expr | None = None
 
@@ -186,31 +186,27 @@ class PythonDocument(MachineDocument):
 
     def _made(self, expression: ast.expr, scope: _Scope) -> _Container | None:
         """Return the container that an expression makes; also read those that it makes in ``children``."""
-        found = None
-        for node in ast.walk(expression):
-            kind = _CONTAINERS.get(self._name_of(node.func)) if isinstance(node, ast.Call) else None
-            if isinstance(node, ast.Call) and kind is not None:
+        for node in (one for one in ast.walk(expression) if isinstance(one, ast.Call)):
+            if (kind := _CONTAINERS.get(self._name_of(node.func))) is not None:
                 scope.containers.setdefault(node, _Container(node, kind))
-                found = scope.containers[node] if node is expression else found
-        return found
+        return scope.containers.get(expression)
 
     def _container_of(self, expression: ast.expr | None, scope: _Scope) -> _Container | None:
         """Return the container for which an expression stands: a call, a variable, or a method that returns it."""
         for _ in range(10):
+            if expression is None or expression in scope.containers:
+                return scope.containers.get(expression)
             if isinstance(expression, ast.Call):
-                if expression in scope.containers:
-                    return scope.containers[expression]
                 method = ast.unparse(expression.func).removeprefix('self.')
                 if expression.args or expression.keywords or method not in scope.methods:
                     return None
                 scope = scope.methods[method]
                 expression = scope.returned
-            values = scope.values.get(ast.unparse(expression), []) if expression is not None else []
-            if isinstance(expression, ast.Call):
-                continue
-            if len(values) != 1:
-                return None
-            expression = values[0][0]
+            else:
+                values = scope.values.get(ast.unparse(expression), [])
+                if len(values) != 1:
+                    return None
+                expression = values[0][0]
         return None
 
     def _read_container(self, state: State, container: _Container, scope: _Scope) -> None:
@@ -476,7 +472,7 @@ class PythonDocument(MachineDocument):
         assert parent is not None and state.item is not None
         is_alone = len(parent.rows.items) == 1 and parent.rows.inner is None
         need(not is_alone, f'{state.path} is the only state of its container; edit the text')
-        edits = self.remove_items(parent.rows, [parent.rows.items.index(state.item)])
+        edits = super().removed(state)
         waiting, spans = [state], [state.item.span]
         while waiting:
             one = waiting.pop()

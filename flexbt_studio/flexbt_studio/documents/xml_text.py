@@ -595,9 +595,8 @@ class Layout(Markup):
         need(new.tops, f'{short_repr(xml)} is no XML of a node; write an element such as <Sequence/>')
         if new.problems:
             line, column = new.position(new.problems[0].span.start)
-            raise GestureError(
-                f'line {line}, column {column} of the new text cannot be read: {new.problems[0].message}'
-            )
+            place = f'line {line}, column {column} of the new text'
+            raise GestureError(f'{place} cannot be read: {new.problems[0].message}')
         start = len(new.text) - len(new.text.lstrip())
         span = Span(start, len(new.text.rstrip()))
         last_line = new.lines.start(span.end)

@@ -397,11 +397,6 @@ class YamlDocument(MachineDocument):
             edits.append(TextEdit(at, at, ' []' if table.mark else ' {}'))
         return edits
 
-    def removed(self, state: State) -> list[TextEdit]:
-        parent = state.parent
-        assert parent is not None
-        return self.remove_items(parent.rows, [parent.children.index(state)])
-
     def _set_value(self, state: State, table: str, key: str, text: str | None) -> list[TextEdit]:
         """Set, add or (None) remove a value in a table of a state."""
         if text is None:
@@ -439,12 +434,10 @@ class YamlDocument(MachineDocument):
         return TextEdit(start, end, text)
 
     def _set_fields(
-        self, owner: Table, key: str, fields: dict[str, Any] | None, known: tuple[str, ...], order: tuple[str, ...]
+        self, owner: Table, key: str, fields: dict[str, Any], known: tuple[str, ...], order: tuple[str, ...]
     ) -> list[TextEdit]:
-        """Set, add or (None) remove an entry that is a mapping of JSON values."""
+        """Set or add an entry that is a mapping of JSON values."""
         item = owner.find(key)
-        if fields is None:
-            return self._remove_entry(owner, key)
         for name in fields:
             need(name in known, f'{key} has no {short_repr(name)}', name, known)
         if item is None:
@@ -479,6 +472,8 @@ class YamlDocument(MachineDocument):
         need(one.kind == 'state', f'{state} is a {one.kind}; only states have a {kind}')
         entries = one.tables['entries']
         need(fields is not None or entries.find(kind), f'{state} has no {kind}')
+        if fields is None:
+            return self._remove_entry(entries, kind)
         return self._set_fields(entries, kind, fields, _WRAPPERS[kind], _STATE)
 
     @gesture
@@ -534,9 +529,9 @@ class YamlDocument(MachineDocument):
 
     def _indent_of(self, rows: Table, states: Item) -> str:
         """Return the indentation of the rows of ``states:``, also if there are none yet."""
-        return self._line_begin(rows.items[0].span.start if rows.items else states.span.start) + (
-            '' if rows.items else self._step()
-        )
+        if rows.items:
+            return self._line_begin(rows.items[0].span.start)
+        return self._line_begin(states.span.start) + self._step()
 
     def _new_rows(self, rows: Table, states: Item, lines: list[str]) -> list[TextEdit]:
         """Return the edits that write lines behind the rows of ``states:``, which may be empty."""
@@ -616,12 +611,8 @@ class YamlDocument(MachineDocument):
         if places == list(range(places[0], places[0] + len(places))):
             starts = self._line_starts(spans[0].start, spans[-1].end)
             edits += [TextEdit(spans[0].start, spans[0].start, before), *(TextEdit(at, at, step * 3) for at in starts)]
-            return [
-                *edits,
-                TextEdit(
-                    spans[-1].end, spans[-1].end, f'{tail}{self.line_break}' if is_ended else f'{self.line_break}{tail}'
-                ),
-            ]
+            tail = f'{tail}{self.line_break}' if is_ended else f'{self.line_break}{tail}'
+            return [*edits, TextEdit(spans[-1].end, spans[-1].end, tail)]
         chunks = []
         for start, end in spans:
             inserted = [TextEdit(at - start, at - start, step * 3) for at in self._line_starts(start, end)]
@@ -760,9 +751,8 @@ class YamlDocument(MachineDocument):
             return self.insert_item(self._top, f'behavior: {{{key}: {written}}}', 0)
         at = self._top.items[0].span.start
         indent = self._line_begin(at)
-        return [
-            TextEdit(at, at, self.line_break.join(['behavior:', f'{indent}{self._step()}{key}: {written}', indent]))
-        ]
+        rows = 'behavior:', f'{indent}{self._step()}{key}: {written}', indent
+        return [TextEdit(at, at, self.line_break.join(rows))]
 
 
 def scalar_text(text: str, like: str = '') -> str:
