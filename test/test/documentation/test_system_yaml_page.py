@@ -37,6 +37,6 @@ def test_a_problem_is_told_as_the_page_says(file: Path) -> None:
 
 
 @pytest.mark.parametrize(('key', 'declared'), [('parameters', BehaviorParameter), ('inputs', BehaviorInput)])
-def test_the_table_of_the_head_has_all_keys(key: str, declared: type[BehaviorParameter | BehaviorInput]) -> None:
-    [row] = re.findall(rf'^\| `{key}` \| (.*by (?:name|key): .*) \|$', PAGE, re.MULTILINE)
+def test_the_list_of_the_head_has_all_keys(key: str, declared: type[BehaviorParameter | BehaviorInput]) -> None:
+    [row] = re.findall(rf'^- `{key}`: (.*by (?:name|key): .*)$', PAGE, re.MULTILINE)
     assert set(re.findall('`([a-z]+)`', row)) == {one.name for one in fields(declared)[1:]}
