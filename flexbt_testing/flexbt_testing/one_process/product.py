@@ -242,6 +242,7 @@ def install() -> None:
     from flexbt_common.lifecycle import liveliness
     from flexbt_common.middleware import received_messages
     from flexbt_common.runtime import node_executor, node_runtime
+    from flexbt_onboard.persistence import journal
     from flexbt_testing import waiting
 
     class WorldHost(node_runtime.Host):
@@ -285,6 +286,7 @@ def install() -> None:
         (node_runtime, 'HOST', WorldHost()),
         (node_executor, '_Entities', ReadyEntities),
         (received_messages, '_Taker', _Taker),
+        (journal, '_held', _KeptFiles()),
         (waiting, 'contended_time', lambda: 0.0),
     ):
         setattr(owner, name, stand_in)
