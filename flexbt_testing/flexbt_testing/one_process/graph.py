@@ -263,6 +263,16 @@ class Node(Destroyable):
         self._files = everywhere.files + own.files
         self._parameters = everywhere.parameters + own.parameters
         DOMAIN.nodes.append(self)
+        self.rosout: Any = None
+        if enable_rosout:
+            from rcl_interfaces.msg import Log
+            from rclpy.duration import Duration
+            from rclpy.qos import DurabilityPolicy, QoSProfile
+
+            from .topics import Publisher
+
+            profile = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10))
+            self.rosout = Publisher(self, Log, '/rosout', profile.get_c_qos_profile())
         owner = sys._getframe(1).f_locals.get('self')  # of rclpy, whose compiled nodes end when they are collected
         if owner is not None:
             weakref.finalize(owner, DOMAIN.vanish, lambda one: self in (one, getattr(one, 'node', None)))
@@ -271,6 +281,8 @@ class Node(Destroyable):
     def _destroy(self) -> None:
         if self in DOMAIN.nodes:
             DOMAIN.nodes.remove(self)
+        if self.rosout is not None and not self.rosout.is_ended:
+            self.rosout.destroy_when_not_in_use()
 
     def expanded(self, name: str) -> str:
         """Return a name as a full one. Raises what the real module raises for an invalid one."""

@@ -91,6 +91,13 @@ def _log(severity: Any, name: str, text: str, *where: Any) -> None:
     if SCHEDULER.current.process is SCHEDULER.main.process:  # of the test, which may look at its streams
         REAL.rclpy_logging_rcutils_log(severity, name, text, *where)
     DOMAIN.log.append((SCHEDULER.now, SCHEDULER.current.process, int(severity), name, text))
+    node = next((one for one in DOMAIN.nodes if one.rosout is not None and one.logger_name() == name), None)
+    if node is not None:
+        from builtin_interfaces.msg import Time
+        from rcl_interfaces.msg import Log
+
+        stamp = Time(sec=SCHEDULER.wall // SECOND, nanosec=SCHEDULER.wall % SECOND)
+        node.rosout.publish(Log(stamp=stamp, level=int(severity), name=name, msg=text))
     if os.environ.get('FLEXBT_ONE_PROCESS_LOG'):
         level = REAL.RCUTILS_LOG_SEVERITY(int(severity)).name.removeprefix('RCUTILS_LOG_SEVERITY_')
         sys.stderr.write(f'[{level}] [{(SCHEDULER.now - BOOT) / SECOND:.6f}] [{name}]: {text}\n')

@@ -120,6 +120,7 @@ class Thread:
             raise RuntimeError('threads can only be started once')
         self._task = SCHEDULER.spawn(self._bootstrap, self.name)
         self._task.thread = self
+        SCHEDULER.yield_turn()  # as the real one, which returns when the thread has begun
 
     def _bootstrap(self) -> None:
         try:
@@ -308,7 +309,7 @@ def install() -> None:
     }.items():
         setattr(time, name, value)
     queue.SimpleQueue = queue._PySimpleQueue  # type: ignore[misc, attr-defined]
-    queue.time = time.monotonic  # type: ignore[attr-defined]
+    queue.time = threading._time = time.monotonic  # type: ignore[attr-defined]  # imported by name
     concurrent.futures.thread._global_shutdown_lock = Lock()  # type: ignore[assignment]
     threading._register_atexit(_leave)  # type: ignore[attr-defined]
     os.urandom = random_bytes
