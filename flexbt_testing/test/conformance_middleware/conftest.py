@@ -28,6 +28,7 @@ class Ros:
 
     def __init__(self) -> None:
         self._contexts: list[Context] = []
+        self._nodes: list[Any] = []
         self._executors: list[SingleThreadedExecutor] = []
         self._threads: list[threading.Thread] = []
         self.topic = f'topic_{next(self._numbers)}'
@@ -44,6 +45,7 @@ class Ros:
         """Return a new node."""
         make = options.pop('kind', Node)
         node = make(name, context=context or self.context(), **options)
+        self._nodes.append(node)
         if spins:
             self.spin(node)
         return node
@@ -76,6 +78,8 @@ class Ros:
             executor.shutdown()
         for thread in self._threads:
             thread.join(SECONDS)
+        for node in self._nodes:  # before their context, whose end may hang otherwise
+            node.destroy_node()
         for context in self._contexts:
             context.try_shutdown()
 

@@ -217,7 +217,7 @@ def test_a_lease_is_lost_and_regained(ros: Any, how: str) -> None:
 
 def test_a_publisher_that_ends_is_neither_alive_nor_lost(ros: Any) -> None:
     counts: list[tuple[int, int]] = []
-    slow = QoSProfile(depth=1, liveliness_lease_duration=Duration(seconds=1000.0))
+    slow = QoSProfile(depth=1, liveliness_lease_duration=Duration(seconds=3.0))
     talker = ros.node('talker')
     publisher = talker.create_publisher(Int32, ros.topic, slow)
     events = SubscriptionEventCallbacks(

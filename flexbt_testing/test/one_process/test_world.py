@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from flexbt_core.errors import FlexbtError
 from flexbt_testing.one_process.boundary import BOUNDARY, OutsideWorldError
+from flexbt_testing.one_process.programs import named_programs
 from flexbt_testing.one_process.world import World
 
 
@@ -218,8 +219,6 @@ def test_a_failed_test_says_what_the_robot_did_and_how_to_repeat_it(tmp_path: Pa
     ],
 )
 def test_a_wrong_name_is_told(tmp_path: Path, name: str, motion: str, reason: str) -> None:
-    from flexbt_testing.one_process.programs import named_programs
-
     with pytest.raises((LookupError, FlexbtError), match=re.escape(reason)):
         named_programs(name, tmp_path, tmp_path, motion)
 
@@ -239,3 +238,70 @@ def test_a_topic_of_the_test_reaches_a_program(world: World) -> None:
     publisher.publish(String(data='hello'))
     world.run_while(lambda: not got, 'the listener')
     world.kill('listen')
+
+
+FLEXBE_BEHAVIOR = """
+from flexbe_core import Autonomy, Behavior, EventState, OperatableStateMachine
+from flexbe_states.operator_decision_state import OperatorDecisionState
+
+
+class SpinState(EventState):
+    '''A state that calls rclpy and the clock of Python, as states do.'''
+
+    def __init__(self, seconds):
+        super().__init__(outcomes=['done'])
+        self._seconds = seconds
+
+    def on_enter(self, userdata):
+        self._end = self._node.get_clock().now().nanoseconds + 1e9 * self._seconds
+
+    def execute(self, userdata):
+        if self._node.get_clock().now().nanoseconds >= self._end:
+            return 'done'
+
+
+class ChooseSM(Behavior):
+
+    def __init__(self, node):
+        super().__init__()
+        self.name = 'Choose'
+        OperatableStateMachine.initialize_ros(node)
+        SpinState.initialize_ros(node)
+        OperatorDecisionState.initialize_ros(node)
+
+    def create(self):
+        machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+        with machine:
+            OperatableStateMachine.add('Spin', SpinState(2.0), transitions={'done': 'Ask'})
+            OperatableStateMachine.add(
+                'Ask', OperatorDecisionState(outcomes=['yes', 'no'], hint='well?', suggestion='yes'),
+                transitions={'yes': 'finished', 'no': 'failed'}, autonomy={'yes': Autonomy.Full, 'no': Autonomy.Full})
+        return machine
+"""
+
+
+def test_a_behavior_of_flexbe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = 'flexbe_of_world'
+    for name, text in {
+        f'share/ament_index/resource_index/packages/{package}': '',
+        f'share/{package}/package.xml': f'<package format="3"><name>{package}</name><version>1.0.0</version>'
+        '<export><flexbe_behaviors/><build_type>ament_cmake</build_type></export></package>',
+        f'lib/{package}/manifest/choose.xml': f'<behavior name="Choose"><executable package_path="{package}.choose_sm" '
+        'class="ChooseSM"/><author/><date/><description/></behavior>',
+        f'python/{package}/__init__.py': '',
+        f'python/{package}/choose_sm.py': FLEXBE_BEHAVIOR,
+    }.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path), prepend=':')
+    monkeypatch.syspath_prepend(str(tmp_path / 'python'))
+    for answer, outcome in (('yes', 'finished'), ('no', 'failed')):
+        with World(1, named_programs('', tmp_path, tmp_path, 'abstract'), writable=[tmp_path]) as world:
+            world.start('Choose')
+            before = world.now
+            world.run_until(world.asks('/Ask'))
+            assert world.now - before > 1.5
+            assert world.decisions['/Ask'].outcome == 'yes'
+            world.choose('/Ask', answer)
+            world.run_until(world.ended(outcome))
+            assert world.transitions == [('/Spin', 'done'), ('/Ask', answer)]
