@@ -158,6 +158,7 @@ class Detector:
         self._since = runtime.steady.now() - killed_for
         self._quiet_until, self._is_new = -math.inf if killed_for else math.inf, True
         self._was_live, self._was_held = bool(killed_for), False
+        self._executive = ''  # which was heard last, and is not told to be gone
         self._late: frozenset[str] = frozenset()
         self._is_low = False
         self._goals: dict[str, set[bytes]] = {}
@@ -193,6 +194,10 @@ class Detector:
         is_held, self._was_held = self._was_held, view.guard.holding
         if view.guard.holding and not is_held and not is_quiet:
             self._tell('stop', view.guard.told)
+        executive = view.snapshot.executive_id if view.snapshot is not None else ''
+        if self._executive and executive != self._executive:
+            self._tell('link', 'the executive has ended or crashed, and was started again at once')
+        self._executive = executive
         peers = view.snapshot.peers if view.snapshot is not None else ()
         late = {one.name: one.problem for one in peers if one.late}
         for name in late.keys() - self._late:
@@ -204,6 +209,7 @@ class Detector:
         self._runtime.post_in(_LOOK_SECONDS, self._look)
         view = self.mirror.view()
         if self._was_live and view.link is LinkState.LOST and not view.listening:
+            self._executive = ''
             self._tell('link', f'the executive is silent or gone{f": {view.problem}" if view.problem else ""}')
         self._was_live = view.live or (self._was_live and (view.listening or view.link is not LinkState.LOST))
         if self._settings.goals:
@@ -241,10 +247,10 @@ class Detector:
 
 def _occurrence(entry: LaneEntry) -> tuple[str, str] | None:
     """Return the kind and the text of an entry that makes an incident."""
-    if entry.lane is Lane.FAULTS and entry.tone == 'error':
+    if entry.lane is Lane.FAULTS and entry.tone == 'error' and entry.key != 'link':  # which is told when it is lost
         if entry.label.endswith(' gone'):
             return 'node', f'{entry.key} is gone{f": {entry.text}" if entry.text else ""}'
-        return 'link' if entry.key == 'link' else 'fault', entry.text or entry.label
+        return 'fault', entry.text or entry.label
     if entry.lane is Lane.COMMANDS and entry.word == 'applied' and entry.label.startswith('force '):
         return 'forced', f'{entry.key}: {" ".join(entry.text.removesuffix(entry.key).split())}'
     return None
