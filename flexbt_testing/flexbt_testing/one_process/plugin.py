@@ -52,6 +52,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Describe the marks."""
+    if getattr(config.option, 'numprocesses', None):
+        raise pytest.UsageError('tests in a world do not run with -n, which needs real threads; start several pytest')
     for mark in (
         "world(name='', motion='full', **options): what the fixture `world` has: a demonstration, a world file or a "
         'function of programs; `motion` is full or abstract',

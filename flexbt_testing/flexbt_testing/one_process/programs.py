@@ -138,6 +138,8 @@ def named_programs(name: str, folder: Path, scratch: Path, motion: str = 'full',
         name = ''
     function = _DEMONSTRATIONS.get(name, name)
     if not function:
+        for option in options.keys() - inspect.signature(robot_programs).parameters.keys():
+            raise LookupError(f'a world has no option {option!r}; see the parameters of robot_programs')
         made = robot_programs(**options)
     else:
         module, _, attribute = function.partition(':')

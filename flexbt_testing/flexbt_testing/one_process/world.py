@@ -36,6 +36,7 @@ from flexbt_console.mirror.command_tracker import CommandState  # noqa: E402
 from flexbt_console.mirror.mirror import Change, Mirror  # noqa: E402
 from flexbt_console.mirror.records import AutonomyLevel, CommandKind, Decision, ExecutiveState  # noqa: E402
 from flexbt_console.mirror.view import View  # noqa: E402
+from flexbt_core.values.text import did_you_mean  # noqa: E402
 from flexbt_msgs.action import BtGetData  # noqa: E402
 from flexbt_msgs.msg import BehaviorStructure, TreeStatus, TreeStructure  # noqa: E402
 from flexbt_msgs.srv import SetFault  # noqa: E402
@@ -142,15 +143,17 @@ class Mission:
         snapshot = self.view.snapshot
         return snapshot.outcome if snapshot is not None and not self.view.running else ''
 
-    def run_until(self, condition: Callable[[View], object], within: float = ANSWER_SECONDS) -> None:
-        """Let the world go on until a condition of the operator's view holds.
+    def run_until(
+        self, condition: Callable[[View], object], within: float = ANSWER_SECONDS, what: str = 'the condition'
+    ) -> None:
+        """Let the world go on until a condition of the operator's view holds; ``what`` says which in the message.
 
         Raises:
             AssertionError: it did not hold within this time, s.
         """
         until = SCHEDULER.after(within)
         while not condition(self.view):
-            assert SCHEDULER.now < until, f'not within {within:g} s; {self._situation()}'
+            assert SCHEDULER.now < until, f'{what}: not within {within:g} s; {self._situation()}'
             SCHEDULER.sleep(0.02)
 
     def asks(self, state: str) -> Callable[[View], bool]:
@@ -192,9 +195,10 @@ class Mission:
 
     def start(self, behavior: str, autonomy: str = 'High', **arguments: str) -> None:
         """Start a behavior at a level of autonomy: Off, Low, High or Full."""
-        level = AutonomyLevel[autonomy.upper()]
+        levels = {one.name.title(): one for one in AutonomyLevel}
+        assert autonomy.title() in levels, f'there is no level {autonomy!r}; there are {", ".join(levels)}'
         self.tell(f'operator: starts {behavior!r} at autonomy {autonomy}')
-        self._give(self._make.start(self.view, behavior, list(arguments.items()), level))
+        self._give(self._make.start(self.view, behavior, list(arguments.items()), levels[autonomy.title()]))
         self.run_until(lambda view: view.running)
 
     def answer(self, state: str, answer: str) -> None:
@@ -223,7 +227,7 @@ class Mission:
 
     def force(self, state: str, outcome: str) -> None:
         """Leave a state that has not asked, once it is active."""
-        self.run_until(lambda view: state in view.active_levels)
+        self.run_until(lambda view: state in view.active_levels, what=f'{state} active{self._hint(state)}')
         self.tell(f'operator: forces {outcome} of {state}')
         self._give(self._make.force(self.view, state, outcome))
 
@@ -257,7 +261,7 @@ class Mission:
         return f'/{self.namespace}' if self.namespace else ''
 
     def _asked(self, state: str) -> Decision:
-        self.run_until(self.asks(state))
+        self.run_until(self.asks(state), what=f'a question of {state}{self._hint(state)}')
         decision = next(one for one in self.view.decisions if self._is_open(one, state))
         self._answered.add(decision.id)
         return decision
@@ -283,13 +287,18 @@ class Mission:
             f'{command.kind.name}: {tracked.state.value}, {tracked.reason}; {self._situation()}'
         )
 
+    def _hint(self, state: str) -> str:
+        """Return what to say of a state that the running behavior does not have; '' if it has it."""
+        known = [one.path for one in self.view.structure.states] if self.view.structure else [state]
+        return '' if state in known else f' (there is no such state{did_you_mean(state, known)})'
+
     def _situation(self) -> str:
         view = self.view
         asked = ', '.join(f'{one.path} ({one.kind.name.lower()})' for one in view.decisions)
         return (
             f'the executive is {view.snapshot.state.name if view.snapshot else "unknown"} in '
-            f'{", ".join(view.active_paths) or "no state"}, asked by {asked or "nobody"}; link {view.link.value}; '
-            f'{self.robot!r}; states: {self.states}'
+            f'{", ".join(view.active_paths) or self.outcome or "no state"}, asked by {asked or "nobody"}; '
+            f'link {view.link.value}; {self.robot!r}; states: {self.states}'
         )
 
     def is_ready(self, nodes: set[str]) -> bool:
