@@ -94,10 +94,11 @@ class Use(NamedTuple):
 
 
 class _Inside(NamedTuple):
-    """What the states of a file stand for: ``behaviors`` are those of the project by all their names."""
+    """What the states of a file stand for: ``behaviors`` and ``trees`` are those of the project by all their names."""
 
     file: str
     behaviors: Mapping[str, tuple[tuple[str, ...], str, State]]
+    trees: Mapping[str, Place]
 
     def behavior(self, name: str) -> Named:
         """Return what the name of a behavior means; without a file if the project does not have it."""
@@ -129,7 +130,7 @@ class Names:
 
     def at(self, file: str, offset: int) -> Named:
         """Return what the name at an offset means. Raises StudioError if there is none that can be renamed."""
-        uses = self._uses_in(file, self._project.document(file), offset)
+        uses = self._uses_in(file, self._project.document(file), offset=offset)
         found = [one for one in uses if one.span.start <= offset <= one.span.end and one.span.start < one.span.end]
         if not found:
             raise StudioError(f'{file}: there is no name here that can be renamed')
@@ -139,12 +140,19 @@ class Names:
             raise StudioError(f'the {named.kind} {named.name}{of} is not defined in the project; rename it in its code')
         return named
 
-    def _uses_in(self, file: str, document: Document, offset: int | None = None) -> Iterator[Use]:
+    def _uses_in(
+        self, file: str, document: Document, inside: _Inside | None = None, *, offset: int | None = None
+    ) -> Iterator[Use]:
         """Yield the names in a file; with ``offset``, at least those there."""
         if isinstance(document, XmlDocument):
             yield from (one for one in self._in_trees(file, document, offset) if one.named.name)
         elif isinstance(document, MachineDocument):
-            yield from (one for one in self._in_machines(file, document) if one.named.name)
+            inside = (inside or self._inside())._replace(file=file)
+            yield from (one for one in self._in_machines(document, inside) if one.named.name)
+
+    def _inside(self) -> _Inside:
+        behaviors = {name: found for found in self._behaviors() for name in found[0]}
+        return _Inside('', behaviors, tree_places(self._project))
 
     def _in_trees(self, file: str, document: XmlDocument, offset: int | None) -> Iterator[Use]:
         places = tree_places(self._project, file)
@@ -185,8 +193,8 @@ class Names:
         assert element is not None
         return Named('tree', id, places[id].file, document.paths[element])
 
-    def _in_machines(self, file: str, document: MachineDocument) -> Iterator[Use]:
-        inside = _Inside(file, {name: found for found in self._behaviors() for name in found[0]})
+    def _in_machines(self, document: MachineDocument, inside: _Inside) -> Iterator[Use]:
+        file = inside.file
         for head in document.behaviors:
             if head.get('name_span'):
                 yield Use(Span(*head['name_span']), Named('behavior', head['name'], file, ''), True)
@@ -207,11 +215,10 @@ class Names:
                     yield Use(pair.value_span, inside.named(child, 'outcome', pair.value or ''))
             if state.parent is not None:
                 yield from self._in_state(state, state.parent, inside)
-        places = tree_places(self._project)
         for _, item, name in self._parameters_in(document):
             item = document.default_of(item.value or '') or item
-            if name == _RUNS_TREE and item.value in places:
-                yield Use(item.value_span, self._tree(item.value, places))
+            if name == _RUNS_TREE and item.value in inside.trees:
+                yield Use(item.value_span, self._tree(item.value or '', inside.trees))
             elif name == _RUNS_BEHAVIOR and item.value in inside.behaviors:
                 found = inside.behavior(item.value or '')
                 yield Use(item.value_span, found, is_class=item.value != found.name)
@@ -355,9 +362,10 @@ class Names:
 
     def _rename_elsewhere(self, named: Named, new: str, made: Renaming) -> None:
         """Add the edits of machines, and of other files with trees, that use a name."""
+        inside = self._inside()
         for file, document in self._project.documents():
-            is_owner = file == named.file and isinstance(document, XmlDocument)
-            for use in self._uses_in(file, document) if named.name in document.text and not is_owner else ():
+            may_use = isinstance(document, MachineDocument) or (named.kind == 'tree' and file != named.file)
+            for use in self._uses_in(file, document, inside) if may_use and named.name in document.text else ():
                 if use.named == named and not use.is_class:
                     made.add(file, [document.renamed(use.span, new)])
 
