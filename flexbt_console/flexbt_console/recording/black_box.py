@@ -158,7 +158,7 @@ class Detector:
         self._since = runtime.steady.now() - killed_for
         self._quiet_until, self._is_new = -math.inf if killed_for else math.inf, True
         self._was_live, self._was_held = bool(killed_for), False
-        self._executive = ''  # which was heard last, and is not told to be gone
+        self._executive = self._gone = ''  # which was heard last, and which is told to be gone
         self._late: frozenset[str] = frozenset()
         self._is_low = False
         self._goals: dict[str, set[bytes]] = {}
@@ -195,7 +195,7 @@ class Detector:
         if view.guard.holding and not is_held and not is_quiet:
             self._tell('stop', view.guard.told)
         executive = view.snapshot.executive_id if view.snapshot is not None else ''
-        if self._executive and executive != self._executive:
+        if self._executive not in ('', executive, self._gone):
             self._tell('link', 'the executive has ended or crashed, and was started again at once')
         self._executive = executive
         peers = view.snapshot.peers if view.snapshot is not None else ()
@@ -209,7 +209,7 @@ class Detector:
         self._runtime.post_in(_LOOK_SECONDS, self._look)
         view = self.mirror.view()
         if self._was_live and view.link is LinkState.LOST and not view.listening:
-            self._executive = ''
+            self._gone = self._executive
             self._tell('link', f'the executive is silent or gone{f": {view.problem}" if view.problem else ""}')
         self._was_live = view.live or (self._was_live and (view.listening or view.link is not LinkState.LOST))
         if self._settings.goals:
