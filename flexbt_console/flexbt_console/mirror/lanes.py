@@ -106,6 +106,8 @@ class Lanes:
         self._entered: dict[str, float] = {}
         self._left: dict[str, float] = {}
         """When a state was left the last time, on the executive's clock; its status may be older."""
+        self._kinds: dict[str, DecisionKind] = {}
+        """What a state asked the last time."""
         self._answers: deque[tuple[float, str]] = deque(maxlen=20)
         """Answers of operators whose decision has not ended yet: when, and the word for its entry."""
         self._ran = ''
@@ -215,6 +217,7 @@ class Lanes:
             entry.begin, entry.text = self._heard, f'nothing heard for {self._now - self._heard:.0f} s'
         self._heard = self._now
         self._follow_states(snapshot)
+        self._kinds.update({one.path: one.kind for one in snapshot.decisions})
         self._only(
             Lane.DECISIONS,
             {
@@ -309,21 +312,23 @@ class Lanes:
     def _take_command(self, event: ExecutiveEvent) -> None:
         who = one_line(event.operator, 60)
         target = '' if event.command in ANSWERS or event.command == 'STOP' else event.target
-        what = ' '.join(one for one in (event.command.lower().replace('_', ' '), event.outcome, target) if one)
+        decision = self._of(Lane.DECISIONS, event.path) if event.path else None
+        is_answer = decision is not None and self._kinds.get(event.path) is DecisionKind.CHOICE
+        command = 'answer' if is_answer else event.command.lower().replace('_', ' ')  # which is FORCE, by the protocol
+        what = ' '.join(one for one in (command, event.outcome, target) if one)
         word = 'applied' if event.applied else 'refused'
         text = '  '.join(one for one in (what, word, event.path, event.text, event.reason, who) if one)
         self._happened(Lane.COMMANDS, who, what, word, '' if event.applied else 'error', text)
         if not event.applied or event.command not in ANSWERS:
             return
-        forced = self._of(Lane.DECISIONS, event.path) if event.path else None
-        if forced is not None:
-            forced.word, forced.tone = f'{one_line(event.outcome, 60)} by {who}', 'good'
-            self._changed(forced)
+        if decision is not None:
+            decision.word, decision.tone = f'{one_line(event.outcome, 60)} by {who}', 'good'
+            self._changed(decision)
         elif not event.path:
             self._answers.append((self._now, f'{ANSWERS[event.command]} by {who}'))
             ended = [one for one in self._lanes[Lane.DECISIONS] if not one.word and self._is_recent(one, LATE_SECONDS)]
-            for decision in ended:
-                self._explain(decision)
+            for one in ended:
+                self._explain(one)
 
     def _explain(self, decision: LaneEntry) -> None:
         """Tell by whom a decision that has ended was answered, if that is known: its command may come before or after

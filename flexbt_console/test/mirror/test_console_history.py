@@ -198,3 +198,21 @@ def test_eight_hours_and_a_flood_take_a_bounded_memory_and_the_lanes_keep_what_i
     (state,) = [one for one in entries if one.lane is Lane.STATES]
     assert (state.key, state.end) == ('/A', None)
     assert not lanes.since(lanes.revision)
+
+
+@pytest.mark.parametrize('status_first', [False, True])
+@pytest.mark.parametrize(('kind', 'said'), [(DecisionKind.CHOICE, 'answer'), (DecisionKind.TRANSITION, 'force')])
+def test_an_outcome_that_a_state_asked_for_is_an_answer(kind: DecisionKind, said: str, status_first: bool) -> None:
+    robot = Robot(0)
+    lanes = Lanes(robot.mirror)
+    active = {'state': ExecutiveState.RUNNING, 'run_id': 'r1', 'active_states': (ActiveState('/Ask'),)}
+    robot.snapshot(**active, decisions=(Decision('d1', kind, '/Ask', 'again'),))
+    skip = ExecutiveEvent(
+        'e', 1, EventKind.COMMAND, '/Ask', 'skip', operator='ann', command='FORCE', applied=True, run_id='r1'
+    )
+    for step in (robot.snapshot, lambda: robot.mirror.receive_events([skip]))[:: 1 if status_first else -1]:
+        robot.clock.advance(0.2)
+        step()
+    words = {one.lane: (one.label, one.word) for one in lanes.since()}
+    assert words[Lane.COMMANDS] == (f'{said} skip', 'applied')
+    assert words[Lane.DECISIONS][1] == 'skip by ann'
