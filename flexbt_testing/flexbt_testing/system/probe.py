@@ -55,9 +55,9 @@ class Probe(Operator):
         """Return the first true value of the condition. Fail with ``what`` if it does not become true in time."""
         return cast(T, wait_until(condition, lambda: f'{what}; last status: {self.status}', timeout))
 
-    def wait_ready(self) -> None:
+    def wait_ready(self, timeout: float = DEADLINE) -> None:
         """Wait until everything runs and is connected."""
-        self.wait(lambda: self.pose and self._is_heard() and self._all_ready(), 'readiness')
+        self.wait(lambda: self.pose and self._is_heard() and self._all_ready(), 'readiness', timeout)
 
     def _is_heard(self) -> bool:
         """Return whether the executive receives commands. Other nodes, such as a recorder, may do so earlier."""
