@@ -63,7 +63,7 @@ _MESSAGE_WIDTH = 160
 class Variant:
     """Tests of one package that run once more, in another environment: those in its directory `tests`.
 
-    `without`: files there whose tests have nothing to do with it; `options` are further ones of pytest.
+    `without`: files there whose tests have nothing to do with it; `options` are further arguments of pytest.
     """
 
     package: str
@@ -77,7 +77,7 @@ class Variant:
 
 
 ONE_PROCESS = {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}
-IN_ONE_PROCESS = {} if os.environ.get('DDS') else dict.fromkeys(('flexbt_states',), ONE_PROCESS)
+IN_ONE_PROCESS = {} if os.environ.get('DDS') else dict.fromkeys(('flexbt_flexbe', 'flexbt_states'), ONE_PROCESS)
 """Packages whose tests run in one process, on a simulated clock; with `make test DDS=1` they run on the middleware, as
 their tests with the mark `dds` always do."""
 VARIANTS = (
@@ -94,7 +94,7 @@ VARIANTS = (
             'xml/*.py',
         ),
     ),
-    Variant('flexbt_testing', 'test/one_process', ONE_PROCESS),
+    Variant('flexbt_testing', 'test/one_process', ONE_PROCESS, options=('test/conformance_middleware',)),
 )
 
 
