@@ -77,7 +77,13 @@ class Variant:
 
 
 ONE_PROCESS = {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}
-IN_ONE_PROCESS = {} if os.environ.get('DDS') else dict.fromkeys(('flexbt_flexbe', 'flexbt_states'), ONE_PROCESS)
+HAS_ONE_PROCESS = (os.environ.get('ROS_WHEELS') or os.environ.get('ROS_DISTRO') or 'jazzy') == 'jazzy'
+"""Whether flexbt_testing.one_process knows the rclpy of this distribution."""
+IN_ONE_PROCESS = (
+    dict.fromkeys(('flexbt_flexbe', 'flexbt_states'), ONE_PROCESS)
+    if HAS_ONE_PROCESS and not os.environ.get('DDS')
+    else {}
+)
 """Packages whose tests run in one process, on a simulated clock; with `make test DDS=1` they run on the middleware, as
 their tests with the mark `dds` always do."""
 VARIANTS = (
@@ -94,7 +100,11 @@ VARIANTS = (
             'xml/*.py',
         ),
     ),
-    Variant('flexbt_testing', 'test/one_process', ONE_PROCESS, options=('test/conformance_middleware',)),
+    *(
+        [Variant('flexbt_testing', 'test/one_process', ONE_PROCESS, options=('test/conformance_middleware',))]
+        if HAS_ONE_PROCESS
+        else []
+    ),
 )
 
 
