@@ -25,7 +25,7 @@ from .services import Client, _ServiceEnd
 from .topics import Sample, Subscription
 from .world import World
 
-STOP_SECONDS: Final = 1.0
+STOP_SECONDS: Final = 0.8
 """Time from the arrival of a STOP at the robot until it is at rest, s."""
 
 OWNER_SECONDS: Final = 2.0
@@ -39,6 +39,9 @@ MIRROR_SECONDS: Final = 1.5
 
 PEER_SECONDS: Final = 3.0
 """Time after which the executive shows that a node has ended, or is there again, s."""
+
+ORPHAN_SECONDS: Final = 6.0
+"""Time after the death of a client until its goals have ended, s."""
 
 OWNERLESS_SECONDS: Final = 1.5
 """Time after which the robot is at rest once no run is active, or the run is paused, s."""
@@ -86,6 +89,7 @@ class Violation:
 class _Goal:
     action: str
     server: Process
+    client: Process
     status: int = 1
 
 
@@ -113,6 +117,7 @@ class Observer:
         self._faulted_at = 0
         self._is_over = False
         self._leaving: set[Process] = set()
+        self._died: dict[Process, int] = {}
         self._entered: dict[tuple[int, int], tuple[str, int]] = {}  # by process and state: class, and whether it is in
 
     def begin(self, mirrors: list[Mirror]) -> None:
@@ -171,6 +176,7 @@ class Observer:
         """Note that a process is killed or told to end."""
         self._faulted_at = SCHEDULER.now
         self._leaving.add(self._world.processes[name])
+        self._died[self._world.processes[name]] = SCHEDULER.now
         if name in _MOVERS:
             self._rest_by.append((SCHEDULER.now, SCHEDULER.after(OWNER_SECONDS), f'{name} was killed'))
         if name == 'onboard_executive' and self._statuses:
@@ -255,8 +261,7 @@ class Observer:
             return
         if command.kind == ExecutiveCommand.STOP:
             if self._stop_at is None and command.id not in self._results:
-                slack = 0.5 if SCHEDULER.now - self._faulted_at < 6 * SECOND else 0.0
-                self._stop_at = SCHEDULER.after(STOP_SECONDS + slack)
+                self._stop_at = SCHEDULER.after(STOP_SECONDS)
         elif command.kind in (ExecutiveCommand.START, ExecutiveCommand.RESUME_RUN, ExecutiveCommand.QUEUE_ADD):
             self._stop_at = None
             self._starts[command.id] = 1
@@ -285,7 +290,8 @@ class Observer:
                 self._asked[key] = bytes(message.goal_id.uuid)
             elif goal := self._asked.pop(key, None):
                 if name.endswith('/send_goal') and message.accepted:
-                    self._goals[goal] = _Goal(name.removesuffix('/_action/send_goal'), end.process)
+                    action, client = name.removesuffix('/_action/send_goal'), request_id.client.process
+                    self._goals[goal] = _Goal(action, end.process, client)
                 elif name.endswith('/get_result') and message.status in _ENDED:
                     self._goal_has(goal, message.status)
 
@@ -317,8 +323,18 @@ class Observer:
         for one in [one for one in self._rest_by if now > one[1]]:
             self._rest_by.remove(one)
             self.say(3, f'it has not been at rest since {one[2]} at {(one[0] - BOOT) / SECOND:.3f} s', one[2])
+        self._check_goals()
         for mirror in self._mirrors:
             self._check_mirror(mirror)
+
+    def _check_goals(self) -> None:
+        """Check that no goal outlives the process that has sent it."""
+        for goal in self._goals.values():
+            died = self._died.get(goal.client)
+            if died is None or goal.status in _ENDED or not goal.server.is_alive or goal.server.held_up is not None:
+                continue
+            if SCHEDULER.now - max(died, self._faulted_at) > ORPHAN_SECONDS * SECOND:
+                self.say(1, f'a goal of {goal.action} goes on after {goal.client} has died', goal.action)
 
     def _see_processes(self) -> None:
         """Note since when each node has been there, or has not."""

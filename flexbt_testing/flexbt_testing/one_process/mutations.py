@@ -17,15 +17,21 @@ Change = Callable[[Any], Any]
 
 @dataclass(frozen=True)
 class Mutation:
-    """A change of an attribute, ``module:Class.attribute``, and the names of the plans that provoke it."""
+    """A change of an attribute, ``module:Class.attribute``, and the names of the plans that provoke it.
+
+    ``besides``: another mutation, which is made as well since what it removes would do the same job.
+    """
 
     name: str
     where: str
     change: Change
     plans: str
+    besides: str = ''
 
     def apply(self) -> None:
         """Change the product in this process. Raises AttributeError and ImportError if it has no such attribute."""
+        if self.besides:
+            next(one for one in MUTATIONS if one.name == self.besides).apply()
         module, _, path = self.where.partition(':')
         owner: Any = importlib.import_module(module)
         *classes, attribute = path.split('.')
@@ -160,7 +166,7 @@ _MIRROR: Final = 'flexbt_console.mirror.mirror:Mirror'
 _LEAF: Final = 'flexbt_core.state_machine.engine.leaf:LeafRun'
 _M = Mutation
 
-MUTATIONS: Final = (
+MUTATIONS: Final[tuple[Mutation, ...]] = (
     # stop
     _M(
         'a stop does not cancel the goals of the run',
@@ -168,14 +174,19 @@ MUTATIONS: Final = (
         _NOTHING,
         'stop hang_bt',
     ),
-    _M('a STOP does not stop the run', 'flexbt_onboard.runs.run_supervisor:RunSupervisor.stop', _NOTHING, 'stop'),
     _M('a run ignores its stop', 'flexbt_onboard.runs.behavior_run:BehaviorRun.stop', _NOTHING, 'stop'),
-    _M('stops are not enforced', f'{_ENFORCER}._check', _NOTHING, 'hang_bt hang_navigation'),
+    _M('stops are not enforced', f'{_ENFORCER}._check', _NOTHING, 'hang_bt hang_navigation', 'nobody is ever late'),
     _M('a STOP while idle does not halt the robot', f'{_ENFORCER}.halt_robot', _NOTHING, 'stop'),
     _M('no zero velocity is commanded', f'{_MOTION}._command_zero', _NOTHING, 'hang_bt hang_executive'),
-    _M('other goals are not canceled', f'{_MOTION}._cancel_all', _NOTHING, 'hang_bt hang_executive'),
-    _M('the guard hears no STOP', f'{_GUARD}._on_stop', _NOTHING, 'hang_executive'),
-    _M('the guard does not hold the robot', f'{_GUARD}._hold', _NOTHING, 'hang_executive'),
+    _M(
+        'other goals are not canceled',
+        f'{_MOTION}._cancel_all',
+        _NOTHING,
+        'hang_bt hang_executive',
+        'nobody is ever late',
+    ),
+    _M('the guard hears no STOP', f'{_GUARD}._on_stop', _NOTHING, 'hang_executive', 'nobody is ever late'),
+    _M('the guard does not hold the robot', f'{_GUARD}._hold', _NOTHING, 'hang_executive', 'nobody is ever late'),
     _M('the guard does not repeat the STOP', f'{_GUARD}._repeat', _NOTHING, 'hang_executive'),
     _M('the guard never releases the robot', f'{_GUARD}._release', _NOTHING, 'hang_executive'),
     _M(

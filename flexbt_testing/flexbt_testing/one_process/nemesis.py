@@ -583,9 +583,9 @@ _PROVOCATIONS: Final[dict[str, tuple[tuple[float, str, str, float], ...]]] = {
     'kill_navigation': ((4.0, 'kill', 'navigation', 8.0),),
     'kill_executive': ((4.0, 'kill', 'onboard_executive', 4.0),),
     'crash_after_stop': ((4.0, 'stop', 'engineer', 0.0), (6.0, 'kill', 'onboard_executive', 1.0)),
-    'hang_bt': ((4.0, 'hang', 'bt_server', 3.5), (4.2, 'stop', 'engineer', 0.0)),
-    'hang_navigation': ((4.0, 'hang', 'navigation', 3.0), (4.2, 'stop', 'engineer', 0.0)),
-    'hang_executive': ((4.0, 'hang', 'onboard_executive', 3.5), (4.2, 'stop', 'engineer', 0.0)),
+    'hang_bt': ((4.0, 'hang', 'bt_server', 3.5), (4.02, 'stop', 'engineer', 0.0)),
+    'hang_navigation': ((4.0, 'hang', 'navigation', 3.0), (4.02, 'stop', 'engineer', 0.0)),
+    'hang_executive': ((4.0, 'hang', 'onboard_executive', 3.5), (4.02, 'stop', 'engineer', 0.0)),
     'long_hang': ((3.0, 'hang', 'onboard_executive', 8.0),),
     'cut': ((3.0, 'cut', 'operator', 6.0), (5.0, 'kill', 'bt_server', 1.0)),
     'delay': (
