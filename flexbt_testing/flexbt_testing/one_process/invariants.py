@@ -102,7 +102,7 @@ class Observer:
         self._directory = directory
         self._record = record
         self._statuses: list[tuple[int, ExecutiveStatus]] = []
-        self._by_sequence: dict[tuple[str, int], ExecutiveStatus] = {}
+        self._by_sequence: dict[tuple[str, int], tuple[int, ExecutiveStatus]] = {}
         self._results: dict[str, int] = {}
         self._goals: dict[bytes, _Goal] = {}
         self._asked: dict[tuple[int, int], bytes] = {}
@@ -216,7 +216,7 @@ class Observer:
     def _status(self, status: ExecutiveStatus) -> None:
         before = self._statuses[-1][1] if self._statuses else None
         self._statuses.append((SCHEDULER.now, status))
-        self._by_sequence[status.executive_id, status.sequence] = status
+        self._by_sequence[status.executive_id, status.sequence] = SCHEDULER.now, status
         crashed, self._crashed_with = self._crashed_with, None
         if crashed is not None and crashed.executive_id == status.executive_id:
             self._crashed_with = crashed
@@ -352,7 +352,7 @@ class Observer:
         shown = view.snapshot
         if not view.live or shown is None:
             return
-        status = self._by_sequence.get((shown.executive_id, shown.sequence))
+        sent, status = self._by_sequence.get((shown.executive_id, shown.sequence), (0, None))
         if status is None:
             if self._statuses and self._statuses[0][0] < SCHEDULER.now - 3 * SECOND:
                 self.say(6, f'it shows status {shown.sequence}, which the executive has not sent', 'unknown')
@@ -365,11 +365,11 @@ class Observer:
         ):
             self.say(6, f'it shows {shown.state.name} in {shown.active_states}, and {_told(status)}', 'other')
         slack = MIRROR_SECONDS + 20.0 * self._world.network.link().delay + 10.0 * self._world.network.link().loss
-        newest = next((one for when, one in reversed(self._statuses) if when < SCHEDULER.now - slack * SECOND), None)
-        if newest is None or newest.executive_id != shown.executive_id or newest.sequence <= shown.sequence:
+        newest = next((one for one in reversed(self._statuses) if one[0] < SCHEDULER.now - slack * SECOND), None)
+        if newest is None or newest[0] <= sent:
             return
-        if (newest.state, {one.path for one in newest.active_states}) != (status.state, set(paths)):
-            self.say(6, f'it is live, and shows {_told(status)}; {slack:.1f} s ago {_told(newest)}', 'old')
+        if (newest[1].state, {one.path for one in newest[1].active_states}) != (status.state, set(paths)):
+            self.say(6, f'it is live, and shows {_told(status)}; {slack:.1f} s ago {_told(newest[1])}', 'old')
 
     # -- the files
 
@@ -413,6 +413,8 @@ class Observer:
                     last = one
                     active.discard(run)
                 case 'authority':
+                    if holder not in ('', one['holder']) and 'claimed it' in one['text']:
+                        self.say(14, f'{one["holder"]} takes the authority, and {holder} has it')
                     holder = one.get('holder', '')
                 case 'command' if one.get('effect') in ('applied', 'refused'):
                     decided[one.get('id', '')] += 1
@@ -420,7 +422,8 @@ class Observer:
                     operator = one.get('operator', '')
                     if one['effect'] == 'applied' and holder not in ('', operator) and one['command'] not in _FREE:
                         self.say(14, f'{one["command"]} of {operator} is applied, and {holder} has the authority')
-        if runs > applied_starts:
+        has_crashed = any(process.name == 'onboard_executive' for process in self._died)
+        if runs > applied_starts or (runs < applied_starts and not has_crashed):
             self.say(7, f'{runs} runs began, and {applied_starts} STARTs were applied')
         for command, number in decided.items():
             if number > 1 and command:

@@ -257,7 +257,7 @@ MUTATIONS: Final[tuple[Mutation, ...]] = (
     # authority
     _M('everybody may command', f'{_AUTHORITY}.check', _NOTHING, 'authority'),
     _M(
-        'who has no authority may hand it over',
+        'a claim takes the authority from its holder',
         f'{_AUTHORITY}.claim',
         lambda _old: lambda self, operator: self._give(operator, 'claimed it'),
         'authority',
@@ -272,8 +272,6 @@ MUTATIONS: Final[tuple[Mutation, ...]] = (
     _M('a callback raises', 'flexbt_common.calls.goal_server:GoalServer._publish_list', _raises_sometimes, 'stop'),
     _M('a node does not close its parts', 'flexbt_common.runtime.node_runtime:NodeRuntime.close', _NOTHING, 'stop'),
     # what operators see
-    _M('changes are not sent', 'flexbt_onboard.link.status_publisher:StatusPublisher._send_now', _each(3), 'stop'),
-    _M('a mirror misses every second snapshot', f'{_MIRROR}.receive_snapshot', _each(2), 'stop'),
     _M('a mirror stays live', 'flexbt_console.mirror.freshness:Freshness.age', _returns(0.0), 'cut'),
     _M('a mirror takes old snapshots', f'{_MIRROR}._is_newer', _returns(True), 'delay'),
     _M(

@@ -280,6 +280,9 @@ class _Run:
         codes = {name: process.exit_code for name, process in world.processes.items()}
         if any(codes.values()):
             self._observer.say(9, f'exit codes {codes}')
+        ended = [process for process in world.processes.values() if process.exit_code == 0]
+        if left := [node.get_fully_qualified_name() for node in DOMAIN.nodes if node.process in ended]:
+            self._observer.say(9, f'nodes that were not ended: {", ".join(left)}')
         self._outcome.seconds = world.now
 
     def _play_plan(self, engineer: _Operator) -> None:
@@ -575,7 +578,7 @@ _PROVOCATIONS: Final[dict[str, tuple[tuple[float, str, str, float], ...]]] = {
     ),
     'resend': ((3.0, 'force', 'engineer', 0.9), (4.0, 'resend', 'engineer', 0.0), (5.0, 'resend', 'engineer', 0.0)),
     'resend_crash': (
-        (3.0, 'autonomy', 'engineer', 0.9),
+        (3.0, 'stop', 'engineer', 0.0),
         (4.0, 'kill', 'onboard_executive', 1.0),
         (5.5, 'resend', 'engineer', 0.0),
     ),
@@ -587,7 +590,7 @@ _PROVOCATIONS: Final[dict[str, tuple[tuple[float, str, str, float], ...]]] = {
     'hang_navigation': ((4.0, 'hang', 'navigation', 3.0), (4.02, 'stop', 'engineer', 0.0)),
     'hang_executive': ((4.0, 'hang', 'onboard_executive', 3.5), (4.02, 'stop', 'engineer', 0.0)),
     'long_hang': ((3.0, 'hang', 'onboard_executive', 8.0),),
-    'cut': ((3.0, 'cut', 'operator', 6.0), (5.0, 'kill', 'bt_server', 1.0)),
+    'cut': ((3.0, 'cut', 'operator', 6.0), (3.2, 'kill', 'onboard_executive', 1.0)),
     'delay': (
         (1.0, 'delay', 'operator', 7.0),
         (2.5, 'force', 'engineer', 0.9),
