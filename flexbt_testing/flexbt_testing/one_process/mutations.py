@@ -258,7 +258,7 @@ MUTATIONS: Final[tuple[Mutation, ...]] = (
     _M('everybody may command', f'{_AUTHORITY}.check', _NOTHING, 'authority'),
     _M(
         'a claim takes the authority from its holder',
-        f'{_AUTHORITY}.claim',
+        f'{_AUTHORITY}._request',
         lambda _old: lambda self, operator: self._give(operator, 'claimed it'),
         'authority',
     ),

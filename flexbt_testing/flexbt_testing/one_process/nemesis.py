@@ -265,7 +265,7 @@ class _Run:
             with _acting_as(SCHEDULER.process('operator 2')):
                 station = NodeRuntime('operator_2', args=[])
                 mirror = Mirror(station.steady)
-                pilot = _Operator('pilot', mirror, ExecutiveLink(station, mirror))
+                pilot = _Operator('pilot', mirror, ExecutiveLink(station, mirror, 'pilot'))
             world.run_until(lambda _view: mirror.view().live and mirror.view().behaviors is not None, 30.0)
             self._operators = {'engineer': engineer, 'pilot': pilot}
             self._observer.begin([world.mirror, mirror])
