@@ -221,7 +221,7 @@ class Context(Destroyable):
 
 
 class Node(Destroyable):
-    """Stand-in for rcl's node."""
+    """Stand-in for rcl's node, without its log."""
 
     def __init__(
         self,
@@ -230,7 +230,6 @@ class Node(Destroyable):
         context: Context,
         cli_args: Sequence[str] | None,
         use_global_arguments: bool,
-        enable_rosout: bool,
     ) -> None:
         super().__init__()
         if not context.ok():
@@ -264,16 +263,7 @@ class Node(Destroyable):
         self._parameters = everywhere.parameters + own.parameters
         DOMAIN.nodes.append(self)
         self.rosout: Any = None
-        if enable_rosout:
-            from rcl_interfaces.msg import Log
-            from rclpy.duration import Duration
-            from rclpy.qos import DurabilityPolicy, QoSProfile
-
-            from .topics import Publisher
-
-            profile = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10))
-            self.rosout = Publisher(self, Log, '/rosout', profile.get_c_qos_profile())
-        owner = sys._getframe(1).f_locals.get('self')  # of rclpy, whose compiled nodes end when they are collected
+        owner = sys._getframe(2).f_locals.get('self')  # of rclpy, whose compiled nodes end when they are collected
         if owner is not None:
             weakref.finalize(owner, DOMAIN.vanish, lambda one: self in (one, getattr(one, 'node', None)))
         context.nodes.append(self)

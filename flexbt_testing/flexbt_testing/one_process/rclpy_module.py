@@ -5,18 +5,41 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import ModuleType
 from typing import Any, Final
 
-from . import clocks, services, topics
-from .graph import DOMAIN, MODULE, REAL, Context, Destroyable, Node, type_name
+from . import clocks, graph, services, topics
+from .graph import DOMAIN, MODULE, REAL, Context, Destroyable, type_name
 from .scheduler import BOOT, SCHEDULER, SECOND
 
 IDENTIFIER: Final = 'one_process'
 """Name of the middleware of a world."""
 
 ROS_TIME: Final = REAL.ClockType.ROS_TIME
+
+
+class Node(graph.Node):
+    """Stand-in for rcl's node, whose log goes to /rosout."""
+
+    def __init__(
+        self,
+        name: str,
+        namespace: str,
+        context: Context,
+        cli_args: Sequence[str] | None,
+        use_global_arguments: bool,
+        enable_rosout: bool,
+    ) -> None:
+        super().__init__(name, namespace, context, cli_args, use_global_arguments)
+        if enable_rosout:
+            from rcl_interfaces.msg import Log
+            from rclpy.duration import Duration
+            from rclpy.qos import DurabilityPolicy, QoSProfile
+
+            profile = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10))
+            self.rosout = topics.Publisher(self, Log, '/rosout', profile.get_c_qos_profile())
+
 
 _CLASSES: Final[tuple[type, ...]] = (
     Context,

@@ -141,8 +141,7 @@ def test_an_incident_calls_a_person_once_who_acknowledges_from_another_computer(
         with start_console('web', '--users', str(users), '--port', '0') as page:
             assert page.stdout is not None
             port = int(page.stdout.readline().split(':')[2].split('/')[0])
-            wait_until(lambda: post(port, tokens['observer'], {'number': [number]})[0] != 404, 'the robot', DEADLINE)
-            assert post(port, tokens['observer'], {'number': [number]})[0] == 403
+            wait_until(lambda: post(port, tokens['observer'], {'number': [number]})[0] == 403, 'a refusal', DEADLINE)
             assert post(port, tokens['operator'], {'number': [number], 'state': '/etc/passwd'})[0] == 400
             assert post(port, tokens['operator'], {'number': [99]})[0] == 409
             status, told = post(port, tokens['operator'], {'number': [number]})
