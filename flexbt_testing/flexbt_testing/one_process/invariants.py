@@ -116,6 +116,7 @@ class Observer:
         self._crashed_with: ExecutiveStatus | None = None
         self._faulted_at = 0
         self._is_over = False
+        self._frozen_until = 0  # the simulator hangs until then
         self._leaving: set[Process] = set()
         self._died: dict[Process, int] = {}
         self._entered: dict[tuple[int, int], tuple[str, int]] = {}  # by process and state: class, and whether it is in
@@ -193,6 +194,7 @@ class Observer:
     def _delay_checks(self, seconds: float) -> None:
         """Count no time during which the simulator does not run."""
         more = int(seconds * SECOND)
+        self._frozen_until = SCHEDULER.now + more
         self._stop_at = None if self._stop_at is None else self._stop_at + more
         self._rest_by = [(begin, end + more, text) for begin, end, text in self._rest_by]
 
@@ -261,7 +263,7 @@ class Observer:
             return
         if command.kind == ExecutiveCommand.STOP:
             if self._stop_at is None and command.id not in self._results:
-                self._stop_at = SCHEDULER.after(STOP_SECONDS)
+                self._stop_at = max(SCHEDULER.now, self._frozen_until) + int(STOP_SECONDS * SECOND)
         elif command.kind in (ExecutiveCommand.START, ExecutiveCommand.RESUME_RUN, ExecutiveCommand.QUEUE_ADD):
             self._stop_at = None
             self._starts[command.id] = 1
@@ -320,12 +322,20 @@ class Observer:
             self.say(2, f'it moves {(now - self._stop_at) / SECOND:.2f} s after it had to be at rest', 'stop')
         if robot.at_rest:
             self._rest_by = [one for one in self._rest_by if now < one[0]]
+        if any(process.name == 'navigation' and process.is_alive for process in self._restarted()):
+            # A tree may have sent its goal again, to the new process.
+            self._rest_by = [one for one in self._rest_by if one[2] != _NAVIGATION_DIED]
         for one in [one for one in self._rest_by if now > one[1]]:
             self._rest_by.remove(one)
             self.say(3, f'it has not been at rest since {one[2]} at {(one[0] - BOOT) / SECOND:.3f} s', one[2])
         self._check_goals()
         for mirror in self._mirrors:
             self._check_mirror(mirror)
+
+    def _restarted(self) -> list[Process]:
+        """Return the processes that have taken the place of dead ones."""
+        names = {process.name for process in self._died}
+        return [self._world.processes[name] for name in names if self._world.processes[name] not in self._died]
 
     def _check_goals(self) -> None:
         """Check that no goal outlives the process that has sent it."""
@@ -444,6 +454,7 @@ class Observer:
                 self.say(9, f'{process} {logger} at {(when - BOOT) / SECOND:.3f} s: {text[:400]}', fault)
 
 
+_NAVIGATION_DIED: Final = 'navigation was killed'
 _STATES: Final = (BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, OperatorInputState)
 _COMMANDS: Final = (f'/{names.EXECUTIVE_COMMAND}', f'/{names.EXECUTIVE_STOP}')
 APPLIED: Final = CommandResult.APPLIED

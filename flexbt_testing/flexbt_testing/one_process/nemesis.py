@@ -363,9 +363,9 @@ class _Run:
     def _check_usable(self, operator: _Operator) -> None:
         """Start a mission, drive, and stop it: everything must work again."""
         world = self._world
-        self._end_run(operator)
         self._operators['pilot'].act('release', 0.0)
         world.run_until(lambda view: bool(view.snapshot and view.snapshot.authority in ('', 'engineer')), 10.0)
+        self._end_run(operator)
         self._say('a mission that must work')
         assert operator.start('Navigate', AutonomyLevel.HIGH), 'a behavior cannot be started'
         world.run_until(lambda _view: operator.question() is not None, 30.0)
