@@ -278,6 +278,11 @@ def told(robot: Robot, happening: Happening, since: float) -> list[Incident]:
     ]
 
 
+def forget(robot: Robot, happening: Happening) -> None:
+    """Wait until this would be told again."""
+    wait_until(lambda: not told(robot, happening, time.time() - SAME_SECONDS), 'what is told again', DEADLINE)
+
+
 def test_whatever_goes_wrong_is_told_though_the_black_box_is_killed(robot: Robot) -> None:
     print(f'FLEXBT_SEED={SEED}')
     chance = random.Random(SEED)
@@ -285,9 +290,7 @@ def test_whatever_goes_wrong_is_told_though_the_black_box_is_killed(robot: Robot
     chance.shuffle(happenings)
     for happening in happenings:
         attack = chance.choice([robot.kill_box, robot.kill_maker, None])
-        wait_until(
-            lambda one=happening: not told(robot, one, time.time() - SAME_SECONDS), 'what is told again', DEADLINE
-        )  # type: ignore[misc]
+        forget(robot, happening)
         since = time.time() - LATE_SECONDS
         while True:
             happening.do()
