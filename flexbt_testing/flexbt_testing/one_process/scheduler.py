@@ -325,7 +325,14 @@ class Scheduler:
     def _sound(self) -> None:
         fn = heapq.heappop(self._alarms)[2].fn
         if fn is not None:
-            fn()
+            preemption, self.preemption = (
+                self.preemption,
+                0.0,
+            )  # an alarm is of no task, which could wait
+            try:
+                fn()
+            finally:
+                self.preemption = preemption
 
     def _fail(self, why: str) -> None:
         if not self.wake(self.main, StuckWorldError(why)):

@@ -109,7 +109,8 @@ class Mission:
         """The states that were left, in order, each with its outcome."""
         self.robot = TrackedRobot(self)
         self._world = world
-        self._answered: set[str] = set()
+        self._answered: set[tuple[str, str]] = set()
+        """Runs and identifiers of questions, which repeat in each run."""
         self._trees: dict[tuple[str, int], Any] = {}
 
     def tell(self, text: str) -> None:
@@ -120,7 +121,7 @@ class Mission:
     def open(self, station: NodeRuntime, observer: NodeRuntime, operator: str) -> None:
         """Join the robot, as an operator and as an observer whom no link separates from it."""
         self.mirror = Mirror(station.steady)
-        self._link = ExecutiveLink(station, self.mirror, namespace=f'/{self.namespace}' if self.namespace else '')
+        self._link = ExecutiveLink(station, self.mirror, operator, f'/{self.namespace}' if self.namespace else '')
         self._make = CommandBuilder(operator)
         self.mirror.add_listener(self._on_change)
         observer.call(lambda: self._observe(observer.node))
@@ -135,7 +136,7 @@ class Mission:
     @property
     def decisions(self) -> dict[str, Decision]:
         """What waits for an answer of the operator, by the path of the state."""
-        return {one.path: one for one in self.view.decisions if one.id not in self._answered}
+        return {one.path: one for one in self.view.decisions if self._waits(one)}
 
     @property
     def outcome(self) -> str:
@@ -263,11 +264,19 @@ class Mission:
     def _asked(self, state: str) -> Decision:
         self.run_until(self.asks(state), what=f'a question of {state}{self._hint(state)}')
         decision = next(one for one in self.view.decisions if self._is_open(one, state))
-        self._answered.add(decision.id)
+        self._answered.add((self._run_id, decision.id))
         return decision
 
     def _is_open(self, decision: Decision, state: str) -> bool:
-        return decision.path == state and decision.id not in self._answered
+        return decision.path == state and self._waits(decision)
+
+    def _waits(self, decision: Decision) -> bool:
+        return (self._run_id, decision.id) not in self._answered
+
+    @property
+    def _run_id(self) -> str:
+        snapshot = self.view.snapshot
+        return snapshot.run_id if snapshot is not None else ''
 
     def _command(self, kind: CommandKind) -> None:
         self.tell(f'operator: {kind.name}')
