@@ -325,10 +325,7 @@ class Scheduler:
     def _sound(self) -> None:
         fn = heapq.heappop(self._alarms)[2].fn
         if fn is not None:
-            preemption, self.preemption = (
-                self.preemption,
-                0.0,
-            )  # an alarm is of no task, which could wait
+            preemption, self.preemption = self.preemption, 0.0  # an alarm is of no task, which could wait
             try:
                 fn()
             finally:
