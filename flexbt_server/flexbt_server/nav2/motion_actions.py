@@ -158,9 +158,7 @@ class FollowPath(FieldAction):
 _PLUGINS: Final = ('controller_id', 'goal_checker_id', 'progress_checker_id', 'path_handler_id')
 
 _ALLOWANCE: Final = input_port(DOUBLE, default='10.0', description='give up after this time, s; 0 for never')
-_UNCHECKED: Final = input_port(
-    BOOL, default='false', description='whether to ignore obstacles', nav2_branch='main'
-)
+_UNCHECKED: Final = input_port(BOOL, default='false', description='whether to ignore obstacles', nav2_branch='main')
 
 
 class Spin(RecoveryLeaf):
