@@ -263,9 +263,8 @@ class _Section:
 def _write_pages(request: Request, part: Path, lost: list[str]) -> None:
     first = request.occurrences[0]
     when = datetime.fromtimestamp(first.time, UTC)
-    title = one_line(f'{first.text}', 200)
-    told = [f'{when:%Y-%m-%d %H:%M:%S} UTC, robot {request.robot or "/"}']
-    told += [f'{one.time - first.time:+8.1f} s  {one.kind:8}  {one_line(one.text, 500)}' for one in request.occurrences]
+    title = f'{first.kind}, robot {request.robot or "/"}, {when:%Y-%m-%d %H:%M:%S} UTC'
+    told = [f'{one.time - first.time:+8.1f} s  {one.kind:8}  {one_line(one.text, 500)}' for one in request.occurrences]
     sections = [_Section('What happened', told)]
     try:
         sections += _sections_of(part, first)
@@ -338,7 +337,8 @@ def _plain(text: str) -> str:
 
 _STYLE: Final = (
     'body{font:14px/1.5 system-ui,sans-serif;margin:2em auto;max-width:70em;padding:0 1em;color:#1b1d21}'
-    'pre{background:#f4f5f7;padding:1em;overflow:auto;font-size:13px}img{max-width:100%}h2{margin-top:2em}'
+    'pre{background:#f4f5f7;padding:1em;font-size:13px;white-space:pre-wrap;overflow-wrap:anywhere}'
+    'img{max-width:100%}h1{font-size:1.5em}h2{margin-top:2em}'
     '@media (prefers-color-scheme:dark){body{background:#1b1d21;color:#e8e8e8}pre{background:#26292f}}'
 )
 
