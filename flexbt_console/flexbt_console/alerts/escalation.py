@@ -39,7 +39,9 @@ REMEMBERED_SECONDS: Final = 30 * 86_400.0
 """Number of robots that are remembered, and for how long after they were heard, s."""
 
 INCIDENT_SECONDS: Final = 2 * 86_400.0
-"""Time for which an incident is remembered, s: its black box reports those of a day, also after a restart."""
+MOST_INCIDENTS: Final = 15
+"""Time for which an incident is remembered, s, and how many of a robot: its black box reports the newest of a day, also
+after a restart."""
 
 LONGEST: Final = 1e8
 """Longest time for which a need is believed to have lasted, s: three years."""
@@ -173,8 +175,10 @@ class Escalation:
                     self.things[known[key].id] = known[key]
                 there.add(key)
                 needs[known[key].id] = need
+            incidents = [key for key, thing in known.items() if thing.robot == robot.name and _is_incident(thing)]
+            kept = set(sorted(incidents, key=lambda key: known[key].since)[-MOST_INCIDENTS:])
             for key, thing in list(known.items()):
-                lasts = INCIDENT_SECONDS if _is_incident(thing) else 0.0
+                lasts = INCIDENT_SECONDS if key in kept else 0.0
                 is_gone = robot.is_live and thing.robot == robot.name and key not in there
                 if is_gone and now >= thing.since + lasts:
                     self._end(known.pop(key), local, rules)

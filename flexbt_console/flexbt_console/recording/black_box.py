@@ -47,7 +47,7 @@ from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import ExecutiveCommand
 
-from .incidents import ROSOUT, Occurrence, Request, incidents_in
+from .incidents import ROSOUT, Incident, Occurrence, Request, incidents_in
 from .player import MirrorFeed
 from .recorder import BUNDLE_SECONDS, Recorder
 from .ring import SEGMENTS, Ring
@@ -66,7 +66,8 @@ KILLED_SECONDS: Final = 600.0
 """Age up to which a ring that was left behind is an incident, s."""
 
 TOLD_SECONDS: Final = 86_400.0
-"""Age up to which an incident is told, s."""
+MOST_TOLD: Final = 10
+"""Age up to which an incident is told, s, and how many are told: the newest."""
 
 MOST_REQUESTS: Final = 100
 MOST_HELD: Final = 2.0
@@ -163,7 +164,6 @@ class Detector:
         self._is_low = False
         self._goals: dict[str, set[bytes]] = {}
         """Of each action the aborted goals that are known."""
-        self._goals_since = time.time() - killed_for
         runtime.post_in(_LOOK_SECONDS, self._look)
 
     def take(self, topic: str, message: Received) -> None:
@@ -227,7 +227,8 @@ class Detector:
             message = received.checked(GoalStatusArray)
             aborted = {bytes(one.goal_info.goal_id.uuid) for one in message.status_list if one.status == _ABORTED}
             known, self._goals[action] = self._goals[action], aborted
-            if aborted - known and received.sent >= self._goals_since:  # before: goals of the past
+            age = received.arrived * 1e-9 - received.sent if received.sent else 0.0
+            if aborted - known and self._runtime.steady.now() - age >= self._since:  # before: goals of the past
                 self._tell('goal', f'{action} has aborted a goal')
 
     def take_battery(self, received: Received) -> None:
@@ -280,7 +281,7 @@ class BlackBox:
         self._waiting: deque[Path] = deque(sorted(settings.ring.glob(_REQUEST)))
         self._is_closed = False
         self._others: dict[str, Any] = {}
-        known = [one for folder in incidents_in(settings.incidents) for one in folder.occurrences]
+        known = [one for incident in self._incidents() for one in incident.occurrences]
         for file in self._waiting:
             with contextlib.suppress(OSError, ValueError):
                 ring.hold(file.name, frozenset(Request.read(file).segments))
@@ -288,7 +289,6 @@ class BlackBox:
         ahead = time.time() - runtime.steady.now()
         for one in sorted(known, key=lambda one: one.time):
             self._told[one.kind, one.text] = one.time - ahead
-        threading.Thread(target=self._make_all, name='incidents', daemon=True).start()
         killed_for = time.time() - ring.left[-1].stat().st_mtime if ring.left else math.inf
         was_killed = killed_for < KILLED_SECONDS
         self._detector = Detector(runtime, settings, self.report, killed_for if was_killed else 0.0)
@@ -297,11 +297,11 @@ class BlackBox:
         self._recorder.hear(battery, names.BATTERY_STATE, names.best_effort_qos(1), self._detector.take_battery, True)
         self._service = runtime.node.create_service(Trigger, names.WRITE_INCIDENT, self._asked)
         self._reports = runtime.node.create_publisher(DiagnosticArray, names.INCIDENTS, names.transient_local_qos())
-        self._tell_incidents()
         runtime.post_in(_LOOK_SECONDS, self._find_others)
         if was_killed and not self._waiting:
             text = 'the black box itself was killed; its recording of before is here'
             self.report('black_box', text, runtime.steady.now())
+        threading.Thread(target=self._make_all, name='incidents', daemon=True).start()
 
     def report(self, kind: str, text: str, happened: float) -> None:
         """Note an occurrence at a time of the steady clock: it begins an incident, or belongs to the one that still
@@ -346,24 +346,26 @@ class BlackBox:
         except OSError as error:
             self._runtime.node.get_logger().error(f'the incident cannot be noted in {one.file}: {error}')
 
-    def _tell_incidents(self, *, again: bool = True) -> None:
-        """Publish the incidents of the last day."""
-        robot, now = self._runtime.node.get_namespace().strip('/'), time.time()
-        known = [one for one in incidents_in(self._settings.incidents) if one.robot == robot]
+    def _incidents(self) -> list[Incident]:
+        """Return the incidents of this robot, newest first: several may share the directory."""
+        robot = self._runtime.node.get_namespace().strip('/')
+        return [one for one in incidents_in(self._settings.incidents) if one.robot == robot]
+
+    def _tell_incidents(self) -> None:
+        """Publish the newest incidents of the last day. On the thread that makes them: the disk may be slow."""
+        now = time.time()
         statuses = [
             DiagnosticStatus(
                 level=DiagnosticStatus.ERROR,
                 name=one.folder.name,
                 message=one.first.text,
-                hardware_id=robot,
+                hardware_id=one.robot,
                 values=[KeyValue(key='folder', value=str(one.folder))],
             )
-            for one in known
+            for one in self._incidents()[:MOST_TOLD]
             if now - one.first.time < TOLD_SECONDS
         ]
-        self._reports.publish(DiagnosticArray(status=statuses))
-        if again:
-            self._runtime.post_in(TOLD_SECONDS / 24.0, self._tell_incidents)
+        self._runtime.post(partial(self._reports.publish, DiagnosticArray(status=statuses)))
 
     def _look(self) -> None:
         one, now = self._open, self._runtime.steady.now()
@@ -414,17 +416,19 @@ class BlackBox:
         """Make the incidents one after another. A thread of its own."""
         logger = self._runtime.node.get_logger()
         while True:
+            self._tell_incidents()
             with self._wake:
-                self._wake.wait_for(lambda: self._waiting or self._is_closed)
+                self._wake.wait_for(lambda: self._waiting or self._is_closed, TOLD_SECONDS / 24.0)
                 if self._is_closed:
                     return
+                if not self._waiting:
+                    continue
                 file = self._waiting[0]
             made = subprocess.run([*_MAKE, str(file)], capture_output=True, text=True)  # noqa: S603
             with self._wake:
                 if made.returncode == 0 or not file.exists():  # or it was given up meanwhile
                     if made.returncode == 0:
                         logger.info(f'incident written: {made.stdout.strip()}')
-                        self._runtime.post(partial(self._tell_incidents, again=False))
                     self._ring.release(file.name)
                     with contextlib.suppress(ValueError):
                         self._waiting.remove(file)

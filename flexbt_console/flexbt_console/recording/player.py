@@ -219,7 +219,8 @@ class MirrorFeed:
                 receive(record_of(message.checked(type_of(topic))))
             elif topic == names.EXECUTIVE_STATUS:
                 status = record_of(message.checked(type_of(topic)))
-                self.mirror.receive_snapshot(status, Transit(message.sent, message.arrived * 1e-9))
+                transit = Transit(message.sent, message.arrived * 1e-9) if message.sent else None
+                self.mirror.receive_snapshot(status, transit)
 
 
 def received(one: Recorded) -> Received:

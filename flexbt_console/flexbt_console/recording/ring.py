@@ -125,7 +125,7 @@ class Ring:
         """Bytes of the files that are held."""
         with self._lock:
             held = frozenset().union(*self._held.values())
-            return sum(one.stat().st_size for one in self._files() if str(one) in held)
+            return sum(_size(one) for one in self._files() if str(one) in held)
 
     def close(self, keep: bool) -> None:
         """End the file; remove all files unless they are still to be read."""
@@ -158,8 +158,16 @@ class Ring:
         oldest, left = self._now_ns() - int(self._seconds * 1e9), float(self._most)
         files = [one for one in self._files() if one != self._current]
         for number, one in reversed(list(enumerate(files))):
-            left -= one.stat().st_size
+            left -= _size(one)
             ends = int(files[number + 1].stem) if number + 1 < len(files) else math.inf
             if str(one) not in held and (ends < oldest or left < 0):
                 with contextlib.suppress(OSError):
                     one.unlink()
+
+
+def _size(file: Path) -> int:
+    """Return the size of a file, 0 if it is gone."""
+    try:
+        return file.stat().st_size
+    except OSError:
+        return 0

@@ -13,7 +13,7 @@ import json
 import time
 import uuid
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -58,9 +58,9 @@ BODY_BYTES: Final = 1_000_000
 """Maximum size of the body of a request."""
 
 MOST_AT_ONCE: Final = 32
-MOST_OF_USER: Final = 16
-"""Commands that are carried out at the same time, and as many stops, and streams of events that are open: of all users
-and of one."""
+MOST_STOPS: Final = 128
+"""Commands that are carried out at the same time, streams of events that are open, and stops: a program may stop all
+robots of a fleet at once. A user has half of these places."""
 
 BODY_SECONDS: Final = 20.0
 """Time in which the body of a request has to arrive, s."""
@@ -204,14 +204,14 @@ def offered() -> list[CommandSpec]:
 class _Places:
     """The places for what goes on at the same time."""
 
-    def __init__(self, what: str) -> None:
-        self._what = what
+    def __init__(self, what: str, most: int) -> None:
+        self._what, self._most = what, most
         self._taken: Counter[str] = Counter()
 
     @contextlib.contextmanager
     def taken(self, user: str) -> Iterator[None]:
         """Take a place during a ``with`` block. Raises HTTPServiceUnavailable if none is free."""
-        if self._taken.total() >= MOST_AT_ONCE or self._taken[user] >= MOST_OF_USER:
+        if self._taken.total() >= self._most or self._taken[user] >= self._most // 2:
             text = f'{self._taken.total()} {self._what} go on, {self._taken[user]} of them yours; try again later'
             raise web.HTTPServiceUnavailable(text=text)
         self._taken[user] += 1
@@ -235,12 +235,13 @@ class HttpInterface:
         self._robots, self._station, self._access, self._operator = robots, station, access, operator
         self._wrong = WrongTokens()
         self._rates = SenderRates(RATE, BURST, time.monotonic)
-        self._commands, self._stops, self._streams = _Places('commands'), _Places('stops'), _Places('streams')
-        self._threads = ThreadPoolExecutor(2 * MOST_AT_ONCE, 'commands')  # so a stop waits for nothing
+        self._commands, self._stops = _Places('commands', MOST_AT_ONCE), _Places('stops', MOST_STOPS)
+        self._streams = _Places('streams', MOST_AT_ONCE)
+        self._threads = ThreadPoolExecutor(MOST_AT_ONCE + MOST_STOPS, 'commands')  # so a stop waits for nothing
         self._keys: OrderedDict[str, str] = OrderedDict()
         self._recorded = Recordings(home_path(USER_DIRECTORY))
         self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
-        self._closing: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
 
     def application(self) -> web.Application:
         """Return the application to be mounted at ``/api/``."""
@@ -270,7 +271,8 @@ class HttpInterface:
             answer = _problem(HTTPStatus.UNAUTHORIZED, 'send "Authorization: Bearer TOKEN" with the token of a user')
             answer.headers['WWW-Authenticate'] = 'Bearer'
             return answer
-        if not self._rates.allows(user.name.encode() or source.encode()):
+        is_stop = request.path.endswith('/commands/stop')  # whose number is limited by its places
+        if not is_stop and not self._rates.allows(user.name.encode() or source.encode()):
             return _problem(HTTPStatus.TOO_MANY_REQUESTS, f'more than {RATE:g} requests a second')
         request['user'], request['share'] = user, user.name or source
         try:
@@ -308,7 +310,10 @@ class HttpInterface:
         identifier = self._identifier(request, robot, [spec.name, body])
         with (self._stops if spec.name == 'stop' else self._commands).taken(request['share']):
             operator = self._operator(user)
-            await self._keep_open(robot, operator)
+            if spec.name == 'stop':  # the link is there already: a stop does not wait for the node, which may be busy
+                self._begin(self._keep_open(robot, operator))
+            else:
+                await self._keep_open(robot, operator)
             mirror, link = self._robots.robot(robot)
             station = replace(self._station(mirror, link, operator), role=user.role)
             work = asyncio.get_running_loop().run_in_executor(self._threads, perform, line, station, link, identifier)
@@ -336,8 +341,9 @@ class HttpInterface:
         robot = self._name(request)
         answer = web.StreamResponse(headers={'Content-Type': 'text/event-stream', 'Cache-Control': 'no-cache'})
         with self._streams.taken(request['share']), contextlib.suppress(ConnectionError, KeyError):
-            await answer.prepare(request)
+            await self._keep_open(robot, '')
             follower = Follower(self._robots.robot(robot)[0])
+            await answer.prepare(request)
             silent_since, loop = time.monotonic(), asyncio.get_running_loop()
             while (transport := request.transport) and self._access.admits(request['user']):
                 await self._keep_open(robot, '')
@@ -384,19 +390,22 @@ class HttpInterface:
     async def _keep_open(self, robot: str, operator: str) -> None:
         """Let all of a robot be received from now on, and for a while after the last call."""
         seat, loop = (robot, operator), asyncio.get_running_loop()
-        if seat in self._open:
-            self._open[seat].cancel()
-        else:
+        if seat not in self._open:
             await asyncio.to_thread(self._robots.open, robot, operator)
-        if seat in self._open:  # another request was faster
+            if seat in self._open:  # another request was faster
+                await asyncio.to_thread(self._robots.close, *seat)
+        if seat in self._open:
             self._open[seat].cancel()
         self._open[seat] = loop.call_later(OPEN_SECONDS, self._close, seat)
 
     def _close(self, seat: tuple[str, str]) -> None:
         del self._open[seat]
-        task = asyncio.ensure_future(asyncio.to_thread(self._robots.close, *seat))
-        self._closing.add(task)
-        task.add_done_callback(self._closing.discard)
+        self._begin(asyncio.to_thread(self._robots.close, *seat))
+
+    def _begin(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
 
 async def _body(request: web.Request) -> dict[str, Any]:

@@ -21,11 +21,12 @@ import pytest
 from aiohttp import ClientSession, WSCloseCode
 from http_support import CERTIFICATE, ROBOT, Client, Site, console, served
 
-from flexbt_console.ui.http_interface import BODY_BYTES, MOST_OF_USER
+from flexbt_console.ui.http_interface import BODY_BYTES, MOST_AT_ONCE
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 from flexbt_testing.waiting import DEADLINE, wait_until
 
+MOST_OF_USER = MOST_AT_ONCE // 2
 STATUS = f'/robots/{ROBOT}'
 PATH = f'/api/robots/{ROBOT}/commands'
 

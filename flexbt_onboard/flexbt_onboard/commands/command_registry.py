@@ -242,7 +242,7 @@ class CommandRegistry(CommandHandling):
         who = _operator(command)
         reason = _because(f'by {who}', command)
         run = self._runs.run
-        if self.queue.message.entries:  # it has something that could start
+        if self.queue.has_entries:  # it has something that could start
             self.queue.hold(f'STOP {reason}')
         if run is not None and command.run_id not in ('', run.run_id):
             self._report.log(ExecutiveLog.WARN, f'{who} stops what runs, and has seen another run')

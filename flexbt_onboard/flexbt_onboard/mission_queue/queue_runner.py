@@ -92,6 +92,11 @@ class QueueRunner(RunReader):
         return self._message
 
     @property
+    def has_entries(self) -> bool:
+        """True if something waits or runs."""
+        return bool(self._queue.state.entries)
+
+    @property
     def running(self) -> int:
         """Number of the entry that runs or was interrupted; 0 for none."""
         return self._queue.running

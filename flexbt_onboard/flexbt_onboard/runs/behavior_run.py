@@ -268,6 +268,7 @@ class BehaviorRun(RunReader):
                 # Publish at once, since on_enter may take long. Other events wait for the end of the step, so that the
                 # effect of a command and its result are journaled in one line.
                 self._is_forced = False
+                self._choices.discard(event.path)
                 self._tell(event)
                 self._activities.changed()
                 self._commit()

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Callable
 from typing import Any, Final
 
 from aiohttp import WSCloseCode, WSMsgType, web
@@ -21,14 +22,14 @@ PERIOD: Final = 1.0
 SEND_SECONDS: Final = 10.0
 
 
-async def show_costmaps(socket: web.WebSocketResponse, link: CostmapLink) -> None:
-    """Send those costmaps that the page asks for by ``{"show": [NAME, ...]}``, until it ends."""
+async def show_costmaps(socket: web.WebSocketResponse, link: CostmapLink, admitted: Callable[[], bool]) -> None:
+    """Send those costmaps that the page asks for by ``{"show": [NAME, ...]}``, until it ends, or is not admitted."""
     wanted: list[str] = []
     asks = asyncio.Event()
 
     async def send() -> None:
         shown: dict[str, Costmap] = {}
-        while True:
+        while admitted():
             asks.clear()
             for name in wanted:
                 costmap = link.newest.get(name)
@@ -41,7 +42,13 @@ async def show_costmaps(socket: web.WebSocketResponse, link: CostmapLink) -> Non
             if not wanted:
                 await asks.wait()
 
-    sending = asyncio.create_task(send())
+    async def send_and_close() -> None:
+        try:
+            await send()
+        finally:
+            await socket.close()
+
+    sending = asyncio.create_task(send_and_close())
     sending.add_done_callback(lambda done: None if done.cancelled() else done.exception())
     try:
         async for message in socket:
@@ -51,8 +58,6 @@ async def show_costmaps(socket: web.WebSocketResponse, link: CostmapLink) -> Non
                 return
             wanted[:] = [name for name in names.COSTMAPS if name in names_asked]
             asks.set()
-            if sending.done():
-                return
     finally:
         sending.cancel()
         with contextlib.suppress(asyncio.CancelledError, ConnectionError, TimeoutError):

@@ -211,7 +211,8 @@ class WebServer:
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         await socket.prepare(request)
         robot = self._named(request.query.get('robot', ''))
-        if await greeting(socket, self._access, self._wrong, source_of(request.remote)) is None:
+        hello = await greeting(socket, self._access, self._wrong, source_of(request.remote))
+        if hello is None:
             return socket
         if robot is None or self._costmap_pages >= MOST_PAGES:
             await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b'no such robot, or too many pages')
@@ -220,7 +221,7 @@ class WebServer:
         try:
             link = await asyncio.to_thread(self._robots.costmaps.open, robot)
             try:
-                await show_costmaps(socket, link)
+                await show_costmaps(socket, link, lambda: self._access.admits(hello['user']))
             finally:
                 await asyncio.to_thread(self._robots.costmaps.close, robot)
         except TimeoutError:  # the node is busy
