@@ -110,7 +110,7 @@ def round_trip(folder: Path, file: str) -> None:
     """Open a copy of a file, look at all of it, move what can be moved, undo, and save: its bytes must be the same."""
     with tempfile.TemporaryDirectory() as place:
         copy = Path(place) / file
-        copy.parent.mkdir(parents=True)
+        copy.parent.mkdir(parents=True, exist_ok=True)
         before = (folder / file).read_bytes()
         copy.write_bytes(before)
         project = Project(place)

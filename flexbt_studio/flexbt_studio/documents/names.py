@@ -151,7 +151,9 @@ class Names:
             yield from (one for one in self._in_machines(document, inside) if one.named.name)
 
     def _inside(self) -> _Inside:
-        behaviors = {name: found for found in self._behaviors() for name in found[0]}
+        behaviors = {
+            name: found for found in reversed([*self._behaviors()]) for name in found[0]
+        }  # the first one counts
         return _Inside('', behaviors, tree_places(self._project))
 
     def _in_trees(self, file: str, document: XmlDocument, offset: int | None) -> Iterator[Use]:
@@ -181,7 +183,7 @@ class Names:
                 continue
             yield Use(element.value_span('name'), Named('node', element.attributes.get('name', ''), file, path), True)
             for use in document.keys.of(element):
-                yield Use(use.span, Named('key', use.key, file, document.paths[tree]))
+                yield Use(use.span, Named('key', use.key, file, document.paths[tree]), True)
             for name, part in element.parts.items():
                 if not port_name_problem(name):
                     named = tree_named(id)._replace(kind='key', name=name) if is_call else None
@@ -365,7 +367,8 @@ class Names:
         inside = self._inside()
         for file, document in self._project.documents():
             may_use = isinstance(document, MachineDocument) or (named.kind == 'tree' and file != named.file)
-            for use in self._uses_in(file, document, inside) if may_use and named.name in document.text else ():
+            is_named = named.name in document.text or '\\' in document.text or "''" in document.text  # perhaps escaped
+            for use in self._uses_in(file, document, inside) if may_use and is_named else ():
                 if use.named == named and not use.is_class:
                     made.add(file, [document.renamed(use.span, new)])
 

@@ -424,12 +424,13 @@ class PythonDocument(MachineDocument):
     # -- writing -----------------------------------------------------------------------------------------------------
 
     def name(self, name: str, like: str = '') -> str:
-        if like.isidentifier():
-            return name
         text = repr(name)
         if like[:1] == '"' and text[0] == "'" and '"' not in name:
             return f'"{text[1:-1]}"'
         return text
+
+    def renamed(self, span: Span, name: str) -> TextEdit:
+        return TextEdit(*span, name) if self.source(span).isidentifier() else super().renamed(span, name)
 
     def level(self, level: str, like: str) -> str:
         return str(LEVELS.index(level)) if like.isdigit() else f'Autonomy.{level.capitalize()}'

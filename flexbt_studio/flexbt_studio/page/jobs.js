@@ -270,9 +270,7 @@ export class Jobs {
   // What is known to have been reached in a file, as long as it has the same nodes.
   covered(file) {
     const known = this.coverage.get(file?.name), shape = (file?.view.nodes ?? []).map((one) => `${one.path} ${one.type}`).join('\n');
-    if (!known || (known.shape ??= shape) === shape) return known;
-    this.coverage.delete(file.name);
-    return undefined;
+    return !known || (known.shape ??= shape) === shape ? known : undefined;
   }
 
   rowsKey(file, tree) { return `${file.name} ${file.viewVersion} ${tree}`; }

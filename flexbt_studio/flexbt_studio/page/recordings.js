@@ -59,10 +59,10 @@ export class Recordings {
     const nodes = await live.find({tree, file, nodes: count, statuses: Object.fromEntries(events.map((one) => [one.path, one.after]))});
     const [owner] = Object.values(nodes)[0] ?? [file];
     await studio.go(owner);
-    byId('recordings-state').textContent = name;
     const end = {time: events.at(-1)?.time ?? 0, blackboard: {}}, lines = [...events.map(lineOf), `${name}: begun ${new Date(1000 * epoch).toLocaleString()}, ${events.length} transitions`];
     this.entry = {events, end, lines, event: {nodes}, files: new Set(Object.values(nodes).map(([one]) => one)), state: 'done'};
     player.play(`Log of ${tree}`, jobs.momentsOf(this.entry), {owner: this.entry, ended: () => this.ended()});
+    byId('recordings-state').textContent = name;
     jobs.cover(nodes, events.filter((one) => !['IDLE', 'SKIPPED'].includes(one.after)).map((one) => one.path));
     jobs.show();
   }

@@ -30,16 +30,23 @@ export class SessionLink extends Connection {
     else asked.answer(message.result);
   }
 
-  drop() { this.isOpen = false; super.drop(); }
+  drop() {
+    super.drop();
+    this.refuseAll('the page was left');
+  }
 
   lost(reason) {
+    this.refuseAll(reason || 'the studio does not answer');
+    this.retry();
+  }
+
+  // What was asked gets no answer any more.
+  refuseAll(text) {
     this.isOpen = false;
     const asked = [...this.asked.values()];
     this.asked.clear();
-    const text = reason || 'the studio does not answer';
     this.on.state(false, text);
     for (const one of asked) one.refuse(new Refusal({kind: 'lost', message: text}));
-    this.retry();
   }
 
   request(method, args = {}) {

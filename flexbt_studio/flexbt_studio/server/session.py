@@ -13,7 +13,7 @@ import json
 import logging
 import secrets
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
@@ -115,13 +115,13 @@ class Sessions:
         self._checking.shutdown(wait=False, cancel_futures=True)
         self._checker.close()
 
-    async def serve(self, socket: web.WebSocketResponse) -> None:
-        """Answer the requests of a page until it ends. It has sent the token."""
+    async def serve(self, socket: web.WebSocketResponse, admitted: Callable[[], bool]) -> None:
+        """Answer the requests of a page, which has sent the token, until it ends or its user is not ``admitted``."""
         self._watching = self._watching or asyncio.create_task(self._watch_disk())
         page = Page(socket, next(self._numbers))
         self._pages.add(page)
         try:
-            await self._hear(page)
+            await self._hear(page, admitted)
         finally:
             self._pages.discard(page)
             for number in page.jobs:
@@ -130,14 +130,14 @@ class Sessions:
                 await self._end_simulation(page.simulation)
             self.tell({'event': 'pages', 'count': len(self._pages)})
 
-    async def _hear(self, page: Page) -> None:
+    async def _hear(self, page: Page, admitted: Callable[[], bool]) -> None:
         has_robots = self._robots is not None or bool(self._programs)
         welcome = {'event': 'welcome', 'page': page.number, 'instance': self._instance, 'robots': has_robots}
         await page.send(welcome)
         self.tell({'event': 'pages', 'count': len(self._pages)})
         waiting: set[asyncio.Task[None]] = set()
         async for message in page.socket:
-            if message.type is not WSMsgType.TEXT:
+            if message.type is not WSMsgType.TEXT or not admitted():
                 break
             number, method, arguments = _asked(message.data)
             if len(waiting) >= MOST_WAITING:

@@ -111,7 +111,7 @@ class StudioServer:
         if hello is not None and hello['user'].role < Role.MAINTAINER:
             await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the studio needs the role maintainer')
         elif hello is not None:
-            await self._sessions.serve(socket)
+            await self._sessions.serve(socket, lambda: self._access.admits(hello['user']))
         return socket
 
 

@@ -465,3 +465,18 @@ def test_arguments_that_make_no_sense_are_refused(style: str) -> None:
             ast.parse(after)
             assert applied(after, inverse(document.text, edits)) == document.text
     assert refused > 500
+
+
+def test_a_name_that_is_written_beside_a_variable_is_a_text() -> None:
+    text = """from flexbt_core import OperatableStateMachine
+
+NEXT = 'finished'
+
+
+def create():
+    with OperatableStateMachine(outcomes=['finished', 'failed']) as machine:
+        OperatableStateMachine.add('Say', LogState('x'), transitions={'done': NEXT})
+    return machine
+"""
+    after = done(text, 'set_target', state='/Say', outcome='other', target='failed')
+    assert after == text.replace('NEXT})', "NEXT, 'other': 'failed'})")
