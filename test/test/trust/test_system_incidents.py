@@ -153,7 +153,7 @@ class Robot:
     def start_box(self) -> None:
         """Start the black box, and wait until it finds incidents."""
         settings = {'incidents': str(self.incidents), 'ring': str(self.folder / 'ring'), 'records': f'[{self.folder}]'}
-        self.stack.start('black_box', {**settings, 'after': '1.0', 'use_sim_time': 'false'})
+        self.stack.start('black_box', {**settings, 'after': '1.0', 'keep': '1000', 'use_sim_time': 'false'})
         self._starts += 1
         says = lambda: self.stack.output('black_box').count('begins to find incidents') == self._starts  # noqa: E731
         wait_until(says, lambda: self.stack.output('black_box')[-3000:], DEADLINE)
@@ -306,8 +306,8 @@ def test_whatever_goes_wrong_is_told_though_the_black_box_is_killed(robot: Robot
             wait_until(lambda one=happening, at=since: told(robot, one, at), f'an incident of {happening}', DEADLINE)  # type: ignore[misc]
             happening.mend()
             break
-    wait_until(lambda: not list((robot.folder / 'ring').rglob('*.request.json')), 'what waits for the disk', DEADLINE)
     robot.stack.end('black_box', signal.SIGTERM, DEADLINE)
+    wait_until(lambda: not list((robot.folder / 'ring').rglob('*.request.json')), 'what waits for the disk', DEADLINE)
     known = incidents_in(robot.incidents)
     assert {one.name for one in robot.incidents.iterdir()} == {one.folder.name for one in known}, 'none is half there'
     for one in known:

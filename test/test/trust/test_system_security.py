@@ -147,7 +147,8 @@ def test_who_observes_moves_nothing(tmp_path: Path) -> None:
     rights = policy('/robot1')
     for node in ('observer', 'recorder', 'black_box'):
         published = {name for right, name in rights['/robot1/observer', node] if right == 'publish'}
-        assert published <= {'/rosout', '/parameter_events', '/robot1/executive/ping', f'/robot1/{node}/alive'}
+        own = {f'/robot1/{node}/alive', f'/robot1/{node}/incidents'}
+        assert published <= {'/rosout', '/parameter_events', '/robot1/executive/ping', *own}
     assert ('publish', '/robot1/cmd_vel') not in rights['/robot1/operator', 'console']
     assert not any(right in ('call', 'request') for right, name in rights['/robot1/robot', SIMULATOR])
 

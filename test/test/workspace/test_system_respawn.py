@@ -88,7 +88,14 @@ def nodes_of(file: Path) -> list[Node]:
 def test_a_launch_file_gives_a_node_only_parameters_that_it_has(file: Path) -> None:
     _, *sections = re.split(r'(?m)^\*\*`(\w+)`\*\*', EXECUTABLES.read_text(encoding='utf-8'))
     texts = dict(zip(sections[::2], sections[1::2], strict=True))
-    known = {name: {'use_sim_time', *re.findall(r'(?m)^\| `([\w.]+)` \|', text)} for name, text in texts.items()}
+    known = {
+        name: {
+            'use_sim_time',
+            *re.findall(r'(?m)^- `([\w.]+)`', text),
+            *re.findall(r'`([\w.]+)`', ' '.join(re.findall(r'(?m)^As for .*', text))),
+        }
+        for name, text in texts.items()
+    }
     known['simulation'] |= known['simulator'] | known['navigation']  # it has their nodes
     for name in ('bt_server', 'onboard_executive'):
         known[name].add('autostart')
