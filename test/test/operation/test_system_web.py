@@ -84,13 +84,14 @@ async def lit(studio: ClientWebSocketResponse, type: str) -> None:
     """Wait until the studio's graph of the controller's tree shows a node of this type as running."""
     file = 'navigate/controller.xml'
     for number, method in enumerate(('watch', 'open', 'run_nodes')):
-        arguments = {} if method == 'watch' else {'file': file}
+        arguments = {'robot': ''} if method == 'watch' else {'file': file}
         await studio.send_json({'id': number, 'method': method, 'arguments': arguments})
     answers: dict[int, Any] = {}
     async with asyncio.timeout(DEADLINE):
         while True:
             message = json.loads((await studio.receive()).data)
             if 'id' in message:
+                assert 'result' in message, message
                 answers[message['id']] = message['result']
             elif message['event'] == 'live' and len(answers) == 3:
                 types = {node['path']: node['type'] for node in answers[1]['view']['nodes']}
