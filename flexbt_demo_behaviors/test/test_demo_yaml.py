@@ -104,7 +104,8 @@ def contents(definition: MachineDefinition) -> list[Any]:
 
 def test_the_texts_are_of_all_behaviors_of_the_package() -> None:
     installed = {one.name for one in BehaviorLibrary.discover().entries.values() if 'demo' in one.package}
-    assert installed == FILES.keys()
+    assert installed - FILES.keys() == {'Check Room'}, 'which is written in YAML only'
+    assert FILES.keys() <= installed
 
 
 @pytest.mark.parametrize('name', FILES)

@@ -236,7 +236,7 @@ def test_completion() -> None:
     assert complete('start Navigate S', navigate) == ['Split']
     assert complete('start Navigate Split s', navigate) == ['speed=']
     hostile = dataclasses.replace(TRANSITION, outcomes=('a\rstop', 'a\x1b'))
-    assert complete('a', view(hostile)) == ['autonomy', 'abort']
+    assert complete('a', view(hostile)) == ['autonomy', 'abort', 'alerts acknowledge']
 
 
 class Loopback(RobotLink):
