@@ -47,16 +47,19 @@ class Participant:
         self.node = node_class(name, context=self.context, **options)
         self._executor = MultiThreadedExecutor(3, context=self.context)
         self._executor.add_node(self.node)
+        self._is_closed = False
         self._thread = threading.Thread(target=self._spin, name=name)
         self._thread.start()
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):
-            self._executor.spin()
+            while not self._is_closed:
+                self._executor.spin_once(timeout_sec=0.1)
 
     def close(self) -> None:
+        self._is_closed = True
+        self._thread.join()  # rclpy's executor may not be shut down while it spins
         self._executor.shutdown()
-        self._thread.join()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
 
