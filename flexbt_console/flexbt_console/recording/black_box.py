@@ -210,7 +210,7 @@ class Detector:
         view = self.mirror.view()
         if self._was_live and view.link is LinkState.LOST and not view.listening:
             self._gone = self._executive
-            self._tell('link', f'the executive is silent or gone{f": {view.problem}" if view.problem else ""}')
+            self._tell('link', 'the executive is silent or gone')
         self._was_live = view.live or (self._was_live and (view.listening or view.link is not LinkState.LOST))
         if self._settings.goals:
             node = self._runtime.node

@@ -249,9 +249,8 @@ class Node(Destroyable):
                 name = value
         namespace = '/' + (namespace or '').lstrip('/') if namespace != '/' else '/'
         self.name, self.namespace = name, namespace
-        for problem in (REAL.rclpy_get_validation_error_for_node_name(name),):
-            if problem:
-                raise ValueError(f'invalid node name {name!r}: {problem}')
+        if problem := REAL.rclpy_get_validation_error_for_node_name(name):
+            raise ValueError(f'invalid node name {name!r}: {problem}')
         if problem := REAL.rclpy_get_validation_error_for_namespace(namespace):
             raise ValueError(f'invalid namespace {namespace!r}: {problem}')
         self._renaming = [

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_states import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, OperatorInputState
 
 from .graph import DOMAIN
@@ -108,11 +108,9 @@ class Observer:
         self._asked: dict[tuple[int, int], bytes] = {}
         self._stop_at: int | None = None  # the robot has to be at rest from then on
         self._rest_by: list[tuple[int, int, str]] = []  # at rest once between two times, and after what
-        self._moved: dict[str, int] = {}
         self._since: dict[str, tuple[bool, int]] = {}
         self._mirrors: list[Mirror] = []
         self._told: set[tuple[int, str]] = set()
-        self._starts: Counter[str] = Counter()
         self._crashed_with: ExecutiveStatus | None = None
         self._faulted_at = 0
         self._is_over = False
@@ -266,7 +264,6 @@ class Observer:
                 self._stop_at = max(SCHEDULER.now, self._frozen_until) + int(STOP_SECONDS * SECOND)
         elif command.kind in (ExecutiveCommand.START, ExecutiveCommand.RESUME_RUN, ExecutiveCommand.QUEUE_ADD):
             self._stop_at = None
-            self._starts[command.id] = 1
 
     def _velocity(self, process: Process) -> None:
         if process.name != 'navigation':
@@ -457,7 +454,6 @@ class Observer:
 _NAVIGATION_DIED: Final = 'navigation was killed'
 _STATES: Final = (BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, OperatorInputState)
 _COMMANDS: Final = (f'/{names.EXECUTIVE_COMMAND}', f'/{names.EXECUTIVE_STOP}')
-APPLIED: Final = CommandResult.APPLIED
 
 
 def _told(status: ExecutiveStatus) -> str:

@@ -320,11 +320,10 @@ class _Run:
             SCHEDULER.resume(process)
             self._say(f'{step.target} goes on')
         else:
+            self._observer.killed(step.target)
             if step.act == 'kill':
-                self._observer.killed(step.target)
                 world.kill(step.target)
             else:
-                self._observer.killed(step.target)
                 world.terminate(step.target)
                 SCHEDULER.sleep(2.5)
             SCHEDULER.sleep(step.amount / 2.0)
@@ -633,7 +632,7 @@ def judge(jobs: int, say: Callable[[str], object], only: str = '') -> int:
 
 
 def main() -> int:
-    """Entry point of the executable ``nemesis``."""
+    """Run what the command line asks for. Return the exit code."""
     parser = argparse.ArgumentParser(prog='nemesis', description=(__doc__ or '').split('\n\n')[0])
     parser.add_argument('--seeds', type=int, default=0, help='number of seeds to run, from --seed on')
     parser.add_argument('--seed', type=int, default=0, help='the first seed, or the only one')

@@ -62,10 +62,6 @@ class Network:
         ends = frozenset((one, other))
         self._cut_until[ends] = max(SCHEDULER.after(seconds), self._cut_until.get(ends, 0))
 
-    def is_cut(self, one: str = ROBOT, other: str = OPERATOR) -> bool:
-        """Return whether nothing passes between two hosts now."""
-        return self._cut_until.get(frozenset((one, other)), 0) > SCHEDULER.now
-
     def __call__(self, source: Process, target: Process, is_reliable: bool) -> int | None:
         """Return the delay of a message, ns; None if it is lost."""
         one, other = self.host(source), self.host(target)
