@@ -62,6 +62,9 @@ LONGEST_SECONDS: Final = 30.0
 SAME_SECONDS: Final = 60.0
 """Time within which the same occurrence makes no second incident, s."""
 
+COMES_SECONDS: Final = 10.0
+"""Time in which an executive that lives is heard by a black box that begins, s."""
+
 KILLED_SECONDS: Final = 600.0
 """Age up to which a ring that was left behind is an incident, s."""
 
@@ -150,16 +153,23 @@ class Detector:
     """
 
     def __init__(
-        self, runtime: NodeRuntime, settings: Settings, report: Callable[[str, str, float], None], killed_for: float
+        self,
+        runtime: NodeRuntime,
+        settings: Settings,
+        report: Callable[[str, str, float], None],
+        ring: Ring,
+        killed_for: float,
     ) -> None:
-        self._runtime, self._settings, self._report = runtime, settings, report
+        self._runtime, self._settings, self._report, self._ring = runtime, settings, report, ring
         self.mirror = Mirror(runtime.steady)
         self._feed, self._lanes = MirrorFeed(self.mirror), Lanes(self.mirror)
         self._revision = self._numbers = 0
         self._since = runtime.steady.now() - killed_for
         self._quiet_until, self._is_new = -math.inf if killed_for else math.inf, True
-        self._was_live, self._was_held = bool(killed_for), False
-        self._executive = self._gone = ''  # which was heard last, and which is told to be gone
+        self._executive = ring.noted if killed_for else ''  # which was heard last
+        self._gone = ''  # which is told to be gone
+        self._was_live, self._was_held = bool(self._executive), False
+        self._comes_until = runtime.steady.now() + COMES_SECONDS
         self._late: frozenset[str] = frozenset()
         self._is_low = False
         self._goals: dict[str, set[bytes]] = {}
@@ -194,10 +204,11 @@ class Detector:
         is_held, self._was_held = self._was_held, view.guard.holding
         if view.guard.holding and not is_held and not is_quiet:
             self._tell('stop', view.guard.told)
-        executive = view.snapshot.executive_id if view.snapshot is not None else ''
-        if self._executive not in ('', executive, self._gone):
-            self._tell('link', 'the executive has ended or crashed, and was started again at once')
-        self._executive = executive
+        if view.snapshot is not None and view.snapshot.executive_id != self._executive:
+            if self._executive not in ('', self._gone):
+                self._tell('link', 'the executive has ended or crashed, and was started again at once')
+            self._executive = view.snapshot.executive_id
+            self._ring.note(self._executive)
         peers = view.snapshot.peers if view.snapshot is not None else ()
         late = {one.name: one.problem for one in peers if one.late}
         for name in late.keys() - self._late:
@@ -208,10 +219,11 @@ class Detector:
         """Look for what no message tells: an executive that is silent, and new actions."""
         self._runtime.post_in(_LOOK_SECONDS, self._look)
         view = self.mirror.view()
-        if self._was_live and view.link is LinkState.LOST and not view.listening:
+        comes = view.snapshot is None and self._runtime.steady.now() < self._comes_until
+        if self._was_live and view.link is LinkState.LOST and not comes:
             self._gone = self._executive
             self._tell('link', 'the executive is silent or gone')
-        self._was_live = view.live or (self._was_live and (view.listening or view.link is not LinkState.LOST))
+        self._was_live = view.live or (self._was_live and (comes or view.link is not LinkState.LOST))
         if self._settings.goals:
             node = self._runtime.node
             inside = node.get_namespace().rstrip('/') + '/'
@@ -291,7 +303,7 @@ class BlackBox:
             self._told[one.kind, one.text] = one.time - ahead
         killed_for = time.time() - ring.left[-1].stat().st_mtime if ring.left else math.inf
         was_killed = killed_for < KILLED_SECONDS
-        self._detector = Detector(runtime, settings, self.report, killed_for if was_killed else 0.0)
+        self._detector = Detector(runtime, settings, self.report, ring, killed_for if was_killed else 0.0)
         self._recorder = Recorder(runtime, ring, tell_ready, sys.maxsize, self._detector.take)
         battery = 'sensor_msgs/msg/BatteryState'
         self._recorder.hear(battery, names.BATTERY_STATE, names.best_effort_qos(1), self._detector.take_battery, True)

@@ -9,6 +9,7 @@ complete, and a request is removed after that. ``python3 -m flexbt_console.recor
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import html
 import json
 import os
@@ -395,8 +396,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     failures = 0
     for file in map(Path, sys.argv[1:] if arguments is None else arguments):
         try:
-            folder = make(Request.read(file))
-            file.unlink(missing_ok=True)
+            request = Request.read(file)
+            with file.open() as held:  # until the maker of a black box that has ended, which goes on, is ready
+                fcntl.flock(held, fcntl.LOCK_EX)
+                folder = make(request)
+                file.unlink(missing_ok=True)
             print(folder)
         except (OSError, ValueError, UsageError) as error:
             print(one_line(f'{type(error).__name__}: {error}', 500), file=sys.stderr)

@@ -24,6 +24,9 @@ from .topics import TOPICS
 SEGMENTS: Final = 8
 """Parts of the ring."""
 
+_RECORDS: Final = 'records '
+"""What the file of the lock begins with, unless the black box ended properly."""
+
 
 class Ring:
     """The last minutes of what is recorded, in files that each begin with what late subscribers would get.
@@ -52,14 +55,18 @@ class Ring:
             for own in (directory, directory.parent):
                 if own.stat().st_uid != os.getuid() or own.stat().st_mode & 0o022:
                     raise UsageError(f'parameter ring: {own} can be changed by other users; choose another directory')
-            self._lock_file = (directory / 'lock').open('a')
+            self._lock_file = os.open(directory / 'lock', os.O_RDWR | os.O_CREAT, 0o600)
             fcntl.flock(self._lock_file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            known = os.pread(self._lock_file, 1000, 0).decode(errors='replace')
         except BlockingIOError:
             raise UsageError(f'{directory}: another black box of this robot uses it; end that one first') from None
         except OSError as error:
             raise UsageError(f'parameter ring: {directory} cannot be used: {error.strerror or error}') from error
-        self.left = self._files()
-        """Files of a black box that did not end properly."""
+        self.left = self._files() if known else []
+        """Files of a black box that was killed."""
+        self.noted = known.removeprefix(_RECORDS).strip()
+        """What it had noted."""
+        self.note(self.noted)
 
     def add_topic(self, topic: str, resolved: str, type: str, definition: str, depth: int = 0) -> None:
         """Add a topic as to a :class:`RunWriter`; ``depth``: messages that late subscribers get."""
@@ -120,6 +127,11 @@ class Ring:
         with self._lock:
             self._held.pop(holder, None)
 
+    def note(self, text: str) -> None:
+        """Note one line for the black box after this one; it gets none if this one ends properly."""
+        with contextlib.suppress(OSError):
+            os.pwrite(self._lock_file, f'{_RECORDS}{text:<100}'.encode(), 0)
+
     @property
     def held_size(self) -> int:
         """Bytes of the files that are held."""
@@ -134,7 +146,8 @@ class Ring:
             if not keep:
                 for one in self._files():
                     one.unlink(missing_ok=True)
-            self._lock_file.close()
+            os.ftruncate(self._lock_file, 0)
+            os.close(self._lock_file)
 
     def _write(self, topic: str, data: bytes, heard: int, sent: int) -> None:
         try:

@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import logging
 import os
 import random
+import re
 import resource
 import subprocess
 import sys
@@ -14,7 +16,8 @@ import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
@@ -29,8 +32,10 @@ from std_msgs.msg import String
 from unique_identifier_msgs.msg import UUID
 
 from flexbt_common import names
+from flexbt_common.middleware.received_messages import Received
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.errors import UsageError
+from flexbt_console.recording.black_box import COMES_SECONDS, Detector, Settings
 from flexbt_console.recording.incidents import (
     FACTS,
     PAGE,
@@ -45,6 +50,7 @@ from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.ring import Ring
 from flexbt_console.recording.run_file import RECORDING, read_run
 from flexbt_console.recording.topics import TOPICS, full_definition
+from flexbt_core.clock.clock import ManualClock
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveEvents, ExecutiveLog, ExecutiveStatus, PeerStatus
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -284,6 +290,93 @@ def test_a_black_box_that_is_killed_loses_neither_the_incident_nor_the_recording
     until_incident(robot, 'black_box', 'the black box itself was killed')
 
 
+def test_a_black_box_that_ends_in_order_was_not_killed(robot: Robot) -> None:
+    """Though what is left of its ring is needed for an incident that is not made yet."""
+    robot.says()
+    settled(robot)
+    robot.tells('it burns')
+    ring = robot._ring / robot.runtime.node.get_namespace().strip('/')
+    wait_until(lambda: list(ring.glob('*.request.json')), 'the incident noted')
+    robot.process.terminate()
+    assert robot.process.wait() == 0
+    until_incident(robot, 'fault', 'it burns')
+    wait_until(lambda: not list(ring.glob('*.request.json')), 'the end of what made it')
+    assert list(ring.glob('*.mcap'))
+    robot.start_box()
+    settled(robot)
+    robot.tells('it burns again')
+    until_incident(robot, 'fault', 'it burns again')
+    assert not robot.has('black_box') and not robot.has('link')
+
+
+class Watched:
+    """A detector on a clock of the test, and what it has told."""
+
+    def __init__(self, ring: Ring, killed_for: float) -> None:
+        self.clock, self.told, self._sequence = ManualClock(), list[tuple[str, str]](), 0
+        runtime = SimpleNamespace(
+            steady=self.clock,
+            post_in=lambda seconds, fn: self.clock.call_at(self.clock.now() + seconds, fn),
+            node=SimpleNamespace(get_logger=lambda: logging.getLogger(__name__)),
+        )
+        self._detector = Detector(
+            cast('NodeRuntime', runtime),
+            cast('Settings', SimpleNamespace(goals=False)),
+            lambda kind, text, _: self.told.append((kind, text)),
+            ring,
+            killed_for,
+        )
+
+    def passes(self, seconds: float, executive: str = '') -> None:
+        """Let time pass, in which an executive sends its status."""
+        for _ in range(int(2 * seconds)):
+            self.clock.advance(0.5)
+            if executive:
+                self._sequence += 1
+                status = ExecutiveStatus(executive_id=executive, sequence=self._sequence, heartbeat_period=0.5)
+                data = serialize_message(status)
+                self._detector.take(names.EXECUTIVE_STATUS, Received(data, len(data), b'', 0.0, 0))
+
+
+def killed(ring: Ring) -> None:
+    """Release a ring as a process that is killed does."""
+    os.close(ring._lock_file)
+
+
+def test_an_executive_that_comes_later_than_the_black_box_is_not_lost(tmp_path: Path) -> None:
+    """One that was there before a kill, and is not heard any more, is; one that was started again meanwhile, too."""
+    gone, again = 'the executive is silent or gone', 'the executive has ended or crashed, and was started again at once'
+    ring = Ring(tmp_path, 60.0, 10**7)
+    first = Watched(ring, 0.0)
+    first.passes(60.0)
+    killed(ring)
+    ring = Ring(tmp_path, 60.0, 10**7)
+    none_yet = Watched(ring, 5.0)
+    none_yet.passes(60.0)
+    none_yet.passes(10.0, 'a')
+    assert first.told == none_yet.told == []
+    killed(ring)
+    ring = Ring(tmp_path, 60.0, 10**7)
+    late = Watched(ring, 5.0)
+    late.passes(COMES_SECONDS - 2.0)
+    late.passes(10.0, 'a')
+    assert late.told == []
+    killed(ring)
+    ring = Ring(tmp_path, 60.0, 10**7)
+    other = Watched(ring, 5.0)
+    other.passes(COMES_SECONDS - 2.0)
+    other.passes(10.0, 'b')
+    assert other.told == [('link', again)]
+    killed(ring)
+    ring = Ring(tmp_path, 60.0, 10**7)
+    lost = Watched(ring, 5.0)
+    lost.passes(60.0)
+    lost.passes(10.0, 'c')
+    assert lost.told == [('link', gone)]
+    ring.close(keep=False)
+    assert Ring(tmp_path, 60.0, 10**7).noted == '', 'the executive may end, too, while no black box is there on purpose'
+
+
 def requested(folder: Path) -> Request:
     """Return a request with a ring of two files."""
     now = [time.time_ns() - 10 * SECOND]
@@ -343,6 +436,41 @@ def test_an_incident_is_whole_or_not_there(tmp_path: Path) -> None:
     assert 'STOP by `ann` &lt;b&gt;&amp;amp;&lt;/b&gt;' in page and '<b>' not in page
     assert (found.folder / 'records' / 'executive.jsonl').exists()
     assert make(request) == found.folder, 'one that is there stays as it is'
+
+
+SLOW_MAKER = """
+import sys
+from flexbt_console.recording import incidents
+
+versions = incidents._versions
+
+def slow_versions():
+    print('in the middle', flush=True)
+    sys.stdin.read()
+    return versions()
+
+incidents._versions = slow_versions
+sys.exit(incidents.main())
+"""
+
+
+def test_an_incident_has_one_maker_at_a_time(tmp_path: Path) -> None:
+    """The maker of a black box that was killed goes on, while the next black box begins with the same incident."""
+    request, file = requested(tmp_path), tmp_path / 'a.request.json'
+    request.write(file)
+    pipes: Any = {'stdin': subprocess.PIPE, 'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE, 'text': True}
+    with subprocess.Popen([sys.executable, '-c', SLOW_MAKER, str(file)], **pipes) as first:
+        assert first.stdout is not None and first.stdout.readline() == 'in the middle\n'
+        command = [sys.executable, '-m', 'flexbt_console.recording.incidents', str(file)]
+        with subprocess.Popen(command, **pipes) as second:
+            waits = re.compile(rf'-> FLOCK .* {second.pid} ')
+            wait_until(
+                lambda: waits.search(Path('/proc/locks').read_text()) or second.poll() is not None, 'another maker'
+            )
+            told = [(*one.communicate(), one.returncode) for one in (first, second)]
+    (found,) = incidents_in(Path(request.target))
+    assert told == [(f'{found.folder}\n', '', 0)] * 2
+    assert (found.folder / 'versions.txt').exists() and not file.exists()
 
 
 def test_only_the_newest_incidents_stay(tmp_path: Path) -> None:
