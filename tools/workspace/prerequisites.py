@@ -30,10 +30,14 @@ FIRST_BAD_CMAKE = (4, 0)  # refuses the cmake_minimum_required of several ament 
 
 # Import name -> rosdep key and Ubuntu package, of what the packages import besides ROS.
 _MODULES = {
+    'aiohttp': 'python3-aiohttp',
+    'greenlet': 'python3-greenlet',
+    'hypothesis': 'python3-hypothesis',
     'msgpack': 'python3-msgpack',
     'numpy': 'python3-numpy',
     'PIL': 'python3-pil',
     'prompt_toolkit': 'python3-prompt-toolkit',
+    'pytest': 'python3-pytest',
     'scipy': 'python3-scipy',
     'yaml': 'python3-yaml',
     'zmq': 'python3-zmq',

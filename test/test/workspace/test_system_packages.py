@@ -15,6 +15,9 @@ from ament_index_python.packages import get_packages_with_prefixes
 
 ROOT = Path(__file__).parents[3]
 
+sys.path.append(str(ROOT / 'tools'))
+from workspace import prerequisites  # noqa: E402
+
 # Import name -> key in rosdep's python.yaml.
 ROSDEP_KEYS = {
     'PIL': 'python3-pil',
@@ -120,6 +123,13 @@ def below(name: str) -> frozenset[str]:
 
 
 each_package = pytest.mark.parametrize('manifest', MANIFESTS, ids=lambda manifest: manifest.name)
+
+
+def test_the_set_up_looks_for_what_the_packages_need() -> None:
+    needed = {key for manifest in MANIFESTS for key in manifest.at_run_time}
+    named_otherwise = {'python3-lark-parser', 'python3-textual-pip'}  # brought by rosidl, and by pip
+    python = {key for key in needed if key.startswith('python3-')} - named_otherwise
+    assert set(prerequisites._MODULES.values()) == python
 
 
 @each_package
