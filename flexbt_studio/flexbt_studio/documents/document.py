@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Final, TypeVar
 
 from flexbt_core.values.text import did_you_mean, short_repr
@@ -121,12 +121,21 @@ class Document:
         made = [one for one in edits if self.text[one.start : one.end] != one.text]
         made.sort(key=lambda one: (one.start, one.end))
         try:
-            after = type(self)(applied(self.text, made), self.file).problems
+            after = read(type(self), applied(self.text, made), self.file).problems
         except ValueError as error:
             raise GestureError('two parts of this edit overlap; edit the text instead') from error
         reason = after[-1].message if after else ''
         need(len(after) <= len(self.problems), f'the text could not be read after this edit: {reason}; edit the text')
         return made
+
+
+_Document = TypeVar('_Document', bound=Document)
+
+
+@lru_cache(maxsize=2)
+def read(language: type[_Document], text: str, file: str) -> _Document:
+    """Return the document of a text. The last ones are kept: what a gesture would make is read before it is made."""
+    return language(text, file)
 
 
 _TYPES: Final[dict[str, type]] = {

@@ -186,8 +186,9 @@ class MachineDocument(Document):
         rows = state.parent.rows
         return self.remove_items(rows, [rows.items.index(state.item)])
 
-    def parameter_uses(self) -> Iterator[tuple[str, Span, bool]]:
-        """Yield where parameters of the behavior are named, and whether that is their declaration."""
+    def parameter_uses(self, behavior: int = 0) -> Iterator[tuple[str, Span, bool]]:
+        """Yield where parameters of a behavior are named, by its number in the file, and whether they are declared
+        there."""
         return iter(())
 
     def parameter_edits(self, name: str, fields: dict[str, Any]) -> list[TextEdit]:
@@ -434,17 +435,17 @@ class MachineDocument(Document):
         return self.parameter_removal(name)
 
     @gesture
-    def rename_behavior_parameter(self, name: str, new: str) -> list[TextEdit]:
-        """Rename a parameter of the behavior, and all references to it."""
-        uses = self._uses_of_parameter(name)
+    def rename_behavior_parameter(self, name: str, new: str, behavior: int = 0) -> list[TextEdit]:
+        """Rename a parameter of a behavior, by its number in the file, and all references to it."""
+        uses = self._uses_of_parameter(name, behavior)
         self._check_parameter(new)
-        taken = any(one == new for one, _, _ in self.parameter_uses())
+        taken = any(one == new for one, _, _ in self.parameter_uses(behavior))
         need(not taken, f'the behavior has a parameter {short_repr(new)} already')
         return [self.renamed(span, new) for span, _ in uses]
 
-    def _uses_of_parameter(self, name: str) -> list[tuple[Span, bool]]:
+    def _uses_of_parameter(self, name: str, behavior: int = 0) -> list[tuple[Span, bool]]:
         need(self.behaviors, 'the file has no behavior whose parameters can be read; edit the text')
-        uses = [*self.parameter_uses()]
+        uses = [*self.parameter_uses(behavior)]
         known = {one for one, _, _ in uses}
         need(name in known, f'the behavior has no parameter {short_repr(name)}', name, known)
         return [(span, is_own) for one, span, is_own in uses if one == name]

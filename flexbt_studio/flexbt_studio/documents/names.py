@@ -53,7 +53,8 @@ class Named(NamedTuple):
     """What a name means: its kind, the file that defines it, and the part of the view that owns it.
 
     Kinds and their owners: ``tree`` and ``key`` (the tree), ``node``, ``state`` (itself), ``outcome`` and ``userdata``
-    (the container), ``behavior`` and ``parameter`` (none), ``port`` (the node type).
+    (the container), ``behavior`` (none), ``parameter`` (the outermost container of its behavior), ``port`` (the node
+    type).
     """
 
     kind: str
@@ -165,7 +166,8 @@ class Names:
         for element in (one for top in document.tops for one in top.all()):
             if offset is not None and not element.offset <= offset < element.open_end:
                 continue
-            path, is_call = document.paths.get(element, ''), element.tag in SUBTREES
+            call = element.parent if element.tag == 'remap' else element
+            path, is_call = document.paths.get(call or element, ''), element.tag in SUBTREES
             tree = document.trees.get(path.partition('/')[0])
             id = node_type(element)
             if element is tree:
@@ -181,9 +183,13 @@ class Names:
                 yield Use(element.value_span('name'), named or Named('port', name, file, owner), not is_tree)
             if tree is None or element is tree:
                 continue
-            yield Use(element.value_span('name'), Named('node', element.attributes.get('name', ''), file, path), True)
             for use in document.keys.of(element):
                 yield Use(use.span, Named('key', use.key, file, document.paths[tree]), True)
+            if call is not None and call is not element and call.tag in SUBTREES:
+                name, runs = element.attributes.get('internal', ''), tree_named(node_type(call))
+                yield Use(element.value_span('internal'), runs._replace(kind='key', name=name))
+                continue
+            yield Use(element.value_span('name'), Named('node', element.attributes.get('name', ''), file, path), True)
             for name, part in element.parts.items():
                 if not port_name_problem(name):
                     named = tree_named(id)._replace(kind='key', name=name) if is_call else None
@@ -200,8 +206,9 @@ class Names:
         for head in document.behaviors:
             if head.get('name_span'):
                 yield Use(Span(*head['name_span']), Named('behavior', head['name'], file, ''), True)
-        for name, span, is_definition in document.parameter_uses():
-            yield Use(span, Named('parameter', name, file, ''), is_definition)
+        for number, (_, (_, root)) in enumerate(zip(document.behaviors, document.roots, strict=False)):
+            for name, span, is_definition in document.parameter_uses(number):
+                yield Use(span, Named('parameter', name, file, root.path), is_definition)
         for state in document.states.values():
             for table in ('outcomes', *_INTERFACE):
                 kind = 'outcome' if table == 'outcomes' else 'userdata'
@@ -234,7 +241,7 @@ class Names:
             is_class = self._project.document(file).language == 'python' or state.type != found.name
             yield Use(state.type_span, found, is_class=is_class)
             for item in state.items('parameters'):
-                yield Use(item.key_span, inside.named(state, 'parameter', item.key)._replace(owner=''))
+                yield Use(item.key_span, inside.named(state, 'parameter', item.key))
         beside = {child.label: child for child in parent.children}
         for table in ('transitions', 'autonomy'):
             for item in state.items(table):
@@ -324,11 +331,15 @@ class Names:
         id = tree.attributes.get('ID', '')
         if document.definition(id) is tree:
             for file, other in [(named.file, document), *self._callers(named, id)]:
-                for call in other.subtrees:
-                    if call.attributes.get('ID') == id and named.name in call.parts:
+                for call in (one for one in other.subtrees if one.attributes.get('ID') == id):
+                    if named.name in call.parts:
                         part = call.parts[named.name]
                         text = f'handed to the sub-tree as {part.value or "nothing"}'
                         yield Mention(file, Span(part.start, part.start + len(named.name)), text)
+                    for one in call.children:
+                        if one.tag == 'remap' and one.attributes.get('internal') == named.name:
+                            text = f'handed to the sub-tree as {one.attributes.get("external") or "nothing"}'
+                            yield Mention(file, one.value_span('internal'), text)
         yield from self._board_notes(named)
 
     # Renaming.
@@ -565,7 +576,8 @@ class Names:
 
     def _rename_parameter(self, named: Named, new: str, made: Renaming) -> None:
         document = self._machine(named.file)
-        gesture = {'name': named.name, 'new': new}
+        number = next(n for n, (_, root) in enumerate(document.roots) if root.path == named.owner)
+        gesture = {'name': named.name, 'new': new, 'behavior': number}
         made.add(named.file, document.gesture('rename_behavior_parameter', gesture))
         self._rename_elsewhere(named, new, made)
 

@@ -21,7 +21,7 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_core.values.text_files import TextFileError, read_text, write_text
 from flexbt_studio.errors import ConflictError, StudioError
 
-from .document import Document
+from .document import Document, read
 from .python_document import PythonDocument
 from .text import Span, TextEdit, applied
 from .xml_document import XmlDocument
@@ -71,7 +71,7 @@ def document_for(file: str, text: str) -> Document:
     suffix = Path(file).suffix
     for kind in KINDS:
         if suffix in kind.suffixes:
-            return kind.document(text, file)
+            return read(kind.document, text, file)
     known = ', '.join(suffix for kind in KINDS for suffix in kind.suffixes)
     raise StudioError(f'{file}: files of this kind are not edited here; rename it to one of {known}')
 

@@ -21,7 +21,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import MAX_YAML_DEPTH, YamlError, construct_yaml
 from flexbt_studio.errors import GestureError
 
-from .document import gesture, need
+from .document import gesture, need, read
 from .machine_document import CONTAINERS, LEVELS, Condition, Item, MachineDocument, State, Table, json_value
 from .text import Span, TextEdit, applied
 
@@ -408,7 +408,7 @@ class YamlDocument(MachineDocument):
         written = self._block_text(item, text) or self.value_text(text, is_flow=is_flow)
         added = [] if item else self.put(state, table, key, '-', lambda _value, _like: written)
         edits = [self._replaced(item, written)] if item else added
-        after = type(self)(applied(self.text, self.checked(edits)), self.file)
+        after = read(type(self), applied(self.text, self.checked(edits)), self.file)
         new = after.state(state.path).find(table, key)
         need(new is not None and after.source(new.value_span) == written, f'{short_repr(text)} cannot be written here')
         return edits
@@ -716,7 +716,7 @@ class YamlDocument(MachineDocument):
         table = self._parameters()
         return self._remove_from_head('parameters') if len(table.items) == 1 else self._remove_entry(table, name)
 
-    def parameter_uses(self) -> Iterator[tuple[str, Span, bool]]:
+    def parameter_uses(self, behavior: int = 0) -> Iterator[tuple[str, Span, bool]]:
         known = {item.key: item.key_span for item in self._parameters().items}
         yield from ((name, span, True) for name, span in known.items())
         for one in self._tree.scalars if known else ():

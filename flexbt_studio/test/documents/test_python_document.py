@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import copy
+import functools
 import inspect
 import os
 import random
@@ -19,6 +20,8 @@ from typing import Any
 import pytest
 from machine_texts import PYTHON
 
+from flexbt_studio.documents.document import Document
+from flexbt_studio.documents.project import document_for
 from flexbt_studio.documents.python_document import PythonDocument
 from flexbt_studio.documents.text import applied, inverse
 from flexbt_studio.errors import GestureError
@@ -74,6 +77,7 @@ class Calls:
                 **{table: literal(given.get(table)) for table in ('transitions', 'autonomy', 'remapping')},
             })  # fmt: skip
 
+    @functools.cache  # noqa: B019
     def rest(self, *masked: str) -> str:
         """Return what is not in these calls, without imports; some texts count as equal."""
         tree = ast.parse(self.text)
@@ -91,6 +95,14 @@ class Calls:
                 parts = node.value.split('/')
                 node.value = '/'.join('§' if part in masked else part for part in parts)
         return ast.dump(tree)
+
+
+calls_of = functools.lru_cache(maxsize=4)(Calls)
+
+
+def document_of(text: str) -> Document:
+    """Return the document of a text; the gesture that made it has read it already."""
+    return document_for('x.py', text)
 
 
 def _is_call(node: Any, places: set[tuple[int, int]]) -> bool:
@@ -124,9 +136,9 @@ class Trial:
     def __init__(self, text: str, seed: int) -> None:
         self.text = text
         self.random = random.Random(seed)
-        self.document = PythonDocument(text, 'x.py')
+        self.document = document_of(text)
         self.states = self.document.view()['states']
-        self.calls = Calls(text)
+        self.calls = calls_of(text)
         self.by_offset = {one['offset']: number for number, one in enumerate(self.calls.found)}
 
     def open_states(self) -> Iterator[tuple[dict[str, Any], int]]:
@@ -150,8 +162,8 @@ class Trial:
             return None
         after = applied(self.text, edits)
         assert applied(after, inverse(self.text, edits)) == self.text
-        now = Calls(after)
-        assert PythonDocument(after).problems == []
+        now = calls_of(after)
+        assert document_of(after).problems == []
         if expected is not None:
             wanted = [
                 {
@@ -286,10 +298,10 @@ def _places(
     target = choose(targets or ['x'])
     after = trial.run('add_state', {**arguments, 'transitions': {'done': target}}, None)
     if after is not None:
-        new = [one for one in Calls(after).found if one['label'] == 'Brand new']
+        new = [one for one in calls_of(after).found if one['label'] == 'Brand new']
         assert [(one['state'], one['transitions']) for one in new] == [('NewState(a=1, b=[x])', {'done': repr(target)})]
-        assert Calls(after).rest() == trial.calls.rest()
-        document = PythonDocument(after)
+        assert calls_of(after).rest() == trial.calls.rest()
+        document = document_of(after)
         added = next(one for one in document.view()['states'] if one['label'] == 'Brand new')
         assert added['parent'] == state['parent'] and document.view()['states'][-1] is not None
         back = document.gesture('remove_state', {'state': added['path']})
@@ -302,14 +314,14 @@ def _places(
     yield 'add_state', after
     after = trial.run('set_initial', {'state': path}, None)
     if after is not None:
-        labels = [one['label'] for one in PythonDocument(after).view()['states'] if one['parent'] == state['parent']]
+        labels = [one['label'] for one in document_of(after).view()['states'] if one['parent'] == state['parent']]
         assert labels[0] == state['label'] and sorted(labels) == sorted(one['label'] for one in trial.siblings(state))
-        assert Calls(after).rest() == trial.calls.rest()
-        assert sorted(map(str, plain(Calls(after)))) == sorted(map(str, plain(trial.calls)))
+        assert calls_of(after).rest() == trial.calls.rest()
+        assert sorted(map(str, plain(calls_of(after)))) == sorted(map(str, plain(trial.calls)))
     yield 'set_initial', after
     after = trial.run('set_comment', {'state': path, 'text': 'One.\n\nÜ'}, trial.calls.found)
     if after is not None:
-        again = PythonDocument(after)
+        again = document_of(after)
         same = next(one for one in again.view()['states'] if one['path'] == path)
         assert same['comments'][:3] == ['One.', '', 'Ü']
     yield 'set_comment', after

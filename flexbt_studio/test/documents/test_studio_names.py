@@ -325,6 +325,93 @@ def test_a_behavior_and_its_parameter_are_renamed(site: Site) -> None:
     assert 'parameters: {most: 5}' in site.texts['day.yaml']
 
 
+TWO = """\
+from flexbt_core import OperatableStateMachine
+from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_states import WaitState
+
+
+class Outer(Behavior):
+    manifest = BehaviorManifest('Outer', parameters=[BehaviorParameter('limit', 1.0)])
+
+    def create(self):
+        with OperatableStateMachine(['finished']) as machine:
+            inner = self.use_behavior(Inner, 'Inner', parameters={'limit': 2.0})
+            machine.add('Inner', inner, {'finished': 'Wait'})
+            machine.add('Wait', WaitState(self.limit), {'done': 'finished'})
+        return machine
+
+
+class Inner(Behavior):
+    manifest = BehaviorManifest('Inner', parameters=[BehaviorParameter('limit', 1.0)])
+
+    def create(self):
+        with OperatableStateMachine(['finished']) as machine:
+            machine.add('Rest', WaitState(self.limit), {'done': 'finished'})
+        return machine
+"""
+
+
+@pytest.mark.parametrize(
+    ('before', 'changes'),
+    [
+        (
+            "'Outer', parameters=[BehaviorParameter('",
+            ["'Outer', parameters=[BehaviorParameter('", "'Wait', WaitState(self."],
+        ),
+        ("parameters={'", ["parameters={'", "'Inner', parameters=[BehaviorParameter('", "'Rest', WaitState(self."]),
+        (
+            "'Rest', WaitState(self.",
+            ["parameters={'", "'Inner', parameters=[BehaviorParameter('", "'Rest', WaitState(self."],
+        ),
+    ],
+)
+def test_a_parameter_is_that_of_its_own_behavior(
+    tmp_path: Path, registry: NodeRegistry, before: str, changes: list[str]
+) -> None:
+    site = Site(tmp_path, registry, {'two.py': TWO})
+    expected = TWO
+    for one in changes:
+        assert expected.count(f'{one}limit') == 1, one
+        expected = expected.replace(f'{one}limit', f'{one}most')
+    site.rename(site.at('two.py', before, 'limit'), 'most')
+    assert site.texts['two.py'] == expected
+
+
+REMAP = """\
+<root main_tree_to_execute="Main">
+  <BehaviorTree ID="Main">
+    <Sequence>
+      <SetBlackboard output_key="cup" value="1"/>
+      <SubTree ID="Give"><remap internal="what" external="cup"/></SubTree>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Give"><Script code="done := what"/></BehaviorTree>
+</root>
+"""
+
+
+@pytest.mark.parametrize(
+    ('before', 'name', 'changes'),
+    [
+        ('external="', 'cup', ['output_key="', 'external="']),
+        ('internal="', 'what', ['internal="', 'done := ']),
+    ],
+)
+def test_the_keys_of_a_remapping_are_renamed(
+    tmp_path: Path, registry: NodeRegistry, before: str, name: str, changes: list[str]
+) -> None:
+    site = Site(tmp_path, registry, {'old.xml': REMAP})
+    named = site.at('old.xml', before, name)
+    places = sorted(one.span.start for one in site.names.uses(named))
+    assert places == sorted(REMAP.index(f'{one}{name}') + len(one) for one in changes)
+    site.rename(named, 'mug')
+    expected = REMAP
+    for one in changes:
+        expected = expected.replace(f'{one}{name}', f'{one}mug')
+    assert site.texts['old.xml'] == expected
+
+
 def test_a_port_of_a_declared_node_type_is_renamed_in_all_files(site: Site) -> None:
     changed(
         site,

@@ -273,6 +273,8 @@ class Trial:
             self.gesture('remove_tree', id=list(self.document.trees)[index])
 
     def do_rename_tree(self) -> None:
+        if not self.trees:
+            return
         index = self.random.randrange(len(self.trees))
         old = self.trees[index][1].get('ID')
         is_alone = sum(one[1].get('ID') == old for one in self.trees) == 1
