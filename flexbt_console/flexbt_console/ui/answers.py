@@ -10,7 +10,7 @@ from typing import Final
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import COMMON_OPTIONS, check, parse
-from flexbt_console.commands.registry import COMMANDS, begun, build, find
+from flexbt_console.commands.registry import COMMANDS, begun, build
 from flexbt_console.commands.spec import DECISION, NO_COMMAND, CommandLine, LinkNeed, Send, Show
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.records import CommandKind, Decision, DecisionKind, OperatorCommand
@@ -87,7 +87,7 @@ def interpret(text: str, view: View, builder: CommandBuilder, bound: Bound) -> M
         if topic is None:
             raise UsageError(_no_command(words[1]))
         return Meaning(Local.HELP, line=CommandLine(topic))
-    spec = find(name)
+    spec, _ = begun([name, *words[1:]])
     if spec is not None and spec.in_prompt:
         return _command(parse([name, *words[1:]]), view, builder, bound)
     if spec is not None and not any(text.strip() in decision.choices for decision in view.decisions):

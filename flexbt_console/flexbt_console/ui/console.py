@@ -343,20 +343,25 @@ def _access(line: CommandLine, access: Access) -> Access:
     """Return the access with the users and the certificate of the line. Raises UsageError."""
     import ssl
 
+    from .web.access import certificate_problem
     from .web.users import Users
 
     users = Users(Path(line.value('--users'))) if line.has('--users') else None
-    certificate = None
+    file, certificate = line.value('--certificate'), None
 
     def no_passphrase() -> str:
         raise UsageError('the key has a passphrase; use one without, which only you can read')
 
-    if line.has('--certificate'):
+    if file:
         certificate = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         try:
-            certificate.load_cert_chain(line.value('--certificate'), line.value('--key') or None, no_passphrase)
+            certificate.load_cert_chain(file, line.value('--key') or None, no_passphrase)
+            problem = certificate_problem(certificate, file)
         except (OSError, ValueError) as error:
-            raise UsageError(f'--certificate {line.value("--certificate")}: cannot be used: {error}') from None
+            raise UsageError(f'--certificate {file}: cannot be used: {error}') from None
+        if problem:
+            text = f'--certificate {file}: {problem}; browsers warn of it, and programs refuse it: renew it'
+            print(coloured(Line(text, Tone.WARNING), has_colours(sys.stderr)), file=sys.stderr)
     elif line.has('--key'):
         raise UsageError('--key needs --certificate')
     return replace(access, users=users, certificate=certificate)

@@ -344,6 +344,19 @@ def test_a_request_that_two_servers_would_read_differently_is_refused(site: Site
     still_serves(site)
 
 
+def test_a_certificate_that_has_expired_is_told_at_the_start(site: Site) -> None:
+    expired = CERTIFICATE.with_name('expired.pem')
+    told = f'--certificate {expired}: certificate has expired; browsers warn of it, and programs refuse it: renew it\n'
+    for certificate, text in ((expired, told), (CERTIFICATE, '')):
+        words = ['web', '--users', str(site.users), '--certificate', str(certificate), '--port', '0']
+        command = [sys.executable, '-m', 'flexbt_console', *words]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as console:
+            assert console.stdout is not None
+            assert 'https://127.0.0.1:' in console.stdout.readline(), 'operators keep their page'
+            console.terminate()
+            assert console.communicate()[1] == text
+
+
 def test_a_certificate_that_cannot_be_used_is_told_at_the_start(site: Site, tmp_path: Path) -> None:
     def made(name: str, *more: str) -> tuple[Path, Path]:
         key, certificate = tmp_path / f'{name}.key', tmp_path / f'{name}.pem'

@@ -10,6 +10,7 @@ import json
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
 from concurrent.futures import Future
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,6 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from web_support import NASTY, OTHER, PLAN, STRUCTURE, WHERE, WebRobot, WebRobots, served
 
+from flexbt_common.files import ALERTS, home_path
+from flexbt_console.alerts.escalation import Thing
+from flexbt_console.alerts.store import Store
 from flexbt_console.errors import NoAnswerError, UsageError
 from flexbt_console.mirror.records import (
     CommandKind,
@@ -36,6 +40,7 @@ from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, TreeNodes,
 from flexbt_console.ui.web import picture
 from flexbt_console.ui.web import server as web_run
 from flexbt_console.ui.web.access import ANYBODY, GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
+from flexbt_console.ui.web.greetings import GREETING_OF_SOURCE, MOST_GREETING
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE
 from flexbt_console.ui.web.picture import MOST_CELLS, map_part
 from flexbt_console.ui.web.requests import (
@@ -46,7 +51,7 @@ from flexbt_console.ui.web.requests import (
     RATE,
     operator_name,
 )
-from flexbt_console.ui.web.server import GREETING_OF_SOURCE, MOST_CONNECTIONS, MOST_GREETING, MOST_OPERATORS, MOST_PAGES
+from flexbt_console.ui.web.server import MOST_CONNECTIONS, MOST_OPERATORS, MOST_PAGES
 from flexbt_core.clock.rates import SenderRates
 from flexbt_testing.waiting import DEADLINE
 
@@ -286,6 +291,28 @@ def test_a_search_ends_with_the_page_that_asked_for_it() -> None:
 
     with served({'robot': Searching().station()}) as port:
         asyncio.run(run(port))
+
+
+def test_a_call_is_acknowledged_at_the_prompt_of_the_page_by_its_operator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path))
+    store = Store(home_path(ALERTS))
+    for number in (3, 4):
+        store.memory.things[number] = Thing(number, '/arm', 'decision', '', 0.0, f'asks {number}', '', '')
+    assert store.save() == ''
+
+    async def acknowledge(opened: Page) -> None:
+        listed = await opened.ask(do='alerts acknowledge', decision=None)
+        assert 'name one of these:' in listed and '3  /arm: asks 3' in listed
+        assert store.read('acknowledgment') == {}
+        await opened.socket.send_json({'do': 'alerts acknowledge 4', 'decision': None})
+        await opened.until(lambda: 'read' in opened.messages[-1])
+        assert opened.messages[-1]['read']['text'] == 'acknowledged 4  /arm: asks 4'
+        assert store.read('acknowledgment') == {4: 'ann'}
+
+    with_page(WebRobot(), acknowledge)
+    store.close()
 
 
 def test_each_page_is_an_operator_of_its_own_and_present_while_it_is_open() -> None:
@@ -582,9 +609,10 @@ def test_there_are_so_many_pages_and_no_more() -> None:
         asyncio.run(run(port))
 
 
-def test_who_says_nothing_keeps_nobody_out() -> None:
+@pytest.mark.parametrize('path', ['link', 'costmaps'])
+def test_who_says_nothing_keeps_nobody_out(path: str) -> None:
     async def run(port: int) -> None:
-        address = f'http://127.0.0.1:{port}/link'
+        address = f'http://127.0.0.1:{port}/{path}'
         async with ClientSession(connector=TCPConnector(limit=0)) as session, page(port, 's3cret') as known:
             await known.until(lambda: 'link' in known.parts)
             silent = [await session.ws_connect(address) for _ in range(MOST_PAGES + MOST_GREETING)]

@@ -170,6 +170,21 @@ async def greeting(
     return None
 
 
+def certificate_problem(own: ssl.SSLContext, file: str) -> str:
+    """Return why clients that trust a certificate do not accept it, such as that it has expired; '' if they do."""
+    trusting = ssl.create_default_context(cafile=file)
+    trusting.check_hostname, trusting.verify_flags = False, ssl.VerifyFlags.VERIFY_X509_PARTIAL_CHAIN
+    to_client, to_server = ssl.MemoryBIO(), ssl.MemoryBIO()
+    client, server = trusting.wrap_bio(to_client, to_server), own.wrap_bio(to_server, to_client, server_side=True)
+    try:
+        for side in (client, server, client):
+            with contextlib.suppress(ssl.SSLWantReadError):
+                side.do_handshake()
+    except ssl.SSLCertVerificationError as error:
+        return error.verify_message
+    return ''
+
+
 def guard(access: Access) -> Middleware:
     """Return an aiohttp middleware that refuses requests from pages of other servers."""
 
