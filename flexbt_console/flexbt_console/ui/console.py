@@ -347,12 +347,12 @@ def _access(line: CommandLine, access: Access) -> Access:
     from .web.users import Users
 
     users = Users(Path(line.value('--users'))) if line.has('--users') else None
-    file, certificate = line.value('--certificate'), None
+    certificate, file = None, line.value('--certificate')
 
     def no_passphrase() -> str:
         raise UsageError('the key has a passphrase; use one without, which only you can read')
 
-    if file:
+    if line.has('--certificate'):
         certificate = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         try:
             certificate.load_cert_chain(file, line.value('--key') or None, no_passphrase)
