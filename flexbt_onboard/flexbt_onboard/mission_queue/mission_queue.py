@@ -3,21 +3,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_onboard.errors import CommandRefusedError
-from flexbt_onboard.persistence.queue_entries import (
-    Change,
-    Changes,
-    EndedRun,
-    QueueEntry,
-    QueueState,
-)
+from flexbt_onboard.persistence.queue_entries import Change, EndedRun, QueueEntry, QueueState
 
 ENTRIES: Final = 100
 """Maximum number of entries."""
@@ -32,12 +26,12 @@ _TEXT: Final = 500
 
 
 class MissionQueue:
-    """The queue of one executive. ``write`` makes changes durable after they are applied to ``state``.
+    """The queue of one executive. ``write`` makes a change durable after ``state`` has it.
 
     ``running`` is the number of the entry whose run goes on, 0 for none.
     """
 
-    def __init__(self, state: QueueState, write: Callable[[Changes], None]) -> None:
+    def __init__(self, state: QueueState, write: Callable[[Change], None]) -> None:
         self.state = state
         self.running = 0
         self._write = write
@@ -52,7 +46,7 @@ class MissionQueue:
             raise CommandRefusedError(f'the queue has {ENTRIES} entries already; remove some')
         self._check_size(entry)
         number = self.state.last_entry + 1
-        self._apply(['put', replace(entry, number=number).to_plain()])
+        self._apply(entries=_placed(self.state.entries, replace(entry, number=number)), last_entry=number)
         return number
 
     def edit(self, changed: QueueEntry) -> None:
@@ -76,7 +70,9 @@ class MissionQueue:
             due=entry.due if changed.options.interval == entry.options.interval else 0.0,
         )
         self._check_size(new)
-        self._apply(['put', new.to_plain()])
+        entries = self.state.entries
+        is_moved = new.options.priority != entry.options.priority
+        self._apply(entries=_placed(entries, new) if is_moved else {**entries, new.number: new})
 
     def remove(self, number: int) -> None:
         """Remove an entry. A run of it goes on, and is its last one.
@@ -84,7 +80,7 @@ class MissionQueue:
         Raises:
             CommandRefusedError: there is no such entry.
         """
-        self._apply(['drop', self.entry(number).number])
+        self._apply(entries=_without(self.state.entries, self.entry(number)))
 
     def move(self, number: int, before: int) -> None:
         """Move an entry before another one; 0: behind all of its priority.
@@ -92,23 +88,25 @@ class MissionQueue:
         Raises:
             CommandRefusedError: there is no such entry, or the other one has another priority.
         """
-        priority = self.entry(number).options.priority
+        entry = self.entry(number)
+        priority = entry.options.priority
         if before and (other := self.entry(before).options.priority) != priority:
             raise CommandRefusedError(
                 f'entry {before} has the priority {other}, and entry {number} {priority}: change the priority instead'
             )
         if before != number:
-            self._apply(['move', number, before])
+            self._apply(entries=_placed(self.state.entries, entry, before))
 
     def clear(self, newest: int) -> int:
         """Remove all entries up to a number, and return how many. A run of one goes on."""
-        gone = [number for number in self.state.entries if number <= newest]
-        self._apply(*(['drop', number] for number in gone))
-        return len(gone)
+        left = {number: entry for number, entry in self.state.entries.items() if number > newest}
+        gone = len(self.state.entries) - len(left)
+        self._apply(entries=left)
+        return gone
 
     def hold(self, why: str) -> None:
         """Start no further entry until the release. A later hold replaces an earlier one, which cannot be released."""
-        self._apply(self._held(why))
+        self._apply(**self._held(why))
 
     def release(self, hold: int) -> None:
         """End a hold.
@@ -120,7 +118,7 @@ class MissionQueue:
             raise CommandRefusedError('the queue is not held')
         if hold != self.state.hold:
             raise CommandRefusedError(f'the queue is held for another reason meanwhile: {self.state.held}')
-        self._apply(['release'])
+        self._apply(hold=0, held='')
 
     def entry(self, number: int) -> QueueEntry:
         """Return the entry of this number. Raises CommandRefusedError if there is none."""
@@ -141,43 +139,47 @@ class MissionQueue:
         Return the reason if the queue is held because of that; '' if not.
         """
         self.running = 0
-        changes, why = self._after(end, now, now if started is None else started)
-        if len(self.state.entries) <= sum(change[0] == 'drop' for change in changes):
+        self.state = replace(self.state, ended=end)  # as the journal has it
+        entries, why = self._after(end, now, now if started is None else started)
+        if not entries:
             why = ''  # nothing is left that could start
-        self._apply(*changes, *([self._held(why)] if why else ()), ['settled'])
+        self._apply(entries=entries, ended=None, **(self._held(why) if why else {}))
         return why
 
-    def _after(self, end: EndedRun, now: float, started: float) -> tuple[list[Change], str]:
-        entry = self.state.entries.get(end.number)
+    def _after(self, end: EndedRun, now: float, started: float) -> tuple[Mapping[int, QueueEntry], str]:
+        """Return the entries after a run, and why the queue has to be held, or ''."""
+        entries = self.state.entries
+        entry = entries.get(end.number)
         message = sanitize_for_message(end.message, _TEXT)
         ended = f'by {end.outcome!r}' if end.outcome else 'before it began'
         what = f'entry {end.number} ended {ended}' + (f': {message}' if message else '')
         is_interrupted = end.outcome in (PREEMPTED, ERROR)
         why = what if is_interrupted or end.is_forced else ''
         if entry is None:  # removed meanwhile
-            return [], why
+            return entries, why
         options = entry.options
-        told = {'runs': entry.runs + 1, 'outcome': end.outcome, 'message': message, 'failures': 0}
+        told = replace(entry, runs=entry.runs + 1, outcome=end.outcome, message=message, failures=0)
         if is_interrupted:  # a person decides whether it runs again
-            return [['update', entry.number, told]], why
+            return {**entries, entry.number: told}, why
         if is_failure(options, end.outcome):
-            told['failures'] = entry.failures + 1
+            failed = replace(told, failures=entry.failures + 1)
             if options.on_failure is OnFailure.DROP:
-                return [['drop', entry.number]], why
+                return _without(entries, entry), why
             if options.on_failure is OnFailure.RETRY and entry.failures < options.retries:
-                return [['update', entry.number, told]], why
+                return {**entries, entry.number: failed}, why
             if options.on_failure is not OnFailure.CONTINUE:
-                return [['update', entry.number, {**told, 'failures': 0}]], what
+                return {**entries, entry.number: told}, what
+            told = failed
         if options.count == 1:
-            return [['drop', entry.number]], why
-        told['count'] = max(0, options.count - 1)
+            return _without(entries, entry), why
+        told = replace(told, options=replace(options, count=max(0, options.count - 1)))
         if not options.interval:
-            return [['update', entry.number, told]], why
-        told['due'] = max(now, started + options.interval)
-        return [['update', entry.number, told], ['move', entry.number, 0]], why
+            return {**entries, entry.number: told}, why
+        return _placed(entries, replace(told, due=max(now, started + options.interval))), why
 
-    def _held(self, why: str) -> Change:
-        return ['hold', self.state.last_hold + 1, sanitize_for_message(why, _TEXT)]
+    def _held(self, why: str) -> dict[str, Any]:
+        number = self.state.last_hold + 1
+        return {'hold': number, 'held': sanitize_for_message(why, _TEXT), 'last_hold': number}
 
     def _check_size(self, entry: QueueEntry) -> None:
         others = sum(one.size for one in self.state.entries.values() if one.number != entry.number)
@@ -187,10 +189,21 @@ class MissionQueue:
                 f'would have {others + entry.size}'
             )
 
-    def _apply(self, *changes: Change) -> None:
-        if changes:
-            self.state.apply(changes)
-            self._write(changes)
+    def _apply(self, **parts: Any) -> None:
+        before, self.state = self.state, replace(self.state, **parts)
+        if change := self.state.since(before):
+            self._write(change)
+
+
+def _placed(entries: Mapping[int, QueueEntry], entry: QueueEntry, before: int = 0) -> Mapping[int, QueueEntry]:
+    """Return the entries with one before another of its priority; 0: behind all of these."""
+    others = list(_without(entries, entry).values())
+    others.insert(next((at for at, one in enumerate(others) if one.number == before), len(others)), entry)
+    return {one.number: one for one in sorted(others, key=lambda one: -one.options.priority)}
+
+
+def _without(entries: Mapping[int, QueueEntry], gone: QueueEntry) -> Mapping[int, QueueEntry]:
+    return {number: entry for number, entry in entries.items() if number != gone.number}
 
 
 def is_failure(options: QueueOptions, outcome: str) -> bool:

@@ -22,7 +22,7 @@ from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import check_given, run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
-from flexbt_onboard.persistence.queue_entries import Changes, EndedRun, QueueEntry
+from flexbt_onboard.persistence.queue_entries import Change, EndedRun, QueueEntry
 from flexbt_onboard.persistence.run_journal import RunJournal
 from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused, RunRequested
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
@@ -72,7 +72,7 @@ class QueueRunner(RunReader):
         self._changed = changed
         self._journal = journal
         self._command_id: str | None = None
-        self._queue = Queue(journal.state.queue.copy(), self._write)
+        self._queue = Queue(journal.state.queue, self._write)
         self._is_active = False  # a run was requested, and its end was not read yet
         self._waits: dict[int, str] = {}
         self._started: float | None = None
@@ -118,9 +118,9 @@ class QueueRunner(RunReader):
             self._tell_hold()
         self._after_change()
 
-    def _write(self, changes: Changes) -> None:
+    def _write(self, change: Change) -> None:
         command_id, self._command_id = self._command_id, None
-        self._journal.change_queue(changes, command_id)
+        self._journal.change_queue(change, command_id)
 
     def new_entry(self, command: ExecutiveCommand) -> QueueEntry:
         """Return the entry that a command adds.

@@ -37,7 +37,7 @@ from flexbt_core.values.text_files import open_private
 from flexbt_msgs.msg import CommandResult
 from flexbt_onboard.errors import OnboardError
 
-from .queue_entries import QueueState, are_changes
+from .queue_entries import QueueState, is_change
 
 REMEMBERED_COMMANDS: Final = 4096
 """Number of latest commands that are remembered, so that a resend after a restart is not applied again."""
@@ -90,7 +90,7 @@ class JournalState:
             self.begin = self.position = None
         if 'autonomy' in line:
             self.autonomy = line['autonomy']
-        self.queue.apply(line.get('queue', ()))
+        self.queue = self.queue.after(line.get('queue', {}))
         for command_id, code, reason in line.get('commands', ()):
             self.commands[command_id] = (code, reason)
             self.commands.move_to_end(command_id)
@@ -103,7 +103,7 @@ class JournalState:
         lines: list[JournalLine] = [{'commands': commands}] if commands else []
         if self.autonomy is not None:
             lines.append({'autonomy': self.autonomy})
-        lines += [{'queue': [change]} for change in self.queue.changes()]
+        lines += [{'queue': change} for change in self.queue.changes()]
         if self.begin is not None:
             lines.append({'begin': self.begin})
             if self.position is not None:
@@ -412,7 +412,7 @@ def _write_whole(descriptor: int, data: bytes) -> None:
 # - ``position``: the position from which the machine of the run ``run`` can continue.
 # - ``end``: the run ``run`` has ended, or will not continue. The value is the reason.
 # - ``autonomy``: the level for the next run that an operator has set; null for the level of the parameter.
-# - ``queue``: changes of the mission queue (:mod:`.queue_entries`).
+# - ``queue``: a change of the mission queue (:mod:`.queue_entries`).
 # - ``commands``: lists of id, code and reason of the commands that were decided together with the rest of the line.
 #
 # Each line is self-contained, so that the lines after a corrupt one are usable.
@@ -572,7 +572,7 @@ def _is_fit(name: str, value: Any) -> bool | None:
         case 'autonomy', _:
             return value is None or _is_level(value)
         case 'queue', _:
-            return are_changes(value)
+            return is_change(value)
         case 'commands', _:
             return _is_list_of(value, _is_name, _is_code, lambda reason: isinstance(reason, str))
         case 'begin' | 'position', _:

@@ -29,7 +29,7 @@ from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.errors import CommandRefusedError
 
 from .journal import STUCK_SECONDS, Journal, JournaledResult
-from .queue_entries import Changes
+from .queue_entries import Change
 
 REASON_LENGTH: Final = 2000
 """Maximum characters of the reason of a refusal. A longer reason is truncated in the middle."""
@@ -163,12 +163,12 @@ class RunJournal(Journal):
         if begin is not None and self.has(run_id):
             entry = begin.get('entry', 0)
             told = sanitize_for_message(message or why, REASON_LENGTH)
-            ended: dict[str, Any] = {'queue': [['ended', entry, outcome, told, is_forced]]} if entry else {}
+            ended: dict[str, Any] = {'queue': {'ended': [entry, outcome, told, is_forced]}} if entry else {}
             self.append(run=run_id, end=why, **ended)
 
-    def change_queue(self, changes: Changes, command_id: str | None = None) -> None:
-        """Write changes of the mission queue, and that the command that requested them was applied, in one line."""
-        self.append(_results([CommandDecided(command_id, None)]), queue=list(changes))
+    def change_queue(self, change: Change, command_id: str | None = None) -> None:
+        """Write a change of the mission queue, and that the command that requested it was applied, in one line."""
+        self.append(_results([CommandDecided(command_id, None)]), queue=change)
 
     @property
     def next_autonomy(self) -> int | None:

@@ -20,7 +20,7 @@ from flexbt_onboard.mission_queue import mission_queue
 from flexbt_onboard.mission_queue.conditions import check_options, is_within, time_problem
 from flexbt_onboard.mission_queue.mission_queue import MissionQueue
 from flexbt_onboard.persistence.journal import JournalState, encode_head, encode_line, read_journal
-from flexbt_onboard.persistence.queue_entries import Changes, EndedRun, QueueEntry, QueueState
+from flexbt_onboard.persistence.queue_entries import Change, EndedRun, QueueEntry, QueueState
 
 MOST = 6
 OUTCOMES = ['finished', 'failed', 'odd', 'preempted', 'error', '']
@@ -54,8 +54,8 @@ class Disk:
 
     lines: list[dict[str, Any]] = field(default_factory=list)
 
-    def write(self, changes: Changes) -> None:
-        self.lines.append(json.loads(json.dumps({'queue': changes})))
+    def write(self, change: Change) -> None:
+        self.lines.append(json.loads(json.dumps({'queue': change})))
 
     def read(self) -> QueueState:
         data = encode_head() + b''.join(encode_line(number, line) for number, line in enumerate(self.lines, 1))
@@ -211,7 +211,7 @@ class QueueAgainstModel(RuleBasedStateMachine):
         """Let the run end; the executive is killed before the queue knows of it, or after it."""
         end, started = EndedRun(self.running, outcome, 'why', is_forced), self.started
         if crash == 'before':  # the line of the end is written with that of the run
-            self.disk.write([['ended', *end]])
+            self.disk.write({'ended': list(end)})
             self.open_again()
             assert self.queue.state.ended == end
             started = self.now  # nobody knows any more
