@@ -121,3 +121,23 @@ def test_each_request_is_answered_even_the_one_that_is_too_many(folder: Path) ->
         assert await page.ask('files')
 
     with_pages(folder, story)
+
+
+def test_a_log_is_forgotten_with_the_last_page_that_shows_it(folder: Path) -> None:
+    async def story(one: Page, other: Page, last: Page) -> None:
+        file = (await one.ask('tree_log', name='dry.btlog'))['file']
+        await other.ask('open', file=file)
+
+        async def is_listed() -> bool:
+            return file in [each['file'] for each in await last.ask('files')]
+
+        await one.socket.close()
+        while (await last.event('pages'))['count'] != 2:
+            pass
+        assert await is_listed()
+        await other.socket.close()
+        while (await last.event('pages'))['count'] != 1:
+            pass
+        assert not await is_listed()
+
+    with_pages(folder, story, 3)

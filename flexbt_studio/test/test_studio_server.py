@@ -13,8 +13,11 @@ from typing import Any
 import aiohttp
 import pytest
 
+from flexbt_console.commands.spec import Role
 from flexbt_console.ui.web.access import Access
+from flexbt_console.ui.web.greetings import GREETING_OF_SOURCE
 from flexbt_console.ui.web.server import serving
+from flexbt_console.ui.web.users import User, Users, token_hash, write_users
 from flexbt_studio.server.web_server import StudioServer, editor_folder
 from flexbt_studio.server.workbench import Workbench
 from flexbt_testing.waiting import DEADLINE
@@ -82,11 +85,13 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def with_pages(folder: Path, story: Callable[..., Awaitable[None]], count: int = 1) -> None:
+def with_pages(
+    folder: Path, story: Callable[..., Awaitable[None]], count: int = 1, access: Access | None = None
+) -> None:
     """Run a story with pages of a server for the folder."""
+    access = access or Access('127.0.0.1', TOKEN)
 
     async def run() -> None:
-        access = Access('127.0.0.1', TOKEN)
         server = StudioServer(Workbench(folder), access, editor_folder())
         async with (
             asyncio.timeout(DEADLINE),
@@ -303,6 +308,32 @@ def test_nonsense_is_refused_with_what_is_wrong_and_the_page_goes_on(folder: Pat
             await page.socket.send_str(text)
         assert (await page.ask('open', file='main.xml'))['text'] == TREE
         assert (folder / 'main.xml').read_text() == TREE
+
+    with_pages(folder, story)
+
+
+def test_a_page_ends_with_its_user_also_if_it_asks_for_nothing(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    file = tmp_path_factory.mktemp('users') / 'users.yaml'
+    ann, ben = (User(name, Role.MAINTAINER, token_hash(token)) for name, token in (('ann', TOKEN), ('ben', 'another')))
+    write_users(file, [ann, ben])
+
+    async def story(page: Page) -> None:
+        await page.ask('hello')
+        write_users(file, [ben])
+        while (message := await page.socket.receive()).type is aiohttp.WSMsgType.TEXT:
+            pass
+        assert (message.data, message.extra) == (aiohttp.WSCloseCode.POLICY_VIOLATION, 'the user was removed')
+
+    with_pages(folder, story, access=Access('127.0.0.1', users=Users(file)))
+
+
+def test_who_says_nothing_keeps_nobody_out(folder: Path) -> None:
+    async def story(page: Page, session: aiohttp.ClientSession) -> None:
+        silent = [await session.ws_connect('/session') for _ in range(GREETING_OF_SOURCE + 1)]
+        assert (await silent[0].receive()).type in (aiohttp.WSMsgType.CLOSED, aiohttp.WSMsgType.CLOSE)
+        await page.ask('hello')
 
     with_pages(folder, story)
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Final, TypeVar
+from functools import cached_property
+from typing import Any, ClassVar, Final, Self, TypeVar
 
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import GestureError
@@ -62,6 +62,13 @@ class Document:
         """Its name in messages."""
         self.problems: list[Problem] = []
         """What prevents the text from being read; the rest of it is read nevertheless."""
+        self._after: Self | None = None
+
+    def after(self, text: str) -> Self:
+        """Return the document of the text after an edit. It is kept: what a gesture would make is read before it is."""
+        if self._after is None or self._after.text != text:
+            self._after = type(self)(text, self.file)
+        return self._after
 
     @cached_property
     def lines(self) -> Lines:
@@ -121,21 +128,12 @@ class Document:
         made = [one for one in edits if self.text[one.start : one.end] != one.text]
         made.sort(key=lambda one: (one.start, one.end))
         try:
-            after = read(type(self), applied(self.text, made), self.file).problems
+            after = self.after(applied(self.text, made)).problems
         except ValueError as error:
             raise GestureError('two parts of this edit overlap; edit the text instead') from error
         reason = after[-1].message if after else ''
         need(len(after) <= len(self.problems), f'the text could not be read after this edit: {reason}; edit the text')
         return made
-
-
-_Document = TypeVar('_Document', bound=Document)
-
-
-@lru_cache(maxsize=2)
-def read(language: type[_Document], text: str, file: str) -> _Document:
-    """Return the document of a text. The last ones are kept: what a gesture would make is read before it is made."""
-    return language(text, file)
 
 
 _TYPES: Final[dict[str, type]] = {

@@ -21,7 +21,7 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_core.values.text_files import TextFileError, read_text, write_text
 from flexbt_studio.errors import ConflictError, StudioError
 
-from .document import Document, read
+from .document import Document
 from .python_document import PythonDocument
 from .text import Span, TextEdit, applied
 from .xml_document import XmlDocument
@@ -71,7 +71,7 @@ def document_for(file: str, text: str) -> Document:
     suffix = Path(file).suffix
     for kind in KINDS:
         if suffix in kind.suffixes:
-            return read(kind.document, text, file)
+            return kind.document(text, file)
     known = ', '.join(suffix for kind in KINDS for suffix in kind.suffixes)
     raise StudioError(f'{file}: files of this kind are not edited here; rename it to one of {known}')
 
@@ -243,7 +243,11 @@ class Project:
     def close(self, file: str) -> None:
         """Forget an open file with its unsaved edits. A text from elsewhere stays."""
         if file in self._open and not self._open[file].is_shown_only:
-            del self._open[file]
+            self.forget(file)
+
+    def forget(self, file: str) -> None:
+        """Forget an open file, or a text from elsewhere."""
+        self._open.pop(file, None)
 
     def edit(self, file: str, version: int, edits: Sequence[TextEdit]) -> OpenFile:
         """Apply edits to a version of an open file.
@@ -259,7 +263,7 @@ class Project:
             raise StudioError(f'{file}: {error}') from error
         if len(text) > MOST_BYTES:
             raise StudioError(f'{file}: it would have more than {MOST_BYTES} characters; split it')
-        opened.document = document_for(file, text)
+        opened.document = opened.document.after(text)
         opened.version += 1
         return opened
 

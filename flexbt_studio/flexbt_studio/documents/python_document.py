@@ -740,10 +740,9 @@ def _walk(node: ast.AST) -> Iterator[ast.AST]:
 
 def _code(node: ast.AST) -> str:
     """Return the code of an expression; that of a name quickly."""
-    if isinstance(node, ast.Name):
-        return node.id
-    is_name = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name | ast.Attribute)
-    return f'{_code(node.value)}.{node.attr}' if is_name else ast.unparse(node)
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name | ast.Attribute):
+        return f'{_code(node.value)}.{node.attr}'
+    return node.id if isinstance(node, ast.Name) else ast.unparse(node)
 
 
 def _is_name(node: ast.AST, context: type = ast.expr_context) -> bool:

@@ -21,7 +21,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import MAX_YAML_DEPTH, YamlError, construct_yaml
 from flexbt_studio.errors import GestureError
 
-from .document import gesture, need, read
+from .document import gesture, need
 from .machine_document import CONTAINERS, LEVELS, Condition, Item, MachineDocument, State, Table, json_value
 from .text import Span, TextEdit, applied
 
@@ -408,7 +408,7 @@ class YamlDocument(MachineDocument):
         written = self._block_text(item, text) or self.value_text(text, is_flow=is_flow)
         added = [] if item else self.put(state, table, key, '-', lambda _value, _like: written)
         edits = [self._replaced(item, written)] if item else added
-        after = read(type(self), applied(self.text, self.checked(edits)), self.file)
+        after = self.after(applied(self.text, self.checked(edits)))
         new = after.state(state.path).find(table, key)
         need(new is not None and after.source(new.value_span) == written, f'{short_repr(text)} cannot be written here')
         return edits

@@ -13,7 +13,7 @@ import json
 import logging
 import secrets
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
@@ -52,8 +52,8 @@ MACHINE_SECONDS: Final = 10.0
 """Time for the check of a machine, s; it makes the states."""
 MOST_PROGRAMS: Final = 8
 """Maximum number of programs that are watched by Groot2's protocol."""
-DISK_SECONDS: Final = 1.0
-"""Time between two looks at the files that are open, s."""
+WATCH_SECONDS: Final = 1.0
+"""Time between two looks at the files that are open, and at the users of the pages, s."""
 CHECK_SECONDS: Final = 0.08
 """Time without an edit after which a file is checked, s."""
 
@@ -117,27 +117,29 @@ class Sessions:
 
     async def serve(self, socket: web.WebSocketResponse, admitted: Callable[[], bool]) -> None:
         """Answer the requests of a page, which has sent the token, until it ends or its user is not ``admitted``."""
-        self._watching = self._watching or asyncio.create_task(self._watch_disk())
-        page = Page(socket, next(self._numbers))
+        self._watching = self._watching or asyncio.create_task(self._look_about())
+        page = Page(socket, next(self._numbers), admitted)
         self._pages.add(page)
         try:
-            await self._hear(page, admitted)
+            await self._hear(page)
         finally:
             self._pages.discard(page)
             for number in page.jobs:
                 self._jobs.cancel(number)
+            for file in page.logs.difference(*(one.logs for one in self._pages)):
+                await self._work(self._workbench.project.forget, file)
             if page.simulation is not None:
                 await self._end_simulation(page.simulation)
             self.tell({'event': 'pages', 'count': len(self._pages)})
 
-    async def _hear(self, page: Page, admitted: Callable[[], bool]) -> None:
+    async def _hear(self, page: Page) -> None:
         has_robots = self._robots is not None or bool(self._programs)
         welcome = {'event': 'welcome', 'page': page.number, 'instance': self._instance, 'robots': has_robots}
         await page.send(welcome)
         self.tell({'event': 'pages', 'count': len(self._pages)})
         waiting: set[asyncio.Task[None]] = set()
         async for message in page.socket:
-            if message.type is not WSMsgType.TEXT or not admitted():
+            if message.type is not WSMsgType.TEXT or not page.admitted():
                 break
             number, method, arguments = _asked(message.data)
             if len(waiting) >= MOST_WAITING:
@@ -217,6 +219,7 @@ class Sessions:
                 return await apart(lambda: opened(self._recordings, name).reached())
             case 'tree_log', {'name': str(name)}:
                 file, text, played = await apart(log_of, self._recordings, name)
+                page.logs.add(file)
                 await self._show_text(file, text)
                 return played
             case 'groot2', {'robot': str(name), 'do': str(line)}:
@@ -338,6 +341,8 @@ class Sessions:
     def _follow(self, page: Page, method: str, arguments: dict[str, Any], result: Any) -> None:
         """Tell the pages what a request has changed, and check what was opened or edited."""
         file = str(arguments.get('file', ''))
+        if method == 'open' and file.startswith(RECORDING):
+            page.logs.add(file)
         if method == 'edit':
             event = {'event': 'edited', 'file': file, 'version': result, 'edits': arguments['edits'], 'by': page.number}
             self.tell(event, but=page)
@@ -348,10 +353,12 @@ class Sessions:
             event = {'event': 'files_changed', 'file': file, 'what': method, 'by': page.number, 'saved': saved}
             self.tell(event)
 
-    async def _watch_disk(self) -> None:
-        """Tell the pages about open files that other programs write."""
+    async def _look_about(self) -> None:
+        """Tell the pages about open files that other programs write, and end those whose users were removed."""
         while True:
-            await asyncio.sleep(DISK_SECONDS)
+            await asyncio.sleep(WATCH_SECONDS)
+            for page in [one for one in self._pages if not one.admitted()]:
+                page.end(WSCloseCode.POLICY_VIOLATION, b'the user was removed')
             for file in await self._work(self._workbench.project.disk_changes):
                 self.tell({'event': 'disk', 'file': file})
 
@@ -416,15 +423,19 @@ class Sessions:
 class Page:
     """The connection of an open page."""
 
-    def __init__(self, socket: web.WebSocketResponse, number: int) -> None:
+    def __init__(self, socket: web.WebSocketResponse, number: int, admitted: Callable[[], bool]) -> None:
         self.socket = socket
         self.number = number
+        self.admitted = admitted
+        """Returns whether its user still may use the studio."""
         self.runs_code = False
         """Whether the user has allowed to run the code of behaviors in Python."""
         self.simulation: Simulation | None = None
         """The simulated robot that it has started; it ends with the page."""
         self.jobs: list[int] = []
         """Numbers of the jobs that it has started; they end with it."""
+        self.logs: set[str] = set()
+        """Trees of logs that it has opened; each is forgotten with the last page that has."""
         self._sending = asyncio.Lock()
         self._posted: set[asyncio.Task[None]] = set()
 
@@ -435,7 +446,14 @@ class Page:
 
     def post(self, event: dict[str, Any]) -> None:
         """Send an event without waiting. A page that takes nothing is closed."""
-        task = asyncio.create_task(self._deliver(event))
+        self._start(self._deliver(event))
+
+    def end(self, code: int, reason: bytes) -> None:
+        """Close the connection without waiting."""
+        self._start(self.socket.close(code=code, message=reason))
+
+    def _start(self, doing: Coroutine[Any, Any, Any]) -> None:
+        task = asyncio.create_task(doing)
         self._posted.add(task)
         task.add_done_callback(self._posted.discard)
 

@@ -17,7 +17,8 @@ from aiohttp import WSCloseCode, web
 
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
-from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, WrongTokens, greeting, guard, source_of
+from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, guard
+from flexbt_console.ui.web.greetings import Greetings
 
 from .recordings import recordings_of
 from .session import MESSAGE_BYTES, Sessions
@@ -51,7 +52,7 @@ class StudioServer:
         recordings: str = '',
     ) -> None:
         self._access = access
-        self._wrong = WrongTokens()
+        self._greetings = Greetings(access)
         recorded = recordings_of(workbench.project, recordings)
         self._sessions = Sessions(workbench, access, recorded, robots, programs)
         self._modules = {} if editor is None else editor_modules(editor)
@@ -107,7 +108,7 @@ class StudioServer:
     async def _open(self, request: web.Request) -> web.StreamResponse:
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         await socket.prepare(request)
-        hello = await greeting(socket, self._access, self._wrong, source_of(request.remote))
+        hello = await self._greetings.hello(socket, request)
         if hello is not None and hello['user'].role < Role.MAINTAINER:
             await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the studio needs the role maintainer')
         elif hello is not None:

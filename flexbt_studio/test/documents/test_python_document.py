@@ -20,8 +20,6 @@ from typing import Any
 import pytest
 from machine_texts import PYTHON
 
-from flexbt_studio.documents.document import Document
-from flexbt_studio.documents.project import document_for
 from flexbt_studio.documents.python_document import PythonDocument
 from flexbt_studio.documents.text import applied, inverse
 from flexbt_studio.errors import GestureError
@@ -77,10 +75,16 @@ class Calls:
                 **{table: literal(given.get(table)) for table in ('transitions', 'autonomy', 'remapping')},
             })  # fmt: skip
 
-    @functools.cache  # noqa: B019
+    @functools.cached_property
+    def others(self) -> str:
+        """What is not in these calls, without imports."""
+        return self._without_calls(self.tree)
+
     def rest(self, *masked: str) -> str:
         """Return what is not in these calls, without imports; some texts count as equal."""
-        tree = ast.parse(self.text)
+        return self._without_calls(ast.parse(self.text), *masked) if masked else self.others
+
+    def _without_calls(self, tree: ast.Module, *masked: str) -> str:
         places = {(node.lineno, node.col_offset) for node in self.nodes}
         for node in ast.walk(tree):
             for name in ('body', 'orelse', 'elts'):
@@ -98,11 +102,6 @@ class Calls:
 
 
 calls_of = functools.lru_cache(maxsize=4)(Calls)
-
-
-def document_of(text: str) -> Document:
-    """Return the document of a text; the gesture that made it has read it already."""
-    return document_for('x.py', text)
 
 
 def _is_call(node: Any, places: set[tuple[int, int]]) -> bool:
@@ -136,7 +135,7 @@ class Trial:
     def __init__(self, text: str, seed: int) -> None:
         self.text = text
         self.random = random.Random(seed)
-        self.document = document_of(text)
+        self.document = PythonDocument(text, 'x.py')
         self.states = self.document.view()['states']
         self.calls = calls_of(text)
         self.by_offset = {one['offset']: number for number, one in enumerate(self.calls.found)}
@@ -163,7 +162,7 @@ class Trial:
         after = applied(self.text, edits)
         assert applied(after, inverse(self.text, edits)) == self.text
         now = calls_of(after)
-        assert document_of(after).problems == []
+        assert self.document.after(after).problems == []
         if expected is not None:
             wanted = [
                 {
@@ -301,7 +300,7 @@ def _places(
         new = [one for one in calls_of(after).found if one['label'] == 'Brand new']
         assert [(one['state'], one['transitions']) for one in new] == [('NewState(a=1, b=[x])', {'done': repr(target)})]
         assert calls_of(after).rest() == trial.calls.rest()
-        document = document_of(after)
+        document = trial.document.after(after)
         added = next(one for one in document.view()['states'] if one['label'] == 'Brand new')
         assert added['parent'] == state['parent'] and document.view()['states'][-1] is not None
         back = document.gesture('remove_state', {'state': added['path']})
@@ -314,14 +313,16 @@ def _places(
     yield 'add_state', after
     after = trial.run('set_initial', {'state': path}, None)
     if after is not None:
-        labels = [one['label'] for one in document_of(after).view()['states'] if one['parent'] == state['parent']]
+        labels = [
+            one['label'] for one in trial.document.after(after).view()['states'] if one['parent'] == state['parent']
+        ]
         assert labels[0] == state['label'] and sorted(labels) == sorted(one['label'] for one in trial.siblings(state))
         assert calls_of(after).rest() == trial.calls.rest()
         assert sorted(map(str, plain(calls_of(after)))) == sorted(map(str, plain(trial.calls)))
     yield 'set_initial', after
     after = trial.run('set_comment', {'state': path, 'text': 'One.\n\nÜ'}, trial.calls.found)
     if after is not None:
-        again = document_of(after)
+        again = trial.document.after(after)
         same = next(one for one in again.view()['states'] if one['path'] == path)
         assert same['comments'][:3] == ['One.', '', 'Ü']
     yield 'set_comment', after

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import hmac
 import ipaddress
@@ -14,15 +13,14 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 from urllib.parse import urlsplit
 
-from aiohttp import WSCloseCode, web
+from aiohttp import web
 from aiohttp.typedefs import Handler, Middleware
 
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
-from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import short_repr
 
 from .users import User, Users
@@ -144,30 +142,6 @@ class Access:
 
 ANYBODY: Final = User('', Role.MAINTAINER)
 """The user where all are one."""
-
-HELLO_SECONDS: Final = 10.0
-"""Time for the first message of a page, s."""
-
-
-async def greeting(
-    socket: web.WebSocketResponse, access: Access, wrong: WrongTokens, source: str
-) -> dict[str, Any] | None:
-    """Return the first message of a page if it has the token; else close the WebSocket and return None.
-
-    Nothing is sent before that. The message gets the key ``user``.
-    """
-    with contextlib.suppress(TimeoutError, TypeError, ValueError, RecursionError):
-        hello = load_json(await socket.receive_str(timeout=HELLO_SECONDS))
-        if not isinstance(hello, dict):
-            raise TypeError
-        while wait := access.wait(wrong, source):
-            await asyncio.sleep(wait)
-        user = access.user_of(hello['hello']) if 'hello' in hello else None
-        if user is not None:
-            return {**hello, 'user': user}
-        wrong.note(source)
-    await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'the token is missing or wrong')
-    return None
 
 
 def certificate_problem(own: ssl.SSLContext, file: str) -> str:

@@ -25,11 +25,12 @@ from flexbt_core.clock.clock import SteadyClock
 from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.text import escape_lines, one_line
 
-from .access import ANYBODY, Access, WrongTokens, greeting
+from .access import Access
 from .drawings import NO_DRAWING, Drawing, Drawings, machine_drawing
 from .past import PagePast, moment_part
 from .picture import COMMAND_PART, PERIOD, Pictures, map_message, map_part, robot_lines
 from .requests import BURST, RATE, SHOWS_PAST, answered, folded_paths, is_harmless, operator_name, past_of, read
+from .users import User
 
 PULSE: Final = 1.0
 """Seconds after which a page gets a message in any case: without it, it takes the server for lost."""
@@ -46,15 +47,17 @@ _LOGGER: Final = logging.getLogger(__name__)
 
 
 class PageLink:
-    """A page at its WebSocket; ``source`` is the key of its address, ``operator`` the name that its user gives."""
+    """A page at its WebSocket after its first message, ``hello``; ``operator`` is the name that its user gives."""
 
-    _access: Access
     _pictures: Pictures
     _session: Session
 
-    def __init__(self, socket: web.WebSocketResponse, drawings: Drawings, source: str) -> None:
-        self.source = source
-        self.operator, self.user = '', ANYBODY
+    def __init__(
+        self, socket: web.WebSocketResponse, drawings: Drawings, access: Access, hello: dict[str, Any]
+    ) -> None:
+        self.user: User = hello['user']
+        self.operator = self.user.name or operator_name(hello)
+        self._access = access
         self._socket = socket
         self._drawings = drawings
         self._changed = asyncio.Event()
@@ -77,7 +80,7 @@ class PageLink:
         self._changed.set()
 
     async def serve(self, robot: str, station: Station, pictures: Pictures, past: PagePast, **features: bool) -> None:
-        """Show a robot, and a line for each other one, until the page or server ends it; after :meth:`is_welcome`.
+        """Show a robot, and a line for each other one, until the page or server ends it.
 
         ``past`` is what the page can show of it, and of recordings. ``features`` are told to the page: ``asks_name``,
         it asks its user for a name; ``studio``, the studio is there.
@@ -98,15 +101,6 @@ class PageLink:
             for task in (show, *self._tasks):
                 task.cancel()
             await asyncio.gather(show, *self._tasks, return_exceptions=True)
-
-    async def is_welcome(self, access: Access, wrong: WrongTokens) -> bool:
-        """Return whether the first message has the token. Nothing is sent before that."""
-        self._access = access
-        hello = await greeting(self._socket, access, wrong, self.source)
-        if hello is not None:
-            self.user = hello['user']
-            self.operator = self.user.name or operator_name(hello)
-        return hello is not None
 
     async def refuse(self, word: str, text: str, robots: Sequence[RobotOverview] = ()) -> None:
         """Send an accepted page the reason why it shows no robot, and the list of robots. The page retries."""

@@ -31,9 +31,10 @@ from flexbt_console.ui.station import Station
 from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
-from .access import CLOSED_HEADERS, Access, WrongTokens, greeting, guard, source_of
+from .access import CLOSED_HEADERS, Access, guard, source_of
 from .costmaps import show_costmaps
 from .drawings import Drawings
+from .greetings import Greetings
 from .page_link import PageLink
 from .past import LivePast, PagePast, Recordings
 from .picture import Pictures
@@ -49,13 +50,6 @@ MOST_PAGES: Final = 32
 MOST_OPERATORS: Final = 15
 """Maximum number of operators at open pages. An executive knows 16 operators of one process, one of which is the
 server itself."""
-
-MOST_GREETING: Final = 32
-"""Maximum number of WebSockets that have not sent the first message of a page yet. To accept one more, the server
-closes the oldest of the source that has the most."""
-
-GREETING_OF_SOURCE: Final = 8
-"""Maximum number of such WebSockets from one source."""
 
 PING_SECONDS: Final = 10.0
 
@@ -80,12 +74,11 @@ class WebServer:
         self._station = station
         self._access = access
         self._operator = operator
-        self._wrong = WrongTokens()
+        self._greetings = Greetings(access)
         self._pages: dict[PageLink, tuple[str, str]] = {}
         self._pictures: dict[tuple[str, str], Pictures] = {}
         self._encoder = ThreadPoolExecutor(1, 'encoder')
         self._recordings = Recordings(home_path(USER_DIRECTORY))
-        self._greeting: dict[PageLink, asyncio.Transport] = {}
         self._drawings: Drawings | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._is_told = False
@@ -162,10 +155,11 @@ class WebServer:
         """Answer the request of a page for its WebSocket, until the page ends."""
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         assert self._drawings is not None
-        page = PageLink(socket, self._drawings, source_of(request.remote))
         await socket.prepare(request)
-        if not await self._greet(page, request):
+        hello = await self._greetings.hello(socket, request)
+        if hello is None:
             return socket
+        page = PageLink(socket, self._drawings, self._access, hello)
         name = request.query.get('robot', '')
         robot = self._named(name)
         if robot is None:
@@ -211,7 +205,7 @@ class WebServer:
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)
         await socket.prepare(request)
         robot = self._named(request.query.get('robot', ''))
-        hello = await greeting(socket, self._access, self._wrong, source_of(request.remote))
+        hello = await self._greetings.hello(socket, request)
         if hello is None:
             return socket
         if robot is None or self._costmap_pages >= MOST_PAGES:
@@ -246,23 +240,6 @@ class WebServer:
     def _not_found(self, name: str) -> str:
         meant = did_you_mean(f'/{name.strip("/")}', self._robots.fleet.names)
         return f'no robot {short_repr(name)} was found{meant or ", and no other one yet"}'
-
-    async def _greet(self, page: PageLink, request: web.Request) -> bool:
-        """Return whether the page has sent the token. To make room, close the oldest page that has not sent it yet."""
-        if request.transport is None:
-            return False
-        of_source = Counter(one.source for one in self._greeting)
-        most = page.source
-        if len(self._greeting) >= MOST_GREETING:
-            most = max(of_source, key=of_source.__getitem__)
-        if len(self._greeting) >= MOST_GREETING or of_source[most] >= GREETING_OF_SOURCE:
-            oldest = next(one for one in self._greeting if one.source == most)
-            self._greeting.pop(oldest).abort()
-        self._greeting[page] = request.transport
-        try:
-            return await page.is_welcome(self._access, self._wrong)
-        finally:
-            self._greeting.pop(page, None)
 
 
 # Run the server until the operator ends it.
