@@ -24,6 +24,7 @@ from flexbt_console.errors import ConsoleError, UsageError
 from flexbt_core.clock.clock import seconds_asleep
 from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import one_line, pluralize
+from flexbt_core.values.text_files import version_of
 
 from .escalation import Call, SeenRobot
 from .rules import AlertRules, Severity, load_rules, rule_text
@@ -129,7 +130,7 @@ class Calling:
         self._look = look
         self._log = log
         self.rules = load_rules(file)
-        self._seen = self._changed_at()
+        self._seen = self._versions()
         self.rules = load_rules(file)  # again: it may have changed in between
         self._addresses: dict[tuple[str, int], _Address] = {}
         self._problem = ''
@@ -241,7 +242,7 @@ class Calling:
         self._log.warning(f'{which} was not reached: {failure}; attempt {at.failures}, the next in {pause:.0f} s')
 
     def _reload(self) -> None:
-        if (changed := self._changed_at()) == self._seen:
+        if (changed := self._versions()) == self._seen:
             return
         self._seen = changed
         try:
@@ -254,16 +255,8 @@ class Calling:
         self.rules = fresh
         self._log.info(f'{self._file} was read again: {pluralize(len(fresh.rules), "rule")}')
 
-    def _changed_at(self) -> list[tuple[int, int, int, int]]:
-        """Return what changes when the files are written, or their permissions change."""
-        found = []
-        for file in self.rules.files:
-            try:
-                status = file.stat()
-            except OSError:
-                continue
-            found.append((status.st_ino, status.st_mtime_ns, status.st_size, status.st_mode))
-        return found
+    def _versions(self) -> list[tuple[int, ...]]:
+        return [version_of(file) for file in self.rules.files]
 
     def _steady(self) -> float:
         return time.monotonic() + seconds_asleep()

@@ -368,7 +368,7 @@ def _access(line: CommandLine, access: Access) -> Access:
 
 
 def _run_users(line: CommandLine) -> ExitCode:
-    from .web.users import NAME, User, new_token, read_users, role_of, token_hash, write_users
+    from .web.users import NAME, User, read_users, role_of, token_hash, write_users
 
     file, new, gone = Path(line.first_word), line.value('--add'), line.value('--remove')
     users = list(read_users(file).values()) if file.exists() or not new else []
@@ -379,7 +379,7 @@ def _run_users(line: CommandLine) -> ExitCode:
     if new or gone:
         users = [user for user in users if user.name not in (new, gone)]
     if new:
-        token = new_token()
+        token = secrets.token_urlsafe(24)
         users.append(User(new, role_of(line.value('--role') or 'operator', '--role'), token_hash(token)))
     if new or gone:
         write_users(file, users)

@@ -74,6 +74,15 @@ def write_text(file: str | Path, text: str) -> None:
             fresh.unlink()
 
 
+def version_of(file: Path) -> tuple[int, ...]:
+    """Return numbers that change when a file is written, replaced, or gets other permissions; () if it is not there."""
+    try:
+        known = file.stat()
+    except OSError:
+        return ()
+    return known.st_mtime_ns, known.st_ctime_ns, known.st_ino, known.st_size
+
+
 def open_regular(file: str | Path, flags: int, mode: int = 0o666) -> int:
     """Return the descriptor of a regular file like :func:`os.open`, but never wait. An ``opener`` for :func:`open`.
 

@@ -3,7 +3,7 @@
 
     ann: {role: operator, token: 'sha256:…'}
 
-A token is made by :func:`new_token`, never chosen by a person: so a plain hash of it cannot be guessed from.
+A token is made of 192 random bits, never chosen by a person: so a plain hash of it cannot be guessed from.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
-import secrets
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ import yaml
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
 from flexbt_core.values.text import did_you_mean, short_repr
-from flexbt_core.values.text_files import open_regular, write_text
+from flexbt_core.values.text_files import read_text, version_of, write_text
 from flexbt_core.values.yaml_data import load_yaml
 
 NAME: Final = re.compile(r'[A-Za-z0-9_.@-]{1,64}')
@@ -50,7 +49,7 @@ class Users:
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        self._version = self._version_of_file()
+        self._version = version_of(file)
         self._users = read_users(file)
         if not self._users:
             raise UsageError(f'{file} has no user; "console users" adds one')
@@ -64,7 +63,7 @@ class Users:
         return self._newest().get(user.token) == user
 
     def _newest(self) -> Mapping[str, User]:
-        version = self._version_of_file()
+        version = version_of(self._file)
         if version != self._version:
             self._version = version
             try:
@@ -72,18 +71,6 @@ class Users:
             except UsageError as error:
                 _LOGGER.warning('%s; the users before count', error)
         return self._users
-
-    def _version_of_file(self) -> tuple[int, ...]:
-        try:
-            known = self._file.stat()
-        except OSError:
-            return ()
-        return known.st_mtime_ns, known.st_ctime_ns, known.st_ino, known.st_size
-
-
-def new_token() -> str:
-    """Return a token of 192 random bits."""
-    return secrets.token_urlsafe(24)
 
 
 def token_hash(token: str) -> str:
@@ -100,14 +87,9 @@ def read_users(file: Path) -> dict[str, User]:
     try:
         if file.stat().st_mode & 0o022:
             raise UsageError(f'{file}: others can change who may do what; chmod go-w {file}')
-        with open(file, encoding='utf-8', opener=open_regular) as stream:
-            text = stream.read(_BYTES + 1)
-    except (OSError, UnicodeDecodeError) as error:
+        known = load_yaml(read_text(file, _BYTES))
+    except OSError as error:
         raise UsageError(f'{file}: cannot be read: {error}') from None
-    if len(text) > _BYTES:
-        raise UsageError(f'{file}: has more than {_BYTES} characters')
-    try:
-        known = load_yaml(text)
     except ValueError as error:
         raise UsageError(f'{file}: {error}') from None
     if not isinstance(known, dict) or len(known) > MOST_USERS:
