@@ -169,6 +169,8 @@ class CommandBuilder:
     ) -> OperatorCommand:
         """Return a command for a tree that is held or paused; the default is the only one.
 
+        It names the hold that the operator sees: given twice, it does not let the tree go from the next one as well.
+
         Raises:
             RefusedError: no tree is held, or several are.
         """
@@ -176,6 +178,9 @@ class CommandBuilder:
         if not run_id and len(holds) != 1:
             listed = ', '.join(f'{one_line(hold.run_id)} ({one_line(hold.tree)})' for hold in holds)
             raise RefusedError(f'several trees are held; name one by --run: {listed}' if holds else 'no tree is held')
+        hold = next((one for one in holds if run_id in ('', one.run_id)), None)
+        if hold is not None and (hold.path or kind is not CommandKind.TREE_STEP):
+            run_id = f'{hold.run_id}@{hold.since * 1e6:.0f}'
         return self.command(view, kind, tree_run_id=run_id or holds[0].run_id, path=node, text=condition)
 
     def choose(self, view: View, decision: Decision, outcome: str, *, unseen: bool = False) -> OperatorCommand:

@@ -92,7 +92,9 @@ def test_what_is_held_is_shown_everywhere_with_who_and_since_when() -> None:
 def test_lines_mean_commands_for_the_tree_that_is_shown_as_held() -> None:
     held = view_of(HELD)
     stepped = command('tree step', held)
-    assert (stepped.kind, stepped.tree_run_id) == (CommandKind.TREE_STEP, 'r1')
+    assert (stepped.kind, stepped.tree_run_id) == (CommandKind.TREE_STEP, 'r1@90000000')
+    paused = replace(HELD, tree_holds=(replace(HOLD, path=''),))
+    assert command('tree step', view_of(paused)).tree_run_id == 'r1'  # of several steps each is meant
     assert command('tree run-to turn --if x>2', held).text == 'x>2'
     forced = command('tree force turn failure', view_of(SNAPSHOT))
     assert (forced.kind, forced.path, forced.outcome) == (CommandKind.TREE_FORCE, 'turn', 'FAILURE')
@@ -106,7 +108,8 @@ def test_lines_mean_commands_for_the_tree_that_is_shown_as_held() -> None:
     two = replace(HELD, tree_holds=(HOLD, replace(HOLD, run_id='r2')))
     with pytest.raises(RefusedError, match=r'several trees are held.*r1.*r2'):
         command('tree continue', view_of(two))
-    assert command('tree continue --run r2', view_of(two)).tree_run_id == 'r2'
+    assert command('tree continue --run r2', view_of(two)).tree_run_id == 'r2@90000000'
+    assert command('tree continue --run r3', view_of(two)).tree_run_id == 'r3'
 
 
 @pytest.mark.parametrize('text', ['tree force turn', 'tree force turn RUNNING', 'break', 'tree stepp', 'step under'])
@@ -173,7 +176,7 @@ def test_keys_step_and_go_on_where_something_is_held_and_offer_what_can_be_typed
     for key in (step, going):
         assert key.lines is not None
         (line,) = key.lines(held, 'ann')
-        assert command(line, held).tree_run_id == 'r1'
+        assert command(line, held).tree_run_id == 'r1@90000000'
     tree = tree_of((0, 'all of it', 'Sequence', RUNNING, IDLE))
     lines = debug_lines(tree, tree.nodes[0], has_marks=True)
     assert not by_action['debug'].blocked(view_of(SNAPSHOT, tree))

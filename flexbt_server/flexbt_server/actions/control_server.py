@@ -15,7 +15,7 @@ from flexbt_core.behavior_tree.engine.tick_control import TickCommand
 from flexbt_core.clock.work_thread import WorkThread
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import did_you_mean, sanitize_for_message, short_repr
-from flexbt_msgs.msg import TreeBreakpoint
+from flexbt_msgs.msg import TreeBreakpoint, TreeHold
 from flexbt_msgs.srv import ControlTree, GetTreeBlackboard
 from flexbt_server.errors import BreakpointError
 from flexbt_server.runs.tree_debugger import DebuggedRun, NodesOfTree, TreeDebugger, blackboard_writes
@@ -128,9 +128,13 @@ class ControlServer:
         return refusal
 
     def _find(self, run_id: str) -> tuple[RunningTree, DebuggedRun]:
-        """Return a run and its part in the debugger. Raises FlexbtError: there is none."""
+        """Return a run and its part in the debugger. Raises FlexbtError: there is none, or not this hold of it."""
+        run_id, _, since = run_id.partition('@')
         running = self._goals.running.find(run_id)
-        return running, self._debugger.run(running.id)
+        debugged = self._debugger.run(running.id)
+        if since and (debugged.hold is None or not since.isdecimal() or abs(int(since) - _since(debugged.hold)) > 1):
+            raise BreakpointError(f'{running.description} has gone on meanwhile from where it was held')
+        return running, debugged
 
     def _held(self, run_id: str) -> RunningTree:
         """Return a run that is held or paused. Raises FlexbtError: it is not."""
@@ -194,6 +198,11 @@ class ControlServer:
             response.message = sanitize_for_message(str(error))
         response.success = not response.message
         return response
+
+
+def _since(hold: TreeHold) -> int:
+    """Return when a hold began, in µs."""
+    return int(hold.since.sec) * 10**6 + int(hold.since.nanosec) // 1000
 
 
 MOST_ENTRIES: Final = 1000

@@ -224,6 +224,31 @@ def test_run_to_a_node_holds_there_once(world: ServerWorld, debugger: Debugger) 
     assert goal.result.code == Result.CANCELED
 
 
+def test_a_command_for_a_hold_that_is_over_does_not_let_the_tree_go_from_the_next_one(
+    world: ServerWorld, debugger: Debugger
+) -> None:
+    world.client.load_tree(COUNTING)
+    goal = world.client.execute()
+    wait_until(lambda: (value(world, 'ticks') or 0) > 2)
+    assert debugger.ask(Request.BREAK, 'count') == ''
+
+    def name(hold: Any) -> str:
+        return f'{hold.run_id}@{hold.since.sec * 10**6 + hold.since.nanosec // 1000}'
+
+    first = debugger.held_at('count')
+    ticks = value(world, 'ticks')
+    assert debugger.ask(Request.CONTINUE, run_id=name(first)) == ''
+    wait_until(lambda: debugger.shown.holds and debugger.shown.holds[0].since != first.since, 'the next hold')
+    for command, fields in ((Request.CONTINUE, {}), (Request.STEP, {}), (Request.SET, {'condition': 'ticks := 0'})):
+        assert 'gone on meanwhile' in debugger.ask(command, run_id=name(first), **fields)
+    assert 'gone on meanwhile' in debugger.ask(Request.RUN_TO, 'count', run_id=name(first))
+    assert 'gone on meanwhile' in debugger.ask(Request.CONTINUE, run_id=f'{first.run_id}@x')
+    assert value(world, 'ticks') == ticks + 1
+    assert debugger.ask(Request.CONTINUE, run_id=name(debugger.held_at('count'))) == ''
+    goal.call.cancel(DEADLINE)
+    assert goal.result.code == Result.CANCELED
+
+
 def test_nodes_that_do_not_exist_are_refused_with_the_one_that_was_meant(
     world: ServerWorld, debugger: Debugger
 ) -> None:
