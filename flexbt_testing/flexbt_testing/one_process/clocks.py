@@ -42,11 +42,9 @@ class Clock(Destroyable):
         if is_enabled == self.is_overridden:
             return
         change = _CHANGE.ROS_TIME_ACTIVATED if is_enabled else _CHANGE.ROS_TIME_DEACTIVATED
-        delta = (self._override - SCHEDULER.wall) * (1 if is_enabled else -1)
-        self._tell_jump(change, delta, is_before=True)
+        self._tell_jump(change, 0, is_before=True)
         self.is_overridden = is_enabled
-        self._tell_jump(change, delta, is_before=False)
-        self._wake_timers()
+        self._tell_jump(change, 0, is_before=False)
 
     def set_ros_time_override(self, time_point: Any) -> None:
         delta = time_point.nanoseconds - self._override
@@ -55,7 +53,6 @@ class Clock(Destroyable):
         self._override = time_point.nanoseconds
         if self.is_overridden:
             self._tell_jump(_CHANGE.ROS_TIME_NO_CHANGE, delta, is_before=False)
-            self._wake_timers()
 
     def add_clock_callback(self, handle: Any, on_change: bool, forward: int, backward: int) -> None:
         self._jump_handles.append((handle, on_change, forward, backward))
@@ -65,6 +62,11 @@ class Clock(Destroyable):
 
     def _tell_jump(self, change: Any, delta: int, is_before: bool) -> None:
         is_change = change != _CHANGE.ROS_TIME_NO_CHANGE
+        for timer in self.timers:
+            if not is_before:
+                timer.follow_jump(is_change)
+            elif is_change:
+                timer.save_credit()
         for handle, on_change, forward, backward in tuple(self._jump_handles):
             is_meant = on_change if is_change else (forward and delta >= forward) or (backward and delta <= backward)
             if not is_meant:
@@ -73,11 +75,6 @@ class Clock(Destroyable):
                 handle._pre_callback()
             elif not is_before and handle._post_callback is not None:
                 handle._post_callback({'clock_change': change, 'delta': delta})
-
-    def _wake_timers(self) -> None:
-        for timer in self.timers:
-            if timer.is_ready():
-                timer.notify()
 
     def ends_wait(self, timer: Timer) -> bool:
         """Return whether the passing of steady time makes a timer of this clock ready."""
@@ -121,6 +118,7 @@ class Timer(Entity):
         self.next = clock.nanoseconds() + period
         self._period = period
         self._last = clock.nanoseconds()
+        self._credit = 0
         clock.timers.append(self)
 
     def is_ready(self) -> bool:
@@ -159,8 +157,25 @@ class Timer(Entity):
         now = self.clock.nanoseconds()
         self._last = now
         self.next += self._period
-        if self.next < now:
+        if self.next <= now:
             self.next = now if not self._period else self.next + (1 + (now - self.next) // self._period) * self._period
+
+    def save_credit(self) -> None:
+        """Note, before the source of ROS time changes, how long it has to wait."""
+        if now := self.clock.nanoseconds():
+            self._credit = self.next - now
+
+    def follow_jump(self, is_change: bool) -> None:
+        """Become ready, or wait for a period from now, after a jump of ROS time, as ``_rcl_timer_time_jump`` of rcl."""
+        now = self.clock.nanoseconds()
+        if is_change:
+            if now and self._credit:
+                self._last, self._credit = now - self._credit, 0
+                self.next = self._last + self._period
+        elif self.next <= now:
+            self.notify()
+        elif now < self._last:
+            self.next, self._last = now + self._period, now
 
     def time_until_next_call(self) -> int | None:
         return None if self.is_canceled else self.next - self.clock.nanoseconds()
@@ -187,6 +202,9 @@ class GuardCondition(Entity):
     def is_ready(self) -> bool:
         return self.is_triggered
 
+
+_POLL: Final = SECOND // 10_000
+"""Time that a wait with a timeout of 0 takes, ns: a loop of them must not hold the clock."""
 
 _KINDS: Final = ('subscription', 'guard_condition', 'timer', 'client', 'service', 'event')
 
@@ -254,7 +272,7 @@ class WaitSet(Destroyable):
         entities = self.entities()
         until = None if timeout < 0 else SCHEDULER.now + timeout
         if timeout == 0:
-            SCHEDULER.yield_turn()
+            SCHEDULER.block('a poll', SCHEDULER.now + _POLL)
         while True:
             self.look()
             if self._ready or (until is not None and SCHEDULER.now >= until):

@@ -29,10 +29,10 @@ _CLOSE_SECONDS: Final = 1.7
 _RANKS: Final = {'timer': 1, 'subscription': 2, 'guard_condition': 3, 'client': 4, 'service': 5}
 
 
-def kill(process: Process) -> None:
-    """End a process as SIGKILL does: no task of it runs again. The graph shows it until its lease has passed."""
+def end(process: Process, exit_code: int = -9) -> None:
+    """End a process, by default as SIGKILL does: no task of it runs again. The graph shows it until its lease ends."""
     SCHEDULER.abandon(process)
-    process.exit_code = -9
+    process.exit_code = exit_code
     for release in process.kept_files:
         release()
     for task in SCHEDULER.tasks:
@@ -260,8 +260,7 @@ def install() -> None:
             process = SCHEDULER.current.process
 
             def leave() -> None:
-                kill(process)
-                process.exit_code = int(not runtime.is_at_rest or runtime.has_failed)
+                end(process, int(not runtime.is_at_rest or runtime.has_failed))
 
             alarm = SCHEDULER.call_at(SCHEDULER.after(_CLOSE_SECONDS), leave)
             runtime.close()

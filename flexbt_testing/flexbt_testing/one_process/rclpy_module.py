@@ -114,7 +114,8 @@ def _log(severity: Any, name: str, text: str, *where: Any) -> None:
     if SCHEDULER.current.process is SCHEDULER.main.process:  # of the test, which may look at its streams
         REAL.rclpy_logging_rcutils_log(severity, name, text, *where)
     DOMAIN.log.append((SCHEDULER.now, SCHEDULER.current.process, int(severity), name, text))
-    node = next((one for one in DOMAIN.nodes if one.rosout is not None and one.logger_name() == name), None)
+    own = (one for one in DOMAIN.nodes if one.process is SCHEDULER.current.process and one.rosout is not None)
+    node = next((one for one in own if one.logger_name() == name), None)
     if node is not None:
         from builtin_interfaces.msg import Time
         from rcl_interfaces.msg import Log

@@ -78,6 +78,8 @@ class Task:
         self.is_woken = True
         self.waits_for: object = ''
         self.answer: Any = None
+        self.error: BaseException | None = None
+        """What its present or next wait raises."""
         self.thread: Any = None
         self.joining: list[Task] = []
         self.baton: Any = None
@@ -149,8 +151,11 @@ class Scheduler:
     def reset(self, seed: int) -> None:
         """Begin a new world: seed 0 keeps the order of readiness, any other one draws the order.
 
-        The calling thread is its first task. Tasks of the world before are never continued.
+        The calling thread is its first task. Tasks of the world before are never continued: its processes are dead, and
+        what still refers to their locks and queues wakes nobody.
         """
+        for process in getattr(self, 'processes', {}).values():
+            self.abandon(process)
         self.seed = seed
         self.now = BOOT
         self.random = random.Random(seed)
@@ -209,8 +214,8 @@ class Scheduler:
             self._ready.append(task)
 
     def wake(self, task: Task, answer: Any = None) -> bool:
-        """End the wait of a blocked task with this answer. Return False if it is woken already, or done."""
-        if task.is_woken or task.is_done:
+        """End the wait of a blocked task with this answer. Return False if it is woken already, done, or dead."""
+        if task.is_woken or task.is_done or not task.process.is_alive:
             return False
         task.is_woken = True
         task.answer = answer
@@ -222,13 +227,17 @@ class Scheduler:
         task = self.current
         task.is_woken, task.answer, task.waits_for = False, None, why
         alarm = None if until is None else self.call_at(until, lambda: self.wake(task))
-        self._give_away(task)
-        if alarm is not None:
-            alarm.cancel()
-        answer = task.answer
-        if isinstance(answer, StuckWorldError):
-            raise answer
-        return answer
+        try:
+            self._give_away(task)
+        finally:
+            if alarm is not None:
+                alarm.cancel()
+        return task.answer
+
+    def throw(self, error: BaseException) -> None:
+        """Raise an error in the first task, which is the test, where it waits or will wait next."""
+        self.main.error = error
+        self.wake(self.main)
 
     def yield_turn(self) -> None:
         """Let the other ready tasks run."""
@@ -279,15 +288,17 @@ class Scheduler:
     def _give_away(self, task: Task | None) -> None:
         """Let the next task run; return when it is the turn of ``task`` again, never for None."""
         following = self._next()
-        if following is task:
-            return
-        self.current = following
-        self.switches += 1
-        self.looks = 0
-        self.now += STEP
-        if self.trace is not None:
-            self.trace(following, self.now)
-        following.baton.take(None if task is None else task.baton)
+        if following is not task:
+            self.current = following
+            self.switches += 1
+            self.looks = 0
+            self.now += STEP
+            if self.trace is not None:
+                self.trace(following, self.now)
+            following.baton.take(None if task is None else task.baton)
+        if task is not None and task.error is not None:
+            error, task.error = task.error, None
+            raise error
 
     def _next(self) -> Task:
         ready = self._ready
@@ -314,10 +325,12 @@ class Scheduler:
             heapq.heappop(self._alarms)
         if not self._alarms:
             lines = (f'  {task}: {task.waits_for}' for task in [*self.tasks, self.main])
-            self._fail('nothing can happen any more; the tasks wait for:\n' + '\n'.join(lines))
+            self.throw(StuckWorldError('nothing can happen any more; the tasks wait for:\n' + '\n'.join(lines)))
         elif self.limit is not None and self._alarms[0][0] > self.limit:
             self.limit = None
-            self._fail(f'the world has passed its limit, {(self.now - BOOT) / SECOND:.3f} s after its begin')
+            self.throw(
+                StuckWorldError(f'the world has passed its limit, {(self.now - BOOT) / SECOND:.3f} s after its begin')
+            )
         else:
             self.now = max(self.now, self._alarms[0][0])
             self._sound()
@@ -331,17 +344,15 @@ class Scheduler:
             finally:
                 self.preemption = preemption
 
-    def _fail(self, why: str) -> None:
-        if not self.wake(self.main, StuckWorldError(why)):
-            raise StuckWorldError(why)
-
     def _check_progress(self) -> None:
         since, switches = self._still
         if self.now - since > SECOND // 1000:
             self._still = (self.now, self.switches)
         elif self.switches - switches > MOST_SWITCHES:
             self._still = (self.now, self.switches)
-            self._fail(f'{MOST_SWITCHES} switches within a millisecond: {self.current} and others loop')
+            self.throw(
+                StuckWorldError(f'{MOST_SWITCHES} switches within a millisecond: {self.current} and others loop')
+            )
 
     # -- time
 

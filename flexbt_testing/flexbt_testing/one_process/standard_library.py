@@ -51,11 +51,11 @@ class Lock:
             return False
         task = SCHEDULER.current
         self._waiting.append(task)
-        if SCHEDULER.block(self, None if timeout < 0 else SCHEDULER.after(timeout)) is None:
+        try:
+            return SCHEDULER.block(self, None if timeout < 0 else SCHEDULER.after(timeout)) is not None
+        finally:
             if task in self._waiting:
                 self._waiting.remove(task)
-            return False
-        return True
 
     def release(self) -> None:
         if self._owner is None:

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -17,7 +16,7 @@ from typing import Any, Final
 from . import rclpy_globals
 from .graph import DOMAIN
 from .network import OPERATOR, ROBOT, Network
-from .product import install, kill
+from .product import end, install
 from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, Process
 
 install()
@@ -395,50 +394,55 @@ class World(Mission):
         self.processes: dict[str, Process] = {}
         namespaces = [one.namespace for one in self.programs.values() if one.executable == 'onboard_executive']
         super().__init__(self, namespaces[0] if namespaces else '')
-        self.robots: dict[str, Mission] = {self.namespace: self}
+        self.robots: dict[str, Mission] = {self.namespace: self} if namespaces else {}
         self.robots |= {name: Mission(self, name) for name in namespaces[1:]}
         self._operator = operator
         self._writable = list(writable)
 
     def __enter__(self) -> World:
-        self.home = Path(tempfile.mkdtemp(prefix='flexbt_world_'))
-        self._environment = {name: os.environ.get(name) for name in ('HOME', 'ROS_HOME', 'ROS_LOG_DIR')}
-        os.environ.update(HOME=str(self.home), ROS_HOME=str(self.home / 'ros'), ROS_LOG_DIR=str(self.home / 'log'))
-        BOUNDARY.close_around([self.home, *self._writable])
-        World.current = self
-        for name in self.programs:
-            self.launch(name)
-        self.observer = NodeRuntime('observer', args=[])
-        with _acting_as(SCHEDULER.process(OPERATOR)):
-            self._station = NodeRuntime('operator', args=[])
-            for mission in self.robots.values():
-                mission.open(self._station, self.observer, self._operator)
+        with ExitStack() as stack:
+            made = tempfile.TemporaryDirectory(prefix='flexbt_world_', ignore_cleanup_errors=True)
+            self.home = home = Path(stack.enter_context(made))
+            stack.enter_context(_environment(HOME=home, ROS_HOME=home / 'ros', ROS_LOG_DIR=home / 'log'))
+            stack.callback(BOUNDARY.open)
+            BOUNDARY.close_around([self.home, *self._writable])
+            stack.callback(setattr, World, 'current', None)
+            World.current = self
+            stack.callback(self._end_programs)
+            for name in self.programs:
+                self.launch(name)
+            self.observer = NodeRuntime('observer', args=[])
+            stack.callback(self.observer.close)
+            with _acting_as(SCHEDULER.process(OPERATOR)):
+                self._station = NodeRuntime('operator', args=[])
+                stack.callback(self._station.close)
+                for mission in self.robots.values():
+                    mission.open(self._station, self.observer, self._operator)
+            self._wait_ready()
+            self._at_end = stack.pop_all()
+        return self
+
+    def _wait_ready(self) -> None:
         for name, mission in self.robots.items():
             own = {one.executable for one in self.programs.values() if one.namespace == name}
             here = {'navigation' if node in ('simulation', 'abstract_robot') else node for node in own & _NODES}
             mission.run_until(lambda _view: mission.is_ready(here), READY_SECONDS)  # noqa: B023
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End all processes in order, those that are killed or stopped aside."""
-        self._station.close()
-        self.observer.close()
+        self._at_end.close()
+
+    def _end_programs(self) -> None:
         for name in self.processes:
             self.terminate(name)
-        self.run(3.0)
-        for process in self.processes.values():
-            if process.is_alive:
-                kill(process)
-        BOUNDARY.open()
-        World.current = None
-        for name, value in self._environment.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-        shutil.rmtree(self.home, ignore_errors=True)
+        try:
+            self.run(3.0)
+        finally:
+            for process in self.processes.values():
+                if process.is_alive:
+                    end(process)
 
     def report(self) -> str:
         """Return what the robots did, for a failed test."""
@@ -465,9 +469,16 @@ class World(Mission):
         SCHEDULER.sleep(seconds)
 
     def at(self, time: float, act: Callable[[], object]) -> None:
-        """Call ``act`` at a time of this world, s, on a thread of its own."""
+        """Call ``act`` at a time of this world, s, on a thread of its own. A wait of the test raises what it raises."""
+
+        def body() -> None:
+            try:
+                act()
+            except BaseException as error:
+                SCHEDULER.throw(error)
+
         SCHEDULER.call_at(
-            BOOT + int(time * SECOND), lambda: SCHEDULER.spawn(act, f'at {time:g} s', SCHEDULER.main.process)
+            BOOT + int(time * SECOND), lambda: SCHEDULER.spawn(body, f'at {time:g} s', SCHEDULER.main.process)
         )
 
     def run_while(self, condition: Callable[[], object], what: str) -> None:
@@ -499,14 +510,16 @@ class World(Mission):
         process.arguments = made.arguments()
 
         def body() -> None:
+            code: object = 1
             try:
-                process.exit_code = main()
+                code = main()
+            except SystemExit as left:
+                code = left.code
             except BaseException as error:
-                process.exit_code = 1
                 self.tell(f'{made.name}: {type(error).__name__}: {error}')
                 raise
             finally:
-                process.is_alive = False
+                end(process, code if isinstance(code, int) else int(code is not None))
 
         self.processes[made.name] = process
         SCHEDULER.spawn(body, 'MainThread', process)
@@ -515,7 +528,7 @@ class World(Mission):
     def kill(self, name: str) -> None:
         """End a process as SIGKILL does."""
         self.tell(f'test: kills {name}')
-        kill(self._alive(name))
+        end(self._alive(name))
 
     def terminate(self, name: str) -> None:
         """Send SIGTERM; no effect on a process that has ended."""
@@ -607,6 +620,20 @@ class _ToldEvents(EventStream):
 
 
 setattr(executive, 'EventStream', _ToldEvents)  # noqa: B010 - a name that it has imported
+
+
+@contextmanager
+def _environment(**variables: Path | str) -> Iterator[None]:
+    """Set environment variables, for a time."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update({name: str(value) for name, value in variables.items()})
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+import rclpy
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from lifecycle_msgs.msg import State, Transition
@@ -97,6 +98,8 @@ def test_a_queue_of_requests_keeps_the_newest(ros: Any) -> None:
     ros.spin(server)
     assert ros.result(futures[4]) is not None
     assert asked[-1] is True
+    if rclpy.get_rmw_implementation_identifier() == 'one_process':  # where all have arrived before the server looks
+        assert asked == [True, True]
 
 
 # Actions

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +22,18 @@ from std_srvs.srv import Trigger
 
 from flexbt_core.errors import FlexbtError
 from flexbt_testing.one_process.boundary import BOUNDARY, OutsideWorldError
-from flexbt_testing.one_process.programs import named_programs
+from flexbt_testing.one_process.graph import DOMAIN
+from flexbt_testing.one_process.programs import Program, named_programs
+from flexbt_testing.one_process.scheduler import Process
 from flexbt_testing.one_process.world import World
+
+
+@pytest.fixture
+def bare() -> Iterator[World]:
+    """Yield a world without a robot."""
+    idle = Program('', 'idle', main=lambda: time.sleep(1e6))
+    with World(0, [idle]) as made:
+        yield made
 
 
 def test_the_robot_gets_to_the_kitchen(world: World) -> None:
@@ -86,14 +99,119 @@ def test_pauses_faults_and_forced_outcomes(world: World) -> None:
 @pytest.mark.world(motion='abstract')
 def test_an_operator_without_a_link_misses_nothing(world: World) -> None:
     world.start('Navigate')
-    world.answer('/AskGoal', 'dock')
-    world.cut('operator', 20.0)
-    world.hold_up('bt_server')
-    world.run(10.0)
+    world.answer('/AskGoal', 'kitchen')
+    world.run(1.0)
+    began = world.now
+    world.cut('operator', 60.0)
+    world.run_while(lambda: world.transitions[-1] != ('/Drive', 'done'), 'the drive')
+    assert world.now - began < 58.0
     assert not world.view.live
-    world.resume('bt_server')
+    assert world.view.active_paths == ('/Drive',)
     world.run_until(lambda view: view.live)
-    assert world.now > 20.0
+    assert 60.0 <= world.now - began < 63.0
+    world.answer('/AskGoal', 'dock')
+    world.run_until(world.asks('/AskGoal'))
+    assert world.robot.near('dock')
+
+
+@pytest.mark.world(motion='abstract')
+def test_what_happens_at_a_time_may_fail_the_test(world: World) -> None:
+    world.at(world.now + 1.0, lambda: world.kill('nobody'))
+    with pytest.raises(AssertionError, match="there is no process 'nobody'"):
+        world.run(60.0)
+    assert world.now < 10.0
+
+
+def test_a_world_that_does_not_get_ready_leaves_nothing_behind() -> None:
+    before = dict(os.environ)
+    world = World(0, [Program('', 'onboard_executive', main=lambda: time.sleep(1e6))])
+    with pytest.raises(AssertionError, match='not within 180 s'), world:
+        pass
+    assert os.environ == before
+    assert not world.home.exists()
+    assert World.current is None
+    assert world.processes['onboard_executive'].exit_code == -9
+    subprocess.run(['true'], check=True)
+
+
+@pytest.mark.parametrize(
+    ('ends', 'code'),
+    [
+        (lambda: None, 0),
+        (lambda: 2, 2),
+        (lambda: sys.exit(), 0),
+        (lambda: sys.exit(0), 0),
+        (lambda: sys.exit(3), 3),
+        (lambda: sys.exit('why'), 1),
+        (lambda: [][0], 1),
+    ],
+)
+def test_a_program_has_the_exit_code_that_its_process_would_have(
+    bare: World, ends: Callable[[], object], code: int
+) -> None:
+    program = bare.launch(ends)
+    bare.run_while(lambda: program.is_alive, 'the program')
+    assert program.exit_code == code
+
+
+def test_the_end_of_a_program_ends_what_it_had(bare: World) -> None:
+    kept: list[Any] = []
+    lock = threading.Lock()
+
+    def leave() -> None:
+        lock.acquire()
+        rclpy.init()
+        kept.append(rclpy.create_node('left'))
+        threading.Timer(5.0, kept.append, ['still there']).start()
+
+    def names() -> list[str]:
+        return bare.observer.node.get_node_names()
+
+    bare.launch(leave)
+    bare.run(1.0)
+    assert lock.acquire(timeout=1.0)
+    assert 'left' in names()
+    bare.run_while(lambda: 'left' in names(), 'the middleware')
+    assert len(kept) == 1
+
+
+def test_a_program_that_spins_without_waiting_does_not_hold_the_clock(bare: World) -> None:
+    heard: list[str] = []
+
+    def poll() -> None:
+        rclpy.init()
+        node = rclpy.create_node('polling')
+        node.create_subscription(String, 'words', lambda message: heard.append(message.data), 10)
+        while not heard:
+            rclpy.spin_once(node, timeout_sec=0)
+
+    program = bare.launch(poll)
+    publisher = bare.observer.node.create_publisher(String, 'words', 10)
+    bare.run_while(lambda: not publisher.get_subscription_count(), 'the program')
+    bare.run(0.5)
+    publisher.publish(String(data='hello'))
+    bare.run_while(lambda: program.is_alive, 'the program')
+    assert heard == ['hello']
+
+
+def test_the_log_of_a_process_is_told_by_itself(bare: World) -> None:
+    told: list[tuple[Process, str]] = []
+
+    def talk() -> None:
+        rclpy.init()
+        node = rclpy.create_node('talker')
+        while True:
+            node.get_logger().info('hello')
+            time.sleep(1.0)
+
+    DOMAIN.on_message = lambda process, topic, _sample: told.append((process, topic))
+    first = bare.launch(talk)
+    bare.run(2.5)
+    bare.kill('talk')
+    second = bare.launch(talk)
+    bare.run(2.5)
+    bare.kill('talk')
+    assert [process for process, topic in told if topic == '/rosout'] == [first] * 3 + [second] * 3
 
 
 @pytest.mark.world('night_watch', motion='abstract')
@@ -148,7 +266,7 @@ def test_programs_with_rclpy_have_each_their_default_context(world: World) -> No
     world.launch(serve)
     world.run_while(lambda: first.is_alive, 'the client')
     assert heard == ['server answers']
-    assert first.exit_code is None
+    assert first.exit_code == 0
     world.kill('serve')
 
 

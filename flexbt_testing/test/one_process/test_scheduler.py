@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The scheduler under a world: what ends with a world, what wakes whom, and who gets an error."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from flexbt_testing.one_process.scheduler import SCHEDULER, SECOND
+
+
+def test_threads_of_a_former_world_never_run_again() -> None:
+    """Their pool wakes them when it is collected, and locks and events that others still have do."""
+    ran: list[str] = []
+    SCHEDULER.reset(0)
+    pool = ThreadPoolExecutor()
+    assert pool.submit(ran.append, 'pool').result() is None
+    event, lock = threading.Event(), threading.Lock()
+    lock.acquire()
+    for wait in (event.wait, lock.acquire):
+        threading.Thread(target=lambda wait=wait: ran.append(f'{wait()}')).start()
+    before = [*SCHEDULER.tasks]
+    SCHEDULER.reset(0)
+    event.set()
+    lock.release()
+    del pool
+    gc.collect()
+    time.sleep(1.0)
+    assert ran == ['pool']
+    assert not any(task.process.is_alive or task.is_ready for task in before)
+    assert lock.acquire(timeout=1.0)
+
+
+def test_what_nobody_else_can_raise_reaches_the_test_where_it_waits() -> None:
+    def fail() -> None:
+        SCHEDULER.sleep(1.0)
+        SCHEDULER.throw(ValueError('of another task'))
+
+    SCHEDULER.spawn(fail, 'failing')
+    began = SCHEDULER.now
+    with pytest.raises(ValueError, match='of another task'):
+        time.sleep(60.0)
+    assert SCHEDULER.now - began < 2 * SECOND
+    time.sleep(120.0)  # the alarm of the wait before wakes nobody
+    assert SCHEDULER.now - began > 120 * SECOND
