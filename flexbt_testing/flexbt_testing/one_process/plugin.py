@@ -10,6 +10,7 @@ from __future__ import annotations
 import faulthandler
 import importlib
 import os
+import shlex
 import signal
 from collections.abc import Generator, Iterator
 from typing import Any, Final
@@ -32,6 +33,7 @@ _SIMULATED_SECONDS: Final = 3600.0
 
 
 _WORLD: Final = pytest.StashKey[Any]()
+_TOLD: Final = pytest.StashKey[list[str]]()
 
 
 class TooLongError(Exception):
@@ -47,7 +49,19 @@ def pytest_load_initial_conftests(early_config: pytest.Config) -> None:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option of coverage."""
     about = 'tell which transitions, outcomes and tree nodes the tests of the fixture `world` have taken'
-    parser.getgroup('flexbt').addoption('--mission-coverage', action='store_true', help=about)
+    group = parser.getgroup('flexbt')
+    group.addoption('--mission-coverage', action='store_true', help=about)
+    about = (
+        'run each test of the fixture `world` a second time from SECONDS of its world on, with a change that is a '
+        'method of the world, such as "12.5 choose /Drive canceled", and tell the first difference'
+    )
+    group.addoption(
+        '--live',
+        metavar='"SECONDS ARGUMENTS"',
+        help='run a test of the fixture `world` until this time of its world; then in real time, with a console, to '
+        'which the arguments are given, such as "12.5 prompt" or "12.5 web"',
+    )
+    group.addoption('--what-if', metavar='"SECONDS METHOD ARGUMENTS"', help=about)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -71,7 +85,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Repeat tests of the fixture ``world``."""
-    if 'world' in metafunc.fixturenames:
+    found = metafunc._arg2fixturedefs.get('world')
+    if found and found[-1].func.__module__ == __name__:  # and not a fixture of that name of the test's own
         mark = metafunc.definition.get_closest_marker('seeds')
         given = os.environ.get('FLEXBT_SEED')
         seeds = [int(given)] if given else range(mark.args[0] if mark else 1)
@@ -121,6 +136,56 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, Any, Any]:
+    """Run what follows a change in a child, too, and compare."""
+    from .forks import Fork, Leaf
+    from .what_if import compare, read_change
+
+    made, change = pyfuncitem.stash.get(_WORLD, None), pyfuncitem.config.getoption('--what-if')
+    live = pyfuncitem.config.getoption('--live')
+    if made is not None and live is not None:
+        return (yield from _live(pyfuncitem, made, live))
+    if made is None or not change:
+        return (yield)
+    try:
+        time, act = read_change(change, made)
+    except ValueError as error:
+        pytest.exit(f'--what-if {error}', returncode=pytest.ExitCode.USAGE_ERROR)
+    branch = made.branch_at(time, lambda _world: act())
+    failed: BaseException | None = None
+    try:
+        return (yield)
+    except BaseException as error:
+        failed = error
+        raise
+    finally:
+        course = made.course_since(branch.first, failed)
+        if isinstance(branch.side, Leaf):
+            branch.side.end(lambda: course)
+        told = f'the test has ended at {made.now:.2f} s, before {time:g} s'
+        if isinstance(branch.side, Fork):
+            told = str(compare(course, branch.side.result()))
+        pyfuncitem.config.stash.setdefault(_TOLD, []).append(f'{pyfuncitem.name}: {told}')
+
+
+def _live(item: pytest.Function, made: Any, text: str) -> Generator[None, Any, Any]:
+    from .live import TakenOver, take_over
+
+    seconds, *words = shlex.split(text)
+    SCHEDULER.call_at(BOOT + int(float(seconds) * SECOND), lambda: SCHEDULER.throw(TakenOver()))
+    try:
+        return (yield)
+    except TakenOver:
+        capture: Any = item.config.pluginmanager.getplugin('capturemanager')
+        capture.suspend_global_capture(in_=True)
+        try:
+            take_over(made, words)
+        finally:
+            capture.resume_global_capture()
+        return True
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
     """Tell what the robots of a failed test did, and how to repeat it."""
     report = yield
@@ -138,7 +203,10 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
-    """Print the coverage of missions."""
+    """Print comparisons, and the coverage of missions."""
+    for told in config.stash.get(_TOLD, []):
+        terminalreporter.section(f'what if {config.getoption("--what-if")}')
+        terminalreporter.write_line(told)
     if config.getoption('--mission-coverage'):
         from .coverage import COVERAGE
 

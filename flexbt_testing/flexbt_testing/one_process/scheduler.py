@@ -165,6 +165,8 @@ class Scheduler:
         self.limit: int | None = None
         """Time at which the world counts as stuck, ns."""
         self.trace: Callable[[Task, int], object] | None = None
+        self.pace: Callable[[int], bool] | None = None
+        """Function that waits before the clock jumps to a time, ns; False: something else has come, look again."""
         self.switches = 0
         self.looks = 0
         self.tasks: list[Task] = []
@@ -331,7 +333,7 @@ class Scheduler:
             self.throw(
                 StuckWorldError(f'the world has passed its limit, {(self.now - BOOT) / SECOND:.3f} s after its begin')
             )
-        else:
+        elif self.pace is None or self.pace(self._alarms[0][0]):
             self.now = max(self.now, self._alarms[0][0])
             self._sound()
 

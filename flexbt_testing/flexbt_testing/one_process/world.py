@@ -5,6 +5,8 @@ from __future__ import annotations
 
 import math
 import os
+import random
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -17,17 +19,19 @@ from . import rclpy_globals
 from .graph import DOMAIN
 from .network import OPERATOR, ROBOT, Network
 from .product import end, install
-from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, Process
+from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, Process, StuckWorldError
 
 install()
 rclpy_globals.install()
 
 import yaml  # noqa: E402 - in the world, as all that follows
+from ament_index_python.packages import get_package_share_directory  # noqa: E402
 from geometry_msgs.msg import PoseStamped  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity  # noqa: E402
 
 from flexbt_common import names  # noqa: E402
+from flexbt_common.files import resolve_file  # noqa: E402
 from flexbt_common.runtime.node_runtime import NodeRuntime  # noqa: E402
 from flexbt_console.commands.command_builder import CommandBuilder  # noqa: E402
 from flexbt_console.link.operator_link import ExecutiveLink  # noqa: E402
@@ -35,8 +39,8 @@ from flexbt_console.mirror.command_tracker import CommandState  # noqa: E402
 from flexbt_console.mirror.mirror import Change, Mirror  # noqa: E402
 from flexbt_console.mirror.records import AutonomyLevel, CommandKind, Decision, ExecutiveState  # noqa: E402
 from flexbt_console.mirror.view import View  # noqa: E402
-from flexbt_core.values.text import did_you_mean  # noqa: E402
-from flexbt_msgs.action import BtGetData  # noqa: E402
+from flexbt_core.values.text import did_you_mean, one_line  # noqa: E402
+from flexbt_msgs.action import BtGetData, BtLoad  # noqa: E402
 from flexbt_msgs.msg import BehaviorStructure, TreeStatus, TreeStructure  # noqa: E402
 from flexbt_msgs.srv import SetFault  # noqa: E402
 from flexbt_onboard.link.event_stream import EventStream  # noqa: E402
@@ -45,7 +49,9 @@ from flexbt_sim.world import Pose  # noqa: E402
 
 from .boundary import BOUNDARY  # noqa: E402
 from .coverage import COVERAGE  # noqa: E402
+from .forks import Branch, Fork, Leaf, fork_world  # noqa: E402
 from .programs import Program, robot_programs  # noqa: E402
+from .what_if import TOLERANCE, Comparison, Course, Event, compare, executive_event, tree_events  # noqa: E402
 
 ANSWER_SECONDS: Final = 60.0
 """Simulated time that the operator waits for a decision or for the effect of a command, s."""
@@ -180,16 +186,23 @@ class Mission:
 
         A message is a dictionary. Raises AssertionError if there is no such entry.
         """
-        client = ActionClient(self._world.observer.node, BtGetData, names.of_robot(self._own, names.BT_GET_DATA))
         request = BtGetData.Goal(blackboard=blackboard, keys=[key], encoding=BtGetData.Goal.TEXT)
+        return yaml.safe_load(self._ask_server(BtGetData, names.BT_GET_DATA, request).entries[0].text)
+
+    def load_tree(self, file: str) -> None:
+        """Let the BT server read a file of trees, ``package/relative/path``. Raises AssertionError if it is refused."""
+        self._ask_server(BtLoad, names.BT_LOADER, BtLoad.Goal(files=[file]))
+
+    def _ask_server(self, kind: Any, name: str, request: Any) -> Any:
+        client = ActionClient(self._world.observer.node, kind, names.of_robot(self._own, name))
         try:
             self._world.run_while(lambda: not client.server_is_ready(), 'the BT server')
             goal = self._world.result(client.send_goal_async(request), 'the BT server')
             result = self._world.result(goal.get_result_async(), 'the BT server').result
         finally:
             client.destroy()
-        assert result.code == BtGetData.Result.SUCCESS, result.message
-        return yaml.safe_load(result.entries[0].text)
+        assert result.code == kind.Result.SUCCESS, result.message
+        return result
 
     # -- the operator
 
@@ -344,6 +357,22 @@ class Mission:
         self.tell(f'executive: {path} left by {outcome} ({reason})')
         COVERAGE.add_transition(behavior, path, outcome)
 
+    def add_event(self, event: str, fields: Mapping[str, Any]) -> None:
+        """Add an event of the executive."""
+        if what := executive_event(event, fields):
+            self._add_event('executive', what)
+
+    def _add_event(self, who: str, what: str) -> None:
+        robot = f'{self.namespace}: ' if self.namespace else ''
+        self._world.events.append(Event(self._world.now, f'{robot}{who}', what))
+
+    def end(self) -> str:
+        """Return where the run and the robot are now, as one line."""
+        run = self.outcome or f'in {", ".join(self.view.active_paths) or "no state"}'
+        pose, robot = self.robot.pose, f'{self.namespace}: ' if self.namespace else ''
+        place = f'({pose.x:.2f}, {pose.y:.2f})' if pose else 'an unknown place'
+        return f'{robot}{run}; the robot at {place}, {self.robot.length:.2f} m driven'
+
     def _read_tree(self, message: Any) -> None:
         if (message.run_id, message.number) not in self._trees:
             self._trees[message.run_id, message.number] = message
@@ -353,6 +382,8 @@ class Mission:
         tree = self._trees.get((message.run_id, message.structure))
         if tree is None:
             return
+        for what in tree_events(tree, message):
+            self._add_event(f'tree {tree.behavior_tree}', what)
         for change in message.changes:
             node = tree.nodes[change.uid - 1]
             COVERAGE.add_status(tree.behavior_tree, node.path, change.status)
@@ -387,9 +418,12 @@ class World(Mission):
         """``writable`` are directories in which the programs may write files, besides that of the world."""
         SCHEDULER.reset(seed)
         DOMAIN.reset()
+        random.seed(seed)
         self.seed = seed
         self.story: list[str] = []
         """What has happened, a line each, for the report of a failed test."""
+        self.events: list[Event] = []
+        """What the executives and trees have decided."""
         self.programs = {program.name: program for program in programs or robot_programs()}
         self.processes: dict[str, Process] = {}
         namespaces = [one.namespace for one in self.programs.values() if one.executable == 'onboard_executive']
@@ -400,12 +434,17 @@ class World(Mission):
         self._writable = list(writable)
 
     def __enter__(self) -> World:
+        self.outside = dict(os.environ)
         with ExitStack() as stack:
             made = tempfile.TemporaryDirectory(prefix='flexbt_world_', ignore_cleanup_errors=True)
-            self.home = home = Path(stack.enter_context(made))
-            stack.enter_context(_environment(HOME=home, ROS_HOME=home / 'ros', ROS_LOG_DIR=home / 'log'))
+            self._folder = Path(stack.enter_context(made))
+            self._directory = os.open(self._folder, os.O_RDONLY)
+            stack.callback(os.close, self._directory)
+            self.home = home = Path(f'/proc/self/fd/{self._directory}')  # by which each fork finds files of its own
+            variables = {'HOME': home, 'ROS_HOME': home / 'ros', 'ROS_LOG_DIR': home / 'log'}
+            stack.enter_context(_environment(**variables, AMENT_PREFIX_PATH=os.environ.get('AMENT_PREFIX_PATH', '')))
             stack.callback(BOUNDARY.open)
-            BOUNDARY.close_around([self.home, *self._writable])
+            BOUNDARY.close_around([self.home, self._folder, *self._writable])
             stack.callback(setattr, World, 'current', None)
             World.current = self
             stack.callback(self._end_programs)
@@ -492,6 +531,88 @@ class World(Mission):
         """Let the world go on until a future of rclpy is done, and return its result."""
         self.run_while(lambda: not future.done(), what)
         return future.result()
+
+    # -- what if
+
+    def fork(self, act: Callable[[World], Any]) -> Fork:
+        """Let a child of this process go on from here with ``act``, whose result :meth:`Fork.result` returns.
+
+        This world does not notice. The child has files of its own, but shares those of ``writable``.
+        """
+        side = fork_world(self._folder, self._directory)
+        if isinstance(side, Leaf):
+            side.end(lambda: act(self))
+        return side
+
+    def what_if(
+        self, change: Callable[[World], object], go_on: Callable[[World], object], tolerance: float = TOLERANCE
+    ) -> Comparison:
+        """Compare how the mission goes on from here with how it would after a change.
+
+        Two children go on with ``go_on``, one of them after ``change``. An assertion that fails ends a course.
+        ``tolerance`` is how much earlier or later an event may be without being another one, s.
+        """
+
+        def changed(world: World) -> None:
+            change(world)
+            go_on(world)
+
+        forks = [self.fork(lambda world, act=act: world.course(act)) for act in (go_on, changed)]  # type: ignore[misc]
+        before, after = (fork.result() for fork in forks)
+        return compare(before, after, tolerance)
+
+    def course(self, act: Callable[[World], object]) -> Course:
+        """Do something, and return what has happened meanwhile."""
+        first = len(self.events)
+        try:
+            act(self)
+        except (AssertionError, StuckWorldError) as error:
+            return self.course_since(first, error)
+        return self.course_since(first)
+
+    def course_since(self, first: int, error: BaseException | None = None) -> Course:
+        """Return what has happened since there were ``first`` events, and which error has ended it."""
+        ends = [mission.end() for mission in self.robots.values()]
+        if error is not None:
+            ends.append(f'{type(error).__name__}: {one_line(str(error))}')
+        return Course(self.events[first:], self.now, ends)
+
+    def branch_at(self, time: float, change: Callable[[World], object]) -> Branch:
+        """Fork the program at a time, s, whatever it does then: only the child has the change."""
+        branch = Branch()
+
+        def fork() -> None:
+            branch.first, branch.side = len(self.events), fork_world(self._folder, self._directory)
+            if isinstance(branch.side, Leaf):
+                self.at(time, lambda: change(self))
+
+        SCHEDULER.call_at(BOOT + int(time * SECOND), fork)
+        return branch
+
+    def swap(self, name: str, file: Path | str) -> None:
+        """Replace an installed file, such as a tree or a behavior in YAML, in this world only.
+
+        ``name`` is ``package/relative/path``. A tree that runs goes on as it is; its next run is of the new file.
+
+        Raises:
+            AssertionError: there is no such file, or the BT server refuses its trees.
+            ResourceError: there is no installed file of this name.
+        """
+        assert Path(file).is_file(), f'there is no file {file}'
+        package, _, inside = name.partition('/')
+        resolve_file(name)
+        share, prefix = Path(get_package_share_directory(package)), self.home / 'overlay'
+        overlay = prefix / 'share' / package
+        if not overlay.exists():
+            shutil.copytree(share, overlay)
+            index = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages'
+            index.mkdir(parents=True, exist_ok=True)
+            (index / package).touch()
+            os.environ['AMENT_PREFIX_PATH'] = f'{prefix}:{os.environ["AMENT_PREFIX_PATH"]}'
+        shutil.copy(file, overlay / inside)
+        self.tell(f'test: {name} is {file}')
+        for mission in self.robots.values() if name.endswith('.xml') else ():
+            mission.load_tree(name)
 
     # -- processes
 
@@ -615,7 +736,10 @@ class _ToldEvents(EventStream):
         super().add(event, fields)
         namespace = self._runtime.node.get_namespace().strip('/')
         mission = World.current.robots.get(namespace) if World.current else None
-        if event == 'left' and mission is not None:
+        if mission is None:
+            return
+        mission.add_event(event, fields)
+        if event == 'left':
             mission.add_transition(self._behavior, *(str(fields.get(key, '')) for key in ('path', 'outcome', 'reason')))
 
 

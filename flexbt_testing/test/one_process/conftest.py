@@ -5,5 +5,5 @@ from __future__ import annotations
 
 import sys
 
-IN_A_WORLD = ['test_world.py', 'test_scheduler.py', 'test_surface.py', 'test_nemesis.py']
+IN_A_WORLD = ['test_world.py', 'test_scheduler.py', 'test_surface.py', 'test_nemesis.py', 'test_what_if.py']
 collect_ignore_glob = [] if 'flexbt_testing.one_process.plugin' in sys.modules else IN_A_WORLD

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A world that goes on in real time, while an operator at a console, or at the page, commands its robots."""
+
+from __future__ import annotations
+
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from typing import Final
+
+from flexbt_testing.nodes import world_bridge
+from flexbt_testing.nodes.world_bridge import OF_OPERATOR, OF_ROBOT, BridgeEnd
+
+from .scheduler import SCHEDULER, SECOND
+from .world import World
+
+_LOOK_SECONDS: Final = 0.05
+_real_time: Final = partial(time.clock_gettime_ns, time.CLOCK_MONOTONIC)  # which no world replaces
+
+
+class TakenOver(BaseException):
+    """The script of a mission ends here, because an operator goes on."""
+
+
+class RealTime:
+    """The pace of real time: the clock of the world waits for it, and for what comes from outside meanwhile."""
+
+    def __init__(self, connection: Connection, receive: Callable[[tuple[str, bytes]], None]) -> None:
+        self._connection = connection
+        self._receive = receive
+        self._begin = _real_time() - SCHEDULER.now
+
+    def wait(self, until: int) -> bool:
+        """Wait until a time of the steady clock, ns. Return False if something has come before."""
+        left = max(0, until - (_real_time() - self._begin))
+        if not select.select([self._connection], [], [], left / SECOND)[0]:
+            return True
+        SCHEDULER.now = max(SCHEDULER.now, min(until, _real_time() - self._begin))
+        self._receive(self._connection.recv())
+        return False
+
+
+def take_over(world: World, console: Sequence[str] = ()) -> None:
+    """Let a world go on in real time until a console ends, which is started in this terminal.
+
+    ``console`` are further arguments of it, such as ``web`` for the page. Other consoles of the same ROS domain see the
+    robots, too.
+    """
+    inner, outer = Pipe()
+    program = [sys.executable, '-m', world_bridge.__name__, str(outer.fileno()), *world.robots]
+    words = [*console, *(['--namespace', world.namespace] if world.namespace else [])]
+    SCHEDULER.limit = None
+    node = world.observer.node
+    end = world.observer.call(lambda: BridgeEnd(node, list(world.robots), OF_ROBOT, OF_OPERATOR, inner.send))
+    with subprocess.Popen(program, env=world.outside, pass_fds=[outer.fileno()]) as bridge:
+        outer.close()
+        SCHEDULER.pace = RealTime(inner, end.publish).wait
+        try:
+            with subprocess.Popen([sys.executable, '-m', 'flexbt_console', *words], env=world.outside) as process:
+                while process.poll() is None:
+                    SCHEDULER.sleep(_LOOK_SECONDS)
+        finally:
+            SCHEDULER.pace = None
+            inner.close()
+            bridge.terminate()

@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a mission would have become: children of a world, and the first difference of two courses."""
+
+from __future__ import annotations
+
+import random
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flexbt_common.errors import ResourceError
+from flexbt_common.files import resolve_file
+from flexbt_testing.one_process.forks import ForkError
+from flexbt_testing.one_process.what_if import Course, Event, compare, read_change
+from flexbt_testing.one_process.world import World
+
+TREE = 'flexbt_demo_behaviors/navigate/navigate.xml'
+
+
+def edited_tree(folder: Path, before: str, after: str) -> Path:
+    """Return a file with the tree of demonstration 1, changed."""
+    text = resolve_file(TREE).read_text()
+    assert before in text
+    file = folder / 'edited.xml'
+    file.write_text(text.replace(before, after))
+    return file
+
+
+def to_the_office(world: World) -> None:
+    world.run_until(world.asks('/AskGoal'), within=120)
+    world.answer('/AskGoal', 'office')
+    world.run_until(world.asks('/AskGoal'), within=120)
+
+
+@pytest.mark.world(motion='abstract')
+def test_another_tree_from_five_seconds_on(world: World, tmp_path: Path) -> None:
+    edited = edited_tree(tmp_path, '<RateController hz="1.0">', '<RateController hz="0.1">')
+    world.start('Navigate')
+    world.answer('/AskGoal', 'kitchen')
+    world.run(5.0)
+    found = world.what_if(lambda world: world.swap(TREE, edited), to_the_office)
+    assert found.difference is not None and found.difference.before is not None and found.difference.after is not None
+    assert found.difference.who == 'tree Navigate'
+    assert found.difference.before.what == found.difference.after.what == 'ComputePathToPose RUNNING'
+    assert found.difference.after.time - found.difference.before.time == pytest.approx(9.0, abs=0.2)
+    assert found.difference.time > 30.0, 'the tree that ran at 5 s was swapped, too'
+    assert '<RateController hz="1.0">' in resolve_file(TREE).read_text(), 'the file of the parent was swapped'
+
+
+@pytest.mark.world(motion='abstract')
+def test_had_it_been_confirmed(world: World) -> None:
+    world.start('Navigate', autonomy='Low')
+    world.answer('/AskGoal', 'kitchen')
+    world.run_until(world.asks('/Drive'), within=90)
+    found = world.what_if(lambda world: world.confirm('/Drive'), lambda world: world.run(10.0))
+    assert found.difference is not None and found.difference.after is not None
+    assert found.difference.who == 'executive'
+    assert found.difference.before is None
+    assert found.difference.after.what == 'leaves /Drive by done (outcome)'
+    assert found.before.ends[0].startswith('in /Drive; ')
+    assert found.after.ends[0].startswith('in /AskGoal; ')
+    assert re.match(
+        r'first difference at \d+\.\d\d s, executive\n'
+        r'  as it was: nothing more\n'
+        r'  changed:   leaves /Drive by done \(outcome\) at \d+\.\d\d s\n'
+        r'the ends\n',
+        str(found),
+    ), str(found)
+
+
+@pytest.mark.seeds(2)
+def test_a_child_goes_on_as_the_world_itself_and_leaves_it_alone(world: World) -> None:
+    SHARED.append('a global of the program')
+    world.start('Navigate')
+    world.answer('/AskGoal', 'corridor')
+    world.run(6.0)
+    draw = random.getstate()
+    log = next(world.home.rglob('onboard_executive.jsonl'))
+    length = log.stat().st_size
+    found = world.what_if(lambda _world: SHARED.clear(), stop_later)
+    assert found.difference is None, str(found)
+    assert found.before.events == found.after.events
+    assert (random.getstate(), SHARED.pop()) == (draw, 'a global of the program')
+    assert log.stat().st_size == length, 'a child has written into the files of this world'
+    assert world.course(stop_later) == found.before
+    assert log.stat().st_size > length
+
+
+SHARED: list[str] = []
+
+
+def stop_later(world: World) -> None:
+    world.run(5.0)
+    world.stop()
+    world.run(2.0)
+
+
+@pytest.mark.world(motion='abstract')
+def test_a_child_can_be_forked_again_and_its_files_are_of_its_moment(world: World) -> None:
+    (world.home / 'file').write_text('of the parent')
+
+    def act(world: World) -> tuple[str, str, float]:
+        text = (world.home / 'file').read_text()
+        (world.home / 'file').write_text('of the child')
+        world.run(2.0)
+        return text, world.fork(lambda world: (world.home / 'file').read_text()).result(), world.now
+
+    now = world.now
+    child = world.fork(act)
+    (world.home / 'file').write_text('written later')
+    assert child.result() == ('of the parent', 'of the child', pytest.approx(now + 2.0, abs=0.01))
+    assert world.now == now
+    assert (world.home / 'file').read_text() == 'written later'
+
+
+@pytest.mark.world(motion='abstract')
+def test_what_fails_in_a_child_is_told(world: World, tmp_path: Path) -> None:
+    with pytest.raises(ForkError, match="there is no process 'nobody'"):
+        world.fork(lambda world: world.kill('nobody')).result()
+    world.start('Navigate')
+    found = world.what_if(lambda world: world.kill('onboard_executive'), lambda world: world.answer('/AskGoal', 'dock'))
+    assert len(found.before.ends) == 1
+    assert found.after.ends[1].startswith('AssertionError: ')
+    with pytest.raises(AssertionError, match='Folow'):
+        world.swap(TREE, edited_tree(tmp_path, '<FollowPath ', '<Folow '))
+    with pytest.raises(AssertionError, match='there is no file'):
+        world.swap(TREE, tmp_path / 'missing.xml')
+    with pytest.raises(ResourceError, match=r'navigat\.xml.*did you mean'):
+        world.swap(TREE.replace('gate.xml', 'gat.xml'), tmp_path / 'edited.xml')
+
+
+def course(*events: tuple[float, str, str], end: float = 100.0) -> Course:
+    return Course([Event(*event) for event in events], end)
+
+
+def test_the_first_difference_is_of_what_one_has_decided() -> None:
+    a, b, c = (1.0, 'executive', 'a'), (2.0, 'executive', 'b'), (3.0, 'tree T', 'c')
+    assert compare(course(a, b, c), course(a, b, c)).difference is None
+    assert compare(course(a, c, b), course(c, a, b)).difference is None, 'the order between two is of nobody'
+    assert compare(course(a, b), course(b, a)).difference is not None
+    assert compare(course(a), course((1.09, *a[1:]))).difference is None
+    later = compare(course(a, b), course(a, (2.2, *b[1:]), c)).difference
+    assert later is not None and (later.time, later.who) == (2.0, 'executive')
+    more = compare(course(a, b), course(a, b, c)).difference
+    assert more is not None and (more.before, more.time, more.who) == (None, 3.0, 'tree T')
+    assert compare(course(a, b, end=2.5), course(a, b, c)).difference is None, 'it was not there any more at 3 s'
+    assert compare(course(a, b, c), course(a, b, end=2.5)).difference is None
+    assert compare(course(a, b), course(a, (2.0, 'executive', 'x'), end=2.0)).difference is not None
+
+
+MISSION = """
+import pytest
+
+@pytest.mark.world(motion='abstract')
+def test_kitchen(world):
+    world.start('Navigate')
+    world.answer('/AskGoal', 'kitchen')
+    world.run_until(world.asks('/AskGoal'), within=90)
+    assert world.robot.near('kitchen')
+"""
+
+
+def test_the_command_line_changes_a_test(tmp_path: Path) -> None:
+    (tmp_path / 'test_it.py').write_text(MISSION)
+
+    def told(change: str, exit_code: int) -> str:
+        command = [sys.executable, '-m', 'pytest', '-p', 'flexbt_testing.world', '--what-if', change, 'test_it.py']
+        ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert ran.returncode == exit_code, ran.stdout + ran.stderr
+        return ran.stdout
+
+    assert (
+        'test_kitchen[0]: first difference at 10.00 s, executive\n'
+        '  as it was: leaves /Drive by done (outcome) at 35.10 s\n'
+        '  changed:   FORCE applied at 10.00 s\n'
+    ) in told('10 force /Drive failed', 0)
+    refused = told('10 resume', 0)
+    assert '  changed:   RESUME refused at 10.00 s\n' in refused
+    assert re.search(r'  changed:   at 10.\d\d s AssertionError: RESUME: refused, the run is not paused', refused)
+    assert "--what-if '10 kil bt_server': a world has no method 'kil'; did you mean 'kill'?" in told(
+        '10 kil bt_server', 4
+    )
+
+
+@pytest.mark.world('night_watch', motion='abstract')
+def test_a_change_is_read_from_words(world: World) -> None:
+    time, act = read_change('1.5 drop_obstacle box 6.0 4.45', world)
+    with pytest.raises(AssertionError, match='an abstract robot meets no obstacles'):
+        act()
+    assert time == 1.5
+    for text, problem in {
+        '10 gamma.stop': "there is no robot 'gamma'",
+        '10 beta.kill bt_server': "a robot has no method 'kill'",
+        '10 cut operator': "missing a required argument: 'seconds'; expected SECONDS METHOD ARGUMENTS",
+        '10': "a world has no method ''",
+        'x stop': "could not convert string to float: 'x'",
+        '1 cut operator x': "could not convert string to float: 'x'",
+        "1 'stop": 'No closing quotation',
+    }.items():
+        with pytest.raises(ValueError, match=re.escape(problem)):
+            read_change(text, world)
+    world.robots['beta'].start('Night Watch', rooms='archive', home='beta_dock', partner='alpha')
+    _, act = read_change('1 beta.stop', world)
+    act()
+    world.robots['beta'].run_until(world.ended('preempted'))
