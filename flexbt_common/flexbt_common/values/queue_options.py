@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The options of an entry of the mission queue, as executives and consoles know them (QueueOptions.msg)."""
+"""An entry of the mission queue and its options, as executives and consoles know them (QueueEntry.msg)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import Any
 
 
 class OnFailure(IntEnum):
@@ -36,3 +37,23 @@ class QueueOptions:
     on_failure: OnFailure = OnFailure.HOLD
     retries: int = 0
     wanted: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class QueueEntry:
+    """An entry of the queue. ``added`` and ``due`` are times on the executive's clock, s."""
+
+    number: int
+    behavior: str
+    options: QueueOptions = field(default_factory=QueueOptions)
+    arguments: tuple[tuple[str, str], ...] = ()
+    inputs: tuple[Any, ...] = ()
+    autonomy: int = 0
+    operator: str = ''
+    added: float = 0.0
+    revision: int = 0
+    runs: int = 0
+    failures: int = 0
+    outcome: str = ''
+    message: str = ''
+    due: float = 0.0

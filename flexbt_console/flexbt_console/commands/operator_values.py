@@ -118,7 +118,8 @@ def whole_number(text: str, *, least: int, most: float = math.inf) -> int:
 line_count: Final = functools.partial(whole_number, least=1)
 retry_count: Final = functools.partial(whole_number, least=0, most=1000)
 port_number: Final = functools.partial(whole_number, least=0, most=65535)
-thing_number: Final = functools.partial(whole_number, least=1)
+item_number: Final = functools.partial(whole_number, least=1)
+run_count: Final = functools.partial(whole_number, least=1, most=1_000_000)
 
 
 def one_of(choices: Sequence[str]) -> Callable[[str], str]:

@@ -23,7 +23,7 @@ from flexbt_console.present.queue import queue_lines
 from flexbt_core.values.text import short_repr
 
 from .command_builder import CommandBuilder, check_behavior
-from .operator_values import assignment, autonomy_level, start_input, whole_number
+from .operator_values import assignment, autonomy_level, item_number, run_count, start_input, whole_number
 from .spec import UNSEEN, CommandLine, Reading, Send, Typed
 
 HOLD_OPTION: Final = '--hold'
@@ -54,15 +54,10 @@ def duration(text: str) -> float:
     return seconds
 
 
-def entry_number(text: str) -> int:
-    """Read the number of an entry."""
-    return whole_number(text, least=1)
-
-
 def place_in_queue(text: str) -> str:
     """Check a place in the queue: a number, first or last."""
     if text not in WHERE:
-        entry_number(text)
+        item_number(text)
     return text
 
 
@@ -81,11 +76,6 @@ def priority(text: str) -> int:
     """Read a priority. Raises UsageError if it is no whole number from -1000 to 1000."""
     number = text.removeprefix('-')
     return whole_number(number, least=0, most=1000) * (-1 if text != number else 1)
-
-
-def repetitions(text: str) -> int:
-    """Read a number of runs."""
-    return whole_number(text, least=1, most=1_000_000)
 
 
 def condition(text: str) -> tuple[str, str]:
@@ -157,7 +147,7 @@ def _options(line: CommandLine, view: View, options: QueueOptions) -> QueueOptio
 _CHANGED: Final[Mapping[str, Callable[[str], dict[str, Any]]]] = {
     '--priority': lambda text: {'priority': priority(text)},
     '--every': lambda text: {'interval': duration(text), 'count': 0},
-    '--repeat': lambda text: {'count': repetitions(text)},
+    '--repeat': lambda text: {'count': run_count(text)},
     '--on-failure': lambda text: dict(zip(('on_failure', 'retries'), on_failure(text), strict=True)),
 }
 """The fields that an option sets. The order counts: --repeat limits --every."""
@@ -176,7 +166,7 @@ def queue_of(view: View) -> MissionQueue:
 
 
 def _entry(view: View, line: CommandLine) -> QueueEntry:
-    queue, number = queue_of(view), entry_number(line.first_word)
+    queue, number = queue_of(view), item_number(line.first_word)
     found = queue.entry(number)
     if found is None:
         known = ', '.join(str(entry.number) for entry in queue.entries) or 'none'
@@ -210,12 +200,12 @@ def _edit(line: CommandLine, view: View) -> dict[str, Any]:
 def _move(line: CommandLine, view: View) -> dict[str, Any]:
     entry, where = _entry(view, line), line.words[1]
     peers = [one.number for one in queue_of(view).entries if one.options.priority == entry.options.priority]
-    before = {'first': peers[0], 'last': 0}.get(where) if where in WHERE else entry_number(where)
+    before = {'first': peers[0], 'last': 0}.get(where) if where in WHERE else item_number(where)
     return {'queue_number': entry.number, 'queue_before': before}
 
 
 def _release(line: CommandLine, view: View) -> dict[str, Any]:
-    hold = entry_number(line.value(HOLD_OPTION)) if line.has(HOLD_OPTION) else queue_of(view).hold
+    hold = item_number(line.value(HOLD_OPTION)) if line.has(HOLD_OPTION) else queue_of(view).hold
     if not hold:
         raise RefusedError('the queue is not held')
     return {'queue_number': hold}

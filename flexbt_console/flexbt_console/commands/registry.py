@@ -22,13 +22,14 @@ from .operator_values import (
     SHELLS,
     assignment,
     autonomy_level,
+    item_number,
     line_count,
     map_size,
     node_result,
     one_of,
     port_number,
     retry_count,
-    thing_number,
+    run_count,
 )
 from .spec import (
     DECISION,
@@ -102,7 +103,7 @@ _QUEUE_OPTIONS = (
         values=queue_commands.conditions,
         read=queue_commands.condition,
     ),
-    Option('--repeat', 'number of runs (default 1, or no end with --every)', 'COUNT', read=queue_commands.repetitions),
+    Option('--repeat', 'number of runs (default 1, or no end with --every)', 'COUNT', read=run_count),
     Option(
         '--every', 'time from one start to the next, as in 90s, 10m, 2h, 1d', 'DURATION', read=queue_commands.duration
     ),
@@ -519,7 +520,7 @@ COMMANDS: Final = (
         'change an entry of the mission queue: the options that are given',
         queue_commands.EDIT,
         (
-            Argument('NUMBER', values=spec.queue_entries, read=queue_commands.entry_number),
+            Argument('NUMBER', values=spec.queue_entries, read=item_number),
             Argument('PARAMETER=VALUE', required=False, repeated=True, read=assignment),
         ),
         (_AUTONOMY, _INPUT, *_QUEUE_OPTIONS),
@@ -534,7 +535,7 @@ COMMANDS: Final = (
         'queue remove',
         'remove an entry from the mission queue; a run of it goes on',
         queue_commands.REMOVE,
-        (Argument('NUMBER', values=spec.queue_entries, read=queue_commands.entry_number),),
+        (Argument('NUMBER', values=spec.queue_entries, read=item_number),),
         needs=(Part.QUEUE,),
     ),
     _sent(
@@ -542,7 +543,7 @@ COMMANDS: Final = (
         'move an entry before another one of the same priority',
         queue_commands.MOVE,
         (
-            Argument('NUMBER', values=spec.queue_entries, read=queue_commands.entry_number),
+            Argument('NUMBER', values=spec.queue_entries, read=item_number),
             Argument(
                 'BEFORE',
                 values=lambda typed: (*queue_commands.WHERE, *spec.queue_entries(typed)),
@@ -562,7 +563,7 @@ COMMANDS: Final = (
                 queue_commands.HOLD_OPTION,
                 'hold that was seen, by its number (default: that which this console shows)',
                 'NUMBER',
-                read=queue_commands.entry_number,
+                read=item_number,
             ),
         ),
         details=('It is refused if the queue was held again for another reason than this console shows.',),
@@ -682,7 +683,7 @@ COMMANDS: Final = (
         'alerts acknowledge',
         'acknowledge calls of "alerts" on this computer, so that nobody else is called',
         Ask(effects.acknowledge),
-        (Argument('NUMBER', required=False, repeated=True, read=thing_number),),
+        (Argument('NUMBER', required=False, repeated=True, read=item_number),),
         (_STATE,),
         details=(
             'Without NUMBER: the only one. If there are several, they are listed.',

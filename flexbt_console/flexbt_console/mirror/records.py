@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 from itertools import compress, pairwise, zip_longest
 from typing import Final
 
+from flexbt_common.values import queue_options
 from flexbt_common.values.queue_options import QueueOptions
 from flexbt_core.values.text import one_line
 
@@ -539,25 +540,12 @@ class InputValue:
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class QueueEntry:
-    """An entry of the mission queue (QueueEntry.msg). Long values of arguments and inputs are shortened."""
+@dataclass(frozen=True)
+class QueueEntry(queue_options.QueueEntry):
+    """An entry of the mission queue as its executive tells it. Long values of arguments and inputs are shortened."""
 
-    number: int
-    behavior: str
-    options: QueueOptions = field(default_factory=QueueOptions)
-    revision: int = 0
-    arguments: tuple[tuple[str, str], ...] = ()
     inputs: tuple[InputValue, ...] = ()
-    autonomy: int = 0
-    operator: str = ''
-    added: float = 0.0
     running: bool = False
-    runs: int = 0
-    failures: int = 0
-    outcome: str = ''
-    message: str = ''
-    due: float = 0.0
     waits_for: str = ''
 
 

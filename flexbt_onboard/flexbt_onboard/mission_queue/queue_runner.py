@@ -278,10 +278,9 @@ class QueueRunner(RunReader):
 
 
 def _entry_message(entry: QueueEntry, running: int, waits_for: str) -> QueueEntryMessage:
+    plain = ('number', 'revision', 'behavior', 'autonomy', 'runs', 'failures', 'outcome', 'message')
     return QueueEntryMessage(
-        number=entry.number,
-        revision=entry.revision,
-        behavior=entry.behavior,
+        **{name: getattr(entry, name) for name in plain},
         arguments=[
             BehaviorArgument(name=name, value=truncate_middle(value, SHOWN_TEXT))
             for name, value in entry.arguments[:SHOWN]
@@ -290,15 +289,10 @@ def _entry_message(entry: QueueEntry, running: int, waits_for: str) -> QueueEntr
             BlackboardEntry(key=one.key, type=one.type, text=truncate_middle(one.text, SHOWN_TEXT))
             for one in entry.inputs[:SHOWN]
         ],
-        autonomy=entry.autonomy,
         options=options_message(entry.options),
         operator_id=entry.operator,
         added=time_message(entry.added),
         running=entry.number == running,
-        runs=entry.runs,
-        failures=entry.failures,
-        outcome=entry.outcome,
-        message=entry.message,
         due=time_message(entry.due),
         waits_for='' if entry.number == running else waits_for,
     )

@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
+from flexbt_common.values import queue_options
 from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_msgs.msg import BlackboardEntry
 
@@ -25,23 +26,10 @@ Change = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class QueueEntry:
-    """An entry of the queue; see QueueEntry.msg. ``added`` and ``due`` are times on the executive's clock, s."""
+class QueueEntry(queue_options.QueueEntry):
+    """An entry of the queue, with whole values."""
 
-    number: int
-    behavior: str
-    options: QueueOptions = field(default_factory=QueueOptions)
-    arguments: tuple[tuple[str, str], ...] = ()
     inputs: tuple[BlackboardEntry, ...] = ()
-    autonomy: int = 0
-    operator: str = ''
-    added: float = 0.0
-    revision: int = 0
-    runs: int = 0
-    failures: int = 0
-    outcome: str = ''
-    message: str = ''
-    due: float = 0.0
 
     def to_plain(self) -> dict[str, Any]:
         """Return the entry as JSON data."""

@@ -7,33 +7,26 @@ They are sent by OTLP over HTTP in its JSON form (https://opentelemetry.io/docs/
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
-import time
+import subprocess
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
-
-from flexbt_core.values.text_files import open_regular
 
 from .run_metrics import ROOT, LoggedEvent, RunMetrics, events_in, metrics_of
 
 SEND_SECONDS: Final = 10.0
 """Time for a collector to answer, s."""
 
-FOLLOW_SECONDS: Final = 1.0
-"""Time between two looks into the event log, s."""
-
 MOST_EVENTS: Final = 50_000
 """Events of a run that are kept until it ends."""
 
 _MOST_RUNS: Final = 16
-_AT_ONCE: Final = 4_000_000
 FAILED: Final = frozenset({'failed', 'error', 'preempted', 'canceled'})
 """Outcomes with which a span has the status ERROR."""
 
@@ -46,39 +39,30 @@ class SpanError(Exception):
     """A collector that cannot be reached, or refuses the spans."""
 
 
-def ended_runs(file: Path, is_over: Callable[[], bool] = lambda: False) -> Iterator[RunMetrics]:
+def ended_runs(file: Path) -> Iterator[RunMetrics]:
     """Yield each run that ends in an event log from now on, with wall times; also when the log is rotated meanwhile.
 
     A run that began before, or has more than MOST_EVENTS events, is told by those events that are known.
     """
     runs: dict[str, list[LoggedEvent]] = {}
-    known = file.stat().st_size if file.exists() else 0
-    inode = file.stat().st_ino if known else 0
-    while not is_over():
-        lines: list[str] = []
-        with contextlib.suppress(OSError), open(file, 'rb', opener=open_regular) as log:
-            facts = os.fstat(log.fileno())
-            if facts.st_ino != inode or facts.st_size < known:
-                inode, known = facts.st_ino, 0
-            log.seek(known)
-            data = log.read(_AT_ONCE)
-            whole = data.rpartition(b'\n')[0]
-            known += len(whole) + bool(whole)
-            lines = whole.decode(errors='replace').splitlines()
-        for event in events_in(lines):
+    words = ['tail', '--lines=0', f'--pid={os.getpid()}', '-F', '--', str(file)]  # which ends with this process
+    pipes: dict[str, Any] = {'stdout': subprocess.PIPE, 'stderr': subprocess.DEVNULL, 'text': True}
+    with subprocess.Popen(words, errors='replace', **pipes) as log:  # noqa: S603
+        assert log.stdout is not None
+        for event in events_in(log.stdout):
             run = str(event.get('run', ''))
-            if run:
-                runs.setdefault(run, []).append(event)
-                del runs[run][:-MOST_EVENTS]
-            if event['event'] == 'ended' and run:
-                first = {**runs[run][0], 'event': 'started', 'behavior': event.get('behavior', '')}
-                has_start = runs[run][0]['event'] in ('started', 'resumed')
-                yield from metrics_of(runs[run] if has_start else [first, *runs[run]], wall=True)
+            if not run:
+                continue
+            known = runs.setdefault(run, [])
+            known.append(event)
+            del known[:-MOST_EVENTS]
+            if event['event'] == 'ended':
+                first = {**known[0], 'event': 'started', 'behavior': event.get('behavior', '')}
+                has_start = known[0]['event'] in ('started', 'resumed')
+                yield from metrics_of(known if has_start else [first, *known], wall=True)
                 del runs[run]
-        while len(runs) > _MOST_RUNS:
-            del runs[next(iter(runs))]
-        if not lines:
-            time.sleep(FOLLOW_SECONDS)
+            while len(runs) > _MOST_RUNS:
+                del runs[next(iter(runs))]
 
 
 def spans_of(run: RunMetrics, robot: str = '') -> dict[str, Any]:
