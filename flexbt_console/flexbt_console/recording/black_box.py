@@ -17,7 +17,7 @@ import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +34,7 @@ from sensor_msgs.msg import BatteryState
 from std_srvs.srv import Trigger
 
 from flexbt_common import names
+from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
 from flexbt_common.files import INCIDENTS, USER_DIRECTORY, home_path
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.middleware.received_messages import Received, ReceivedMessages
@@ -43,6 +44,7 @@ from flexbt_common.values.limits import MESSAGE
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.lanes import Lane, LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror
+from flexbt_core.clock.clock import Timer
 from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import ExecutiveCommand
@@ -80,7 +82,6 @@ for them."""
 _MOST_OCCURRENCES: Final = 50
 _LOOK_SECONDS: Final = 1.0
 _RETRY_SECONDS: Final = 10.0
-_PARAMETER_SECONDS: Final = 3.0
 _OTHER_BYTES: Final = 4_000_000
 _BATTERY_MARGIN: Final = 0.05
 _ABORTED: Final = GoalStatus.STATUS_ABORTED
@@ -276,8 +277,7 @@ class _Open:
     request: Request
     file: Path
     began: float
-    due: float
-    asked: dict[str, dict[str, Any]] = field(default_factory=dict)
+    ends: Timer
 
 
 class BlackBox:
@@ -293,6 +293,7 @@ class BlackBox:
         self._waiting: deque[Path] = deque(sorted(settings.ring.glob(_REQUEST)))
         self._is_closed = False
         self._others: dict[str, Any] = {}
+        self._links = ServiceLinks(runtime)
         known = [one for incident in self._incidents() for one in incident.occurrences]
         for file in self._waiting:
             with contextlib.suppress(OSError, ValueError):
@@ -338,21 +339,22 @@ class BlackBox:
                 size=self._settings.size,
             )
             file = self._settings.ring / f'{request.name}.request.json'
-            self._open = _Open(request, file, now, now + self._settings.after)
-            self._ask_parameters(self._open.asked)
-            self._runtime.post_in(self._settings.after, self._look)
+            self._open = _Open(request, file, now, self._runtime.post_in(self._settings.after, self._end))
+            self._ask_parameters(request.parameters)
         else:
             before = self._open.request.occurrences
             if len(before) < _MOST_OCCURRENCES:
                 self._open.request = replace(self._open.request, occurrences=(*before, occurrence))
-            self._open.due = min(now + self._settings.after, self._open.began + LONGEST_SECONDS)
+            self._open.ends.cancel()
+            due = min(now + self._settings.after, self._open.began + LONGEST_SECONDS)
+            self._open.ends = self._runtime.post_at(due, self._end)
         self._write(self._open)
 
     def _write(self, one: _Open) -> None:
         """Write what is known now, so that the incident outlives this process."""
         files = tuple(map(str, self._ring.files()))
         self._ring.hold(one.file.name, frozenset(files))
-        one.request = replace(one.request, segments=files, parameters=one.asked)
+        one.request = replace(one.request, segments=files)
         try:
             one.request.write(one.file)
         except OSError as error:
@@ -378,15 +380,6 @@ class BlackBox:
             if now - one.first.time < TOLD_SECONDS
         ]
         self._runtime.post(partial(self._reports.publish, DiagnosticArray(status=statuses)))
-
-    def _look(self) -> None:
-        one, now = self._open, self._runtime.steady.now()
-        if one is None:
-            return
-        if now < one.due:
-            self._runtime.post_at(one.due, self._look)
-            return
-        self._end()
 
     def _end(self) -> None:
         """Let the incident that records be made."""
@@ -497,36 +490,29 @@ class BlackBox:
 
     def _ask_parameters(self, found: dict[str, dict[str, Any]]) -> None:
         """Ask the nodes of the executive for their parameters; what does not answer is left out."""
-        node, snapshot = self._runtime.node, self._detector.mirror.view().snapshot
+        snapshot = self._detector.mirror.view().snapshot
         known = [names.ONBOARD_EXECUTIVE, *(one.name for one in snapshot.peers if one.alive)] if snapshot else []
-        clients: list[Any] = []
 
-        def listed(name: str, client: Any, future: Any) -> None:
-            if future.result() is not None:
-                wanted = list(future.result().result.names)[:500]
-                answer = client.call_async(GetParameters.Request(names=wanted))
-                answer.add_done_callback(partial(got, name, wanted))
+        def ask(type: Any, service: str, request: Any, take: Callable[[Any], None]) -> None:
+            def answered(outcome: ServiceOutcome) -> None:
+                if outcome.response is not None:
+                    take(outcome.response)
 
-        def got(name: str, wanted: list[str], future: Any) -> None:
-            if future.result() is not None:
-                values = map(parameter_value_to_python, future.result().values)
-                found[name] = {key: _shortened(value) for key, value in zip(wanted, values, strict=False)}
+            with contextlib.suppress(RCLError):  # a security policy may not let this node ask
+                ServiceCall(self._links.link(type, service), request, on_done=answered)
+
+        def listed(name: str, response: Any) -> None:
+            wanted = list(response.result.names)[:500]
+            ask(
+                GetParameters, f'{name}/get_parameters', GetParameters.Request(names=wanted), partial(got, name, wanted)
+            )
+
+        def got(name: str, wanted: list[str], response: Any) -> None:
+            values = map(parameter_value_to_python, response.values)
+            found[name] = {key: _shortened(value) for key, value in zip(wanted, values, strict=False)}
 
         for name in dict.fromkeys(known):
-            try:
-                lists = node.create_client(ListParameters, f'{name}/list_parameters')
-                clients.append(lists)
-                gets = node.create_client(GetParameters, f'{name}/get_parameters')
-                clients.append(gets)
-            except RCLError:  # a security policy may not let this node ask
-                continue
-
-            def ask(name: str = name, lists: Any = lists, gets: Any = gets) -> None:
-                if lists.service_is_ready() and gets.service_is_ready():
-                    lists.call_async(ListParameters.Request()).add_done_callback(partial(listed, name, gets))
-
-            self._runtime.post_in(0.5, ask)  # once they are discovered
-        self._runtime.post_in(_PARAMETER_SECONDS, lambda: [node.destroy_client(one) for one in clients])
+            ask(ListParameters, f'{name}/list_parameters', ListParameters.Request(), partial(listed, name))
 
 
 def _shortened(value: Any) -> Any:
