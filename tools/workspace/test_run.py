@@ -77,7 +77,7 @@ class Variant:
 
 
 ONE_PROCESS = {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}
-HAS_ONE_PROCESS = (os.environ.get('ROS_WHEELS') or os.environ.get('ROS_DISTRO') or 'jazzy') == 'jazzy'
+HAS_ONE_PROCESS = (os.environ.get('ROS_WHEELS') or os.environ.get('ROS_DISTRO') or 'jazzy') in ('jazzy', 'kilted')
 """Whether flexbt_testing.one_process knows the rclpy of this distribution."""
 IN_ONE_PROCESS = (
     dict.fromkeys(('flexbt_flexbe', 'flexbt_states'), ONE_PROCESS)

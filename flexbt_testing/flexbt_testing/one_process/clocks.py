@@ -13,6 +13,7 @@ from .scheduler import SCHEDULER, SECOND
 _ROS_TIME: Final = REAL.ClockType.ROS_TIME
 _STEADY_TIME: Final = REAL.ClockType.STEADY_TIME
 _CHANGE: Final = REAL.ClockChange
+_CANCELED: Final = getattr(REAL, 'TimerCancelledError', RCLError)  # since Kilted
 
 
 class Clock(Destroyable):
@@ -153,12 +154,17 @@ class Timer(Entity):
     def call_timer(self) -> None:
         """Count a call: the next one is due a period after this one was, or the next multiple from now."""
         if self.is_canceled:
-            raise RCLError('timer is invalid, or was canceled')
+            raise _CANCELED('timer is invalid, or was canceled')
         now = self.clock.nanoseconds()
         self._last = now
         self.next += self._period
         if self.next <= now:
             self.next = now if not self._period else self.next + (1 + (now - self.next) // self._period) * self._period
+
+    def call_timer_with_info(self) -> dict[str, int]:
+        expected = self.next
+        self.call_timer()
+        return {'expected_call_time': expected, 'actual_call_time': self._last}
 
     def save_credit(self) -> None:
         """Note, before the source of ROS time changes, how long it has to wait."""

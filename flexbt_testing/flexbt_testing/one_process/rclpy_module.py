@@ -30,6 +30,7 @@ class Node(graph.Node):
         cli_args: Sequence[str] | None,
         use_global_arguments: bool,
         enable_rosout: bool,
+        rosout_qos: Any = None,  # since Kilted
     ) -> None:
         super().__init__(name, namespace, context, cli_args, use_global_arguments)
         if enable_rosout:
@@ -38,7 +39,7 @@ class Node(graph.Node):
             from rclpy.qos import DurabilityPolicy, QoSProfile
 
             profile = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=10))
-            self.rosout = topics.Publisher(self, Log, '/rosout', profile.get_c_qos_profile())
+            self.rosout = topics.Publisher(self, Log, '/rosout', rosout_qos or profile.get_c_qos_profile())
 
 
 _CLASSES: Final[tuple[type, ...]] = (

@@ -257,6 +257,9 @@ class ActionServer(Destroyable):
             if not one.is_ended:
                 one.destroy_when_not_in_use()
 
+    def configure_introspection(self, *_: Any) -> None:
+        """Do nothing, as for services."""
+
     def get_num_entities(self) -> tuple[int, int, int, int, int]:
         return 0, 0, 1, 0, 3
 
@@ -378,6 +381,9 @@ class ActionClient(Destroyable):
         for one in self.entities:
             if not one.is_ended:
                 one.destroy_when_not_in_use()
+
+    def configure_introspection(self, *_: Any) -> None:
+        """Do nothing, as for services."""
 
     def get_num_entities(self) -> tuple[int, int, int, int, int]:
         return 2, 0, 0, 3, 0

@@ -256,9 +256,9 @@ class Publisher(Endpoint):
 
 
 class Subscription(Endpoint):
-    """Stand-in for rcl's subscription."""
+    """Stand-in for rcl's subscription. As with other middleware, a content filter (since Kilted) has no effect."""
 
-    def __init__(self, node: Node, message_type: Any, topic: str, profile: Any) -> None:
+    def __init__(self, node: Node, message_type: Any, topic: str, profile: Any, _filter: Any = None) -> None:
         super().__init__(node, message_type, topic, profile)
         self._queue: deque[Sample] = deque(maxlen=self.qos.depth)
         self.last_arrivals: dict[Any, int] = {}
@@ -294,6 +294,14 @@ class Subscription(Endpoint):
             'reception_sequence_number': None,
         }
         return (sample.data() if raw else sample.message()), info
+
+    def is_cft_enabled(self) -> bool:
+        return False
+
+    def set_content_filter(self, *_: Any) -> None:
+        raise RCLError('a world in one process has no content filters')
+
+    get_content_filter = set_content_filter
 
     def get_publisher_count(self) -> int:
         return len(self.matches)

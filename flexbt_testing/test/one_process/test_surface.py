@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import inspect
+import re
 import sys
 from typing import Any
 
@@ -34,6 +36,13 @@ def test_every_member_is_there(name: str) -> None:
     made = {word for member in members for word in getattr(getattr(member, '__code__', None), 'co_names', ())}
     declared = {*stand_in.__annotations__, *getattr(stand_in, '__slots__', ())}
     assert public(getattr(REAL, name)) - public(stand_in) - declared - made == set()
+
+
+@pytest.mark.parametrize('name', CLASSES)
+def test_it_is_made_of_as_many_arguments(name: str) -> None:
+    made = re.match(r'__init__\(self: [\w.]+(.*)\) -> None', getattr(REAL, name).__init__.__doc__)
+    if made is not None:  # by rclpy
+        inspect.signature(getattr(STAND_IN, name)).bind(*re.findall(r', (\w+): ', made[1]))
 
 
 def test_what_makes_or_uses_endpoints_is_replaced() -> None:
