@@ -29,6 +29,7 @@ from rclpy.qos import qos_profile_action_status_default
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from flexbt_common import names
@@ -248,6 +249,30 @@ def test_each_kind_of_thing_that_goes_wrong_is_in_an_incident(robot: Robot) -> N
     assert any('no grip' in line.text for line in player.mirror.log())
     assert (newest.folder / 'timeline.svg').exists() and (newest.folder / 'incident.html').exists()
     assert newest.folder.stat().st_mode & 0o077 == 0
+
+
+def test_an_incident_has_the_parameters_of_the_nodes_that_answer(robot: Robot) -> None:
+    node = robot.runtime.node
+    own = node.get_fully_qualified_name()
+    robot.peers = [PeerStatus(name=own, alive=True), PeerStatus(name='/nobody', alive=True)]
+    robot.says()
+    settled(robot)
+    client = robot.runtime.call(lambda: node.create_client(Trigger, names.WRITE_INCIDENT))
+    wait_until(client.service_is_ready, 'the black box')
+
+    asked = 0
+
+    def has_them() -> bool:  # an incident that ends soon may not have them all
+        nonlocal asked
+        robot.says()
+        found = [json.loads((one.folder / 'parameters.json').read_text()) for one in incidents_in(robot.incidents)]
+        if len(found) == asked:
+            robot.runtime.call(lambda: client.call_async(Trigger.Request()))
+            asked += 1
+        assert all(one.keys() <= {own} for one in found)
+        return any(one.get(own, {}).get('use_sim_time') is False for one in found)
+
+    wait_until(has_them, 'the parameters', 2 * DEADLINE)
 
 
 def test_an_aborted_goal_and_a_silent_executive(robot: Robot) -> None:
