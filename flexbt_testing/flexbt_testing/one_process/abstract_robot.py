@@ -32,7 +32,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalFault, GoalServer, ServedGoal
-from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.messages import grid_message
@@ -82,6 +82,7 @@ class AbstractRobot:
             node.create_service(ClearEntireCostmap, name, lambda _request, response: response)
         node.create_service(SetFault, f'{names.SIMULATOR}/set_fault', self._set_fault)
         self._tell_pose()
+        LivelinessWatch(runtime, names.BT_SERVER, self._owner_changed)
         LivelinessToken(runtime).set_ready(True)
 
     def _serve(self, name: str, kind: Any, begin: Callable[[ServedGoal, Any], None]) -> None:
@@ -93,6 +94,11 @@ class AbstractRobot:
 
         server = GoalServer(self._runtime, kind, name, lambda goal: begin(goal, kind.Result()), cancel)
         self._servers[name] = kind, server
+
+    def _owner_changed(self, is_alive: bool) -> None:
+        """End the goals of a BT server that is gone, as navigation does."""
+        for _, server in self._servers.values() if not is_alive else ():
+            server.end_all(ServedGoal.abort)
 
     def _end_in(self, seconds: float, goal: ServedGoal, result: Any) -> None:
         self._runtime.post_in(seconds, lambda: goal.succeed(result))

@@ -40,12 +40,8 @@ class Fork:
         Raises:
             ForkError: the child has failed.
         """
-        timer = signal.setitimer(signal.ITIMER_REAL, 0.0)  # of who limits this process: the child has its own
-        try:
+        with self._stream:
             data = self._stream.read()
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, timer[1], timer[1])
-            self._stream.close()
         _, status = os.waitpid(self._pid, 0)
         if not data:
             raise ForkError(f'the child has ended without a result, with exit code {os.waitstatus_to_exitcode(status)}')
@@ -105,11 +101,11 @@ def fork_world(folder: Path, descriptor: int) -> Fork | Leaf:
     ``folder`` has the files of the world, ``descriptor`` is the open directory. The child gets a copy of them.
     """
     reader, writer = os.pipe()
-    timer = signal.getitimer(signal.ITIMER_REAL)
+    timer = signal.getitimer(signal.ITIMER_PROF)
     pid = fork_process()
     if pid == 0:
         os.close(reader)
-        signal.setitimer(signal.ITIMER_REAL, timer[1], timer[1])
+        signal.setitimer(signal.ITIMER_PROF, timer[1], timer[1])
         copy = Path(tempfile.mkdtemp(prefix='flexbt_world_'))
         _copy_files(folder, descriptor, copy)
         os.write(writer, b'.')

@@ -25,8 +25,8 @@ from .scheduler import BOOT, SCHEDULER, SECOND
 install()
 importlib.reload(lock_order)  # it watches the locks of the world
 
-_REAL_SECONDS: Final = float(os.environ.get('FLEXBT_ONE_PROCESS_SECONDS', '60'))
-"""Real time without a switch of tasks after which a test is ended, with its stack, s."""
+_PROCESSOR_SECONDS: Final = float(os.environ.get('FLEXBT_ONE_PROCESS_SECONDS', '60'))
+"""Processor time without a switch of tasks after which a test is ended, with its stack, s."""
 
 _SIMULATED_SECONDS: Final = 3600.0
 """Simulated time after which a test counts as stuck, s."""
@@ -112,7 +112,7 @@ def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Limit the simulated and the real time of a test."""
+    """Limit the simulated and the processor time of a test."""
     switches = -1
 
     def end(*_: object) -> None:
@@ -122,17 +122,17 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
             return
         faulthandler.dump_traceback(all_threads=False)
         raise TooLongError(
-            f'{SCHEDULER.current} computes for {_REAL_SECONDS:g} s at {(SCHEDULER.now - BOOT) / SECOND:.3f} s'
+            f'{SCHEDULER.current} computes for {_PROCESSOR_SECONDS:g} s at {(SCHEDULER.now - BOOT) / SECOND:.3f} s'
         )
 
-    before = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, _REAL_SECONDS, _REAL_SECONDS)
+    before = signal.signal(signal.SIGPROF, end)
+    signal.setitimer(signal.ITIMER_PROF, _PROCESSOR_SECONDS, _PROCESSOR_SECONDS)
     SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
     try:
         return (yield)
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
 
 
 @pytest.hookimpl(wrapper=True)

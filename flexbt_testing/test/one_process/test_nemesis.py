@@ -3,12 +3,22 @@
 
 from __future__ import annotations
 
+import os
+import signal
+from collections.abc import Generator
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from flexbt_testing.one_process.mutations import MUTATIONS
-from flexbt_testing.one_process.nemesis import Job, Plan, Step, provocation, run_all, run_one, shrink
+from flexbt_testing.one_process import nemesis, nemesis_run
+from flexbt_testing.one_process.invariants import Violation
+from flexbt_testing.one_process.mutations import MUTATIONS, Mutation
+from flexbt_testing.one_process.nemesis import shrink
+from flexbt_testing.one_process.nemesis_run import Job, Outcome, Plan, Step, run_all, run_one
+
+CRASH = Plan(1, steps=(Step(4.0, 'kill', 'onboard_executive', 4.0),))
+STOP = Plan(1, steps=(Step(5.0, 'stop', 'engineer', 0.0),))
 
 
 def test_plans_are_drawn_by_the_seed_and_survive_a_file() -> None:
@@ -18,37 +28,101 @@ def test_plans_are_drawn_by_the_seed_and_survive_a_file() -> None:
     assert len({Plan.draw(seed).steps for seed in range(200)}) > 150
 
 
-def test_seeds_break_no_invariant_and_give_the_same_run_again() -> None:
-    plans = [Plan.draw(seed, seconds=6.0) for seed in (1, 2)]
+@pytest.mark.parametrize('world', nemesis_run.WORLDS)
+def test_seeds_break_no_invariant_and_give_the_same_run_again(world: str) -> None:
+    plans = [Plan.draw(seed, 4.0, world, 'abstract') for seed in (1, 2)]
     outcomes = {job.plan.seed: outcome for job, outcome in run_all(map(Job, plans), at_once=2)}
     assert {seed: outcome.violations for seed, outcome in outcomes.items()} == {1: [], 2: []}
-    assert run_one(Job(plans[0])).hash == outcomes[1].hash
+    assert run_one(Job(plans[1])).hash == outcomes[2].hash
+
+
+def test_a_run_with_the_full_robot() -> None:
+    assert run_one(Job(replace(STOP, motion='full'))).violations == []
 
 
 def test_a_crash_of_the_executive_loses_nothing_that_was_shown() -> None:
-    assert run_one(Job(provocation('kill_executive'))).violations == []
+    assert run_one(Job(CRASH)).violations == []
 
 
 @pytest.mark.parametrize(
     ('name', 'plan', 'number'),
-    [
-        ('the journal does not write', 'kill_executive', 8),
-        ('states are not left at a stop', 'stop', 5),
-    ],
+    [('the journal does not write', CRASH, 8), ('states are not left at a stop', STOP, 5)],
 )
-def test_a_mutation_is_found_by_its_invariant(name: str, plan: str, number: int) -> None:
+def test_a_mutation_is_found_by_its_invariant(name: str, plan: Plan, number: int) -> None:
     mutation = next(one for one in MUTATIONS if one.name == name)
-    assert number in run_one(Job(provocation(plan), mutation)).broken
+    assert number in run_one(Job(plan, mutation)).broken
+
+
+def _run_in_child(mutation: Mutation) -> bool:
+    """Return whether a mutation can be made; in a child, since it stays."""
+    pid = os.fork()
+    if pid == 0:
+        try:
+            mutation.apply()
+        except BaseException:
+            os._exit(1)
+        os._exit(0)
+    return os.waitpid(pid, 0)[1] == 0
+
+
+def test_all_mutations_can_be_made() -> None:
+    assert [one.name for one in MUTATIONS if not _run_in_child(one)] == []
+    assert len({one.name for one in MUTATIONS}) == len(MUTATIONS) >= 60
+
+
+def test_a_mutation_changes_what_objects_have_already() -> None:
+    count = nemesis_run._Operator.results
+    assert not _run_in_child(Mutation('', 'flexbt_testing.one_process.nemesis_run:_Operator.no', 'return'))
+    assert not _run_in_child(Mutation('', 'flexbt_testing.one_process.nemesis_run:_Operator.results', '', 'not there'))
+    operator = nemesis_run._Operator.__new__(nemesis_run._Operator)
+    operator.commands = {}
+    bound, before = operator.results, count.__code__
+    try:
+        Mutation('', 'flexbt_testing.one_process.nemesis_run:_Operator.results', 'return {"a": 7}').apply()
+        assert bound() == {'a': 7}
+    finally:
+        count.__code__ = before
+    assert bound() == {}
+
+
+def test_a_run_that_fails_is_told_and_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    play = nemesis_run.Run.play
+
+    def fail(run: nemesis_run.Run) -> Outcome:
+        match run._plan.seed:
+            case 1:
+                os.kill(os.getpid(), signal.SIGKILL)
+            case 2:
+                raise ValueError('a fault of the nemesis')
+        return play(run)
+
+    monkeypatch.setattr(nemesis_run.Run, 'play', fail)
+    found = {job.plan.seed: outcome for job, outcome in run_all([Job(Plan(seed, seconds=1.0)) for seed in (1, 2, 3)])}
+    assert 'exit code -9' in found[1].violations[0].text
+    assert 'a fault of the nemesis' in found[2].violations[0].text
+    assert found[3].violations == []
+
+
+def test_no_process_is_left_when_the_nemesis_is_interrupted() -> None:
+    runs = run_all([Job(Plan(seed, seconds=1.0)) for seed in range(1, 50)], at_once=2)
+    assert isinstance(runs, Generator)
+    next(runs)
+    assert _children() != set()
+    runs.close()
+    assert _children() == set()
+
+
+def _children() -> set[int]:
+    """Return the processes whose parent is this one."""
+    return {int(pid) for pid in Path(f'/proc/self/task/{os.getpid()}/children').read_text().split()}
 
 
 def test_a_plan_is_shrunk_to_what_breaks_the_invariant(monkeypatch: pytest.MonkeyPatch) -> None:
     """The runs are replaced by a rule: it breaks whenever navigation is killed. What is tested is the search."""
-    from flexbt_testing.one_process import nemesis
-    from flexbt_testing.one_process.invariants import Violation
 
-    def judged(job: Job) -> nemesis.Outcome:
+    def judged(job: Job) -> Outcome:
         breaks = any(step.act == 'kill' and step.target == 'navigation' for step in job.plan.steps)
-        return nemesis.Outcome([Violation(3, 1.0, '')] if breaks else [])
+        return Outcome([Violation(3, 1.0, '')] if breaks else [])
 
     monkeypatch.setattr(nemesis, 'run_one', judged)
     steps = (*Plan.draw(3).steps, *Plan.draw(4).steps, Step(5.0, 'kill', 'navigation', 4.0), *Plan.draw(5).steps)

@@ -1,0 +1,609 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The run of a plan of the nemesis, forked from a world that is ready, and all that is kept of it."""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import io
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import sys
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from .world import Mission, World, _acting_as  # isort: skip - it prepares this interpreter
+
+import yaml
+
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.errors import ConsoleError
+from flexbt_console.link.operator_link import ExecutiveLink
+from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import AutonomyLevel, CommandKind, Decision, DecisionKind, ExecutiveState
+from flexbt_console.recording.run_file import write_recording
+from flexbt_console.recording.topics import TOPICS
+from flexbt_msgs.msg import ExecutiveLog
+
+from .forks import Fork, ForkError, fork_process
+from .graph import DOMAIN
+from .invariants import Observer, Violation, body_of
+from .mutations import Mutation
+from .programs import named_programs
+from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, USES_THREADS, StuckWorldError, Task
+
+SECONDS: Final = 8.0
+"""Simulated time in which the steps of a plan happen, s."""
+
+_PROCESSOR_SECONDS: Final = 120
+"""Processor time after which a run is ended, s: something computes without end."""
+
+_SIMULATED_SECONDS: Final = 250.0
+"""Simulated time after which a run is ended, s."""
+
+WORLDS: Final = ('navigate', 'night_watch', 'nav2_robot', 'goals')
+"""The demonstrations."""
+
+_BEHAVIORS: Final = {
+    'navigate': ('Navigate', 'Navigate', 'Navigate Split'),
+    'night_watch': ('Night Watch', 'Navigate'),
+    'nav2_robot': ('', 'Navigate'),  # '': a program drives
+    'goals': ('Reach Goal', 'Navigate'),
+}
+_PROGRAM: Final = 'deliveries'
+_PROCESSES: Final = ('bt_server', 'navigation', 'onboard_executive', 'stop_guard', 'simulator')
+_OPERATORS: Final = ('engineer', 'engineer', 'pilot')
+_FAULTS: Final = ('kill', 'kill', 'hang', 'hang', 'terminate', 'power', 'fail', 'cut', 'loss', 'delay', 'rate')
+_OF_LINKS: Final = ('cut', 'loss', 'delay', 'rate')
+_ACTS: Final = ('stop', 'stop', 'pause', 'resume', 'force', 'start', 'autonomy', 'repeat', 'claim', 'release', 'resend')
+_FAILING: Final = ('follow_path', 'compute_path_to_pose')
+
+
+@dataclass(frozen=True)
+class Step:
+    """Something that happens at a time (s, from when the robot is ready): a fault, or what an operator does.
+
+    ``target`` is a process, a link or an operator. ``amount``: how long a fault lasts, s; for an operator's step a
+    number from 0 to 1 that decides among what is possible then.
+    """
+
+    time: float
+    act: str
+    target: str
+    amount: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that happens in a run."""
+
+    seed: int
+    world: str = 'navigate'
+    motion: str = 'abstract'
+    behavior: str = 'Navigate'
+    autonomy: str = 'HIGH'
+    preemption: float = 0.0
+    """Probability that a task is interrupted where it acquires a lock."""
+    computing: float = 0.0
+    """Mean of the simulated time that a turn of a task takes, s."""
+    seconds: float = SECONDS
+    settle: float = 2.0
+    """Time from the last fault until the mission must work again, s."""
+    steps: tuple[Step, ...] = ()
+    answers: tuple[tuple[float, float], ...] = ((0.3, 0.3), (0.3, 0.6))
+    """Delay (s) of each answer, and a number from 0 to 1 that decides the place; then nobody answers any more."""
+
+    @classmethod
+    def draw(cls, seed: int, seconds: float = SECONDS, world: str = '', motion: str = '') -> Plan:
+        """Draw the plan of a seed, in a world and with a motion of the robot, or in drawn ones."""
+        draw = random.Random(f'plan {seed}')
+        drawn = draw.choice(('navigate', *WORLDS)), draw.choice(('full', *['abstract'] * 9))
+        world, motion = world or drawn[0], motion or drawn[1]
+        robots = ('alpha/', 'beta/') if world == 'night_watch' else ('',)
+
+        def step(acts: Sequence[str], targets: Sequence[str]) -> Step:
+            act, target, robot = draw.choice(acts), draw.choice(targets), draw.choice(robots)
+            amount = draw.random() if targets is _OPERATORS else min(draw.expovariate(0.5), 8.0)
+            if act in _OF_LINKS:
+                target, robot = 'operator', ''
+            elif act == 'fail':
+                target = draw.choice(_FAILING)
+            return Step(round(draw.uniform(0.0, seconds), 3), act, robot + target, round(amount, 3))
+
+        faults = [step(_FAULTS, _PROCESSES) for _ in range(draw.choice((0, 1, 1, 2, 3)))]
+        acts = [step(_ACTS, _OPERATORS) for _ in range(draw.choice((0, 1, 2, 3, 5)))]
+        return cls(
+            seed=seed,
+            world=world,
+            motion=motion,
+            behavior=draw.choice(_BEHAVIORS[world]),
+            autonomy=draw.choice(('LOW', 'HIGH', 'FULL')),
+            preemption=draw.choice((0.0, 0.02, 0.1)),
+            computing=draw.choice((0.0, 0.0, 0.0001, 0.0005)),
+            seconds=seconds,
+            settle=draw.choice((2.0, 2.0, 2.0, 8.0)),
+            steps=tuple(sorted([*faults, *acts], key=lambda one: one.time)),
+            answers=tuple((round(draw.uniform(0.0, 1.5), 3), round(draw.random(), 3)) for _ in range(4)),
+        )
+
+    def text(self) -> str:
+        """Return the plan as YAML."""
+        return str(yaml.safe_dump(json.loads(json.dumps(asdict(self))), sort_keys=False, default_flow_style=None))
+
+    @classmethod
+    def read(cls, text: str) -> Plan:
+        """Return the plan of a YAML text. Raises what YAML and the constructor raise for others."""
+        found = yaml.safe_load(text)
+        steps = tuple(Step(**one) for one in found.pop('steps', ()))
+        answers = tuple((delay, place) for delay, place in found.pop('answers', cls.answers))
+        return cls(**found, steps=steps, answers=answers)
+
+
+class _Operator:
+    """An operator who acts by plan, on what is on display then."""
+
+    def __init__(self, name: str, mirror: Mirror, link: ExecutiveLink) -> None:
+        self.mirror, self.commands = mirror, {}  # type: Mirror, dict[str, Any]
+        self._link = link
+        self._make = CommandBuilder(name)
+        self._last: Any = None
+        self._answered: set[tuple[str, str]] = set()
+
+    def give(self, make: Callable[[CommandBuilder, Any], Any]) -> bool:
+        """Send a command, if what is on display allows it; return whether it was sent."""
+        try:
+            command = make(self._make, self.mirror.view())
+        except ConsoleError:
+            return False
+        self._last = command
+        self.commands[command.id] = self._link.send(command, 6.0)
+        return True
+
+    def act(self, act: str, amount: float) -> None:
+        """Do what a step of a plan says; nothing if that is not possible now."""
+        match act:
+            case 'stop' | 'pause':
+                self.give(lambda make, view: make.command(view, CommandKind[act.upper()]))
+            case 'resume':
+                self.give(lambda make, view: make.resume(view))
+            case 'claim' | 'release':
+                self.give(lambda make, view: make.command(view, CommandKind[f'{act.upper()}_AUTHORITY']))
+            case 'autonomy':
+                level = list(AutonomyLevel)[int(amount * 4)]
+                self.give(lambda make, view: make.autonomy(view, level))
+            case 'start':
+                self.start('Navigate', AutonomyLevel.HIGH)
+            case 'repeat':
+                self.give(lambda make, view: make.repeat(view))
+            case 'force':
+                self.give(lambda make, view: make.force(view, '', self._outcome(view, amount)))
+            case 'resend' if self._last is not None:  # as a console does that has missed the answer
+                self._link._runtime.call(lambda: self._link._publish(self._last))
+
+    def start(self, behavior: str, level: AutonomyLevel, arguments: Sequence[tuple[str, str]] = ()) -> bool:
+        """Start a behavior."""
+        return self.give(lambda make, view: make.start(view, behavior, arguments, level))
+
+    def answer(self, decision: Decision, place: float) -> None:
+        """Answer a question with a place, or confirm what a state suggests."""
+        view = self.mirror.view()
+        self._answered.add((view.snapshot.run_id if view.snapshot else '', decision.id))
+        if decision.kind is DecisionKind.INPUT:
+            name = sorted(view.places)[int(place * len(view.places))]
+            self.give(lambda make, view: make.answer(view, decision.id, name, unseen=True))
+        else:
+            outcome = decision.outcome or decision.outcomes[0]
+            self.give(lambda make, view: make.choose(view, decision, outcome, unseen=True))
+
+    def question(self) -> Decision | None:
+        """Return the oldest decision that this operator has not answered."""
+        view = self.mirror.view()
+        run = view.snapshot.run_id if view.snapshot else ''
+        return next((one for one in view.decisions if (run, one.id) not in self._answered), None)
+
+    def results(self) -> dict[str, int | None]:
+        """Return the result of each command, None if it is not known."""
+        codes = {'APPLIED': 1, 'REFUSED': 2}
+        known = {one: self.mirror.command(one) for one in self.commands}
+        return {one: codes.get(tracked.state.name) if tracked else None for one, tracked in known.items()}
+
+    @staticmethod
+    def _outcome(view: Any, amount: float) -> str:
+        outcomes = view.outcomes(view.active_paths[0]) if view.active_paths else ()
+        return str(outcomes[int(amount * len(outcomes))]) if outcomes else 'done'
+
+
+@dataclass
+class Outcome:
+    """What has come of a run."""
+
+    violations: list[Violation] = field(default_factory=list)
+    seconds: float = 0.0
+    processor: float = 0.0
+    hash: str = ''
+    story: list[tuple[float, str]] = field(default_factory=list)
+
+    @property
+    def broken(self) -> set[int]:
+        """The numbers of the invariants that did not hold."""
+        return {one.number for one in self.violations}
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run that is wanted: of a plan, of a changed product, with what is kept of it."""
+
+    plan: Plan
+    mutation: Mutation | None = None
+    keep: Path | None = None
+
+
+class Stage:
+    """A world that is ready, with its operators: the runs of all plans of this world begin here."""
+
+    def __init__(self, world: str, motion: str) -> None:
+        gc.disable()  # when it runs depends on what else is in memory
+        files = {'journal_directory': '~/files', 'event_log_directory': '~/files'}
+        programs = [
+            replace(one, parameters={**one.parameters, **files}) if one.executable == 'onboard_executive' else one
+            for one in named_programs(world, Path(), Path(), motion)
+        ]
+        self.world = World(0, programs).__enter__()
+        with _acting_as(SCHEDULER.process('operator 2')):
+            self.station = NodeRuntime('operator_2', args=[])
+            mirror = Mirror(self.station.steady)
+            prefix = f'/{self.world.namespace}' if self.world.namespace else ''
+            pilot = _Operator('pilot', mirror, ExecutiveLink(self.station, mirror, 'pilot', prefix))
+        self.world.run_until(lambda _view: mirror.view().live and mirror.view().behaviors is not None, 30.0)
+        self.operators = {
+            _named(name, 'engineer'): _Operator('engineer', mission.mirror, mission._link)
+            for name, mission in self.world.robots.items()
+        }
+        self.operators[_named(self.world.namespace, 'pilot')] = pilot
+        gc.collect()
+        gc.freeze()
+
+    def fork(self, job: Job) -> Fork:
+        """Begin a run in a child."""
+
+        def play(_world: World) -> Outcome:
+            resource.setrlimit(resource.RLIMIT_CPU, (_PROCESSOR_SECONDS, _PROCESSOR_SECONDS))
+            return Run(self, job).play()
+
+        return self.world.fork(play)
+
+
+def _named(namespace: str, name: str) -> str:
+    return f'{namespace}/{name}' if namespace else name
+
+
+class Run:
+    """A run of a plan in this process."""
+
+    def __init__(self, stage: Stage, job: Job) -> None:
+        self._plan, self._keep, self._mutation = job.plan, job.keep, job.mutation
+        self._world, self._stage, self._operators = stage.world, stage, stage.operators
+        self._outcome = Outcome()
+        self._is_mended = False
+        self._recorded: list[tuple[int, str, Any]] = []
+        self._hash = hashlib.sha256()
+
+    def play(self) -> Outcome:
+        """Run the plan; the world is at its end then."""
+        began, world = os.times(), self._world
+        errors = sys.stderr = io.StringIO()
+        sys.stdout = io.StringIO()  # of programs
+        SCHEDULER.random.seed(self._plan.seed)
+        SCHEDULER.shuffles = True
+        SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
+        SCHEDULER.trace = self._trace
+        self._observer = Observer(world, world.home / 'files', self._record, has_program=not self._plan.behavior)
+        if self._mutation is not None:
+            self._mutation.apply()
+        try:
+            self._in_world()
+        except StuckWorldError as error:
+            self._observer.say(9, f'{error}'[:600])
+        finally:
+            sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
+        if 'has died' in errors.getvalue() and _PROGRAM not in errors.getvalue():
+            self._observer.say(9, errors.getvalue()[-1500:])
+        ended = os.times()
+        self._outcome.processor = ended.user + ended.system - began.user - began.system
+        self._outcome.hash = self._hash.hexdigest()[:16]
+        self._outcome.violations = self._observer.violations
+        self._outcome.seconds = world.now
+        return self._outcome
+
+    def _trace(self, task: Task, now: int) -> None:
+        """Note a switch of tasks, and let time pass for what the task computed before."""
+        self._hash.update(b'%d %d;' % (task.id, now))
+        if self._plan.computing:
+            SCHEDULER.now += int(SCHEDULER.random.expovariate(1.0 / self._plan.computing) * SECOND)
+
+    def _in_world(self) -> None:
+        plan, world = self._plan, self._world
+        self._observer.begin([operator.mirror for operator in self._operators.values()])
+        SCHEDULER.preemption = plan.preemption
+        try:
+            self._play_plan()
+        except AssertionError as error:
+            self._observer.say(10, f'{error}'[:600])
+        self._observer.finish([operator.results() for operator in self._operators.values()])
+        files = {file.name: file.read_bytes() for file in (world.home / 'files').iterdir()}
+        self._stage.station.close()
+        for name in world.processes:
+            world.terminate(name)
+        world.run(3.0)
+        codes = {name: process.exit_code for name, process in world.processes.items() if name != _PROGRAM}
+        if any(codes.values()):
+            self._observer.say(9, f'exit codes {codes}')
+        ended = [process for process in world.processes.values() if process.exit_code == 0]
+        if left := [node.get_fully_qualified_name() for node in DOMAIN.nodes if node.process in ended]:
+            self._observer.say(9, f'nodes that were not ended: {", ".join(left)}')
+        if self._keep is not None:
+            self._save(self._keep, files)
+
+    def _play_plan(self) -> None:
+        plan, world = self._plan, self._world
+        self._say(f'plan {plan.seed}: {plan.behavior or _PROGRAM} at {plan.autonomy}')
+        begin = world.now
+        for step in plan.steps:
+            world.at(begin + step.time, lambda step=step: self._happen(step))  # type: ignore[misc]
+        if not plan.behavior:
+            world.launch(f'flexbt_demo_behaviors/{_PROGRAM}')
+        for name in world.robots:
+            engineer = self._operators[_named(name, 'engineer')]
+            if plan.behavior:
+                engineer.start(plan.behavior, AutonomyLevel[plan.autonomy], self._arguments(name))
+            world.at(world.now, lambda engineer=engineer: self._answer(engineer, list(plan.answers)))  # type: ignore[misc]
+        last = max((step.time + step.amount for step in plan.steps if step.target not in self._operators), default=0.0)
+        world.run(max(plan.seconds, last) + 0.1)
+        self._mend()
+        world.run(plan.settle)
+        for name, mission in world.robots.items():
+            self._check_usable(mission, self._operators[_named(name, 'engineer')])
+
+    def _arguments(self, name: str) -> list[tuple[str, str]]:
+        if self._plan.behavior != 'Night Watch':
+            return []
+        return [('home', f'{name}_dock'), ('partner', 'beta' if name == 'alpha' else 'alpha')]
+
+    def _happen(self, step: Step) -> None:
+        self._say(f'{step.act} {step.target} ({step.amount:.3f})')
+        robot, _, target = step.target.rpartition('/')
+        if step.target in self._operators:
+            self._operators[step.target].act(step.act, step.amount)
+        elif step.act == 'cut':
+            self._world.network.cut(step.amount)
+        elif step.act in _OF_LINKS:
+            value = {'loss': step.amount / 16.0, 'delay': step.amount / 16.0, 'rate': 20.0 + 20.0 * step.amount}
+            setattr(self._world.network.link(), step.act, value[step.act])
+            SCHEDULER.sleep(step.amount)
+            setattr(self._world.network.link(), step.act, 0.0)
+        elif step.act == 'fail':
+            if self._process(_named(robot, 'navigation'))[1].is_alive:
+                self._world.robots[robot].fail_goal(target, step.amount)
+        elif step.act == 'power':
+            names = [name for name, one in self._world.processes.items() if one.is_alive and name != _PROGRAM]
+            for name in names:
+                self._end(name, self._world.kill)
+            SCHEDULER.sleep(step.amount / 4.0)
+            for name in names:
+                self._restart(name)
+        else:
+            self._hurt(step)
+
+    def _hurt(self, step: Step) -> None:
+        """Kill, terminate or stop a process for a time."""
+        name, process = self._process(step.target)
+        if not process.is_alive or process.held_up is not None:
+            return
+        if step.act == 'hang':
+            self._observer.hangs(name, step.amount)
+            self._world.hold_up(name)
+            SCHEDULER.sleep(step.amount)
+            SCHEDULER.resume(process)
+            self._say(f'{name} goes on')
+            return
+        self._end(name, self._world.kill if step.act == 'kill' else self._world.terminate)
+        SCHEDULER.sleep(step.amount / 2.0 + (2.5 if step.act == 'terminate' else 0.0))
+        self._restart(name)
+
+    def _process(self, target: str) -> tuple[str, Any]:
+        """Return the process that does the work of one of a plan, and its name."""
+        processes = self._world.processes
+        name = target if target in processes else body_of(processes, target)
+        return name, processes[name]
+
+    def _end(self, name: str, act: Callable[[str], object]) -> None:
+        self._observer.killed(name)
+        act(name)
+
+    def _restart(self, name: str) -> None:
+        if not self._world.processes[name].is_alive:
+            self._world.restart(name)
+            self._say(f'{name} starts again')
+
+    def _mend(self) -> None:
+        """End all faults."""
+        self._is_mended = True
+        for name, process in list(self._world.processes.items()):
+            if name == _PROGRAM:
+                if process.is_alive:
+                    self._end(name, self._world.kill)
+                continue
+            if process.is_alive and process.held_up is not None:
+                SCHEDULER.resume(process)
+            self._restart(name)
+        self._say('all faults have ended')
+
+    def _has_mended(self) -> bool:
+        return self._is_mended
+
+    def _answer(self, operator: _Operator, answers: list[tuple[float, float]]) -> None:
+        """Answer questions by plan, one after the other."""
+        while answers and not self._has_mended():
+            decision = operator.question()
+            if decision is None:
+                SCHEDULER.sleep(0.1)
+                continue
+            delay, place = answers.pop(0)
+            SCHEDULER.sleep(delay)
+            if not self._has_mended():
+                self._say(f'answers {decision.path}')
+                operator.answer(decision, place)
+
+    def _check_usable(self, mission: Mission, operator: _Operator) -> None:
+        """Start a mission, drive, and stop it: everything must work again."""
+        if mission is self._world:
+            self._operators[_named(mission.namespace, 'pilot')].act('release', 0.0)
+        mission.run_until(lambda view: bool(view.snapshot and view.snapshot.authority in ('', 'engineer')), 10.0)
+        self._end_run(operator)
+        self._say('a mission that must work')
+        assert operator.start('Navigate', AutonomyLevel.HIGH), 'a behavior cannot be started'
+        mission.run_until(lambda _view: operator.question() is not None, 30.0, 'a question')
+        decision, pose = operator.question(), mission.robot.pose
+        assert decision is not None
+        assert pose is not None
+        places, length = sorted(mission.view.places), mission.robot.length
+        far = max(places, key=lambda place: mission.place(place).distance(pose))
+        operator.answer(decision, places.index(far) / len(places))
+        mission.run_until(lambda _view: mission.robot.length > length + 0.3, 30.0, 'a drive')
+        self._end_run(operator)
+        self._world.run(1.5)
+        assert mission.robot.at_rest, 'the robot moves after the last stop'
+
+    def _end_run(self, operator: _Operator) -> None:
+        """Stop what runs, or abort what was interrupted, until the executive is idle."""
+        until = self._world.now + 20.0
+
+        def is_idle() -> bool:
+            view = operator.mirror.view()
+            return view.live and view.snapshot is not None and view.snapshot.state is ExecutiveState.IDLE
+
+        while not is_idle():
+            view = operator.mirror.view()
+            state = view.snapshot.state.name if view.snapshot else 'unknown'
+            assert self._world.now < until, f'not idle: {state}, link {view.link.value}, {view.active_paths}'
+            kind = CommandKind.ABORT_RUN if state == 'INTERRUPTED' else CommandKind.STOP
+            operator.give(lambda make, view: make.command(view, kind))  # noqa: B023 - at once
+            next_try = self._world.now + 2.0
+            while not is_idle() and self._world.now < next_try:
+                self._world.run(0.1)
+
+    def _say(self, text: str) -> None:
+        self._outcome.story.append((round(self._world.now, 3), text))
+        if self._keep is not None:
+            stamp = self._world.now
+            line = ExecutiveLog(severity=ExecutiveLog.WARN, path='/nemesis', text=text)
+            line.stamp.sec, line.stamp.nanosec = int(stamp), int(stamp % 1.0 * 1e9)
+            self._recorded.append((EPOCH + SCHEDULER.now - BOOT, 'executive/log', line))
+
+    def _record(self, name: str, sample: Any) -> None:
+        if self._keep is not None and name in TOPICS and name not in ('scan', 'tf'):
+            self._recorded.append((EPOCH + SCHEDULER.now - BOOT, name, sample.message()))
+
+    def _save(self, keep: Path, files: dict[str, bytes]) -> None:
+        shutil.rmtree(keep, ignore_errors=True)
+        keep.mkdir(parents=True)
+        (keep / 'plan.yaml').write_text(self._plan.text())
+        lines = [(when, f'nemesis: {text}') for when, text in self._outcome.story]
+        lines += [(one.time, f'VIOLATION {one}') for one in self._observer.violations]
+        lines += [((when - BOOT) / SECOND, f'{process} {name}: {text}') for when, process, _, name, text in DOMAIN.log]
+        told = '\n'.join(f'{when:9.3f} {text}' for when, text in sorted(lines, key=lambda line: line[0]))
+        (keep / 'log.txt').write_text(f'{told}\n')
+        for name, data in files.items():
+            (keep / name).write_bytes(data)
+        write_recording(keep / 'run.mcap', self._recorded)
+
+
+# ------------------------------------------------------------------------------------------------- runs in processes
+
+
+def run_all(jobs: Iterable[Job], at_once: int = 1) -> Iterator[tuple[Job, Outcome]]:
+    """Run jobs, those of a world after those of another, some at once; yield them as they end.
+
+    A world lives in a child, whose children are the runs. All of them end with this generator.
+    """
+    worlds: dict[tuple[str, str], list[Job]] = {}
+    for job in jobs:
+        worlds.setdefault((job.plan.world, job.plan.motion), []).append(job)
+    for (world, motion), those in worlds.items():
+        if USES_THREADS:  # which cannot be forked
+            yield from ((job, Run(Stage(world, motion), job).play()) for job in those)
+            continue
+        reader, writer = os.pipe()
+        pid = fork_process()
+        if pid == 0:
+            os.setpgid(0, 0)
+            os.close(reader)
+            _serve(world, motion, those, at_once, writer)
+        os.close(writer)
+        left = list(those)
+        try:
+            with os.fdopen(reader) as lines:
+                for line in lines:
+                    found = json.loads(line)
+                    violations = [Violation(**one) for one in found.pop('violations')]
+                    yield left.pop(0), Outcome(violations, **found)
+            for job in left:
+                yield job, Outcome([Violation(9, 0.0, f'the world {world} has ended, with motion {motion}')])
+        finally:
+            _kill_group(pid)
+
+
+def _kill_group(pid: int) -> None:
+    with suppress(ProcessLookupError):  # it has ended, and so have its children
+        os.killpg(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+
+
+def warm_up() -> None:
+    """Load and compile all that a mission needs, in this process."""
+    with World(0, named_programs('navigate', Path(), Path(), 'abstract')) as world:
+        world.start('Navigate')
+        world.answer('/AskGoal', 'kitchen')
+        world.run(5.0)
+        world.stop()
+
+
+def _serve(world: str, motion: str, jobs: Sequence[Job], at_once: int, pipe: int) -> None:
+    """Run jobs in children of a world, and write what has come of them, a line each, in the order of the jobs."""
+    try:
+        stage = Stage(world, motion)
+        waiting, running = deque(jobs), deque[Fork]()
+        with os.fdopen(pipe, 'w') as stream:
+            while waiting or running:
+                while waiting and len(running) < at_once:
+                    running.append(stage.fork(waiting.popleft()))
+                stream.write(f'{json.dumps(asdict(_result(running.popleft())))}\n')
+                stream.flush()
+        shutil.rmtree(stage.world._folder, ignore_errors=True)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        os._exit(0)
+
+
+def _result(fork: Fork) -> Outcome:
+    try:
+        outcome: Outcome = fork.result()
+    except ForkError as error:
+        return Outcome([Violation(9, 0.0, f'the run has failed: {error}')])
+    return outcome
+
+
+def run_one(job: Job) -> Outcome:
+    """Run a job in a world of its own."""
+    return next(run_all([job]))[1]
