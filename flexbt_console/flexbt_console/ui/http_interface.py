@@ -12,7 +12,7 @@ import contextlib
 import json
 import time
 import uuid
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
@@ -21,7 +21,7 @@ from http import HTTPStatus
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import web
 from aiohttp.typedefs import Handler
@@ -107,13 +107,6 @@ _NAMESPACE: Final = uuid.UUID('0b5de8ad-52a5-4cc8-8f6e-8a60a55d7a39')
 _LEFT_OUT: Final = frozenset({'--png', '--size', '--scan', '--state'})
 
 
-class Answer(NamedTuple):
-    """The answer of a command: its exit code, and what it is for programs."""
-
-    code: ExitCode
-    value: Any
-
-
 class _Performance(LineMode):
     """A command of line mode whose answer is kept instead of printed. ``identifier``: that of its command, or ''."""
 
@@ -137,15 +130,15 @@ class _Performance(LineMode):
         return replace(meaning, command=replace(meaning.command, id=self._identifier))
 
 
-def perform(line: CommandLine, station: Station, link: Any, identifier: str = '') -> Answer:
-    """Carry out a command and wait for its answer. Not on the executor thread."""
+def perform(line: CommandLine, station: Station, link: Any, identifier: str = '') -> tuple[ExitCode, Any]:
+    """Carry out a command, and return its exit code and its answer for programs. Not on the executor thread."""
     name = line.spec.name
     one = _Performance(line, station, link, identifier)
     try:
         check(line)
-        return Answer(one.run(), one.value)
+        return one.run(), one.value
     except ConsoleError as error:
-        return Answer(error.exit_code, failure_json(name, error.exit_code, str(error)))
+        return error.exit_code, failure_json(name, error.exit_code, str(error))
 
 
 def line_of(spec: CommandSpec, given: Mapping[str, Any]) -> CommandLine:
@@ -201,25 +194,20 @@ def offered() -> list[CommandSpec]:
     return [spec for spec in COMMANDS if spec.in_prompt]
 
 
-class _Places:
-    """The places for what goes on at the same time."""
+@contextlib.contextmanager
+def _place(taken: list[str], most: int, user: str, what: str) -> Iterator[None]:
+    """Take one of the places for what goes on at the same time, during a ``with`` block.
 
-    def __init__(self, what: str, most: int) -> None:
-        self._what, self._most = what, most
-        self._taken: Counter[str] = Counter()
-
-    @contextlib.contextmanager
-    def taken(self, user: str) -> Iterator[None]:
-        """Take a place during a ``with`` block. Raises HTTPServiceUnavailable if none is free."""
-        if self._taken.total() >= self._most or self._taken[user] >= self._most // 2:
-            text = f'{self._taken.total()} {self._what} go on, {self._taken[user]} of them yours; try again later'
-            raise web.HTTPServiceUnavailable(text=text)
-        self._taken[user] += 1
-        try:
-            yield
-        finally:
-            self._taken[user] -= 1
-            self._taken += Counter()  # without users that have none
+    Raises HTTPServiceUnavailable if none is free.
+    """
+    if len(taken) >= most or taken.count(user) >= most // 2:
+        text = f'{len(taken)} {what} go on, {taken.count(user)} of them yours; try again later'
+        raise web.HTTPServiceUnavailable(text=text)
+    taken.append(user)
+    try:
+        yield
+    finally:
+        taken.remove(user)
 
 
 class HttpInterface:
@@ -235,8 +223,7 @@ class HttpInterface:
         self._robots, self._station, self._access, self._operator = robots, station, access, operator
         self._wrong = WrongTokens()
         self._rates = SenderRates(RATE, BURST, time.monotonic)
-        self._commands, self._stops = _Places('commands', MOST_AT_ONCE), _Places('stops', MOST_STOPS)
-        self._streams = _Places('streams', MOST_AT_ONCE)
+        self._commands, self._stops, self._streams = list[str](), list[str](), list[str]()  # by their users
         self._threads = ThreadPoolExecutor(MOST_AT_ONCE + MOST_STOPS, 'commands')  # so a stop waits for nothing
         self._keys: OrderedDict[str, str] = OrderedDict()
         self._recorded = Recordings(home_path(USER_DIRECTORY))
@@ -308,9 +295,11 @@ class HttpInterface:
         body = await _body(request)
         line = line_of(spec, body)
         identifier = self._identifier(request, robot, [spec.name, body])
-        with (self._stops if spec.name == 'stop' else self._commands).taken(request['share']):
+        is_stop, share = spec.name == 'stop', request['share']
+        places = self._stops if is_stop else self._commands
+        with _place(places, MOST_STOPS if is_stop else MOST_AT_ONCE, share, 'stops' if is_stop else 'commands'):
             operator = self._operator(user)
-            if spec.name == 'stop':  # the link is there already: a stop does not wait for the node, which may be busy
+            if is_stop:  # the link is there already: a stop does not wait for the node, which may be busy
                 self._begin(self._keep_open(robot, operator))
             else:
                 await self._keep_open(robot, operator)
@@ -340,7 +329,8 @@ class HttpInterface:
         """Send the events of a robot from now on, as server-sent events; the first ones are the present state."""
         robot = self._name(request)
         answer = web.StreamResponse(headers={'Content-Type': 'text/event-stream', 'Cache-Control': 'no-cache'})
-        with self._streams.taken(request['share']), contextlib.suppress(ConnectionError, KeyError):
+        place = _place(self._streams, MOST_AT_ONCE, request['share'], 'streams')
+        with place, contextlib.suppress(ConnectionError, KeyError):
             await self._keep_open(robot, '')
             follower = Follower(self._robots.robot(robot)[0])
             await answer.prepare(request)
