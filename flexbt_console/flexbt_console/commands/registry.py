@@ -743,7 +743,7 @@ COMMANDS: Final = (
         ),
         details=(
             'An observer looks; an operator also starts, answers, pauses and stops; a maintainer also forces outcomes, '
-            'debugs, switches and edits. The file has only hashes of tokens. Start "web" again after a change.',
+            'debugs, switches and edits. The file has only hashes of tokens. A change counts at once.',
         ),
     ),
     CommandSpec(

@@ -91,25 +91,19 @@ def entry_details(entry: QueueEntry) -> str:
 
 def options_texts(options: QueueOptions) -> list[str]:
     """Return the options that differ from those of an entry that runs once, in the words of the commands."""
-    told = [f'priority {options.priority}'] if options.priority else []
-    if options.battery >= 0.0:
-        told.append(f'battery {options.battery:.0%}')
-    if options.not_before:
-        told.append(f'after {stamp_text(options.not_before)}')
-    if options.window:
-        told.append(f'at {one_line(options.window)}')
-    if options.place:
-        told.append(f'within {options.distance:g} m of {one_line(options.place)}')
-    if options.count != 1:
-        told.append(f'{options.count} more times' if options.count else 'no end')
-    if options.interval:
-        told.append(f'every {duration_text(options.interval)}')
-    if options.on_failure is not OnFailure.HOLD:
-        times = f' {options.retries} times' if options.on_failure is OnFailure.RETRY else ''
-        told.append(f'on failure {options.on_failure.name.lower()}{times}')
-    if options.wanted:
-        told.append(f'wants {" or ".join(map(one_line, options.wanted))}')
-    return told
+    times = f' {options.retries} times' if options.on_failure is OnFailure.RETRY else ''
+    told = {
+        f'priority {options.priority}': options.priority,
+        f'battery {options.battery:.0%}': options.battery >= 0.0,
+        f'after {stamp_text(options.not_before)}': options.not_before,
+        f'at {one_line(options.window)}': options.window,
+        f'within {options.distance:g} m of {one_line(options.place)}': options.place,
+        f'{options.count} more times' if options.count else 'no end': options.count != 1,
+        f'every {duration_text(options.interval)}': options.interval,
+        f'on failure {options.on_failure.name.lower()}{times}': options.on_failure is not OnFailure.HOLD,
+        f'wants {" or ".join(map(one_line, options.wanted))}': options.wanted,
+    }
+    return [text for text, is_told in told.items() if is_told]
 
 
 def duration_text(seconds: float) -> str:

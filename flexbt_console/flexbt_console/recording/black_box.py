@@ -46,6 +46,7 @@ from flexbt_console.mirror.lanes import Lane, LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_core.clock.clock import Timer
 from flexbt_core.clock.rates import TokenBucket
+from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import ExecutiveCommand
 
@@ -94,18 +95,20 @@ _TELLING: Final = (names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.EXECUTIVE_
 class Settings:
     """The parameters of the node."""
 
-    ring: Path
-    seconds: float
-    after: float
-    ring_size: int
-    incidents: Path
-    keep: int
-    size: int
-    others: tuple[str, ...]
-    other_period: float
-    records: tuple[Path, ...]
-    battery: float
-    goals: bool
+    seconds: float = parameter('seconds', 120.0, 'time that the ring covers, s', 10.0, 3600.0)
+    after: float = parameter('after', 5.0, 'time that an incident records after what belongs to it, s', 0.1, 600.0)
+    ring_size: int = parameter('ring_size', 64_000_000, 'bytes of the ring, at most', 1_000_000, 10**10)
+    keep: int = parameter('keep', 50, 'incidents that stay; the oldest ones are removed', 1, 10_000)
+    size: int = parameter('size', 1_000_000_000, 'bytes of all incidents that stay', 1_000_000, 10**13)
+    others: tuple[str, ...] = parameter('others', (ROSOUT,), 'further topics of any type, such as camera and costmap')
+    other_period: float = parameter('other_period', 0.25, 'time between two kept messages of one of them, s', 0.0, 60.0)
+    battery: float = parameter(
+        'battery', 0.15, 'share of charge below which the battery is an incident; 0: none', 0.0, 1.0
+    )
+    goals: bool = parameter('goals', True, 'an aborted goal of any action is an incident')
+    ring: Path = Path()
+    incidents: Path = Path()
+    records: tuple[Path, ...] = ()
 
 
 def declare_parameters(node: Node) -> Settings:
@@ -117,25 +120,12 @@ def declare_parameters(node: Node) -> Settings:
         str(memory / f'flexbt_{os.getuid()}' / domain) if memory.is_dir() else f'{USER_DIRECTORY}/{domain}/ring'
     )
     space = node.get_namespace().strip('/').replace('/', '.') or 'robot'
-    return Settings(
+    records = 'directories of event log, journal and btlogs; what changed in them lately is copied'
+    return replace(
+        declare.fields(Settings()),
         ring=home_path(ring) / space,
-        seconds=declare.real('seconds', 120.0, 10.0, 3600.0, 'time that the ring covers, s'),
-        after=declare.real('after', 5.0, 0.1, 600.0, 'time that an incident records after what belongs to it, s'),
-        ring_size=declare.integer('ring_size', 64_000_000, 1_000_000, 10**10, 'bytes of the ring, at most'),
         incidents=home_path(declare.text('incidents', INCIDENTS, 'directory in which each incident gets a folder')),
-        keep=declare.integer('keep', 50, 1, 10_000, 'incidents that stay; the oldest ones are removed'),
-        size=declare.integer('size', 1_000_000_000, 1_000_000, 10**13, 'bytes of all incidents that stay'),
-        others=declare.texts('others', (ROSOUT,), 'further topics of any type, such as camera and costmap'),
-        other_period=declare.real('other_period', 0.25, 0.0, 60.0, 'time between two kept messages of one of them, s'),
-        records=declare.directories(
-            'records',
-            (f'{USER_DIRECTORY}/{domain}',),
-            'directories of event log, journal and btlogs; what changed in them lately is copied',
-        ),
-        battery=declare.real(
-            'battery', 0.15, 0.0, 1.0, 'share of charge below which the battery is an incident; 0: none'
-        ),
-        goals=declare.flag('goals', True, 'an aborted goal of any action is an incident'),
+        records=declare.directories('records', (f'{USER_DIRECTORY}/{domain}',), records),
     )
 
 
