@@ -59,10 +59,12 @@ def write_text(file: str | Path, text: str) -> None:
     old = Path(os.path.realpath(file))
     fresh = old.with_name(f'.{os.urandom(8).hex()}.tmp')
     try:
-        with fresh.open('x', encoding='utf-8') as content:
-            content.write(text)
-            content.flush()
-            os.fsync(content.fileno())
+        descriptor = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+        try:
+            write_whole(descriptor, text.encode())
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
         if old.exists():
             os.close(os.open(old, os.O_WRONLY))  # refuse to replace a write-protected file
             fresh.chmod(stat.S_IMODE(old.stat().st_mode))
@@ -81,6 +83,12 @@ def version_of(file: Path) -> tuple[int, ...]:
     except OSError:
         return ()
     return known.st_mtime_ns, known.st_ctime_ns, known.st_ino, known.st_size
+
+
+def write_whole(descriptor: int, data: bytes) -> None:
+    """Write data to a file. Raises OSError if not all of it fits onto the disk; the file has a part of it then."""
+    while data:
+        data = data[os.write(descriptor, data) :]
 
 
 def open_regular(file: str | Path, flags: int, mode: int = 0o666) -> int:

@@ -53,7 +53,7 @@ from typing import TYPE_CHECKING, Any, Final
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.work_thread import watchdog
-from flexbt_core.values.text_files import open_private
+from flexbt_core.values.text_files import open_private, write_whole
 
 if TYPE_CHECKING:
     from flexbt_common.runtime.ros_clock import RosClock
@@ -228,9 +228,7 @@ class EventLog:
                     break
                 self._may_be_cut = True
                 try:
-                    rest = line
-                    while rest:  # after a partial write, writing the rest raises the reason
-                        rest = rest[file.write(rest) :]
+                    write_whole(file.fileno(), line)
                 except OSError:
                     with suppress(OSError):  # if it fails, the next write ends the cut line
                         file.truncate(begin)

@@ -33,7 +33,7 @@ from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.work_thread import watchdog
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.values.text import short_repr
-from flexbt_core.values.text_files import open_private
+from flexbt_core.values.text_files import open_private, write_whole
 from flexbt_msgs.msg import CommandResult
 from flexbt_onboard.errors import OnboardError
 
@@ -334,7 +334,7 @@ class Journal:
         if not is_there:
             raise OSError('the file was moved or removed')
         data = b''.join(encode_line(self._count + number, line) for number, line in enumerate(lines))
-        _write_whole(self._descriptor, data)
+        write_whole(self._descriptor, data)
         os.fdatasync(self._descriptor)
         self._count += len(lines)
         self._size += len(data)
@@ -347,7 +347,7 @@ class Journal:
         fresh.unlink(missing_ok=True)  # left by a killed process, or a link to a file that must not be written
         descriptor = open_private(fresh, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND)
         try:
-            _write_whole(descriptor, data)
+            write_whole(descriptor, data)
             os.fsync(descriptor)
             fresh.replace(self.file)
         except OSError:
@@ -393,13 +393,6 @@ class Journal:
 
 def _unusable(file: Path, why: object) -> OnboardError:
     return OnboardError(f'parameter journal_directory: {file} cannot be used: {why}')
-
-
-def _write_whole(descriptor: int, data: bytes) -> None:
-    """Write data as a whole. Raise OSError if not all of it fits onto the disk."""
-    written = os.write(descriptor, data)
-    if written != len(data):
-        raise OSError(f'{written} of {len(data)} bytes fit onto the disk')
 
 
 # The format of the lines, and the reading of a file that may be corrupt.

@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.errors import Source, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.xml.parser import Element, parse
-from flexbt_core.values.text_files import open_private, open_regular
+from flexbt_core.values.text_files import open_private, open_regular, write_whole
 
 from . import protocol
 from .protocol import tree_document
@@ -105,9 +105,7 @@ class LogWriter:
             with open(self._path, mode, buffering=0, opener=open_private) as file:
                 file.seek(self._written)
                 try:
-                    rest = data
-                    while rest:  # if it does not all fit, writing the rest raises the reason
-                        rest = rest[file.write(rest) :]
+                    write_whole(file.fileno(), data)
                 except OSError:
                     file.truncate(self._written)
                     if not self._written:

@@ -57,12 +57,17 @@ class Boundary:
         """Watch nothing until the next world."""
         self._test = None
 
+    @property
+    def is_inside(self) -> bool:
+        """True if the code that runs is of a program of the world, not of the test."""
+        return self._test is not None and SCHEDULER.current.process is not self._test
+
     def _check(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if self._test is None or (event != 'open' and event not in _INSTEAD):
+        if (event != 'open' and event not in _INSTEAD) or not self.is_inside:
+            return
+        if event == 'open' and self._may_open(*arguments):
             return
         process = SCHEDULER.current.process
-        if process is self._test or (event == 'open' and self._may_open(*arguments)):
-            return
         what = f'opens {arguments[0]!r} for writing' if event == 'open' else f'calls {event} {_text(arguments)}'
         instead = _INSTEAD.get(event, 'the home directory of the world (Path.home()), or tmp_path of the test')
         self.crossings.append(f'{process.name} {what}')

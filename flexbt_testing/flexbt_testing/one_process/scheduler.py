@@ -158,6 +158,8 @@ class Scheduler:
             self.abandon(process)
         self.seed = seed
         self.now = BOOT
+        self.jumped = 0
+        """Time by which the system clock has jumped, ns."""
         self.random = random.Random(seed)
         self.shuffles = seed != 0
         self.preemption = 0.0
@@ -361,7 +363,7 @@ class Scheduler:
     @property
     def wall(self) -> int:
         """Wall time, ns since the epoch."""
-        return EPOCH - BOOT + self.now
+        return EPOCH - BOOT + self.now + self.jumped
 
     def call_at(self, when: int, fn: Callable[[], object]) -> Alarm:
         """Call ``fn`` at a time of the steady clock, ns, between two tasks; it must not block."""

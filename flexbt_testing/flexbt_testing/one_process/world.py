@@ -19,7 +19,7 @@ from . import rclpy_globals
 from .graph import DOMAIN
 from .network import OPERATOR, ROBOT, Network
 from .product import end, install
-from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, Process, StuckWorldError
+from .scheduler import BOOT, SCHEDULER, SECOND, Process, StuckWorldError
 
 install()
 rclpy_globals.install()
@@ -49,6 +49,7 @@ from flexbt_sim.world import Pose  # noqa: E402
 
 from .boundary import BOUNDARY  # noqa: E402
 from .coverage import COVERAGE  # noqa: E402
+from .disk import DISK, Disk  # noqa: E402
 from .forks import Branch, Fork, Leaf, fork_world  # noqa: E402
 from .programs import Program, robot_programs  # noqa: E402
 from .what_if import TOLERANCE, Comparison, Course, Event, compare, executive_event, tree_events  # noqa: E402
@@ -115,7 +116,7 @@ class Mission:
         self.robot = TrackedRobot(self)
         self._world = world
         self._answered: set[tuple[str, str]] = set()
-        """Runs and identifiers of questions, which repeat in each run."""
+        """Runs and identifiers of questions, which repeat in each run, and after each start of the executive."""
         self._trees: dict[tuple[str, int], Any] = {}
 
     def tell(self, text: str) -> None:
@@ -288,7 +289,7 @@ class Mission:
     @property
     def _run_id(self) -> str:
         snapshot = self.view.snapshot
-        return snapshot.run_id if snapshot is not None else ''
+        return f'{snapshot.executive_id} {snapshot.run_id}' if snapshot is not None else ''
 
     def _command(self, kind: CommandKind) -> None:
         self.tell(f'operator: {kind.name}')
@@ -418,6 +419,7 @@ class World(Mission):
         """``writable`` are directories in which the programs may write files, besides that of the world."""
         SCHEDULER.reset(seed)
         DOMAIN.reset()
+        DISK.begin()
         random.seed(seed)
         self.seed = seed
         self.story: list[str] = []
@@ -501,7 +503,7 @@ class World(Mission):
     @property
     def wall(self) -> float:
         """Wall time of the world, s since the epoch."""
-        return (EPOCH - BOOT + SCHEDULER.now) / SECOND
+        return SCHEDULER.wall / SECOND
 
     def run(self, seconds: float) -> None:
         """Let the world go on for this time, s."""
@@ -651,6 +653,14 @@ class World(Mission):
         self.tell(f'test: kills {name}')
         end(self._alive(name))
 
+    def lose_power(self, *names: str) -> None:
+        """End processes, by default all, and leave of their files what was synced, and of the rest what the seed draws."""
+        self.tell(f'test: {", ".join(names) or "everything"} loses power')
+        processes = [self._alive(name) for name in names] or [one for one in self.processes.values() if one.is_alive]
+        for process in processes:
+            end(process)
+            DISK.lose(process)
+
     def terminate(self, name: str) -> None:
         """Send SIGTERM; no effect on a process that has ended."""
         process = self.processes[name]
@@ -712,6 +722,16 @@ class World(Mission):
             return self.result(client.call_async(request), service)
         finally:
             self.observer.node.destroy_client(client)
+
+    def jump_clock(self, seconds: float) -> None:
+        """Let the system clock jump, as who sets it does; the steady clock, by which programs wait, goes on."""
+        self.tell(f'test: the system clock jumps by {seconds:g} s')
+        SCHEDULER.jumped += int(seconds * SECOND)
+
+    @property
+    def disk(self) -> Disk:
+        """The disk of the robots."""
+        return DISK
 
     @property
     def network(self) -> Network:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
-IN_A_WORLD = ['test_world.py', 'test_scheduler.py', 'test_surface.py', 'test_nemesis.py', 'test_what_if.py']
+IN_A_WORLD = [file.name for file in Path(__file__).parent.glob('test_*.py') if file.name != 'test_conformance.py']
 collect_ignore_glob = [] if 'flexbt_testing.one_process.plugin' in sys.modules else IN_A_WORLD

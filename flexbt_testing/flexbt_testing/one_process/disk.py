@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The disk of the robots of a world: full, slow, hung, and what is left on it after a loss of power.
+
+Files are real ones, in the directories of the world. What is opened by :func:`os.open`, written by :func:`os.write` and
+synced by :func:`os.fsync` passes here, which is how the product keeps its own files. Others never wait for the disk.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from .boundary import BOUNDARY
+from .scheduler import SCHEDULER, Process
+
+_WRITES: Final = os.O_WRONLY | os.O_RDWR
+
+
+@dataclass(eq=False)
+class _File:
+    """A file, whatever its name is, and what of it is on the disk for sure."""
+
+    synced: bytes = b''
+
+
+class Disk:
+    """The disk of the current world.
+
+    It knows a file from when a program opens it for writing; what it had then is on the disk. Later, content is on the
+    disk once the file was synced, and a new name, another file of that name, or none, once the directory was.
+    """
+
+    def begin(self) -> None:
+        """Begin with a disk that is fast and large, and on which everything is."""
+        self.delay = 0.0
+        """Time that a sync takes, s."""
+        self._space: int | None = None
+        self._goes = threading.Event()
+        self._goes.set()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._pid = os.getpid()
+        self._files: dict[Path, _File] = {}
+        self._on_disk: dict[Path, _File | None] = {}
+        self._users: dict[Path, Process] = {}
+
+    def fill(self, leaving: int = 0) -> None:
+        """Let only this many bytes more be written, until :meth:`clear`."""
+        self._space = leaving
+
+    def clear(self) -> None:
+        """Let any number of bytes be written."""
+        self._space = None
+
+    def hang(self) -> None:
+        """Let no write and no sync return before :meth:`go_on`."""
+        self._goes.clear()
+
+    def go_on(self) -> None:
+        """Answer again."""
+        self._goes.set()
+
+    def lose(self, process: Process) -> None:
+        """Leave of the files of a process that has ended what is on the disk, and of the rest what the seed draws.
+
+        What was appended is lost, whole, or cut anywhere. What was created or replaced is so or not.
+        """
+        for path in [path for path, user in self._users.items() if user is process]:
+            del self._users[path]
+            before, now = self._on_disk.pop(path), self._files.pop(path)
+            kept = SCHEDULER.random.choice((before, now if path.exists() else None))
+            content = path.read_bytes() if kept is now else b''
+            path.unlink(missing_ok=True)
+            if kept is None:
+                continue
+            if not content.startswith(kept.synced):
+                content = kept.synced
+            least, most = len(kept.synced), len(content)
+            path.write_bytes(content[: SCHEDULER.random.choice((least, SCHEDULER.random.randint(least, most), most))])
+
+    # -- what programs call
+
+    def open(self, real: Callable[..., int], path: Any, flags: int, *rest: Any, **options: Any) -> int:
+        if flags & _WRITES and not options.get('dir_fd'):
+            self._meet(path)
+        return real(path, flags, *rest, **options)
+
+    def replace(self, real: Callable[..., None], source: Any, target: Any) -> None:
+        before, after = self._meet(source), self._meet(target)
+        real(source, target)
+        if before is not None and after is not None:
+            self._files[after] = self._files[before]
+
+    def write(self, real: Callable[[int, Any], int], descriptor: int, data: Any) -> int:
+        if _path(descriptor) not in self._files:
+            return real(descriptor, data)
+        self._goes.wait()
+        if self._space is None:
+            return real(descriptor, data)
+        if self._space == 0 < len(data):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        count = real(descriptor, data[: self._space])
+        self._space -= count
+        return count
+
+    def sync(self, _real: Callable[[int], None], descriptor: int) -> None:
+        self._goes.wait()
+        if self.delay:
+            SCHEDULER.sleep(self.delay)
+        path = _path(descriptor)
+        if path in self._files:
+            self._files[path].synced = path.read_bytes()
+        for file in self._on_disk:
+            if file.parent == path:
+                self._on_disk[file] = self._files[file] if file.exists() else None
+
+    def _meet(self, name: Any) -> Path | None:
+        """Note a file that a program opens or renames. Return its full name, None if it is a pipe or the like."""
+        if self._pid != os.getpid():  # a fork has files of its own
+            self._forget()
+        path = Path(os.path.realpath(name))
+        if path.exists() and not path.is_file():
+            return None
+        if not path.exists():
+            self._files[path] = _File()
+            self._on_disk.setdefault(path, None)
+        elif path not in self._files:
+            self._files[path] = self._on_disk[path] = _File(path.read_bytes())
+        self._users[path] = SCHEDULER.current.process
+        return path
+
+
+def _path(descriptor: int) -> Path:
+    return Path(os.readlink(f'/proc/self/fd/{descriptor}'))  # noqa: PTH115 - of a pipe, too
+
+
+DISK: Final = Disk()
+
+
+def install() -> None:
+    """Let the programs of worlds, not the tests, use the disk."""
+
+    def on_disk(real: Callable[..., Any], stand_in: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *a, **k: stand_in(real, *a, **k) if BOUNDARY.is_inside else real(*a, **k)
+
+    stand_ins: dict[str, Callable[..., Any]] = {
+        'open': DISK.open,
+        'replace': DISK.replace,
+        'write': DISK.write,
+        'fsync': DISK.sync,
+        'fdatasync': DISK.sync,
+    }
+    for name, stand_in in stand_ins.items():
+        setattr(os, name, on_disk(getattr(os, name), stand_in))
+    DISK.begin()
