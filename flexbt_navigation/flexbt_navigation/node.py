@@ -10,8 +10,6 @@ goal is ended, since no node is left to stop it.
 
 from __future__ import annotations
 
-import os
-import signal
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -27,6 +25,7 @@ from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.lifecycle.managed_node import SHUTTING_DOWN
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
+from flexbt_common.runtime import node_runtime
 from flexbt_common.runtime.health import Hang
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_core.errors import FlexbtError
@@ -134,7 +133,7 @@ class ServerFaults:
                 self._runtime.node.get_logger().fatal(
                     f'{dying.server} dies, by a fault on command (simulator/set_fault ends it)'
                 )
-                os.kill(os.getpid(), signal.SIGKILL)
+                node_runtime.HOST.die()
         for name, server in goal_servers(self._runtime).items():
             fault = _merged([one for one in faults if one.server == name])
             if fault != server.fault:

@@ -826,6 +826,10 @@ def _tell_unknown_parameters(runtime: NodeRuntime) -> None:
 class Host:
     """The process of the operating system around a node: its streams, its signals, and its end."""
 
+    def die(self) -> None:
+        """End the process as a crash does."""
+        os.kill(os.getpid(), signal.SIGKILL)
+
     @contextlib.contextmanager
     def entered(self) -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
         """Yield a function that waits for SIGINT or SIGTERM, and one that ends this wait, from any thread."""
@@ -856,7 +860,7 @@ class Host:
 
 
 HOST = Host()
-"""The host of the nodes that :func:`run_node` runs."""
+"""The host of the nodes that :func:`run_node` runs; to be taken from this module, since tests replace it."""
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -54,7 +55,7 @@ def declare_parameters(node: Node) -> tuple[Path, int]:
     declare = ParameterDeclarer(node)
     description = f'file to write, which must not exist; empty for one in {USER_DIRECTORY}, named after the time'
     given = declare.text('file', '', description)
-    now = datetime.now(UTC).strftime('%Y%m%d_%H%M%S')
+    now = datetime.fromtimestamp(time.time(), UTC).strftime('%Y%m%d_%H%M%S')
     size = declare.integer('max_size', MAX_SIZE, 1_000_000, 10**13, 'bytes of the file after which the recording ends')
     return home_path(given or f'{USER_DIRECTORY}/run_{now}.mcap'), size
 

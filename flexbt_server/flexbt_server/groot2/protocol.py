@@ -7,7 +7,7 @@ server publishes the breakpoints that were reached (PUB). Source: groot2_protoco
 
 from __future__ import annotations
 
-import random
+import os
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
@@ -62,7 +62,7 @@ class RequestType(IntEnum):
 
 def request_header(type: RequestType, id: int | None = None) -> bytes:
     """Return the first frame of a request or notification. Without ``id``, the ID is random."""
-    return _HEADER.pack(PROTOCOL, type, random.getrandbits(32) if id is None else id)
+    return _HEADER.pack(PROTOCOL, type, int.from_bytes(os.urandom(4)) if id is None else id)
 
 
 def reply_header(request: bytes, tree: bytes) -> bytes:

@@ -249,6 +249,10 @@ def install() -> None:
     class WorldHost(node_runtime.Host):
         """The process of a world around a node: a signal is an event."""
 
+        def die(self) -> None:
+            end(SCHEDULER.current.process)
+            SCHEDULER.block('nothing: its process has ended')
+
         @contextmanager
         def entered(self) -> Iterator[tuple[Callable[[], object], Callable[[], object]]]:
             ended = threading.Event()

@@ -654,7 +654,7 @@ class World(Mission):
         end(self._alive(name))
 
     def lose_power(self, *names: str) -> None:
-        """End processes, by default all, and leave of their files what was synced, and of the rest what the seed draws."""
+        """End processes, by default all; what of their files was not synced is lost, or not, as the seed draws it."""
         self.tell(f'test: {", ".join(names) or "everything"} loses power')
         processes = [self._alive(name) for name in names] or [one for one in self.processes.values() if one.is_alive]
         for process in processes:

@@ -21,6 +21,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from flexbt_core.errors import FlexbtError
+from flexbt_msgs.srv import SetFault
 from flexbt_testing.one_process.boundary import BOUNDARY, OutsideWorldError
 from flexbt_testing.one_process.graph import DOMAIN
 from flexbt_testing.one_process.programs import Program, named_programs
@@ -112,6 +113,14 @@ def test_an_operator_without_a_link_misses_nothing(world: World) -> None:
     world.answer('/AskGoal', 'dock')
     world.run_until(world.asks('/AskGoal'))
     assert world.robot.near('dock')
+
+
+def test_a_program_may_end_its_own_process(world: World) -> None:
+    response = world.ask(SetFault, 'set_fault', SetFault.Request(fault='server_dies'))
+    assert response.success, response.message
+    world.run(1.0)
+    assert world.processes['navigation'].exit_code == -9
+    assert [name for name, process in world.processes.items() if not process.is_alive] == ['navigation']
 
 
 @pytest.mark.world(motion='abstract')

@@ -227,3 +227,24 @@ def test_a_package_for_flexbe_that_asks_for_rclcpp_is_built_on_the_wheels(tmp_pa
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert (tmp_path / 'install' / 'some_flexbe_states' / 'share' / 'some_flexbe_states' / 'package.xml').exists()
+
+
+@pytest.mark.parametrize(
+    ('line', 'is_refused'),
+    [
+        ('import random', True),
+        ('from random import choice', True),
+        ('from datetime import datetime; datetime.now()', True),
+        ('import uuid; uuid.uuid1()', True),
+        ('import os; os.fork()', True),
+        ('from os import getpid', True),
+        ('import subprocess', True),
+        ('import threading, time, uuid; time.sleep(1); threading.Thread(); uuid.uuid4()', False),
+        ('from datetime import UTC, datetime; datetime.fromtimestamp(0, UTC)', False),
+    ],
+)
+def test_lint_refuses_what_a_world_in_one_process_cannot_replace(line: str, is_refused: bool) -> None:
+    for package in ('flexbt_core', 'flexbt_navigation', 'flexbt_onboard', 'flexbt_states'):
+        command = ['ruff', 'check', '--select', 'TID251', '--stdin-filename', f'{package}/{package}/new.py', '-']
+        ran = subprocess.run(command, cwd=ROOT, input=line, capture_output=True, text=True)
+        assert ('A world in one process' in ran.stdout) == is_refused, ran.stdout + ran.stderr
