@@ -128,7 +128,10 @@ class Night:
                     self.wait_for(self._is_ready, 'the nodes')
                 if line.startswith('console queue  '):
                     self.wait_for(lambda: 'is empty' in self.run('console queue --timeout 60'), 'the end of the queue')
-                    self.wait_for(self.incidents, 'an incident')
+                    self.wait_for(
+                        lambda: any('"fault"' in (one / 'incident.json').read_text() for one in self.incidents()),
+                        'the incident of the fault',
+                    )
                 yield line, self.run(command)
 
     def _is_ready(self) -> bool:

@@ -11,8 +11,10 @@ import random
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -52,7 +54,7 @@ MOST_LISTED: Final = 20
 """Maximum number of things that a message lists; it counts the others."""
 
 LONGEST_BODY: Final = 8_000
-"""Maximum characters of a message: a task has to fit into a pipe, which has 64 kB."""
+"""Maximum characters of a message."""
 
 _TYPES: Final = {Severity.INFO: 'info', Severity.WARNING: 'warning', Severity.CRITICAL: 'failure'}
 _SENDER: Final = (sys.executable, '-P', '-m', 'flexbt_console.alerts.sender')
@@ -66,46 +68,25 @@ class Log(Protocol):
     def error(self, message: str) -> object: ...
 
 
-class _Process:
-    """A process that carries out one task of :mod:`.sender`. The lock of the store is held until it has ended."""
-
-    def __init__(self, task: Mapping[str, Any], *locks: int) -> None:
-        self._process = subprocess.Popen(  # noqa: S603 of our own
+def _done(task: Mapping[str, Any], *locks: int) -> dict[str, Any]:
+    """Let a process carry out one task of :mod:`.sender`, and return its answer. It holds the lock of the store, and
+    goes on if this process ends."""
+    try:
+        ended = subprocess.run(  # noqa: S603 of our own
             _SENDER,
-            stdin=subprocess.PIPE,
+            input=json.dumps(task, ensure_ascii=False).encode(errors='replace'),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             pass_fds=locks,
             start_new_session=True,
+            timeout=SEND_SECONDS + 5.0,  # it was stopped
         )
-        self._until = time.monotonic() + SEND_SECONDS + 5.0
-        assert self._process.stdin is not None
-        try:  # a task is shorter than what a pipe holds
-            self._process.stdin.write(json.dumps(task, ensure_ascii=False).encode(errors='replace'))
-            self._process.stdin.close()
-        except BrokenPipeError:
-            return
-
-    def answer(self) -> dict[str, Any] | None:
-        """Return the answer once the process has ended, None until then."""
-        if self._process.poll() is None:
-            if time.monotonic() > self._until:  # it was stopped
-                self._process.kill()
-            return None
-        assert self._process.stdout is not None
-        with self._process.stdout as output:
-            lines = output.read().splitlines()
-        try:
-            found = json.loads(lines[-1])
-        except (IndexError, ValueError):
-            found = {'reason': f'it did not answer within {SEND_SECONDS:g} s, or the process that sends was ended'}
-        return found if isinstance(found, dict) else {'reason': 'apprise could not send it'}
-
-    def wait(self) -> dict[str, Any]:
-        """Return the answer, and wait for it."""
-        while (found := self.answer()) is None:
-            time.sleep(SENDING_PERIOD)
-        return found
+        found = json.loads(ended.stdout.splitlines()[-1])
+    except (subprocess.TimeoutExpired, IndexError, ValueError):
+        return {'reason': f'it did not answer within {SEND_SECONDS:g} s, or the process that sends was ended'}
+    except (OSError, subprocess.SubprocessError) as error:
+        return {'reason': f'no process could be started: {type(error).__name__}', 'is_certain': True}
+    return found if isinstance(found, dict) else {'reason': 'apprise could not send it'}
 
 
 @dataclass
@@ -115,7 +96,7 @@ class _Address:
     bucket: TokenBucket
     failures: int = 0
     next_try: float = 0.0
-    process: _Process | None = None
+    answer: Future[dict[str, Any]] | None = None
     batch: list[Call] = field(default_factory=list)
     doubtful: set[int] = field(default_factory=set)
 
@@ -151,8 +132,7 @@ class Calling:
                 self._reload()
                 self._decide()
             self._send()
-            is_sending = any(one.process is not None for one in self._addresses.values())
-            time.sleep(min(SENDING_PERIOD if is_sending else PERIOD, max(0.0, next_look - self._steady())))
+            time.sleep(min(SENDING_PERIOD if self._sending else PERIOD, max(0.0, next_look - self._steady())))
 
     def _decide(self) -> None:
         memory = self._store.memory
@@ -181,21 +161,24 @@ class Calling:
 
     def _send(self) -> None:
         for (contact, number), at in self._addresses.items():
-            if at.process is not None and (answer := at.process.answer()) is not None:
-                self._note(contact, number, at, answer)
+            if at.answer is not None and at.answer.done():
+                self._note(contact, number, at, at.answer.result())
         waiting: dict[tuple[str, int], list[Call]] = {}
         local = self._local()
         for call in self._store.memory.calls.values():
             if not (call.is_over and self.rules.is_held(Severity(call.severity), local)):
                 waiting.setdefault((call.contact, call.address), []).append(call)
-        running = sum(one.process is not None for one in self._addresses.values())
         for key, batch in waiting.items():
             at = self._addresses.setdefault(key, _Address(TokenBucket(1.0 / BUNDLE_SECONDS, BURST, self._steady)))
-            is_due = at.process is None and self._steady() >= at.next_try and at.bucket.left >= 1.0
-            if is_due and running < MOST_SENDERS:
-                running += self._begin(key, at, batch)
+            is_due = at.answer is None and self._steady() >= at.next_try and at.bucket.left >= 1.0
+            if is_due and self._sending < MOST_SENDERS:
+                self._begin(key, at, batch)
 
-    def _begin(self, key: tuple[str, int], at: _Address, batch: list[Call]) -> bool:
+    @property
+    def _sending(self) -> int:
+        return sum(one.answer is not None for one in self._addresses.values())
+
+    def _begin(self, key: tuple[str, int], at: _Address, batch: list[Call]) -> None:
         title, body, kind = message_of(batch)
         at.batch, at.doubtful = batch, {call.id for call in batch if call.is_begun}
         for call in batch:
@@ -210,16 +193,15 @@ class Calling:
             'state': str(self._store.file.absolute()),
             'calls': [call.id for call in batch],
         }
+        answer = at.answer = Future()
         try:
-            at.process = _Process(task, self._store.lock)
-        except (OSError, subprocess.SubprocessError) as error:
-            failure = f'no process could be started: {type(error).__name__}'
-            self._note(*key, at, {'reason': failure, 'is_certain': True})
-        return at.process is not None
+            threading.Thread(target=lambda: answer.set_result(_done(task, self._store.lock)), daemon=True).start()
+        except RuntimeError:
+            answer.set_result({'reason': 'no thread could be started', 'is_certain': True})
 
     def _note(self, contact: str, number: int, at: _Address, answer: Mapping[str, Any]) -> None:
         """Note how an attempt has ended."""
-        batch, at.batch, at.process = at.batch, [], None
+        batch, at.batch, at.answer = at.batch, [], None
         memory, failure = self._store.memory, answer.get('reason')
         left: Collection[int] = () if failure is None else {call.id for call in batch}
         if left and not self._problem:  # a process that was killed may have delivered
@@ -314,7 +296,7 @@ def send_test(rules: AlertRules, contact: str) -> str:
         raise UsageError(f'no rule calls a contact of this name; there are {", ".join(rules.addresses) or "none"}')
     text = {'title': 'FlexBT: a test', 'body': f'This reaches {contact}.', 'type': 'info', 'state': '', 'calls': []}
     addresses = rules.addresses[contact]
-    reasons = [_Process({**text, 'address': address}).wait().get('reason') for address in addresses]
+    reasons = [_done({**text, 'address': address}).get('reason') for address in addresses]
     parts = zip(_services(addresses), reasons, strict=True)
     told = '\n'.join(f'{service or "unknown to apprise"}: {reason or "sent"}' for service, reason in parts)
     if any(reasons):
@@ -324,5 +306,5 @@ def send_test(rules: AlertRules, contact: str) -> str:
 
 def _services(addresses: Sequence[str]) -> list[str]:
     """Return the names of the services of addresses, '' for an address that apprise does not know."""
-    found = _Process({'addresses': [*addresses]}).wait().get('services')
+    found = _done({'addresses': [*addresses]}).get('services')
     return found if isinstance(found, list) else [''] * len(addresses)

@@ -104,7 +104,7 @@ READS: Final[Mapping[str, tuple[str, str, str]]] = {
 
 _KEY: Final = 'Idempotency-Key'
 _NAMESPACE: Final = uuid.UUID('0b5de8ad-52a5-4cc8-8f6e-8a60a55d7a39')
-_LEFT_OUT: Final = frozenset({'--png', '--size', '--scan', '--state'})
+_LEFT_OUT: Final = frozenset({'--file', '--png', '--size', '--scan', '--state'})
 
 
 class _Performance(LineMode):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import random
@@ -105,6 +106,15 @@ def asks(*keys: str, robot: str = '/a') -> list[SeenRobot]:
     return [SeenRobot(robot, True, tuple(SeenNeed(Urgency.DECISION, key, 0.0, f'asks {key}') for key in keys))]
 
 
+def children(process: int) -> list[int]:
+    """Return the processes that the threads of a process have started."""
+    found = []
+    for task in Path(f'/proc/{process}/task').glob('*/children'):
+        with contextlib.suppress(OSError):  # a thread that has ended
+            found += [int(one) for one in task.read_text().split()]
+    return found
+
+
 class Program:
     """The program in this process, on robots of the test: :attr:`robots`."""
 
@@ -130,9 +140,9 @@ class Program:
 
     def close(self) -> None:
         """End it, and what it sends. Harmless when it has ended."""
-        for one in self.calling._addresses.values():
-            if one.process is not None:
-                one.process._process.kill()
+        for sender in children(os.getpid()):
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(sender, signal.SIGKILL)
         if not self._is_closed:
             self._is_closed = True
             self.store.close()
@@ -427,8 +437,7 @@ class Killed:
 
     def sender(self) -> int:
         """Return the process that sends, or 0."""
-        children = Path(f'/proc/{self._process.pid}/task/{self._process.pid}/children').read_text().split()
-        return int(children[0]) if children else 0
+        return next(iter(children(self._process.pid)), 0)
 
 
 @pytest.fixture

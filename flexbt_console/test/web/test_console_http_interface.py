@@ -122,6 +122,7 @@ def test_what_is_refused_and_why(site: Site) -> None:
         (f'/robots/{ROBOT}/commands/start', {}, 400, "'name' is missing"),
         (f'/robots/{ROBOT}/commands/start', {'name': ['a']}, 400, "'name' has to be a text or a number"),
         (f'/robots/{ROBOT}/commands/start', {'name': 'a', 'speed': 1}, 400, "start has no 'speed'"),
+        (f'/robots/{ROBOT}/commands/synthesize', {'file': '/etc/passwd'}, 400, "synthesize has no 'file'"),
         (f'/robots/{ROBOT}/commands/start', b'{', 400, 'the body is not JSON'),
         (f'/robots/{ROBOT}/commands/start', b'[' * 100_000, 400, 'the body is not JSON'),
         (f'/robots/{ROBOT}/commands/start', [1], 400, 'the body has to be an object'),

@@ -266,11 +266,8 @@ class QueueRunner(RunReader):
         self.consider()
 
     def _tell_hold(self) -> None:
-        state = self._queue.state
-        if state.hold:
-            self._tell(f'the queue is held: {state.held}', severity=ExecutiveLog.WARN)
-        else:
-            self._tell('the queue is released')
+        text = f'the queue is held: {self._queue.state.held}' if self._queue.state.hold else 'the queue is released'
+        self._tell(text, severity=ExecutiveLog.WARN if self._queue.state.hold else ExecutiveLog.INFO)
 
     def _tell(self, text: str, number: int = 0, severity: int = ExecutiveLog.INFO) -> None:
         self._report.log(severity, text)
