@@ -7,7 +7,8 @@ import bisect
 import math
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -172,6 +173,15 @@ class Mirror:
         for read in self._readers:
             read(now, method, arguments)
 
+    @contextmanager
+    def _taking(self, change: Change, method: str, *arguments: Any) -> Iterator[float]:
+        """Lock the mirror while a method takes something, whose time this yields; tell the readers and listeners."""
+        with self._lock:
+            now = self._now()
+            yield now
+            self._read(now, method, *arguments)
+        self._tell(change)
+
     def add_listener(self, listener: Callable[[Change], None]) -> None:
         """Call ``listener`` after each change, on the thread that brought it."""
         with self._lock:
@@ -217,48 +227,36 @@ class Mirror:
 
     def receive_incidents(self, incidents: tuple[IncidentReport, ...]) -> None:
         """Process the incidents of the last day, newest first."""
-        with self._lock:
+        with self._taking(Change.LINK, 'receive_incidents', incidents):
             self._incidents = incidents
-            self._read(self._now(), 'receive_incidents', incidents)
-        self._tell(Change.LINK)
 
     def receive_structure(self, structure: Structure) -> None:
         """Process the state machine of a run."""
-        with self._lock:
+        with self._taking(Change.STRUCTURE, 'receive_structure', structure):
             self._structures[structure.run_id] = structure
             self._structures.move_to_end(structure.run_id)
             while len(self._structures) > REMEMBERED_STRUCTURES:
                 self._structures.popitem(last=False)
-            self._read(self._now(), 'receive_structure', structure)
-        self._tell(Change.STRUCTURE)
 
     def receive_behaviors(self, behaviors: BehaviorList) -> None:
         """Process the list of behaviors."""
-        with self._lock:
+        with self._taking(Change.BEHAVIORS, 'receive_behaviors', behaviors):
             self._behaviors = behaviors
-            self._read(self._now(), 'receive_behaviors', behaviors)
-        self._tell(Change.BEHAVIORS)
 
     def receive_places(self, places: Mapping[str, FramedPose]) -> None:
         """Process the places that the robot knows by name."""
-        with self._lock:
+        with self._taking(Change.PLACES, 'receive_places', places):
             self._places = places
-            self._read(self._now(), 'receive_places', places)
-        self._tell(Change.PLACES)
 
     def receive_subjects(self, subjects: Subjects) -> None:
         """Process the subjects of the pending decisions."""
-        with self._lock:
+        with self._taking(Change.SUBJECTS, 'receive_subjects', subjects):
             self._subjects = subjects
-            self._read(self._now(), 'receive_subjects', subjects)
-        self._tell(Change.SUBJECTS)
 
     def receive_queue(self, queue: MissionQueue) -> None:
         """Process the mission queue."""
-        with self._lock:
+        with self._taking(Change.QUEUE, 'receive_queue', queue):
             self._queue = queue
-            self._read(self._now(), 'receive_queue', queue)
-        self._tell(Change.QUEUE)
 
     def receive_log(self, line: LogLine) -> bool:
         """Process a line of the log; return False for one that is known already or too old."""
@@ -283,10 +281,8 @@ class Mirror:
 
     def receive_tree_structure(self, nodes: TreeNodes) -> None:
         """Process the nodes of a run of a tree."""
-        with self._lock:
+        with self._taking(Change.TREE, 'receive_tree_structure', nodes):
             self._trees.receive_structure(nodes)
-            self._read(self._now(), 'receive_tree_structure', nodes)
-        self._tell(Change.TREE)
 
     def receive_tree_status(self, report: TreeReport) -> None:
         """Process the events of a run of a tree."""
@@ -300,11 +296,8 @@ class Mirror:
 
     def tree_servers_left(self, there: Collection[str] = ()) -> None:
         """Note the only nodes that still publish statuses of trees, as the middleware reports."""
-        with self._lock:
-            now = self._now()
+        with self._taking(Change.TREE, 'tree_servers_left', there) as now:
             self._trees.servers_left(there, now)
-            self._read(now, 'tree_servers_left', there)
-        self._tell(Change.TREE)
 
     def receive_map(self, map: GridMap) -> None:
         """Process the map."""
@@ -332,10 +325,8 @@ class Mirror:
         self._surround('forget_surroundings', plan=(), scan=())
 
     def _surround(self, method: str, *arguments: Any, **parts: Any) -> None:
-        with self._lock:
+        with self._taking(Change.SURROUNDINGS, method, *arguments):
             self._surroundings = replace(self._surroundings, **parts)
-            self._read(self._now(), method, *arguments)
-        self._tell(Change.SURROUNDINGS)
 
     def wants_ping(self) -> bool:
         """Return whether an echo of the executive would improve the age of the picture, see :meth:`receive_pong`."""
@@ -344,11 +335,8 @@ class Mirror:
 
     def receive_pong(self, ahead: float) -> None:
         """Note an echo that was sent ``ahead`` seconds after the ping, each on its own computer's wall clock."""
-        with self._lock:
-            now = self._now()
+        with self._taking(Change.LINK, 'receive_pong', ahead) as now:
             self._freshness.echoed(now, ahead)
-            self._read(now, 'receive_pong', ahead)
-        self._tell(Change.LINK)
 
     def is_silent(self, listened: float = math.inf) -> bool:
         """Return whether the executive is overdue, or was never heard; ``listened`` is the time, s, for which we have
@@ -358,10 +346,8 @@ class Mirror:
 
     def sender_gone(self) -> None:
         """Note that no publisher of snapshots is left, as the middleware reports."""
-        with self._lock:
+        with self._taking(Change.LINK, 'sender_gone'):
             self._freshness.sender_gone()
-            self._read(self._now(), 'sender_gone')
-        self._tell(Change.LINK)
 
     def sender_replaced(self, was_executive: bool) -> None:
         """Start the ages anew: another process sends now, whose numbers and times do not compare with those before.
