@@ -244,6 +244,7 @@ def install() -> None:
     from flexbt_common.middleware import received_messages
     from flexbt_common.runtime import node_executor, node_runtime
     from flexbt_onboard.persistence import journal
+    from flexbt_sim.world import pacing
     from flexbt_testing import waiting
 
     class WorldHost(node_runtime.Host):
@@ -280,6 +281,12 @@ def install() -> None:
     def has_ended(one: Any) -> bool:
         return one.host == HOST and not (one.pid in SCHEDULER.processes and SCHEDULER.processes[one.pid].is_alive)
 
+    wait_for_answers = pacing.Pacer._wait_for_answers
+
+    def wait_as_on_a_computer(pacer: Any, simulated: float, now: float) -> None:
+        wait_for_answers(pacer, simulated, now)
+        pacer._sleep(simulated / pacing.IDLE_FACTOR)  # answers take no time here, and a robot would drive for hours
+
     for name in ('checked', 'participant', 'process'):
         setattr(_Taken, name, vars(received_messages.Received)[name])
     for owner, name, stand_in in (
@@ -291,6 +298,7 @@ def install() -> None:
         (node_executor, '_Entities', ReadyEntities),
         (received_messages, '_Taker', _Taker),
         (journal, '_held', _KeptFiles()),
+        (pacing.Pacer, '_wait_for_answers', wait_as_on_a_computer),
         (waiting, 'contended_time', lambda: 0.0),
     ):
         setattr(owner, name, stand_in)
