@@ -133,6 +133,12 @@ class Incident:
         return one_line(f'{self.folder.name}  {self.robot or "/"}  {self.first.text}', 300)
 
 
+def files_in(folder: Path) -> list[str]:
+    """Return the files of an incident, by their paths in its folder; no links."""
+    found = (file for file in folder.rglob('*') if file.is_file() and not file.is_symlink())
+    return sorted(str(file.relative_to(folder)) for file in found)
+
+
 def incidents_in(directory: Path) -> list[Incident]:
     """Return the complete incidents in a directory, newest first; none if it is missing. Damaged ones are left out."""
     found = []
@@ -271,9 +277,8 @@ def _write_pages(request: Request, part: Path, lost: list[str]) -> None:
         sections += _sections_of(part, first)
     except UsageError as error:
         lost.append(one_line(str(error), 300))
-    files = sorted(str(file.relative_to(part)) for file in part.rglob('*') if file.is_file())
     sections += [_Section('What is missing', lost)] if lost else []
-    sections += [_Section('Files', [*files, 'console replay FOLDER shows the recording'])]
+    sections += [_Section('Files', [*files_in(part), 'console replay FOLDER shows the recording'])]
     write_text(part / PAGE, _markdown(title, sections))
     write_text(part / 'incident.html', _html(title, sections))
 

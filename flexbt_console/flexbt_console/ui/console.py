@@ -20,7 +20,7 @@ from functools import lru_cache, partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from flexbt_common.command_line import abandon_stdout, is_full, keep_stdout_for_python, run_program
 from flexbt_common.files import ALERTS, INCIDENTS, home_path
@@ -245,16 +245,12 @@ def _run_incidents(line: CommandLine) -> ExitCode:
     directory = home_path(line.value('--directory') or INCIDENTS)
     if not line.words:
         known = incidents_in(directory)
-        if line.has('--json'):
-            print(json.dumps({'incidents': [one.facts for one in known]}))
-        else:
-            print('\n'.join(one.line for one in known) or f'no incidents in {directory}')
-        return ExitCode.OK
-    found = incident_named(directory, '' if line.first_word == 'latest' else line.first_word)
-    if line.has('--json'):
-        print(json.dumps(found.facts))
+        value: dict[str, Any] = {'incidents': [one.facts for one in known]}
+        text = '\n'.join(one.line for one in known) or f'no incidents in {directory}'
     else:
-        print(f'{found.folder}\n\n{(found.folder / PAGE).read_text(encoding="utf-8")}', end='')
+        found = incident_named(directory, '' if line.first_word == 'latest' else line.first_word)
+        value, text = found.facts, f'{found.folder}\n\n{(found.folder / PAGE).read_text(encoding="utf-8")}'.rstrip()
+    print(json.dumps(value) if line.has('--json') else text)
     return ExitCode.OK
 
 

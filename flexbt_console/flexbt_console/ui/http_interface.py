@@ -20,7 +20,6 @@ from dataclasses import replace
 from http import HTTPStatus
 from importlib.metadata import version
 from math import isfinite
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import web
@@ -34,7 +33,7 @@ from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.present.events import Follower
 from flexbt_console.present.json_form import encode_json, failure_json, robots_json, status_json
-from flexbt_console.recording.incidents import incident_named, incidents_in
+from flexbt_console.recording.incidents import files_in, incident_named, incidents_in
 from flexbt_core.clock.clock import SteadyClock
 from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.json_data import load_json
@@ -351,14 +350,14 @@ class HttpInterface:
     async def _list_incidents(self, _request: web.Request) -> web.Response:
         def shown() -> list[dict[str, Any]]:
             known = incidents_in(home_path(INCIDENTS))
-            return [{'name': one.folder.name, 'files': _files(one.folder), **one.facts} for one in known]
+            return [{'name': one.folder.name, 'files': files_in(one.folder), **one.facts} for one in known]
 
         return _json({'incidents': await asyncio.to_thread(shown)})
 
     async def _file_of_incident(self, request: web.Request) -> web.StreamResponse:
         found = await asyncio.to_thread(incident_named, home_path(INCIDENTS), request.match_info['name'])
         file = request.match_info['file']
-        if file not in await asyncio.to_thread(_files, found.folder):
+        if file not in await asyncio.to_thread(files_in, found.folder):
             raise web.HTTPNotFound(text=f'{found.folder.name} has no {short_repr(file)}')
         return web.FileResponse(found.folder / file)
 
@@ -436,12 +435,6 @@ def _problem(status: HTTPStatus, text: str) -> web.Response:
 
 def _segment(robot: str) -> str:
     return robot.strip('/') or OWN
-
-
-def _files(folder: Path) -> list[str]:
-    return sorted(
-        str(file.relative_to(folder)) for file in folder.rglob('*') if file.is_file() and not file.is_symlink()
-    )
 
 
 # The description of the interface, OpenAPI 3.1.
