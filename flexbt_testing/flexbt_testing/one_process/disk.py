@@ -42,13 +42,16 @@ class Disk:
         self._space: int | None = None
         self._goes = threading.Event()
         self._goes.set()
-        self._forget()
-
-    def _forget(self) -> None:
-        self._pid = os.getpid()
         self._files: dict[Path, _File] = {}
         self._on_disk: dict[Path, _File | None] = {}
         self._users: dict[Path, Process] = {}
+
+    def move(self, before: Path, after: Path) -> None:
+        """Find the files of a directory in another one, into which a fork has copied them."""
+        tables: tuple[dict[Path, Any], ...] = (self._files, self._on_disk, self._users)
+        for table in tables:
+            for path in [path for path in table if path.is_relative_to(before)]:
+                table[after / path.relative_to(before)] = table.pop(path)
 
     def fill(self, leaving: int = 0) -> None:
         """Let only this many bytes more be written, until :meth:`clear`."""
@@ -122,8 +125,6 @@ class Disk:
 
     def _meet(self, name: Any) -> Path | None:
         """Note a file that a program opens or renames. Return its full name, None if it is a pipe or the like."""
-        if self._pid != os.getpid():  # a fork has files of its own
-            self._forget()
         path = Path(os.path.realpath(name))
         if path.exists() and not path.is_file():
             return None

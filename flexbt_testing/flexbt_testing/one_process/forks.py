@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
+from .disk import DISK
 from .scheduler import SCHEDULER, USES_THREADS
 
 
@@ -108,6 +109,7 @@ def fork_world(folder: Path, descriptor: int) -> Fork | Leaf:
         signal.setitimer(signal.ITIMER_PROF, timer[1], timer[1])
         copy = Path(tempfile.mkdtemp(prefix='flexbt_world_'))
         _copy_files(folder, descriptor, copy)
+        DISK.move(folder, copy)
         os.write(writer, b'.')
         return Leaf(os.fdopen(writer, 'wb'), copy)
     os.close(writer)

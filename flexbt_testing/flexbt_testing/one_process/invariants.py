@@ -118,6 +118,9 @@ class Observer:
     ) -> None:
         self.violations: list[Violation] = []
         self.faulted_at = 0
+        self.failed_disk_at = 0
+        self.has_whole_log = True
+        """False if the disk has not kept all events."""
         self.linked_at = 0  # the last time at which the link of the operators was bad
         self.frozen_until = 0  # a simulator hangs until then
         self.entered: dict[tuple[int, int], tuple[str, int]] = {}  # by process and state: class, and whether it is in
@@ -185,6 +188,11 @@ class Observer:
 
     def _robot(self, process: Process) -> _Robot:
         return self._robots.get(process.name.rpartition('/')[0]) or next(iter(self._robots.values()))
+
+    def disk_fails(self, seconds: float) -> None:
+        """Note that the disk is full, slow, or does not answer, for a time, s."""
+        self.faulted_at = self.failed_disk_at = max(self.failed_disk_at, SCHEDULER.after(seconds))
+        self.has_whole_log = False
 
     def _affected(self, name: str) -> list[_Robot]:
         """Return the robots of a process: all of them for a simulator that they share."""
@@ -385,6 +393,8 @@ class _Robot:
         of_run = [one for one in self.events() if one.get('run') == crashed.run_id]
         if any(one['event'] == 'started' and one['by'] not in _OPERATORS for one in of_run):
             return  # a run that a program has started does not resume
+        if SCHEDULER.now - self._observer.failed_disk_at < LIVE_SECONDS * SECOND:
+            return  # operators were told that a crash would lose the run
         has_ended = any(one['event'] == 'ended' for one in of_run)
         if was_running and not (is_interrupted and is_same) and not has_ended:
             self._say(8, f'run {crashed.run_id} was shown as active, and after the crash {_told(status)}')
@@ -511,6 +521,8 @@ class _Robot:
 
     def finish(self) -> None:
         """Check the event log."""
+        if not self._observer.has_whole_log:
+            return
         active: set[str] = set()
         decided: Counter[str] = Counter()
         holder, applied_starts, runs = '', 0, 0

@@ -19,24 +19,27 @@ from pathlib import Path
 from typing import Final
 
 from .mutations import MUTATIONS, Mutation
-from .nemesis_run import SECONDS, WORLDS, Job, Outcome, Plan, run_all, run_one, warm_up
+from .nemesis_run import SECONDS, WORLDS, Job, Plan, run_all, run_one, warm_up
 
 _AGAIN: Final = 100
 """Each of this many seeds is run again, in another interpreter."""
 
-_ROUNDS: Final = (25, 75, 400)
+_ROUNDS: Final = (4, 4, 8, 16, 32, 64, 128, 244)
 """Numbers of seeds for the mutations that were not found before."""
 
+_UNCHANGED: Final = 50
+_FULL: Final = 'flexbt_navigation'
 
-def shrink(plan: Plan, broken: set[int], say: Callable[[str], object], most: int = 60) -> Plan:
+
+def shrink(job: Job, broken: set[int], say: Callable[[str], object], most: int = 60) -> Plan:
     """Return a smaller plan that breaks one of the same invariants: fewer steps, shorter ones, nothing drawn."""
-    tried: dict[Plan, bool] = {}
+    plan, tried = job.plan, {}  # type: Plan, dict[Plan, bool]
 
     def still(candidate: Plan) -> bool:
         if candidate not in tried:
             if len(tried) >= most:
                 return False
-            tried[candidate] = bool(run_one(Job(candidate)).broken & broken)
+            tried[candidate] = bool(run_one(replace(job, plan=candidate)).broken & broken)
             say(f'  {len(candidate.steps)} steps, {candidate.seconds:g} s: {"still" if tried[candidate] else "not"}')
         return tried[candidate]
 
@@ -52,7 +55,7 @@ def shrink(plan: Plan, broken: set[int], say: Callable[[str], object], most: int
         {'computing': 0.0},
         {'world': 'navigate', 'motion': 'abstract', 'behavior': 'Navigate'},
         {'autonomy': 'HIGH'},
-        {'settle': 2.0},
+        {'settle': 1.5},
         {'answers': plan.answers[:1]},
     ):
         candidate = replace(plan, **simpler)
@@ -66,90 +69,92 @@ def shrink(plan: Plan, broken: set[int], say: Callable[[str], object], most: int
     return candidate if candidate != plan and still(candidate) else plan
 
 
-def _again(plan: Plan, mutation: str = '', **environment: str) -> str:
-    """Return the hash of the run of a plan in another interpreter, with another hash of strings."""
+def _again(job: Job, **environment: str) -> str:
+    """Return the hash of a run in another interpreter, with another hash of strings."""
+    mutation = job.mutation.name if job.mutation else ''
     words = [sys.executable, '-m', __spec__.name, '--plan', '/dev/stdin', '--hash', '--mutation', mutation]
-    others = {**os.environ, 'PYTHONHASHSEED': str(plan.seed + 1), **environment}
-    ended = subprocess.run(words, env=others, input=plan.text(), check=False, capture_output=True, text=True)
+    others = {**os.environ, 'PYTHONHASHSEED': str(job.plan.seed + 1), **environment}
+    ended = subprocess.run(words, env=others, input=job.plan.text(), check=False, capture_output=True, text=True)
     return (ended.stdout or ended.stderr).split()[-1]
 
 
-def hunt(plans: Sequence[Plan], jobs: int, out: Path, say: Callable[[str], object], shrinks: bool = True) -> int:
-    """Run plans, shrink and keep those that break an invariant; return how many do."""
-    bad, processor, began = [], 0.0, os.times().elapsed
-    runs: Counter[tuple[str, str]] = Counter()
-    simulated: Counter[tuple[str, str]] = Counter()
-    faults: Counter[str] = Counter()
+def hunt(jobs: Sequence[Job], at_once: int, out: Path, say: Callable[[str], object], shrinks: bool = True) -> int:
+    """Run jobs, shrink and keep those that break an invariant, or a single one; return how many do."""
+    bad: list[tuple[Job, set[int]]] = []
+    runs, simulated, faults = Counter[str](), Counter[str](), Counter[str]()
+    processor, began = 0.0, os.times().elapsed
     told = began
-    for job, outcome in run_all(map(Job, plans), jobs):
-        plan, kind = job.plan, (job.plan.world, job.plan.motion)
+    for job, outcome in run_all(jobs, at_once):
+        plan, kind = job.plan, f'{job.plan.world}, {job.plan.motion}'
         runs[kind] += 1
         simulated[kind] += int(outcome.seconds)
         faults.update(step.act for step in plan.steps)
         processor += outcome.processor
         if outcome.violations:
-            say('\n    '.join([f'seed {plan.seed} ({plan.world}, {plan.motion})', *map(str, outcome.violations)]))
-            bad.append((plan, outcome.broken))
-        if plan.seed % _AGAIN == 0:
-            others = _again(plan), _again(plan, FLEXBT_ONE_PROCESS='threads')
+            say('\n    '.join([f'seed {plan.seed} ({kind})', *map(str, outcome.violations)]))
+        if outcome.violations or len(jobs) == 1:
+            bad.append((job, outcome.broken))
+        if plan.seed % _AGAIN == 0 and len(jobs) > 1:
+            others = _again(job), _again(job, FLEXBT_ONE_PROCESS='threads')
             if {*others} != {outcome.hash}:
                 say(f'seed {plan.seed}: 12: the hash is {outcome.hash}, in another process and with threads {others}')
-                bad.append((plan, set()))
+                bad.append((job, {12}))
         if os.times().elapsed - told > 60.0:
             told = os.times().elapsed
             say(f'{runs.total()} missions in {told - began:.0f} s, {len(bad)} with violations')
-    for plan, broken in bad:
-        small = shrink(plan, broken, say) if shrinks and broken else plan
-        directory = out / str(plan.seed)
-        run_one(Job(small, keep=directory))
-        say(f'{plan.seed}: {directory}, {len(small.steps)} steps:\n{small.text()}')
+    for job, broken in bad:
+        small = shrink(job, broken, say) if shrinks and broken - {12} else job.plan
+        directory = out / str(small.seed)
+        run_one(replace(job, plan=small, keep=directory))
+        say(f'{directory}: {len(small.steps)} steps\n{small.text()}')
     for kind, number in sorted(runs.items()):
-        say(f'{" ".join(kind):22} {number:6} missions, {simulated[kind]} s simulated')
+        say(f'{kind:22} {number:6} missions, {simulated[kind]} s simulated')
     say(', '.join(f'{number} {act}' for act, number in faults.most_common()))
-    say(
-        f'{len(plans)} missions, {len(bad)} with violations, {processor:.0f} s of processor, '
-        f'{os.times().elapsed - began:.0f} s of real time'
-    )
-    return len(bad)
+    failed = sum(bool(broken) for _, broken in bad)
+    seconds = os.times().elapsed - began
+    say(f'{len(jobs)} missions, {failed} with violations, {processor:.0f} s of processor, {seconds:.0f} s of real time')
+    return failed
 
 
-def judge(draw: Callable[[int], Plan], jobs: int, say: Callable[[str], object], only: str = '') -> int:
+def judge(draw: Callable[[int, str], Plan], jobs: int, say: Callable[[str], object], only: str = '') -> int:
     """Run mutations of the product, and print which invariants find them; return how many none finds.
 
-    ``draw`` returns the plan of a seed. The unchanged product runs first, and must break no invariant: its violations
-    count as mutations that are not found.
+    ``draw`` returns the plan of a seed with a motion; only navigation needs the full robot. The unchanged product runs
+    first, and must break no invariant: its violations count as mutations that are not found.
     """
-    first = [draw(seed) for seed in range(_ROUNDS[0])]
-    faulty = [outcome for _, outcome in run_all(map(Job, first), jobs) if outcome.violations]
+    faulty = [outcome for _, outcome in run_all((Job(draw(seed, '')) for seed in range(_UNCHANGED)), jobs)]
+    faulty = [outcome for outcome in faulty if outcome.violations]
     for outcome in faulty:
         say('\n    '.join(['the unchanged product', *map(str, outcome.violations)]))
     left = [one for one in MUTATIONS if only in one.name]
-    number, done, own = len(left), 0, Counter[str]()
+    number, done, alone = len(left), 0, Counter[int]()
     for size in _ROUNDS:
-        plans = [draw(seed) for seed in range(done, done + size)]
-        done += size
+        seeds = range(done, done + size)
         found: dict[Mutation, list[set[int]]] = {one: [] for one in left}
-        for job, outcome in run_all((Job(plan, one) for one in left for plan in plans), jobs):
-            assert job.mutation is not None
-            if outcome.broken:
+        wanted = (Job(draw(seed, 'full' if _FULL in one.where else 'abstract'), one) for one in left for seed in seeds)
+        for job, outcome in run_all(wanted, jobs):
+            if job.mutation is not None and outcome.broken:
                 found[job.mutation].append(outcome.broken)
-        for mutation in [one for one in left if found[one] or _is_uneven(one, plans[0])]:
+        for mutation in left if not done else ():
+            found[mutation] += [{12}] if _is_uneven(Job(draw(0, 'abstract'), mutation)) else []
+        for mutation in [one for one in left if found[one]]:
             left.remove(mutation)
-            by = set().union(*found[mutation]) or {12}
-            own.update([str(*by)] if len(by) == 1 else [])
-            hits = f'{len(found[mutation]) or 1} of {size if found[mutation] else 1} seeds'
-            say(f'{mutation.name:56} {", ".join(map(str, sorted(by))):20} {hits} from {done - size} on')
+            by = set().union(*found[mutation])
+            alone.update(by if len(by) == 1 else ())
+            numbers = ', '.join(map(str, sorted(by)))
+            say(f'{mutation.name:56} {numbers:20} {len(found[mutation])} of the seeds {done} to {done + size - 1}')
+        done += size
+        say(f'{len(left)} of {number} are not found in {done} seeds')
     for mutation in left:
-        say(f'{mutation.name:56} not found in {done} seeds')
-    say(f'{number} mutations, {len(left)} not found; found by one invariant alone: {dict(own)}')
+        say(f'{mutation.name:56} not found')
+    say(f'found by an invariant alone: {dict(sorted(alone.items()))}')
     return len(left) + len(faulty)
 
 
-def _is_uneven(mutation: Mutation, plan: Plan) -> bool:
-    """Return whether two processes run a plan differently with a mutation that is about that."""
-    if '12' not in mutation.name:
-        return False
-    return _again(plan, mutation.name) != _again(plan, mutation.name, PYTHONHASHSEED='7')
+def _is_uneven(job: Job) -> bool:
+    """Return whether two processes run a job differently, with a mutation that is about that."""
+    is_about = job.mutation is not None and '12' in job.mutation.name
+    return is_about and _again(job) != _again(job, PYTHONHASHSEED='7')
 
 
 def main() -> int:
@@ -165,7 +170,7 @@ def main() -> int:
     parser.add_argument('--jobs', type=int, default=2, help='runs at once')
     parser.add_argument('--plan', type=Path, help='run this plan, such as out/nemesis/7/plan.yaml, instead of a seed')
     parser.add_argument('--mutants', nargs='?', const='', help='run mutations of the product, those with this text')
-    parser.add_argument('--mutation', default='', help='run the plan with this mutation')
+    parser.add_argument('--mutation', default='', help='run the seeds or the plan with this mutation')
     parser.add_argument('--hash', action='store_true', help='print nothing but the hash of the run')
     parser.add_argument('--as-drawn', action='store_true', help='do not shrink the plans that break an invariant')
     parser.add_argument('--out', type=Path, default=Path('out/nemesis'), help='directory of what is kept')
@@ -174,32 +179,20 @@ def main() -> int:
     def say(text: str) -> None:
         print(text, flush=True)
 
-    def draw(seed: int) -> Plan:
-        return Plan.draw(seed, given.seconds, given.world, given.motion)
+    def draw(seed: int, motion: str = '') -> Plan:
+        return Plan.draw(seed, given.seconds, given.world, given.motion or motion)
 
     if given.seeds or given.mutants is not None:
         warm_up()
     if given.mutants is not None:
         return min(judge(draw, given.jobs, say, given.mutants), 1)
-    if given.seeds:
-        plans = [draw(seed) for seed in range(given.seed, given.seed + given.seeds)]
-        return min(hunt(plans, given.jobs, given.out, say, not given.as_drawn), 1)
-    plan = Plan.read(given.plan.read_text()) if given.plan else draw(given.seed)
     mutation = next((one for one in MUTATIONS if one.name == given.mutation), None)
-    outcome = run_one(Job(plan, mutation, None if given.hash else given.out / str(plan.seed)))
-    if not given.hash:
-        _tell(plan, outcome, say)
-    say(outcome.hash)
-    return int(bool(outcome.violations))
-
-
-def _tell(plan: Plan, outcome: Outcome, say: Callable[[str], object]) -> None:
-    say(plan.text())
-    for when, text in outcome.story:
-        say(f'{when:9.3f} {text}')
-    for violation in outcome.violations:
-        say(f'VIOLATION {violation}')
-    say(f'{outcome.seconds:.1f} s in {outcome.processor:.2f} s of processor')
+    seeds = range(given.seed, given.seed + max(1, given.seeds))
+    plans = [Plan.read(given.plan.read_text())] if given.plan else [draw(seed) for seed in seeds]
+    if given.hash:
+        say(run_one(Job(plans[0], mutation)).hash)
+        return 0
+    return min(hunt([Job(plan, mutation) for plan in plans], given.jobs, given.out, say, not given.as_drawn), 1)
 
 
 if __name__ == '__main__':

@@ -8,11 +8,13 @@ import hashlib
 import io
 import json
 import os
+import pickle
 import random
 import resource
 import shutil
 import signal
 import sys
+import tempfile
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -42,7 +44,7 @@ from .mutations import Mutation
 from .programs import named_programs
 from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, USES_THREADS, StuckWorldError, Task
 
-SECONDS: Final = 8.0
+SECONDS: Final = 6.0
 """Simulated time in which the steps of a plan happen, s."""
 
 _PROCESSOR_SECONDS: Final = 120
@@ -63,8 +65,10 @@ _BEHAVIORS: Final = {
 _PROGRAM: Final = 'deliveries'
 _PROCESSES: Final = ('bt_server', 'navigation', 'onboard_executive', 'stop_guard', 'simulator')
 _OPERATORS: Final = ('engineer', 'engineer', 'pilot')
-_FAULTS: Final = ('kill', 'kill', 'hang', 'hang', 'terminate', 'power', 'fail', 'cut', 'loss', 'delay', 'rate')
+_OF_PROCESSES: Final = ('kill', 'kill', 'kill', 'hang', 'hang', 'hang', 'terminate')
 _OF_LINKS: Final = ('cut', 'loss', 'delay', 'rate')
+_OF_COMPUTERS: Final = ('power', 'full_disk', 'stuck_disk', 'slow_disk', 'jump')
+_FAULTS: Final = (*_OF_PROCESSES, *_OF_LINKS, *_OF_COMPUTERS, 'fail')
 _ACTS: Final = ('stop', 'stop', 'pause', 'resume', 'force', 'start', 'autonomy', 'repeat', 'claim', 'release', 'resend')
 _FAILING: Final = ('follow_path', 'compute_path_to_pose')
 
@@ -73,8 +77,9 @@ _FAILING: Final = ('follow_path', 'compute_path_to_pose')
 class Step:
     """Something that happens at a time (s, from when the robot is ready): a fault, or what an operator does.
 
-    ``target`` is a process, a link or an operator. ``amount``: how long a fault lasts, s; for an operator's step a
-    number from 0 to 1 that decides among what is possible then.
+    ``target`` is a process, an action, the link of the operator, the computer of the robots, or an operator.
+    ``amount``: how long a fault lasts, s; for an operator's step a number from 0 to 1 that decides among what is
+    possible then.
     """
 
     time: float
@@ -97,7 +102,7 @@ class Plan:
     computing: float = 0.0
     """Mean of the simulated time that a turn of a task takes, s."""
     seconds: float = SECONDS
-    settle: float = 2.0
+    settle: float = 1.5
     """Time from the last fault until the mission must work again, s."""
     steps: tuple[Step, ...] = ()
     answers: tuple[tuple[float, float], ...] = ((0.3, 0.3), (0.3, 0.6))
@@ -114,8 +119,8 @@ class Plan:
         def step(acts: Sequence[str], targets: Sequence[str]) -> Step:
             act, target, robot = draw.choice(acts), draw.choice(targets), draw.choice(robots)
             amount = draw.random() if targets is _OPERATORS else min(draw.expovariate(0.5), 8.0)
-            if act in _OF_LINKS:
-                target, robot = 'operator', ''
+            if act in _OF_LINKS or act in _OF_COMPUTERS:
+                target, robot = 'operator' if act in _OF_LINKS else 'robot', ''
             elif act == 'fail':
                 target = draw.choice(_FAILING)
             return Step(round(draw.uniform(0.0, seconds), 3), act, robot + target, round(amount, 3))
@@ -131,7 +136,7 @@ class Plan:
             preemption=draw.choice((0.0, 0.02, 0.1)),
             computing=draw.choice((0.0, 0.0, 0.0001, 0.0005)),
             seconds=seconds,
-            settle=draw.choice((2.0, 2.0, 2.0, 8.0)),
+            settle=draw.choice((1.5, 1.5, 1.5, 7.0)),
             steps=tuple(sorted([*faults, *acts], key=lambda one: one.time)),
             answers=tuple((round(draw.uniform(0.0, 1.5), 3), round(draw.random(), 3)) for _ in range(4)),
         )
@@ -231,7 +236,6 @@ class Outcome:
     seconds: float = 0.0
     processor: float = 0.0
     hash: str = ''
-    story: list[tuple[float, str]] = field(default_factory=list)
 
     @property
     def broken(self) -> set[int]:
@@ -294,7 +298,9 @@ class Run:
         self._plan, self._keep, self._mutation = job.plan, job.keep, job.mutation
         self._world, self._stage, self._operators = stage.world, stage, stage.operators
         self._outcome = Outcome()
-        self._is_mended = False
+        self._mended: list[float] = []
+        """When all faults were ended."""
+        self._story: list[tuple[float, str]] = []
         self._recorded: list[tuple[int, str, Any]] = []
         self._hash = hashlib.sha256()
 
@@ -365,7 +371,9 @@ class Run:
         for name in world.robots:
             engineer = self._operators[_named(name, 'engineer')]
             if plan.behavior:
-                engineer.start(plan.behavior, AutonomyLevel[plan.autonomy], self._arguments(name))
+                other = [('home', f'{name}_dock'), ('partner', 'beta' if name == 'alpha' else 'alpha')]
+                arguments = other if plan.behavior == 'Night Watch' else []
+                engineer.start(plan.behavior, AutonomyLevel[plan.autonomy], arguments)
             world.at(world.now, lambda engineer=engineer: self._answer(engineer, list(plan.answers)))  # type: ignore[misc]
         last = max((step.time + step.amount for step in plan.steps if step.target not in self._operators), default=0.0)
         world.run(max(plan.seconds, last) + 0.1)
@@ -374,35 +382,55 @@ class Run:
         for name, mission in world.robots.items():
             self._check_usable(mission, self._operators[_named(name, 'engineer')])
 
-    def _arguments(self, name: str) -> list[tuple[str, str]]:
-        if self._plan.behavior != 'Night Watch':
-            return []
-        return [('home', f'{name}_dock'), ('partner', 'beta' if name == 'alpha' else 'alpha')]
-
     def _happen(self, step: Step) -> None:
         self._say(f'{step.act} {step.target} ({step.amount:.3f})')
-        robot, _, target = step.target.rpartition('/')
         if step.target in self._operators:
             self._operators[step.target].act(step.act, step.amount)
-        elif step.act == 'cut':
-            self._world.network.cut(step.amount)
-        elif step.act in _OF_LINKS:
-            value = {'loss': step.amount / 16.0, 'delay': step.amount / 16.0, 'rate': 20.0 + 20.0 * step.amount}
-            setattr(self._world.network.link(), step.act, value[step.act])
-            SCHEDULER.sleep(step.amount)
-            setattr(self._world.network.link(), step.act, 0.0)
-        elif step.act == 'fail':
-            if self._process(_named(robot, 'navigation'))[1].is_alive:
-                self._world.robots[robot].fail_goal(target, step.amount)
+        elif step.act in _OF_PROCESSES:
+            self._hurt(step)
         elif step.act == 'power':
             names = [name for name, one in self._world.processes.items() if one.is_alive and name != _PROGRAM]
             for name in names:
-                self._end(name, self._world.kill)
+                self._observer.killed(name)
+            self._observer.has_whole_log = False
+            self._world.lose_power(*names)
             SCHEDULER.sleep(step.amount / 4.0)
             for name in names:
                 self._restart(name)
         else:
-            self._hurt(step)
+            end = self._begin(step)
+            SCHEDULER.sleep(step.amount)
+            end()
+
+    def _begin(self, step: Step) -> Callable[[], object]:
+        """Begin a fault, and return what ends it."""
+        world, amount = self._world, step.amount
+        link, (robot, _, action) = world.network.link(), step.target.rpartition('/')
+        if 'disk' in step.act:
+            self._observer.disk_fails(amount)
+        match step.act:
+            case 'cut':
+                world.network.cut(amount)
+            case 'loss' | 'delay':
+                setattr(link, step.act, amount / 16.0)
+                return lambda: setattr(link, step.act, 0.0)
+            case 'rate':
+                link.rate = 20.0 + 20.0 * amount
+                return lambda: setattr(link, 'rate', 0.0)
+            case 'full_disk':
+                world.disk.fill(int(100.0 * amount))
+                return world.disk.clear
+            case 'stuck_disk':
+                world.disk.hang()
+                return world.disk.go_on
+            case 'slow_disk':
+                world.disk.delay = amount / 16.0
+                return lambda: setattr(world.disk, 'delay', 0.0)
+            case 'jump':
+                world.jump_clock(20.0 * (amount - 1.0))
+            case 'fail' if self._process(_named(robot, 'navigation'))[1].is_alive:
+                world.robots[robot].fail_goal(action, amount)
+        return lambda: None
 
     def _hurt(self, step: Step) -> None:
         """Kill, terminate or stop a process for a time."""
@@ -437,7 +465,7 @@ class Run:
 
     def _mend(self) -> None:
         """End all faults."""
-        self._is_mended = True
+        self._mended.append(self._world.now)
         for name, process in list(self._world.processes.items()):
             if name == _PROGRAM:
                 if process.is_alive:
@@ -448,19 +476,16 @@ class Run:
             self._restart(name)
         self._say('all faults have ended')
 
-    def _has_mended(self) -> bool:
-        return self._is_mended
-
     def _answer(self, operator: _Operator, answers: list[tuple[float, float]]) -> None:
         """Answer questions by plan, one after the other."""
-        while answers and not self._has_mended():
+        while answers and not self._mended:
             decision = operator.question()
             if decision is None:
                 SCHEDULER.sleep(0.1)
                 continue
             delay, place = answers.pop(0)
             SCHEDULER.sleep(delay)
-            if not self._has_mended():
+            if not self._mended:
                 self._say(f'answers {decision.path}')
                 operator.answer(decision, place)
 
@@ -503,7 +528,7 @@ class Run:
                 self._world.run(0.1)
 
     def _say(self, text: str) -> None:
-        self._outcome.story.append((round(self._world.now, 3), text))
+        self._story.append((round(self._world.now, 3), text))
         if self._keep is not None:
             stamp = self._world.now
             line = ExecutiveLog(severity=ExecutiveLog.WARN, path='/nemesis', text=text)
@@ -518,7 +543,7 @@ class Run:
         shutil.rmtree(keep, ignore_errors=True)
         keep.mkdir(parents=True)
         (keep / 'plan.yaml').write_text(self._plan.text())
-        lines = [(when, f'nemesis: {text}') for when, text in self._outcome.story]
+        lines = [(when, f'nemesis: {text}') for when, text in self._story]
         lines += [(one.time, f'VIOLATION {one}') for one in self._observer.violations]
         lines += [((when - BOOT) / SECOND, f'{process} {name}: {text}') for when, process, _, name, text in DOMAIN.log]
         told = '\n'.join(f'{when:9.3f} {text}' for when, text in sorted(lines, key=lambda line: line[0]))
@@ -543,30 +568,32 @@ def run_all(jobs: Iterable[Job], at_once: int = 1) -> Iterator[tuple[Job, Outcom
         if USES_THREADS:  # which cannot be forked
             yield from ((job, Run(Stage(world, motion), job).play()) for job in those)
             continue
-        reader, writer = os.pipe()
-        pid = fork_process()
-        if pid == 0:
-            os.setpgid(0, 0)
-            os.close(reader)
-            _serve(world, motion, those, at_once, writer)
-        os.close(writer)
-        left = list(those)
-        try:
-            with os.fdopen(reader) as lines:
-                for line in lines:
-                    found = json.loads(line)
-                    violations = [Violation(**one) for one in found.pop('violations')]
-                    yield left.pop(0), Outcome(violations, **found)
-            for job in left:
-                yield job, Outcome([Violation(9, 0.0, f'the world {world} has ended, with motion {motion}')])
-        finally:
-            _kill_group(pid)
+        with tempfile.TemporaryDirectory(prefix='flexbt_nemesis_') as scratch:
+            yield from zip(those, _run_world(world, motion, those, at_once, scratch), strict=True)
 
 
-def _kill_group(pid: int) -> None:
-    with suppress(ProcessLookupError):  # it has ended, and so have its children
-        os.killpg(pid, signal.SIGKILL)
-    os.waitpid(pid, 0)
+def _run_world(world: str, motion: str, jobs: Sequence[Job], at_once: int, scratch: str) -> Iterator[Outcome]:
+    reader, writer = os.pipe()
+    pid = fork_process()
+    if pid == 0:
+        os.setpgid(0, 0)
+        os.close(reader)
+        tempfile.tempdir = scratch
+        _serve(world, motion, jobs, at_once, writer)
+    os.close(writer)
+    left = len(jobs)
+    try:
+        with os.fdopen(reader, 'rb') as stream, suppress(EOFError):
+            while left:
+                outcome = pickle.load(stream)  # noqa: S301 - from a child of this process
+                left -= 1
+                yield outcome
+        yield from [Outcome([Violation(9, 0.0, f'the world {world} has ended, with motion {motion}')])] * left
+    finally:
+        os.kill(pid, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # it has no children any more
+            os.killpg(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
 
 
 def warm_up() -> None:
@@ -579,29 +606,24 @@ def warm_up() -> None:
 
 
 def _serve(world: str, motion: str, jobs: Sequence[Job], at_once: int, pipe: int) -> None:
-    """Run jobs in children of a world, and write what has come of them, a line each, in the order of the jobs."""
+    """Run jobs in children of a world, and write what has come of them, in the order of the jobs."""
     try:
         stage = Stage(world, motion)
         waiting, running = deque(jobs), deque[Fork]()
-        with os.fdopen(pipe, 'w') as stream:
+        with os.fdopen(pipe, 'wb') as stream:
             while waiting or running:
                 while waiting and len(running) < at_once:
                     running.append(stage.fork(waiting.popleft()))
-                stream.write(f'{json.dumps(asdict(_result(running.popleft())))}\n')
+                try:
+                    outcome = running.popleft().result()
+                except ForkError as error:
+                    outcome = Outcome([Violation(9, 0.0, f'the run has failed: {error}')])
+                stream.write(pickle.dumps(outcome))
                 stream.flush()
-        shutil.rmtree(stage.world._folder, ignore_errors=True)
     except BaseException:
         traceback.print_exc()
     finally:
         os._exit(0)
-
-
-def _result(fork: Fork) -> Outcome:
-    try:
-        outcome: Outcome = fork.result()
-    except ForkError as error:
-        return Outcome([Violation(9, 0.0, f'the run has failed: {error}')])
-    return outcome
 
 
 def run_one(job: Job) -> Outcome:

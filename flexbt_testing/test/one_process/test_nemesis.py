@@ -36,6 +36,14 @@ def test_seeds_break_no_invariant_and_give_the_same_run_again(world: str) -> Non
     assert run_one(Job(plans[1])).hash == outcomes[2].hash
 
 
+def test_another_interpreter_gives_the_same_run() -> None:
+    steps = (Step(1.0, 'slow_disk', 'robot', 3.0), Step(2.0, 'power', 'robot', 2.0), Step(4.0, 'jump', 'robot', 0.5))
+    job = Job(Plan(7, preemption=0.1, computing=0.0005, seconds=5.0, steps=steps))
+    outcome = run_one(job)
+    assert outcome.violations == []
+    assert nemesis._again(job) == outcome.hash
+
+
 def test_a_run_with_the_full_robot() -> None:
     assert run_one(Job(replace(STOP, motion='full'))).violations == []
 
@@ -126,7 +134,7 @@ def test_a_plan_is_shrunk_to_what_breaks_the_invariant(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(nemesis, 'run_one', judged)
     steps = (*Plan.draw(3).steps, *Plan.draw(4).steps, Step(5.0, 'kill', 'navigation', 4.0), *Plan.draw(5).steps)
-    small = shrink(replace(Plan.draw(3), steps=steps), {3}, lambda _text: None, most=100)
+    small = shrink(Job(replace(Plan.draw(3), steps=steps)), {3}, lambda _text: None, most=100)
     assert [(step.act, step.target) for step in small.steps] == [('kill', 'navigation')]
     assert small.preemption == 0.0
     assert small.steps[0].amount < 4.0
