@@ -115,13 +115,11 @@ _NUMBER: Final = re.compile(r'::\d+$')  # of a node without a name, which anothe
 _STATUSES: Final = {TreeStatus.RUNNING: 'RUNNING', TreeStatus.SUCCESS: 'SUCCESS', TreeStatus.FAILURE: 'FAILURE'}
 
 
-def tree_events(structure: Any, status: Any) -> Iterator[str]:
-    """Yield what the leaves and the root of a tree have become, by its TreeStructure and a TreeStatus."""
-    for change in status.changes:
-        node = structure.nodes[change.uid - 1]
-        is_told = change.uid == 1 or node.kind in (TreeNode.ACTION, TreeNode.CONDITION)
-        if is_told and change.status in _STATUSES:
-            yield f'{_NUMBER.sub("", node.path)} {_STATUSES[change.status]}'
+def tree_event(structure: Any, change: Any) -> str:
+    """Return what a leaf or the root of a tree has become, by its TreeStructure and a TreeStatusChange; else ''."""
+    node = structure.nodes[change.uid - 1]
+    is_told = change.uid == 1 or node.kind in (TreeNode.ACTION, TreeNode.CONDITION)
+    return f'{_NUMBER.sub("", node.path)} {_STATUSES[change.status]}' if is_told and change.status in _STATUSES else ''
 
 
 def executive_event(event: str, fields: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import os
 import random
@@ -26,7 +27,6 @@ rclpy_globals.install()
 
 import yaml  # noqa: E402 - in the world, as all that follows
 from ament_index_python.packages import get_package_share_directory  # noqa: E402
-from geometry_msgs.msg import PoseStamped  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity  # noqa: E402
 
@@ -52,7 +52,8 @@ from .coverage import COVERAGE  # noqa: E402
 from .disk import DISK, Disk  # noqa: E402
 from .forks import Branch, Fork, Leaf, fork_world  # noqa: E402
 from .programs import Program, robot_programs  # noqa: E402
-from .what_if import TOLERANCE, Comparison, Course, Event, compare, executive_event, tree_events  # noqa: E402
+from .topics import read_topic  # noqa: E402
+from .what_if import TOLERANCE, Comparison, Course, Event, compare, executive_event, tree_event  # noqa: E402
 
 ANSWER_SECONDS: Final = 60.0
 """Simulated time that the operator waits for a decision or for the effect of a command, s."""
@@ -339,8 +340,8 @@ class Mission:
             self.states.append(active)
 
     def _observe(self, node: Any) -> None:
+        read_topic(node.handle, names.of_robot(self._own, names.POSE), self._read_pose)
         for kind, name, read, qos in (
-            (PoseStamped, names.POSE, self._read_pose, 100),
             (BehaviorStructure, names.EXECUTIVE_STRUCTURE, COVERAGE.add_behavior, names.transient_local_qos()),
             (TreeStructure, names.TREE_STRUCTURE, self._read_tree, names.transient_local_qos(50)),
             (TreeStatus, names.TREE_STATUS, self._read_status, 1000),
@@ -383,9 +384,9 @@ class Mission:
         tree = self._trees.get((message.run_id, message.structure))
         if tree is None:
             return
-        for what in tree_events(tree, message):
-            self._add_event(f'tree {tree.behavior_tree}', what)
         for change in message.changes:
+            if what := tree_event(tree, change):
+                self._add_event(f'tree {tree.behavior_tree}', what)
             node = tree.nodes[change.uid - 1]
             COVERAGE.add_status(tree.behavior_tree, node.path, change.status)
             if (
@@ -450,6 +451,7 @@ class World(Mission):
             stack.callback(setattr, World, 'current', None)
             World.current = self
             stack.callback(self._end_programs)
+            stack.enter_context(_collected_by_the_world())
             for name in self.programs:
                 self.launch(name)
             self.observer = NodeRuntime('observer', args=[])
@@ -778,6 +780,27 @@ def _environment(**variables: Path | str) -> Iterator[None]:
             os.environ.pop(name, None)
             if value is not None:
                 os.environ[name] = value
+
+
+@contextmanager
+def _collected_by_the_world() -> Iterator[None]:
+    """Let a task collect the garbage of this world, and leave all that is older alone."""
+
+    def collect() -> None:
+        while True:
+            SCHEDULER.block('garbage')
+            gc.collect()
+
+    was_enabled = gc.isenabled()
+    gc.disable()
+    gc.freeze()
+    SCHEDULER.collector = SCHEDULER.spawn(collect, 'collector')
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if was_enabled:
+            gc.enable()
 
 
 @contextmanager
