@@ -274,8 +274,10 @@ class Node(Destroyable):
             self.rosout.destroy_when_not_in_use()
 
     def expanded(self, name: str) -> str:
-        """Return a name as a full one. Raises what the real module raises for an invalid one."""
+        """Return a name as a full one. Raises ValueError for an invalid one, as the real module."""
         full: str = REAL.rclpy_expand_topic_name(name, self.name, self.namespace)
+        if invalid := REAL.rclpy_get_validation_error_for_full_topic_name(full):
+            raise ValueError(invalid[0])
         return full
 
     def resolved(self, name: str) -> str:

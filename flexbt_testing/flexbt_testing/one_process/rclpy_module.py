@@ -128,6 +128,13 @@ def _log(severity: Any, name: str, text: str, *where: Any) -> None:
         sys.stderr.write(f'[{level}] [{(SCHEDULER.now - BOOT) / SECOND:.6f}] [{name}]: {text}\n')
 
 
+def _resolve_name(node: Node, name: str, only_expand: bool, _is_service: bool) -> str:
+    try:
+        return node.expanded(name) if only_expand else node.resolved(name)
+    except ValueError as error:
+        raise graph.RCLError(f'failed to resolve name: {error}') from None
+
+
 _FUNCTIONS: Final[dict[str, Any]] = {
     'install_signal_handlers': lambda _options=None: None,
     'uninstall_signal_handlers': lambda: None,
@@ -149,9 +156,7 @@ _FUNCTIONS: Final[dict[str, Any]] = {
     'rclpy_logging_rosout_add_sublogger': lambda _logger, _sublogger: False,
     'rclpy_logging_rosout_remove_sublogger': lambda _logger, _sublogger: None,
     'rclpy_remap_topic_name': lambda node, name: node.resolved(name),
-    'rclpy_resolve_name': lambda node, name, only_expand, _is_service: (
-        node.expanded(name) if only_expand else node.resolved(name)
-    ),
+    'rclpy_resolve_name': _resolve_name,
 }
 
 

@@ -10,10 +10,12 @@ import pytest
 from geometry_msgs.msg import Point32, PoseStamped
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu, PointCloud
 from std_msgs.msg import Int32, String, UInt8MultiArray
+from std_srvs.srv import Empty
 
 RELIABLE = QoSProfile(depth=10)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -327,6 +329,19 @@ def test_a_wrong_message_is_refused(ros: Any) -> None:
     publisher = ros.node('talker').create_publisher(Int32, ros.topic, RELIABLE)
     with pytest.raises(TypeError):
         publisher.publish(String())
+
+
+@pytest.mark.parametrize('name', ['a b', '7', 'a//b', ''])
+def test_an_invalid_name_is_refused(ros: Any, name: str) -> None:
+    node = ros.node('talker')
+    with pytest.raises(InvalidTopicNameException):
+        node.create_subscription(Int32, name, print, RELIABLE)
+    with pytest.raises(InvalidTopicNameException):
+        node.create_publisher(Int32, name, RELIABLE)
+    with pytest.raises(InvalidServiceNameException):
+        node.create_service(Empty, name, print)
+    with pytest.raises(RuntimeError, match='failed to resolve name'):
+        node.resolve_topic_name(name)
 
 
 def test_what_is_destroyed_cannot_be_used(ros: Any) -> None:
