@@ -164,10 +164,15 @@ def test_what_is_wrong_is_said_at_load(body: str, message: str) -> None:
         make(body)
 
 
-def test_text_on_the_blackboard_that_is_no_queue_is_an_error_of_the_port() -> None:
+@pytest.mark.parametrize(
+    ('content', 'message'),
+    [('1;x', r'port \[queue\]'), (None, r'port \[queue\].*no such entry'), (7, r'port \[queue\].*not a int')],
+)
+def test_a_queue_on_the_blackboard_that_cannot_be_used_is_an_error_of_the_port(content: Any, message: str) -> None:
     tree, _ = make(loop('S', '{q}'))
-    tree.blackboard.set('q', '1;x')
-    with pytest.raises(NodeExecutionError, match=r'port \[queue\]'):
+    if content is not None:
+        tree.blackboard.set('q', content)
+    with pytest.raises(NodeExecutionError, match=message):
         tree.tick_once()
 
 
