@@ -14,6 +14,7 @@ import html
 import json
 import os
 import platform
+import re
 import shutil
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -328,17 +329,13 @@ def _rosout(file: Path) -> Iterator[str]:
 
 
 def _markdown(title: str, sections: Iterable[_Section]) -> str:
-    shown = [f'# Incident: {_plain(title)}']
+    shown = ['# Incident: ' + re.sub(r'[\\`*_\[\]<>#]', r'\\\g<0>', title)]
     for one in sections:
         longest = max((line.count('`') for line in one.lines), default=0)
         fence = '`' * max(3, longest + 1)
         body = f'![{one.heading}]({one.picture})' if one.picture else '\n'.join([fence, *one.lines, fence])
         shown.append(f'## {one.heading}\n\n{body}')
     return '\n\n'.join(shown) + '\n'
-
-
-def _plain(text: str) -> str:
-    return ''.join(f'\\{one}' if one in '\\`*_[]<>#' else one for one in text)
 
 
 _STYLE: Final = (

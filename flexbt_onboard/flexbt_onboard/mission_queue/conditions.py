@@ -138,10 +138,8 @@ def time_problem(entry: QueueEntry, now: float) -> str:
 
 def is_within(window: str, now: float) -> bool:
     """Return whether a time, s, is in a window of the day, as in 22:00-06:00, in local time. The end is excluded."""
-    local = time.localtime(now)
-    minute = 60 * local.tm_hour + local.tm_min
-    begin, end = (int(text[:2]) * 60 + int(text[3:]) for text in window.split('-'))
-    return begin <= minute < end if begin < end else minute >= begin or minute < end
+    at, (begin, end) = time.strftime('%H:%M', time.localtime(now)), window.split('-')
+    return begin <= at < end if begin < end else at >= begin or at < end
 
 
 def _moment(when: float) -> str:

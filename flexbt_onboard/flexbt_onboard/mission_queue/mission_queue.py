@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from flexbt_common.values.queue_options import OnFailure, QueueOptions
+from flexbt_common.values.queue_options import OnFailure
 from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_onboard.errors import CommandRefusedError
@@ -161,7 +161,9 @@ class MissionQueue:
         told = replace(entry, runs=entry.runs + 1, outcome=end.outcome, message=message, failures=0)
         if is_interrupted:  # a person decides whether it runs again
             return {**entries, entry.number: told}, why
-        if is_failure(options, end.outcome):
+        # It could not start, or has another outcome than those that are wanted.
+        is_wanted = end.outcome in options.wanted if options.wanted else end.outcome not in FAILURES
+        if not (end.outcome and is_wanted):
             failed = replace(told, failures=entry.failures + 1)
             if options.on_failure is OnFailure.DROP:
                 return _without(entries, entry), why
@@ -204,8 +206,3 @@ def _placed(entries: Mapping[int, QueueEntry], entry: QueueEntry, before: int = 
 
 def _without(entries: Mapping[int, QueueEntry], gone: QueueEntry) -> Mapping[int, QueueEntry]:
     return {number: entry for number, entry in entries.items() if number != gone.number}
-
-
-def is_failure(options: QueueOptions, outcome: str) -> bool:
-    """Return whether an outcome is a failure; '' is: it could not start."""
-    return not outcome or (outcome not in options.wanted if options.wanted else outcome in FAILURES)

@@ -77,7 +77,9 @@ def spans_of(run: RunMetrics, robot: str = '') -> dict[str, Any]:
     spans, open_visits = [root], {ROOT: (trace[:16], run.end)}
     for number, visit in enumerate(sorted(run.visits, key=lambda visit: (visit.begin, visit.path.count('/')))):
         own = hashlib.sha256(f'{run.run} {number} {visit.path}'.encode(errors='replace')).hexdigest()[:16]
-        parent = open_visits.get(_around(visit.path), open_visits[ROOT])[0] if visit.path != ROOT else trace[:16]
+        parent = (
+            open_visits.get(visit.path.rpartition('/')[0], open_visits[ROOT])[0] if visit.path != ROOT else trace[:16]
+        )
         span = _span(trace, visit.path, visit.begin, visit.end, parent, own, visit.outcome)
         waits = [wait for wait in run.waits if wait.path == visit.path and visit.begin <= wait.begin <= visit.end]
         span['attributes'] = _attributes({'flexbt.reason': visit.reason})
@@ -133,10 +135,6 @@ def _attributes(values: Mapping[str, Any]) -> list[dict[str, Any]]:
         for key, value in values.items()
         if value != ''
     ]
-
-
-def _around(path: str) -> str:
-    return path.rpartition('/')[0] or ROOT
 
 
 def _nanoseconds(seconds: float) -> str:
