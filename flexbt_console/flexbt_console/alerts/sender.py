@@ -9,6 +9,7 @@ notes itself that a message is delivered.
 
 from __future__ import annotations
 
+import io
 import json
 import logging
 import os
@@ -31,10 +32,9 @@ _CERTAIN: Final = (
 )
 
 
-def reason(texts: list[str]) -> tuple[str, bool]:
+def reason(text: str) -> tuple[str, bool]:
     """Return why apprise could not send, from its log, in words that cannot contain an address. The service certainly
     does not have the message if the second part is True."""
-    text = '\n'.join(texts)
     if found := _ANSWER.search(text):
         code = int(found[1] or found[2])
         return (
@@ -49,23 +49,12 @@ def reason(texts: list[str]) -> tuple[str, bool]:
     return os.strerror(int(found[1])) if (found := _ERRNO.search(text)) else 'apprise could not send it', False
 
 
-class _Texts(logging.Handler):
-    """The log of apprise, kept in memory."""
-
-    def __init__(self) -> None:
-        super().__init__(logging.DEBUG)
-        self.texts: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.texts.append(record.getMessage()[:10_000])
-
-
 def do(task: dict[str, Any]) -> dict[str, Any]:
     """Carry out a task, and return the answer."""
     import apprise
 
-    heard = _Texts()
-    logging.getLogger().addHandler(heard)
+    heard = io.StringIO()
+    logging.getLogger().addHandler(logging.StreamHandler(heard))
     logging.getLogger('apprise').setLevel(logging.DEBUG)
     if 'addresses' in task:
         known = [apprise.Apprise.instantiate(address) for address in task['addresses']]
@@ -73,9 +62,9 @@ def do(task: dict[str, Any]) -> dict[str, Any]:
     sender = apprise.Apprise()
     if not sender.add(task['address']):
         return {'reason': 'apprise does not know such an address', 'is_certain': True}
-    heard.texts.clear()
+    heard.truncate(heard.seek(0))
     if not sender.notify(task['body'], task['title'], task['type'], apprise.NotifyFormat.TEXT):
-        why, is_certain = reason(heard.texts)
+        why, is_certain = reason(heard.getvalue())
         return {'reason': why, 'is_certain': is_certain}
     return {'is_recorded': mark_delivered(Path(task['state']), task['calls']) if task['calls'] else True}
 

@@ -250,9 +250,9 @@ def test_a_service_that_fails_is_tried_again_and_holds_up_nobody(
         program.robots = asks('x')
         program.run(lambda: service.got)
         program.run(lambda: all(one.asked >= 2 for one in failing.values()))
+        reasons = [f'address 1 of {one} was not reached: {why}' for one, why in zip(failing, FAILURES, strict=True)]
+        program.run(lambda: all(one in str(program.log) for one in reasons))  # a busy machine ends some before that
         assert not any(one.got for one in failing.values())
-        for contact, why in zip(failing, FAILURES, strict=True):
-            assert f'address 1 of {contact} was not reached: {why}' in str(program.log)
         failing['c2'].act = refuse(503)  # whether it got the message before stays unknown
         program.run(lambda: 'address 1 of c2 was not reached: it answered 503' in str(program.log))
         for one in failing.values():
