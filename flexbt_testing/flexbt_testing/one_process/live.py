@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import select
+import shlex
 import subprocess
 import sys
 import time
@@ -13,11 +14,12 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import Final
 
+from .world import World  # isort: skip - it prepares this interpreter
+
 from flexbt_testing.nodes import world_bridge
 from flexbt_testing.nodes.world_bridge import OF_OPERATOR, OF_ROBOT, BridgeEnd
 
-from .scheduler import SCHEDULER, SECOND
-from .world import World
+from .scheduler import BOOT, SCHEDULER, SECOND
 
 _LOOK_SECONDS: Final = 0.05
 _real_time: Final = partial(time.clock_gettime_ns, time.CLOCK_MONOTONIC)  # which no world replaces
@@ -43,6 +45,16 @@ class RealTime:
         SCHEDULER.now = max(SCHEDULER.now, min(until, _real_time() - self._begin))
         self._receive(self._connection.recv())
         return False
+
+
+def take_over_at(text: str) -> list[str]:
+    """End the script of the world by :class:`TakenOver` at a time, and return the arguments of the console.
+
+    ``text`` is both, such as ``12.5 prompt``. Raises ValueError if the first word is no number.
+    """
+    seconds, *words = shlex.split(text) or ['']
+    SCHEDULER.call_at(BOOT + int(float(seconds) * SECOND), lambda: SCHEDULER.throw(TakenOver()))
+    return words
 
 
 def take_over(world: World, console: Sequence[str] = ()) -> None:

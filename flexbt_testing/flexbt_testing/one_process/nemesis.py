@@ -18,8 +18,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from .live import TakenOver, take_over, take_over_at
 from .mutations import MUTATIONS, Mutation
-from .nemesis_run import SECONDS, WORLDS, Job, Plan, run_all, run_one, warm_up
+from .nemesis_run import SECONDS, WORLDS, Job, Plan, Run, Stage, run_all, run_one, warm_up
 
 _AGAIN: Final = 100
 """Each of this many seeds is run again, in another interpreter."""
@@ -157,6 +158,20 @@ def _is_uneven(job: Job) -> bool:
     return is_about and _again(job) != _again(job, PYTHONHASHSEED='7')
 
 
+def play_live(plan: Plan, text: str) -> int:
+    """Run a plan until an operator takes over (see :mod:`.live`). Its faults go on, its operators do not."""
+    stage = Stage(plan.world, plan.motion)
+    words, seconds = take_over_at(text), float(text.split()[0]) - stage.world.now
+    steps = tuple(one for one in plan.steps if one.time < seconds or one.target not in stage.operators)
+    run = Run(stage, Job(replace(plan, steps=steps)))
+    try:
+        run.play()
+    except TakenOver:
+        run._mended.append(stage.world.now)  # nobody else answers any more
+        take_over(stage.world, words)
+    return 0
+
+
 def main() -> int:
     """Run what the command line asks for. Return the exit code."""
     parser = argparse.ArgumentParser(prog='nemesis', description=(__doc__ or '').split('\n\n')[0])
@@ -174,6 +189,8 @@ def main() -> int:
     parser.add_argument('--hash', action='store_true', help='print nothing but the hash of the run')
     parser.add_argument('--as-drawn', action='store_true', help='do not shrink the plans that break an invariant')
     parser.add_argument('--out', type=Path, default=Path('out/nemesis'), help='directory of what is kept')
+    live = 'run the seed until this time of its world, then in real time, with a console that has these arguments'
+    parser.add_argument('--live', metavar='"SECONDS ARGUMENTS"', help=live)
     given = parser.parse_args()
 
     def say(text: str) -> None:
@@ -189,6 +206,8 @@ def main() -> int:
     mutation = next((one for one in MUTATIONS if one.name == given.mutation), None)
     seeds = range(given.seed, given.seed + max(1, given.seeds))
     plans = [Plan.read(given.plan.read_text())] if given.plan else [draw(seed) for seed in seeds]
+    if given.live:
+        return play_live(plans[0], given.live)
     if given.hash:
         say(run_one(Job(plans[0], mutation)).hash)
         return 0

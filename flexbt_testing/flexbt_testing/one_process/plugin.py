@@ -10,7 +10,6 @@ from __future__ import annotations
 import faulthandler
 import importlib
 import os
-import shlex
 import signal
 from collections.abc import Generator, Iterator
 from typing import Any, Final
@@ -169,10 +168,12 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, Any, Any]
 
 
 def _live(item: pytest.Function, made: Any, text: str) -> Generator[None, Any, Any]:
-    from .live import TakenOver, take_over
+    from .live import TakenOver, take_over, take_over_at
 
-    seconds, *words = shlex.split(text)
-    SCHEDULER.call_at(BOOT + int(float(seconds) * SECOND), lambda: SCHEDULER.throw(TakenOver()))
+    try:
+        words = take_over_at(text)
+    except ValueError as error:
+        pytest.exit(f'--live {text!r}: {error}', returncode=pytest.ExitCode.USAGE_ERROR)
     try:
         return (yield)
     except TakenOver:

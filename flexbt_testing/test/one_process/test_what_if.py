@@ -165,24 +165,19 @@ def test_kitchen(world):
 
 def test_the_command_line_changes_a_test(tmp_path: Path) -> None:
     (tmp_path / 'test_it.py').write_text(MISSION)
-
-    def told(change: str, exit_code: int) -> str:
-        command = [sys.executable, '-m', 'pytest', '-p', 'flexbt_testing.world', '--what-if', change, 'test_it.py']
-        ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert ran.returncode == exit_code, ran.stdout + ran.stderr
-        return ran.stdout
-
-    assert (
-        'test_kitchen[0]: first difference at 10.00 s, executive\n'
-        '  as it was: leaves /Drive by done (outcome) at 35.10 s\n'
-        '  changed:   FORCE applied at 10.00 s\n'
-    ) in told('10 force /Drive failed', 0)
-    refused = told('10 resume', 0)
-    assert '  changed:   RESUME refused at 10.00 s\n' in refused
-    assert re.search(r'  changed:   at 10.\d\d s AssertionError: RESUME: refused, the run is not paused', refused)
-    assert "--what-if '10 kil bt_server': a world has no method 'kil'; did you mean 'kill'?" in told(
-        '10 kil bt_server', 4
-    )
+    words = ['-m', 'pytest', '-p', 'flexbt_testing.world', 'test_it.py', '--what-if', '10 resume']
+    ran = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert re.search(
+        r'test_kitchen\[0\]: first difference at 10\.00 s, executive\n'
+        r'  as it was: leaves /Drive by done \(outcome\) at 35\.10 s\n'
+        r'  changed:   RESUME refused at 10\.00 s\n'
+        r'the ends\n'
+        r'  as it was: at 35\.12 s in /AskGoal; the robot at \(9\.98, 2\.31\), 9\.42 m driven\n'
+        r'  changed:   at 10\.\d\d s in /Drive; the robot at .*\n'
+        r'  changed:   at 10\.\d\d s AssertionError: RESUME: refused, the run is not paused',
+        ran.stdout,
+    ), ran.stdout
 
 
 @pytest.mark.world('night_watch', motion='abstract')
