@@ -50,7 +50,7 @@ def tmux(*words: str) -> str:
 
 def address() -> str:
     """Return where the demonstration serves its page, as soon as it has said so."""
-    found = wait_for(lambda: re.search(r'http://127\.0\.0\.1:\d+/', tmux('capture-pane', '-p', '-S', '-')), 'the page')
+    found = wait_for(lambda: re.search(r'http://127\.0\.0\.1:\d+/\S*', tmux('capture-pane', '-p', '-S', '-')), 'the page')
     return str(found[0])
 
 
@@ -109,7 +109,7 @@ class Page:
 
 def main(directory: Path) -> None:
     """Operate the demonstration and write the pictures."""
-    tmux('new-session', '-d', '-x', '120', '-y', '40', 'demo --demo 2 --speed 0.5')
+    tmux('new-session', '-d', '-x', '160', '-y', '40', 'demo --demo 2 --speed 0.5')
     try:
         page = Page(address())
         try:

@@ -24,7 +24,7 @@ export function planText(rows, board) {
 
 // A change of a dry run as bt_tool run prints it.
 export const lineOf = (one) => `${one.time.toFixed(3).padStart(10)}  ${one.before.padEnd(7)} -> ${one.after.padEnd(7)}  ${one.path}`;
-const counted = (count, thing) => `${count} ${thing}${count === 1 ? '' : 's'}`;
+export const counted = (count, thing) => `${count} ${thing}${count === 1 ? '' : 's'}`;
 
 export class Jobs {
   // studio has link, file, treeFiles, told, select, part, remembered and remember.

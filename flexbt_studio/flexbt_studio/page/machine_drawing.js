@@ -39,7 +39,7 @@ export function drawMachine(view, layout, folded) {
     const [x, y, width, height] = place, isContainer = !['state', 'behavior'].includes(one.kind), isFolded = folded.has(one.path) && isContainer;
     const isOpen = isContainer && !isFolded, sign = SIGNS[one.kind], name = one.label || view.behavior?.name || (one.parent === null ? 'machine' : '');
     const title = `${sign} ${shortened(name, 38)}${one.initial && isOpen ? ' (initial)' : ''}`.trim();
-    const marks = [...one.wrappers.map((wrapper) => ({retry: '↻', timeout: '⏱'})[wrapper.kind] ?? ''), one.locked ? '🔒' : ''].join('');
+    const marks = [...one.wrappers.map((wrapper) => ({retry: '↻', timeout: '◷'})[wrapper.kind] ?? ''), one.locked ? 'locked' : ''].join(' ').trim();
     const element = svg('g', {class: `node ${isOpen ? 'container' : 'state'} ${one.kind}${one.locked ? ' locked' : ''}`}, svg('rect', {class: 'box', x, y, width, height, rx: isOpen ? 8 : 10}));
     if (one.kind === 'behavior' || (isContainer && isFolded)) element.append(svg('path', {class: 'double', d: `M${x + 4} ${y + 4}V${y + height - 4}M${x + width - 4} ${y + 4}V${y + height - 4}`}));
     if (isOpen) element.append(svg('text', {class: 'type', x: x + 12, y: y + 20}, title), svg('text', {class: 'detail', x: x + width - 10, y: y + 20, 'text-anchor': 'end'}, widthOf(title, BOLD) + widthOf(`${marks} ${WORDS[one.kind]}`, SMALL) + 30 > width ? marks : `${marks} ${WORDS[one.kind]}`));

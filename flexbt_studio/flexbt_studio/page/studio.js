@@ -8,7 +8,7 @@ import {Debugger} from './debugger.js';
 import {Flow} from './flow.js';
 import {Form} from './form.js';
 import {Graph} from './graph.js';
-import {Jobs} from './jobs.js';
+import {counted, Jobs} from './jobs.js';
 import {Live} from './live.js';
 import {drawMachine, outcomePath} from './machine_drawing.js';
 import {Names} from './names.js';
@@ -151,7 +151,7 @@ class Studio {
   showFiles(files) {
     this.files = files;
     const wanted = byId('files-filter').value.toLowerCase(), shown = files.filter((one) => one.file.toLowerCase().includes(wanted));
-    byId('files').replaceChildren(...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', onclick: () => this.go(one.file)}, `${this.open.get(one.file)?.isChanged ?? one.changed ? '● ' : ''}${one.file}`), html('span', {class: 'hint'}, one.kind))));
+    byId('files').replaceChildren(...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', onclick: () => this.go(one.file)}, this.open.get(one.file)?.isChanged ?? one.changed ? '● ' : '', ...one.file.split(/(?<=[/_])/).flatMap((part) => [html('wbr'), part])), html('span', {class: 'hint'}, one.kind))));
     byId('files-count').textContent = shown.length === files.length ? `${files.length}` : `${shown.length} of ${files.length}`;
     if (!files.length) byId('files').append(html('li', {class: 'empty'}, 'No trees or machines are in this folder yet. Make one with New.'));
   }
@@ -386,8 +386,8 @@ class Studio {
     this.graph.marks();
     if (this.flow.isShown) this.flow.show();
     this.showSelection();
-    const list = file.findings, errors = list.filter((one) => one.severity === 'error').length;
-    byId('problems-count').textContent = list.length ? `${list.length}, ${errors} errors` : 'none';
+    const list = file.findings, errors = list.filter((one) => one.severity === 'error').length, others = list.length - errors;
+    byId('problems-count').textContent = [errors && counted(errors, 'error'), others && counted(others, 'note')].filter(Boolean).join(', ') || 'none';
     byId('problems').replaceChildren(...list.map((one) => html('li', {}, html('button', {type: 'button', class: {error: 'error', warning: 'warning'}[one.severity] ?? 'dim', onclick: () => this.goProblem(one)}, `${one.message}${one.line ? ` (${one.line}:${one.column})` : ''}`), ...one.fixes.map((fix) => html('button', {type: 'button', class: 'fix', onclick: () => this.fix(one, fix)}, fix.title)), ...(one.rule === 'not-run' ? [html('button', {type: 'button', class: 'fix', id: 'allow-code', onclick: () => this.allowCode()}, 'Run Its Code…')] : []))));
     if (!list.length) byId('problems').append(html('li', {class: 'empty'}, 'No problems found.'));
   }

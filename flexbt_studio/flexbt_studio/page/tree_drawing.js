@@ -36,11 +36,12 @@ export function drawTrees(view, folded) {
       const [one, parent] = waiting.pop();
       const isFolded = folded.has(one.path), below = one.below ?? children.get(one.path);
       const kind = one.kind || 'unknown', isTree = kind === 'tree';
-      const sign = SIGNS[one.tag] ?? '', title = shortened(`${sign} ${one.type}`.trim(), 34);
-      const detail = shortened(isTree ? one.detail : [one.kind || 'unknown', one.name, ports(one)].filter(Boolean).join(' · '), 40);
+      const sign = SIGNS[one.tag] ?? '', isNamed = !isTree && one.name && one.name !== one.type;
+      const title = shortened(`${sign} ${isNamed ? one.name : one.type}`.trim(), 34);
+      const told = isTree ? one.detail : [isNamed ? one.type : kind, ports(one)].filter(Boolean).join(' · '), detail = shortened(told, 40);
       const count = isTree ? below.reduce((sum, node) => sum + 1 + hidden.get(node.path), 0) : hidden.get(one.path);
       const width = Math.max(72, Math.max(widthOf(title, BOLD), widthOf(detail, SMALL)) + (kind === 'decorator' || kind === 'condition' ? 34 : 22));
-      const box = {one, kind, title, detail, width, isFolded, count, depth: parent ? parent.depth + 1 : 0, parent, below: [], x: 0};
+      const box = {one, kind, title, detail, told, width, isFolded, count, depth: parent ? parent.depth + 1 : 0, parent, below: [], x: 0};
       boxes.push(box);
       parent?.below.push(box);
       if (!isFolded) for (const node of [...below].reverse()) waiting.push([node, box]);
@@ -56,6 +57,7 @@ export function drawTrees(view, folded) {
       const element = svg('g', {class: `node ${kind}${box.isFolded ? ' folded-node' : ''}`}, shape(kind, box.left, y, box.width),
         svg('text', {class: 'type', x: box.left + box.width / 2, y: y + 19, 'text-anchor': 'middle'}, box.title),
         svg('text', {class: 'detail', x: box.left + box.width / 2, y: y + 35, 'text-anchor': 'middle'}, ` ${box.detail}`));
+      if (box.told !== box.detail) element.append(svg('title', {}, box.told));
       if (kind === 'subtree') element.append(svg('path', {class: 'double', d: `M${box.left + 4} ${y}V${y + HEIGHT}M${box.left + box.width - 4} ${y}V${y + HEIGHT}`}));
       if (one.comments?.length) element.append(svg('g', {class: 'note'}, svg('title', {}, one.comments.join('\n')), svg('path', {d: `M${box.left - 4} ${y - 6}h12v9h-7l-3 4v-4h-2z`})));
       if (box.isFolded) {

@@ -14,7 +14,7 @@ from flexbt_studio.server.web_server import editor_folder
 from flexbt_testing.browser import started_browser
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture(scope='session')
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     with started_browser(tmp_path_factory.mktemp('chromium')) as started:
         yield started

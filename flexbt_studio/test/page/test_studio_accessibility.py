@@ -10,6 +10,7 @@ import pytest
 from studio_page import StudioPage, served
 from test_studio_python_page import BEHAVIOR, MACHINE
 
+from flexbt_studio.server.web_server import editor_folder
 from flexbt_testing.browser import NEEDS_AXE, NEEDS_BROWSER
 
 keys_module = pytest.importorskip(
@@ -40,7 +41,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_axe_finds_nothing_in_the_studio(page: StudioPage, folder: Path, editor: Path | None) -> None:
+def test_axe_finds_nothing_in_the_studio(page: StudioPage, folder: Path) -> None:
     found: list[str] = []
 
     def look(where: str) -> None:
@@ -53,7 +54,7 @@ def test_axe_finds_nothing_in_the_studio(page: StudioPage, folder: Path, editor:
         page.press(Keys.ESCAPE)
         page.until(lambda: not page.run('return document.querySelector("dialog[open]")'))
 
-    with served(folder, editor) as port:
+    with served(folder, editor_folder()) as port:
         page.open(port, 'main.xml')
         page.until_text('problems', 'wait_durations')
         page.run('for (const one of document.querySelectorAll("#runs > details")) one.removeAttribute("name")')
@@ -81,4 +82,7 @@ def test_axe_finds_nothing_in_the_studio(page: StudioPage, folder: Path, editor:
         page.open(port, 'waits.py')
         page.until_text('problems', 'only read')
         dialog((Keys.F9,), 'sheet')
+    with served(folder, None) as port:  # the page's own text field
+        page.open(port, 'main.xml')
+        look('text field')
     assert not found, '\n'.join(sorted(set(found)))

@@ -31,7 +31,7 @@ TREE = """\
       <KeepRunningUntilFailure name="Again">
         <Sequence>
           <Script name="Add" code="attempt := attempt + 1"/>
-          <Sleep name="Rest" msec="20"/>
+          <Sleep name="Rest" msec="100"/>
         </Sequence>
       </KeepRunningUntilFailure>
     </Sequence>

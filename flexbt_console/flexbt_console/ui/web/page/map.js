@@ -270,7 +270,7 @@ export class RobotMap {
     const wide = context.measureText(text).width;
     const above = y + 1 - gap, below = y + 8 + gap;
     for (const [start, base] of [[x + gap, above], [x + gap, below], [x - gap - wide, above], [x - gap - wide, below]]) {
-      const left = Math.max(0, Math.min(start, width - wide));
+      const left = Math.max(3, Math.min(start, width - wide - 3));
       const box = {left, right: left + wide, top: base - 10, bottom: base + 3};
       if (boxes.some((one) => box.left < one.right && one.left < box.right && box.top < one.bottom && one.top < box.bottom)) continue;
       boxes.push(box);

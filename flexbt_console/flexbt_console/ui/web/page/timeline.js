@@ -242,7 +242,7 @@ export class Timeline {
       const y = AXIS + at * ROW, chosen = this.rowOf(row.first) === this.chosen;
       if (row.title && row.lane !== 'nodes' && at || row.lane === 'nodes' && rows[at - 1]?.lane !== 'nodes') parts.push(make('line', {class: 'between', x1: 0, x2: width, y1: y, y2: y}));
       for (const one of row.entries) parts.push(this.bar(one, y, row.entries[row.entries.indexOf(one) + 1]?.begin ?? width));
-      const head = make('g', {class: `row-name${chosen ? ' chosen' : ''}`, 'data-number': row.lane === 'nodes' ? row.first.number : null}, make('rect', {x: 0, y: y + 1, width: left - 4, height: ROW - 2}), make('text', {x: 4, y: y + 14}, cut(row.title, left - 10)));
+      const head = make('g', {class: `row-name${chosen ? ' chosen' : ''}`, 'data-number': row.lane === 'nodes' ? row.first.number : null}, make('rect', {x: 0, y: y + 1, width: left - 4, height: ROW - 2}), make('text', {x: 4, y: y + 14}, cut(row.title, left - 22)));
       if (row.lane === 'nodes') head.append(make('title', {}, row.first.key.replace('\n', ' ')));
       parts.push(head);
     });
