@@ -50,7 +50,8 @@ def tmux(*words: str) -> str:
 
 def address() -> str:
     """Return where the demonstration serves its page, as soon as it has said so."""
-    found = wait_for(lambda: re.search(r'http://127\.0\.0\.1:\d+/\S*', tmux('capture-pane', '-p', '-S', '-')), 'the page')
+    pattern = re.compile(r'http://127\.0\.0\.1:\d+/\S*')
+    found = wait_for(lambda: pattern.search(tmux('capture-pane', '-p', '-S', '-')), 'the page')
     return str(found[0])
 
 
