@@ -12,7 +12,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, Final
 
 from . import disk, rclpy_module, standard_library
@@ -65,7 +65,8 @@ class _Taken:
         from flexbt_common.middleware.received_messages import Received
 
         if message_type is self._sample.type and self.data is not None:
-            return self._sample.message()
+            with suppress(Exception):  # bytes that are no message
+                return self._sample.message()
         return Received.unpack(self, message_type)  # type: ignore[arg-type]
 
 

@@ -103,7 +103,7 @@ def _endpoints(side: str, number: int) -> Callable[[Node, str, bool], list[dict[
                 'topic_type_hash': {'version': 1, 'value': bytes(32)},
                 'endpoint_type': number,
                 'endpoint_gid': list(end.gid),
-                'qos_profile': dict(end.qos.given),
+                'qos_profile': _told_qos(end.qos.given),
             }
             for end in node.ends(DOMAIN.topics, side, name=name)
         ]
@@ -111,12 +111,24 @@ def _endpoints(side: str, number: int) -> Callable[[Node, str, bool], list[dict[
     return infos
 
 
+def _told_qos(given: dict[str, Any]) -> dict[str, Any]:
+    """Return the QoS of an endpoint as the graph tells it: without its queue, and with what is meant by defaults."""
+    from rclpy.duration import Infinite
+    from rclpy.qos import HistoryPolicy, LivelinessPolicy
+
+    meant = {name: Infinite for name, value in given.items() if getattr(value, 'nanoseconds', None) == 0}
+    if given['liveliness'] == LivelinessPolicy.SYSTEM_DEFAULT:
+        meant['liveliness'] = LivelinessPolicy.AUTOMATIC
+    return {**given, **meant, 'history': HistoryPolicy.UNKNOWN, 'depth': 0}
+
+
 def _log(severity: Any, name: str, text: str, *where: Any) -> None:
     if SCHEDULER.current.process is SCHEDULER.main.process:  # of the test, which may look at its streams
         REAL.rclpy_logging_rcutils_log(severity, name, text, *where)
     DOMAIN.log.append((SCHEDULER.now, SCHEDULER.current.process, int(severity), name, text))
     own = (one for one in DOMAIN.nodes if one.process is SCHEDULER.current.process and one.rosout is not None)
-    node = next((one for one in own if one.logger_name() == name), None)
+    above = (one for one in own if f'{name}.'.startswith(f'{one.logger_name()}.'))  # or a part of it
+    node = max(above, key=lambda one: len(one.logger_name()), default=None)
     if node is not None:
         from builtin_interfaces.msg import Time
         from rcl_interfaces.msg import Log

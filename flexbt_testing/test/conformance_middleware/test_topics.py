@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from geometry_msgs.msg import Point32, PoseStamped
-from rclpy.duration import Duration
+from rclpy.duration import Duration, Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
@@ -229,6 +229,19 @@ def test_a_publisher_that_ends_is_neither_alive_nor_lost(ros: Any) -> None:
     ros.wait(lambda: (1, 0) in counts)
     talker.destroy_publisher(publisher)
     ros.wait(lambda: counts[-1] == (0, 0))
+
+
+@pytest.mark.parametrize('qos', [RELIABLE, BEST_EFFORT, LATCHED, MANUAL])
+def test_the_graph_tells_what_is_offered_and_what_is_meant_by_a_default(ros: Any, qos: QoSProfile) -> None:
+    publisher, _ = pair(ros, qos, qos)
+    observer = ros.node('observer')
+    ros.wait(lambda: observer.count_publishers(publisher.topic_name), 'the publisher in the graph')
+    (offered,) = observer.get_publishers_info_by_topic(publisher.topic_name)
+    told = offered.qos_profile
+    assert (told.reliability, told.durability) == (qos.reliability, qos.durability)
+    assert told.liveliness == (LivelinessPolicy.MANUAL_BY_TOPIC if qos is MANUAL else LivelinessPolicy.AUTOMATIC)
+    assert told.liveliness_lease_duration == (qos.liveliness_lease_duration if qos is MANUAL else Infinite)
+    assert (told.history, told.depth, told.lifespan, told.deadline) == (HistoryPolicy.UNKNOWN, 0, Infinite, Infinite)
 
 
 def test_without_a_lease_nothing_is_told_of_liveliness(ros: Any) -> None:
