@@ -38,6 +38,9 @@ thousand, except where tasks wake each other at once."""
 MOST_LOOKS: Final = 1_000
 """Number of looks at the clock or at a lock after which a task that never waits is made to, for 1 ms: it may poll."""
 
+COLLECTION: Final = 20_000
+"""Number of switches after which :attr:`Scheduler.collector` is woken: about a minute of a robot that drives."""
+
 USES_THREADS: Final = os.environ.get('FLEXBT_ONE_PROCESS') == 'threads'
 
 
@@ -167,6 +170,8 @@ class Scheduler:
         self.limit: int | None = None
         """Time at which the world counts as stuck, ns."""
         self.trace: Callable[[Task, int], object] | None = None
+        self.collector: Task | None = None
+        """Task that collects garbage. Python itself would do it at times that depend on what else is in memory."""
         self.pace: Callable[[int], bool] | None = None
         """Function that waits before the clock jumps to a time, ns; False: something else has come, look again."""
         self.switches = 0
@@ -297,6 +302,8 @@ class Scheduler:
             self.switches += 1
             self.looks = 0
             self.now += STEP
+            if self.collector is not None and not self.switches % COLLECTION:
+                self.wake(self.collector)
             if self.trace is not None:
                 self.trace(following, self.now)
             following.baton.take(None if task is None else task.baton)

@@ -8,6 +8,7 @@ when a publisher counts as alive. A message is copied once when it is published,
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -71,6 +72,8 @@ class Topic:
     def __init__(self) -> None:
         self.publishers: list[Publisher] = []
         self.subscriptions: list[Subscription] = []
+        self.readers: list[Callable[[Any], object]] = []
+        """Functions of the test that get each message when it is published, and do not change it."""
 
 
 class Sample:
@@ -92,9 +95,13 @@ class Sample:
 
     def message(self) -> Any:
         """Return a new message. Raises what deserialization raises."""
+        return copied(self.shared_message())
+
+    def shared_message(self) -> Any:
+        """Return the message, which must not be changed."""
         if self._message is None:
             self._message = REAL.rclpy_deserialize(self._data, self.type)
-        return copied(self._message)
+        return self._message
 
     def data(self) -> bytes:
         """Return the serialized message."""
@@ -191,7 +198,7 @@ class Publisher(Endpoint):
             _discover(self, subscription)
 
     def publish(self, message: Any) -> None:
-        if self.matches or self.kept is not None or DOMAIN.on_message is not None:
+        if self.matches or self.kept is not None or self.topic.readers or DOMAIN.on_message is not None:
             self._send(Sample(copied(message), None, self))
         else:
             self.assert_liveliness()
@@ -205,6 +212,8 @@ class Publisher(Endpoint):
         self.assert_liveliness()
         if DOMAIN.on_message is not None:
             DOMAIN.on_message(self.process, self.name, sample)
+        for read in self.topic.readers:
+            read(sample.shared_message())
         for subscription in tuple(self.matches):
             self.send_to(subscription, sample)
 
@@ -317,6 +326,11 @@ class Subscription(Endpoint):
             publisher.matches.remove(self)
             publisher.tell(PublisherEvent.RCL_PUBLISHER_MATCHED, current_count=-1, total_count=0)
         self.matches = []
+
+
+def read_topic(node: Node, name: str, read: Callable[[Any], object]) -> None:
+    """Call a function with all messages of a topic, as if a node had no part in it: :attr:`Topic.readers`."""
+    DOMAIN.topics.setdefault((node.domain, node.resolved(name)), Topic()).readers.append(read)
 
 
 def _discover(publisher: Publisher, subscription: Subscription) -> None:

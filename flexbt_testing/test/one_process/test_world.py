@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import shlex
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,7 @@ from flexbt_msgs.srv import SetFault
 from flexbt_testing.one_process.boundary import BOUNDARY, OutsideWorldError
 from flexbt_testing.one_process.graph import DOMAIN
 from flexbt_testing.one_process.programs import Program, named_programs
-from flexbt_testing.one_process.scheduler import Process
+from flexbt_testing.one_process.scheduler import COLLECTION, SCHEDULER, Process
 from flexbt_testing.one_process.world import World
 
 
@@ -348,6 +350,22 @@ def test_a_failed_test_says_what_the_robot_did_and_how_to_repeat_it(tmp_path: Pa
 def test_a_wrong_name_is_told(tmp_path: Path, name: str, motion: str, reason: str) -> None:
     with pytest.raises((LookupError, FlexbtError), match=re.escape(reason)):
         named_programs(name, tmp_path, tmp_path, motion)
+
+
+def test_a_world_collects_its_garbage_at_times_of_its_own(bare: World) -> None:
+    class Circle:
+        def __init__(self) -> None:
+            self.own = self
+
+    assert not gc.isenabled()
+    gone = weakref.ref(Circle())
+    bare.run(60.0)
+    assert gone() is not None
+    before = SCHEDULER.switches
+    while gone() is not None:
+        assert SCHEDULER.switches - before < 2 * COLLECTION
+        time.sleep(0.0)
+        threading.Thread(target=lambda: None).start()
 
 
 def test_a_topic_of_the_test_reaches_a_program(world: World) -> None:
