@@ -25,9 +25,9 @@ def executives() -> Iterator[Any]:
         yield start
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture(scope='session')
 def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Yield a browser for the tests of a module."""
+    """Yield a browser for all tests: it takes as long to start as a test."""
     from flexbt_testing.browser import started_browser
 
     with started_browser(tmp_path_factory.mktemp('chromium')) as started:

@@ -31,11 +31,13 @@ AXE: Final = Path(sys.prefix, 'share', 'flexbt_studio', 'node_modules', 'axe-cor
 NEEDS_AXE: Final = pytest.mark.skipif(
     not AXE.is_file(), reason='axe-core is not installed: install npm, then make setup'
 )
+_OF_COLOURS: Final = ('color-contrast', 'link-in-text-block')
+"""Rules of axe-core that the colour scheme of the page has to do with."""
 _RUN_AXE: Final = """
-const done = arguments[arguments.length - 1];
+const [rules, done] = arguments;
 const first = (node) => node.failureSummary.split('\\n')[1].trim();
 const told = (rule, node) => `${rule.id}: ${node.target.flat().join(' ')}: ${first(node)}`;
-axe.run(document, {resultTypes: ['violations']}).then(
+axe.run(document, {resultTypes: ['violations'], ...(rules.length ? {runOnly: rules} : {})}).then(
   ({violations}) => done(violations.flatMap((rule) => rule.nodes.map((node) => told(rule, node)))),
   (error) => done([String(error)]),
 );
@@ -123,9 +125,9 @@ class Browser:
         if not self.run('return Boolean(window.axe)'):
             self.run(AXE.read_text('utf-8'))
         found = []
-        for scheme in ('light', 'dark'):
+        for scheme, rules in (('light', ()), ('dark', _OF_COLOURS)):
             with self.emulated(1400, 950, prefers_color_scheme=scheme):
-                found += [f'{scheme}: {one}' for one in self.driver.execute_async_script(_RUN_AXE)]
+                found += [f'{scheme}: {one}' for one in self.driver.execute_async_script(_RUN_AXE, rules)]
         return found
 
     def until_live(self) -> None:
