@@ -23,6 +23,9 @@ from typing import Any
 
 from .scheduler import SCHEDULER, SECOND, Task
 
+_CPU_CLOCK = -1
+"""Clock of the processor time of a thread, which stands still: computing takes no time of a world."""
+
 
 def _until(timeout: float | None) -> int | None:
     return None if timeout is None else SCHEDULER.after(timeout)
@@ -302,8 +305,8 @@ def install() -> None:
         'time': wall,
         'time_ns': wall_ns,
         'sleep': SCHEDULER.sleep,
-        'pthread_getcpuclockid': lambda _ident: 0,
-        'clock_gettime': lambda _clock: SCHEDULER.now / SECOND,
+        'pthread_getcpuclockid': lambda _ident: _CPU_CLOCK,
+        'clock_gettime': lambda clock: 0.0 if clock == _CPU_CLOCK else SCHEDULER.now / SECOND,
         **dict.fromkeys(('monotonic', 'perf_counter', 'process_time', 'thread_time'), steady),
         **dict.fromkeys(('monotonic_ns', 'perf_counter_ns', 'process_time_ns'), steady_ns),
     }.items():
