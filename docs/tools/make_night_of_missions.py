@@ -95,12 +95,17 @@ class Night:
         return said
 
     def wait_for(self, found: Callable[[], Any], what: str) -> Any:
-        """Wait until ``found`` returns something, and return it. Raises TimeoutError."""
-        end = time.monotonic() + DEADLINE
+        """Wait until ``found`` returns something, and return it. Raises TimeoutError.
+
+        What takes long to find out, by a command, is asked less often: the robot needs the processors.
+        """
+        begin = asked = time.monotonic()
         while not (value := found()):
-            if time.monotonic() > end:
+            now = time.monotonic()
+            if now > begin + DEADLINE:
                 raise TimeoutError(f'{what}: not within {DEADLINE:g} s\n{self._said[-3000:]}')
-            time.sleep(0.1)
+            time.sleep(max(0.1, 3.0 * (now - asked)))
+            asked = time.monotonic()
         return value
 
     def incidents(self) -> list[Path]:
