@@ -96,7 +96,7 @@ class FlexbtLanguageServer(LanguageServer):
     def _use(self, root: Path) -> None:
         self.project = Project(root)
         self.checker = Checker(self.project, self._registry, self._skills)
-        self.names = Names(self.project, self._registry, self.checker.trees, self._palette)
+        self.names = Names(self.project, self._registry, self.checker, self._palette)
         self.trees = TreeHelp(self.project, self._registry)
         self.machines = MachineHelp(self.project, self._palette)
 

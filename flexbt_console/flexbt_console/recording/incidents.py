@@ -390,7 +390,8 @@ def lanes_svg(entries: Sequence[LaneEntry], duration: float, moment: float) -> s
         if (one.lane, one.key) in places
     ]
     bars.append(Bar(None, moment, moment, 'now', 'the incident'))
-    return time_line([], rows, bars, _LOOKS, (0.0, duration), moment)
+    begin = max(0.0, min(bar.begin for bar in bars))  # of a robot that did nothing before there is nothing to see
+    return time_line([], rows, bars, _LOOKS, (begin, duration), moment)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

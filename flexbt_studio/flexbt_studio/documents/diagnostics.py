@@ -69,19 +69,19 @@ class Finding:
 
 
 class Checker:
-    """The checkers for the files of a project, by their languages."""
+    """The checkers for the files of a project, by their languages. A file of trees is checked with those of its
+    sub-trees."""
 
     def __init__(self, project: Project, registry: NodeRegistry, skills: SkillLibrary) -> None:
         self._project = project
         self._registry = registry
         self._skills = skills
-        self.trees = TreeChecker(project, registry, skills)
 
     def findings(self, file: str) -> list[Finding]:
         """Return the findings for a file, which is opened if it is not open. Raises StudioError."""
         document = self._project.open(file).document
         if document.language == 'xml':
-            return self.trees.findings(file)
+            return self._of_trees(file)
         found = [_of_problem(document, problem) for problem in document.problems]
         if document.language == 'python':
             return found or [Finding(NOT_RUN, Span(0, 0))]
@@ -96,49 +96,8 @@ class Checker:
         found = _placed(self._project.open(file).document, records, name)
         return sorted(found, key=lambda one: one.span)
 
-
-def _placed(document: Document, records: Sequence[Mapping[str, Any]], name: str) -> Iterator[Finding]:
-    """Yield findings in the machines of a file at their lines, if they have some, or else at their states.
-
-    ``name`` is that of the file in the records.
-    """
-    view = document.view()
-    roots = {one.get(key): one['root'].rstrip('/') for one in view['behaviors'] for key in ('class', 'name')}
-    spans = {state['path']: Span(*(state['label_span'] or state['span'])) for state in view['states']}
-    places = Places(document.text)
-    for one in records:
-        path = roots.get(one.get('behavior', ''), '') + one['path'] if one.get('path') else ''
-        while path and path not in spans:  # a state that code adds: the container of it
-            path = path.rpartition('/')[0] or '/' * (path != '/' and '/' in spans)
-        record, span = _record(one, document.file), spans.get(path, Span(0, 0))
-        if one['file'] == name and one['line']:
-            span = places.span(_place(record))
-            if span.start == span.end:
-                line = document.text[span.start :].partition('\n')[0].rstrip()
-                span = Span(span.start + len(line) - len(line.lstrip()), span.start + len(line))
-            path = _innermost(view['states'], span.start)
-        yield Finding(record, span, path, list(_fixes(document, '', span, record['message'])))
-
-
-NOT_RUN: Final = finding_record(
-    'not-run',
-    'info',
-    'it is only read: the checker and proofs of a behavior in Python run its code',
-    fix='allow that if you trust the code',
-)
-"""What is told of a behavior in Python until the user allows to run its code."""
-
-
-class TreeChecker:
-    """The checker for tree files of a project. It checks a file with the files that define its sub-trees."""
-
-    def __init__(self, project: Project, registry: NodeRegistry, skills: SkillLibrary) -> None:
-        self._project = project
-        self._registry = registry
-        self._skills = skills
-
-    def findings(self, file: str) -> list[Finding]:
-        """Return the findings for a file, in the order of their places. Raises StudioError if it cannot be read."""
+    def _of_trees(self, file: str) -> list[Finding]:
+        """Return the findings for a file with trees, in the order of their places. Raises StudioError."""
         document = self._project.trees(file)
         found = [_of_problem(document, problem) for problem in document.problems]
         nodes = document.view()['nodes']
@@ -242,6 +201,38 @@ class TreeChecker:
             found = (owners[id].file for id in sorted(filter(None, missing)) if owners and id in owners)
             wanted += [owner for owner in dict.fromkeys(found) if owner not in wanted]
         return wanted
+
+
+def _placed(document: Document, records: Sequence[Mapping[str, Any]], name: str) -> Iterator[Finding]:
+    """Yield findings in the machines of a file at their lines, if they have some, or else at their states.
+
+    ``name`` is that of the file in the records.
+    """
+    view = document.view()
+    roots = {one.get(key): one['root'].rstrip('/') for one in view['behaviors'] for key in ('class', 'name')}
+    spans = {state['path']: Span(*(state['label_span'] or state['span'])) for state in view['states']}
+    places = Places(document.text)
+    for one in records:
+        path = roots.get(one.get('behavior', ''), '') + one['path'] if one.get('path') else ''
+        while path and path not in spans:  # a state that code adds: the container of it
+            path = path.rpartition('/')[0] or '/' * (path != '/' and '/' in spans)
+        record, span = _record(one, document.file), spans.get(path, Span(0, 0))
+        if one['file'] == name and one['line']:
+            span = places.span(_place(record))
+            if span.start == span.end:
+                line = document.text[span.start :].partition('\n')[0].rstrip()
+                span = Span(span.start + len(line) - len(line.lstrip()), span.start + len(line))
+            path = _innermost(view['states'], span.start)
+        yield Finding(record, span, path, list(_fixes(document, '', span, record['message'])))
+
+
+NOT_RUN: Final = finding_record(
+    'not-run',
+    'info',
+    'it is only read: the checker and proofs of a behavior in Python run its code',
+    fix='allow that if you trust the code',
+)
+"""What is told of a behavior in Python until the user allows to run its code."""
 
 
 _ATTEMPTS: Final = 4

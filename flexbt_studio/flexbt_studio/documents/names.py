@@ -23,7 +23,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_studio.errors import GestureError, StudioError
 from flexbt_tools.tree_checks.check import HOST_KEYS
 
-from .diagnostics import TreeChecker
+from .diagnostics import Checker
 from .document import Document, need
 from .flow import state_keys
 from .machine_document import CONTAINERS, Item, MachineDocument, State
@@ -120,7 +120,7 @@ class Names:
     """The names of a project. ``palette`` are the states as :func:`.palette.states` returns them."""
 
     def __init__(
-        self, project: Project, registry: NodeRegistry, checker: TreeChecker, palette: Sequence[Mapping[str, Any]]
+        self, project: Project, registry: NodeRegistry, checker: Checker, palette: Sequence[Mapping[str, Any]]
     ) -> None:
         self._project = project
         self._registry = registry

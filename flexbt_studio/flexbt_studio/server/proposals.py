@@ -14,10 +14,9 @@ from flexbt_core.behavior_tree.model.definition import NodeManifest
 from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.values.text import short_repr
-from flexbt_core.values.text_files import TextFileError, read_text
 from flexbt_server.groot2.protocol import models_document
 from flexbt_studio.documents.document import Document
-from flexbt_studio.documents.project import MOST_FILES, Project
+from flexbt_studio.documents.project import Project
 from flexbt_studio.documents.text import TextEdit, applied
 from flexbt_studio.documents.xml_document import XmlDocument
 from flexbt_studio.errors import StudioError
@@ -29,7 +28,7 @@ GOAL_JOBS: Final = {'plan': 'bt_tool', 'synthesize': 'behavior_tool'}
 """Jobs that make something for a goal, and the tool of each."""
 MOST_LETTERS: Final = 20_000
 """Maximum length of what is asked for."""
-_MOST_BYTES: Final = 1_000_000
+_YAML: Final = {'.yaml', '.yml'}
 _MISSION: Final = re.compile(r'^(?:start|goal)\s*:', re.MULTILINE)
 _GOAL: Final = re.compile(r'^goal\s*:[ \t]*(.+?)[ \t]*(?:[ \t]#.*)?$', re.MULTILINE)
 _CAPABILITIES: Final = re.compile(r'^capabilities\s*:', re.MULTILINE)
@@ -50,7 +49,7 @@ def goals(project: Project) -> list[dict[str, Any]]:
     installed = entry_points(group='flexbt.commands').names
     if not {f'{tool}.{job}' for job, tool in GOAL_JOBS.items()} <= installed:
         raise StudioError(str(missing_package('planning and synthesis')))
-    texts = _yaml_texts(project)
+    texts = dict(project.texts_with(_YAML))
     requests = [file for file, text in texts.items() if _REQUEST.search(text)]
     found = []
     for file, text in texts.items():
@@ -70,20 +69,6 @@ def goals(project: Project) -> list[dict[str, Any]]:
     return found
 
 
-def _yaml_texts(project: Project) -> dict[str, str]:
-    """Return the texts of the YAML files of a project."""
-    texts: dict[str, str] = {}
-    for path in project.walk({'.yaml', '.yml'}):
-        name = path.relative_to(project.root).as_posix()
-        try:
-            texts[name] = project.text(name) if name in project.open_files else read_text(path, _MOST_BYTES)
-        except TextFileError:
-            continue  # too large, or no text: no request
-        if len(texts) >= MOST_FILES:
-            break
-    return texts
-
-
 def goal_copy(
     project: Project,
     job: str,
@@ -101,7 +86,7 @@ def goal_copy(
     words = [str(one) for one in (goal, name, *start)]
     if job not in GOAL_JOBS or sum(map(len, words)) > MOST_LETTERS:
         raise StudioError(f'a goal is for one of {", ".join(GOAL_JOBS)}, and has at most {MOST_LETTERS} letters')
-    texts = _yaml_texts(project)
+    texts = dict(project.texts_with(_YAML))
     for file in (source, *filter(None, [request])):
         if file not in texts:
             raise StudioError(f'{short_repr(file)} is no YAML file of this project any more; choose another one')

@@ -17,8 +17,9 @@ from aiohttp import WSCloseCode, web
 
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
-from flexbt_console.ui.web.access import CLOSED_HEADERS, Access, guard
+from flexbt_console.ui.web.access import Access, guard
 from flexbt_console.ui.web.greetings import Greetings
+from flexbt_console.ui.web.page_files import PageFiles
 
 from .recordings import recordings_of
 from .session import MESSAGE_BYTES, Sessions
@@ -31,7 +32,6 @@ PING_SECONDS: Final = 10.0
 EDITOR_FOLDER: Final = 'FLEXBT_STUDIO_EDITOR'
 """Environment variable: the folder ``node_modules`` that has CodeMirror."""
 
-_TYPES: Final = {'.html': 'text/html', '.css': 'text/css', '.js': 'text/javascript', '.svg': 'image/svg+xml'}
 _IMPORT_MAP: Final = '<!-- import map -->'
 
 
@@ -56,20 +56,15 @@ class StudioServer:
         recorded = recordings_of(workbench.project, recordings)
         self._sessions = Sessions(workbench, access, recorded, robots, programs)
         self._modules = {} if editor is None else editor_modules(editor)
-        own = files('flexbt_studio') / 'page'
-        shared = files('flexbt_console.ui.web') / 'page'
-        self._files = {
-            one.name: (one.read_bytes(), _TYPES[Path(one.name).suffix])
-            for folder in (shared, own)
-            for one in folder.iterdir()
-            if Path(one.name).suffix in _TYPES
-        }
+        shared, own = files('flexbt_console.ui.web') / 'page', files('flexbt_studio') / 'page'
+        self._files = PageFiles(shared, own, page='studio.html')
+        self._files.images = "'self' data:"
         import_map = json.dumps({'imports': {name: f'./modules/{name}' for name in self._modules}})
-        script = f'<script type="importmap">{import_map}</script>'
-        page = self._files['studio.html'][0].decode().replace(_IMPORT_MAP, script if self._modules else '')
-        self._files[''] = page.encode(), 'text/html'
-        digest = base64.b64encode(hashlib.sha256(import_map.encode()).digest()).decode()
-        self._scripts = f"'self' 'sha256-{digest}'" if self._modules else "'self'"
+        script = f'<script type="importmap">{import_map}</script>' if self._modules else ''
+        self._files.add('', self._files.text('').replace(_IMPORT_MAP, script).encode(), 'html')
+        if self._modules:
+            digest = base64.b64encode(hashlib.sha256(import_map.encode()).digest()).decode()
+            self._files.scripts = f"'self' 'sha256-{digest}'"
 
     def application(self) -> web.Application:
         """Return a new aiohttp application that serves the page."""
@@ -78,32 +73,17 @@ class StudioServer:
         application.router.add_get('/session', self._open)
         application.router.add_get('/modules/{name:[a-z0-9@/-]+}', self._module)
         application.router.add_get('/simulator/{name:[a-z_.]*}', self._sessions.simulator_page)
-        application.router.add_get('/{name:[a-z_.]*}', self._file)
+        application.router.add_get('/{name:[a-z_.]*}', self._files.answer)
         return application
 
     async def _end(self, application: web.Application) -> None:
         await self._sessions.close()
 
-    async def _file(self, request: web.Request) -> web.StreamResponse:
-        return self._answer(self._files.get(request.match_info['name']), request.host)
-
     async def _module(self, request: web.Request) -> web.StreamResponse:
         module = self._modules.get(request.match_info['name'])
-        return self._answer(None if module is None else (module.read_bytes(), 'text/javascript'), request.host)
-
-    def _answer(self, found: tuple[bytes, str] | None, host: str) -> web.Response:
-        if found is None:
-            raise web.HTTPNotFound(text='there is no such file')
-        headers = {
-            'Content-Security-Policy': (
-                f"default-src 'none'; script-src {self._scripts}; style-src 'self'; img-src 'self' data:; "
-                f"connect-src 'self' ws://{host} wss://{host}; "
-                "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-            ),
-            **CLOSED_HEADERS,
-            'Cache-Control': 'no-cache',
-        }
-        return web.Response(body=found[0], content_type=found[1], charset='utf-8', headers=headers)
+        if module is None:
+            raise web.HTTPNotFound(text='there is no such module')
+        return self._files.response(module.read_bytes(), request.host, 'text/javascript')
 
     async def _open(self, request: web.Request) -> web.StreamResponse:
         socket = web.WebSocketResponse(max_msg_size=MESSAGE_BYTES, heartbeat=PING_SECONDS)

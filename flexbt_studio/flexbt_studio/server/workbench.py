@@ -74,7 +74,7 @@ class Workbench:
         for file in palette_files(self.project):
             self.notes += add_palette(self._registry, file, self.project.text(file))
         self._checker = Checker(self.project, self._registry, self._skills)
-        self._names = Names(self.project, self._registry, self._checker.trees, self._states)
+        self._names = Names(self.project, self._registry, self._checker, self._states)
         self._help = TreeHelp(self.project, self._registry)
         self._machine_help = MachineHelp(self.project, self._states)
 
@@ -106,7 +106,7 @@ class Workbench:
             )
         if document.language == 'python':
             return self._behavior_job(job, file, document, require)
-        files = self._checker.trees.files(file) if is_tree else [file]
+        files = self._checker.files(file) if is_tree else [file]
         texts = {one: self.project.text(one) for one in [*files, *self._others(files)]}
         words = ['run' if job == 'run' else 'prove', *files, '--json']
         if job == 'compare':
@@ -123,7 +123,7 @@ class Workbench:
         words += ['--tree', tree] if tree and is_tree else []
         for flag, values in (('--require', require), ('--mock', mock), ('--set', set)):
             words += [word for value in values for word in (flag, str(value))]
-        nodes = self._checker.trees.nodes(file, tree) if is_tree else {}
+        nodes = self._checker.nodes(file, tree) if is_tree else {}
         return ToolCopy(new_folder(texts), 'bt_tool' if is_tree else 'behavior_tool', words, nodes)
 
     def _behavior_job(self, job: str, file: str, document: Document, require: Sequence[str]) -> ToolCopy:
@@ -259,18 +259,18 @@ class Workbench:
     def run_nodes(self, file: str, tree: str = '') -> dict[str, list[str]]:
         """Return the file and the path in its view of each node of a tree, by the path of the node in a run."""
         self.project.open(file)
-        return {path: list(place) for path, place in self._checker.trees.nodes(file, tree).items()}
+        return {path: list(place) for path, place in self._checker.nodes(file, tree).items()}
 
     @request
     def mocks(self, file: str, tree: str = '') -> list[dict[str, Any]]:
-        """Return what needs a mock in a dry run of a tree, see :meth:`.TreeChecker.mocks`."""
+        """Return what needs a mock in a dry run of a tree, see :meth:`.Checker.mocks`."""
         self.project.open(file)
-        return self._checker.trees.mocks(file, tree)
+        return self._checker.mocks(file, tree)
 
     def tree_texts(self, file: str) -> dict[str, str]:
         """Return the texts of a file of trees and of the files that have its sub-trees, by their names."""
         self.project.open(file)
-        return {one: self.project.text(one) for one in self._checker.trees.files(file)}
+        return {one: self.project.text(one) for one in self._checker.files(file)}
 
     def question(self, file: str) -> dict[str, Any]:
         """Return what a check of an open file is about: its version, and for a machine what its worker is asked."""

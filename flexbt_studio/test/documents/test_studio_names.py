@@ -157,7 +157,7 @@ class Site:
             (folder / file).write_bytes(text.encode())
         self.project = Project(folder)
         checker = Checker(self.project, registry, node_skills(registry, lambda text: None))
-        self.names = Names(self.project, registry, checker.trees, states(installed_states()[0]))
+        self.names = Names(self.project, registry, checker, states(installed_states()[0]))
 
     def rename(self, named: Named, new: str) -> Renaming:
         """Rename something, on disk and here."""

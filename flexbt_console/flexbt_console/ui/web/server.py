@@ -31,10 +31,11 @@ from flexbt_console.ui.station import Station
 from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 
-from .access import CLOSED_HEADERS, Access, guard, source_of
+from .access import Access, guard, source_of
 from .costmaps import show_costmaps
 from .drawings import Drawings
 from .greetings import Greetings
+from .page_files import PageFiles
 from .page_link import PageLink
 from .past import LivePast, PagePast, Recordings
 from .picture import Pictures
@@ -52,8 +53,6 @@ MOST_OPERATORS: Final = 15
 server itself."""
 
 PING_SECONDS: Final = 10.0
-
-_TYPES: Final = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg': 'image/svg+xml'}
 
 
 class WebServer:
@@ -84,14 +83,10 @@ class WebServer:
         self._is_told = False
         self._has_studio = False
         self._costmap_pages = 0
-        page = files(__package__) / 'page'
-        self._files = {
-            one.name: (one.read_bytes(), _TYPES[one.name.rpartition('.')[2]])
-            for one in page.iterdir()
-            if one.name.rpartition('.')[2] in _TYPES
-        }
-        self._files['pictures.css'] = STYLE.encode(), _TYPES['css']
-        self._files[''] = self._files['index.html']
+        self._files = PageFiles(files(__package__) / 'page', page='index.html')
+        self._files.add('pictures.css', STYLE.encode(), 'css')
+        self.file = self._files.answer
+        """Answers a request for the file of the page that ``name`` of the route names."""
 
     def application(self, **mounted: web.Application | None) -> web.Application:
         """Return a new aiohttp application that serves the pages, and the applications that are mounted, such as the
@@ -131,25 +126,6 @@ class WebServer:
         self._is_told = False
         for page in self._pages:
             page.wake()
-
-    async def file(self, request: web.Request) -> web.StreamResponse:
-        """Answer a request for the file of the page that ``name`` of the route names."""
-        known = self._files.get(request.match_info['name'])
-        if known is None:
-            raise web.HTTPNotFound(text='there is no such file')
-        body, type = known
-        return web.Response(body=body, content_type=type, charset='utf-8', headers=self._headers(request.host))
-
-    def _headers(self, host: str) -> dict[str, str]:
-        return {
-            'Content-Security-Policy': (
-                "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
-                f"connect-src 'self' ws://{host} wss://{host}; "
-                "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-            ),
-            **CLOSED_HEADERS,
-            'Cache-Control': 'no-cache',
-        }
 
     async def open_page(self, request: web.Request) -> web.StreamResponse:
         """Answer the request of a page for its WebSocket, until the page ends."""
