@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import select
 import shlex
+import signal
 import subprocess
 import sys
 import time
@@ -69,14 +70,17 @@ def take_over(world: World, console: Sequence[str] = ()) -> None:
     SCHEDULER.limit = None
     node = world.observer.node
     end = world.observer.call(lambda: BridgeEnd(node, list(world.robots), OF_ROBOT, OF_OPERATOR, inner.send))
-    with subprocess.Popen(program, env=world.outside, pass_fds=[outer.fileno()]) as bridge:
+    with subprocess.Popen(program, env=world.outside, pass_fds=[outer.fileno()], start_new_session=True) as bridge:
         outer.close()
+        before = signal.getsignal(signal.SIGINT)
         SCHEDULER.pace = RealTime(inner, end.publish).wait
         try:
             with subprocess.Popen([sys.executable, '-m', 'flexbt_console', *words], env=world.outside) as process:
+                signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the console
                 while process.poll() is None:
                     SCHEDULER.sleep(_LOOK_SECONDS)
         finally:
+            signal.signal(signal.SIGINT, before)
             SCHEDULER.pace = None
             inner.close()
             bridge.terminate()

@@ -119,6 +119,8 @@ class Recording:
         if not starts or not statuses:
             raise UsageError(f'{file}: has no start of a behavior; begin to record before it')
         self._begin = float(numpy.interp(starts[0], *self._clock))
+        self.asking = {decision.id: decision.path for _, status in statuses for decision in status.decisions}
+        """The states that asked, by the identifiers of their decisions."""
         self.commands = [(self._time(when), command) for when, command in commands if when >= starts[0]]
         self.poses = [(self._time(when), pose_of(message.pose)) for when, message in self._by_topic[names.POSE]]
         self.answers: dict[str, list[Answer]] = defaultdict(list)
@@ -281,10 +283,11 @@ def _feed(recording: Recording, begin: float, world: World) -> None:
     publisher = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
     for time, command in recording.commands:
         world.run(max(0.0, begin + time - world.now))
-        until = SCHEDULER.after(_DECISION_SECONDS)
-        wanted = command.decision_id
-        while wanted and SCHEDULER.now < until and wanted not in {one.id for one in world.view.decisions}:
+        until, path = SCHEDULER.after(_DECISION_SECONDS), recording.asking.get(command.decision_id)
+        while path and SCHEDULER.now < until and path not in {one.path for one in world.view.decisions}:
             world.run(0.02)
+        asked = {one.path: one.id for one in world.view.decisions}
+        command.decision_id = asked.get(path or '', command.decision_id)
         snapshot = world.view.snapshot
         assert snapshot is not None
         if command.run_id:

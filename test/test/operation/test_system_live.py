@@ -11,11 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
-
 from flexbt_testing.waiting import DEADLINE
-
-pytestmark = pytest.mark.dds('the console is a process of the real middleware')
 
 MISSION = """
 import pytest

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Would it decide otherwise now? Missions are recorded in a world here; on real processes, see the system tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from flexbt_console.errors import UsageError
+from flexbt_console.recording.run_file import write_recording
+from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_testing.one_process.programs import Program, named_programs
+from flexbt_testing.one_process.recorded import _once, decide_again, main
+from flexbt_testing.one_process.what_if import Event
+from flexbt_testing.one_process.world import World
+
+TREES = 'flexbt_demo_behaviors/navigate'
+
+
+def recorded(folder: Path, mission: Callable[[World], object], motion: str = 'abstract') -> Path:
+    """Record a mission from before its start on."""
+    file = folder / 'run.mcap'
+    recorder = Program('flexbt_console', 'recorder', {'file': str(file)})
+    with World(0, [*named_programs('', folder, folder, motion), recorder], writable=[folder]) as world:
+        world.run_until(lambda _view: file.exists())
+        world.run(3.0)
+        mission(world)
+        world.run(1.0)
+        world.terminate('recorder')
+        world.run_while(lambda: world.processes['recorder'].is_alive, 'the recorder')
+    return file
+
+
+def judge_a_path_and_refuse_the_next(world: World) -> None:
+    world.start('Navigate Split')
+    world.answer('/AskGoal', 'corridor')
+    world.choose('/JudgePath', 'done')
+    world.run_until(world.asks('/AskGoal'), within=90)
+    world.answer('/AskGoal', 'dock')
+    world.choose('/JudgePath', 'canceled')
+    world.decline('/AskGoal')
+    world.run_until(world.ended('finished'))
+
+
+def test_the_answers_to_decisions_are_those_of_the_recording(tmp_path: Path) -> None:
+    file = recorded(tmp_path, judge_a_path_and_refuse_the_next)
+    found = decide_again(file)
+    assert found.difference is None, str(found)
+    assert [one.what for one in found.after.events if one.what.startswith('leaves /JudgePath')] == [
+        'leaves /JudgePath by done (outcome)',
+        'leaves /JudgePath by canceled (forced)',
+    ]
+    assert found.before.ends == found.after.ends == ['finished']
+    tree = tmp_path / 'global_planner.xml'
+    tree.write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="GlobalPlanner"><BehaviorTree ID="GlobalPlanner">'
+        '<AlwaysFailure/></BehaviorTree></root>'
+    )
+    found = decide_again(file, [(f'{TREES}/global_planner.xml', tree)])
+    assert found.difference is not None and found.difference.after is not None
+    assert found.difference.after.what == 'AlwaysFailure FAILURE'
+    assert str(found).startswith(f'first difference at {found.difference.time:.2f} s, tree GlobalPlanner\n  recorded: ')
+
+
+def test_a_recording_of_no_use_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(tmp_path / 'missing.mcap')]) == 2
+    assert 'missing.mcap: cannot be read' in capsys.readouterr().err
+    write_recording(tmp_path / 'idle.mcap', [(1, 'executive/status', ExecutiveStatus())])
+    with pytest.raises(UsageError, match='has no start of a behavior; begin to record before it'):
+        decide_again(tmp_path / 'idle.mcap')
+
+
+def test_repetitions_are_told_once_until_an_action_fails() -> None:
+    told = [
+        'Root RUNNING',
+        'Plan RUNNING',
+        'Plan SUCCESS',
+        'IsFree FAILURE',
+        'Plan RUNNING',
+        'IsFree FAILURE',
+        'Plan FAILURE',
+        'IsFree FAILURE',
+        'Plan RUNNING',
+        'Root RUNNING',
+        'Plan RUNNING',
+    ]
+    once = [event.what for event in _once(Event(float(time), 'tree T', what) for time, what in enumerate(told))]
+    assert once == [*told[:4], 'Plan FAILURE', 'IsFree FAILURE', 'Plan RUNNING', 'Root RUNNING', 'Plan RUNNING']
+    twice = [Event(1.0, 'executive', 'PAUSE applied')] * 2
+    assert list(_once(twice)) == twice
