@@ -77,10 +77,6 @@ class Clock(Destroyable):
             elif not is_before and handle._post_callback is not None:
                 handle._post_callback({'clock_change': change, 'delta': delta})
 
-    def ends_wait(self, timer: Timer) -> bool:
-        """Return whether the passing of steady time makes a timer of this clock ready."""
-        return not timer.is_canceled and not self.is_overridden
-
 
 class ClockEvent:
     """Stand-in for rclpy's event that waits by a clock."""
@@ -130,7 +126,7 @@ class Timer(Entity):
     @property
     def due(self) -> int | None:
         """Time of the steady clock at which it becomes ready by itself, ns; None if it does not."""
-        if not self.clock.ends_wait(self):
+        if self.is_canceled or self.clock.is_overridden:
             return None
         return SCHEDULER.now + max(0, self.next - self.clock.nanoseconds())
 
@@ -285,7 +281,7 @@ class WaitSet(Destroyable):
                 break
             for entity in entities:
                 entity.waiter = SCHEDULER.current
-            due = [entity.due for entity in entities if isinstance(entity, Timer) and entity.due is not None]
+            due = [when for entity in entities if isinstance(entity, Timer) and (when := entity.due) is not None]
             SCHEDULER.block('a wait set', min([*due, *(() if until is None else (until,))], default=None))
             for entity in entities:
                 entity.waiter = None

@@ -104,8 +104,8 @@ def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     programs = named_programs(name, request.path.parent, scratch, **(mark.kwargs if mark else {}))
     made = World(request.param, programs, writable=[tmp_path_factory.getbasetemp()])
     SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
+    request.node.stash[_WORLD] = made
     with made:
-        request.node.stash[_WORLD] = made
         yield made
 
 

@@ -168,7 +168,7 @@ class ReadyEntities:
                     self._is_notified = False
                     found = self._look(some_await)
                     continue
-                due = [timer.due for timer in self._timers if timer.due is not None]
+                due = [when for timer in self._timers if (when := timer.due) is not None]
                 self._task = SCHEDULER.current
                 SCHEDULER.block(
                     'the wait of an executor', min([*due, *(() if until is None else (until,))], default=None)
@@ -198,7 +198,7 @@ class ReadyEntities:
             elif isinstance(entity, GuardCondition):
                 entity.is_triggered = False
             found[id(record.what)] = record
-        return sorted(found.values(), key=lambda record: record.rank)
+        return sorted(found.values(), key=lambda record: record.rank) if len(found) > 1 else [*found.values()]
 
     def close(self) -> None:
         """Forget the entities."""

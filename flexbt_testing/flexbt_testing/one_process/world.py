@@ -490,7 +490,7 @@ class World(Mission):
     def report(self) -> str:
         """Return what the robots did, for a failed test."""
         lines = [*self.story[-_STORY_LENGTH:], *(f'stopped: {crossing}' for crossing in BOUNDARY.crossings)]
-        for mission in self.robots.values():
+        for mission in self.robots.values() if hasattr(self, 'observer') else ():
             lines.append(f'at {self.now:.2f} s {mission.namespace or "the robot"}: {mission._situation()}')
         ended = [f'{name} ({one.exit_code})' for name, one in self.processes.items() if not one.is_alive]
         return '\n'.join(lines + ([f'ended: {", ".join(ended)}'] if ended else []))

@@ -312,7 +312,14 @@ def test_code_that_leaves_the_world_is_stopped(world: World, tmp_path: Path, wha
 def test_a_failed_test_says_what_the_robot_did_and_how_to_repeat_it(tmp_path: Path) -> None:
     (tmp_path / 'pytest.ini').write_text('[pytest]\naddopts = -p flexbt_testing.world\n')
     (tmp_path / 'test_it.py').write_text(
+        'import time\n'
         'import pytest\n'
+        'from flexbt_testing.world import Program\n'
+        'def never():\n'
+        "    return [Program('', 'onboard_executive', main=lambda: time.sleep(1e6))]\n"
+        "@pytest.mark.world('test_it:never')\n"
+        'def test_that_is_not_ready(world):\n'
+        '    pass\n'
         "@pytest.mark.world(motion='abstract')\n"
         '@pytest.mark.seeds(2)\n'
         'def test_it(world):\n'
@@ -328,7 +335,8 @@ def test_a_failed_test_says_what_the_robot_did_and_how_to_repeat_it(tmp_path: Pa
         return ran.stdout
 
     told = run([sys.executable, '-m', 'pytest', '--mission-coverage'])
-    assert '1 failed, 1 passed' in told
+    assert re.search(r'1 failed, 1 passed, (\d+ warnings, )?1 error', told)
+    assert re.search(r'^again: .*FLEXBT_SEED=0 .*is_not_ready\[0\]', told, re.MULTILINE)
     assert 'operator: answers /AskGoal with kitchen' in told
     assert 'm from kitchen, more than 0.3 m' in told
     assert 'behavior Navigate: transitions 2 of 8; never /LoadTree failed, ' in told
