@@ -30,8 +30,8 @@ _STATISTICS: Final = Path('/proc/stat')
 def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadline: float = DEADLINE) -> Any:
     """Poll the condition for up to ``deadline`` seconds, and return its first true value.
 
-    A condition that has taken long is polled less often: the measured time is accurate to one percent, and the waiting
-    thread leaves the processors to the awaited one.
+    A condition that has taken long to come true is polled less often: the measured time is accurate to one percent, and
+    the waiting thread leaves the processors to the awaited one. So is one that takes long to ask, such as a command.
 
     An IndexError counts as false, so a condition may look at the last message before any has arrived.
 
@@ -41,14 +41,15 @@ def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadli
     start = time.monotonic()
     pause = threading.Event()
     while True:
-        value = None
+        value, asked = None, time.monotonic()
         with suppress(IndexError):
             value = condition()
         if value:
             return value
-        waited = time.monotonic() - start
+        now = time.monotonic()
+        waited = now - start
         assert waited < deadline, f'not within {deadline:g} s: {what() if callable(what) else what}'
-        pause.wait(min(max(0.01 * waited, _SHORTEST_PAUSE), _LONGEST_PAUSE))
+        pause.wait(max(min(max(0.01 * waited, _SHORTEST_PAUSE), _LONGEST_PAUSE), now - asked))
 
 
 def uncontended_time() -> float:

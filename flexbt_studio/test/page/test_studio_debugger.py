@@ -69,7 +69,7 @@ class Mission(NamedTuple):
 
 @pytest.fixture
 def mission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Mission]:
-    monkeypatch.setenv('FLEXBT_STUDIO_EDITOR', str(tmp_path))  # a plain text field
+    monkeypatch.setenv('FLEXBT_STUDIO_EDITOR', '/nowhere')  # a plain text field; always the same for the fork servers
     folder, about = tmp_path / 'site' / 'counting', tmp_path / 'site' / 'counting-1.0.dist-info'
     for one in (folder, about):
         one.mkdir(parents=True)
