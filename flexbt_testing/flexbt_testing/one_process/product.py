@@ -45,13 +45,13 @@ def end(process: Process, exit_code: int = -9) -> None:
 class _Taken:
     """Stand-in for :class:`flexbt_common.middleware.received_messages.Received`, packed only if asked for bytes."""
 
-    __slots__ = ('_limit', '_sample', 'sent', 'writer')
+    __slots__ = ('_limit', '_sample', 'arrived', 'sent', 'writer')
 
     def __init__(self, sample: Sample, limit: int) -> None:
         self._sample = sample
         self._limit = limit
         self.writer = sample.gid
-        self.sent = sample.stamp * 1e-9
+        self.sent, self.arrived = sample.stamp * 1e-9, SCHEDULER.wall
 
     @property
     def size(self) -> int:
