@@ -92,19 +92,35 @@ class Task:
 
 
 class _GreenletBaton:
-    """Control of a task that is a greenlet."""
+    """Control of a task that is a greenlet.
+
+    A greenlet begins at the depth of recursion of the one that switches to it first. So one starts all of them:
+    otherwise tasks that start each other would reach Python's limit.
+    """
+
+    starter: Any = None
 
     def __init__(self, body: Callable[[], None] | None) -> None:
         from greenlet import getcurrent, greenlet
 
         self.greenlet = greenlet(body) if body else getcurrent()
+        if self.starter is None:
+            _GreenletBaton.starter = greenlet(_start)
 
     def take(self, _from: _GreenletBaton | None) -> None:
-        self.greenlet.switch()
+        if self.greenlet:  # it has begun
+            self.greenlet.switch()
+        else:
+            self.starter.switch(self.greenlet)
 
     @property
     def frame(self) -> Any:
         return self.greenlet.gr_frame
+
+
+def _start(first: Any) -> None:
+    while True:
+        first = first.switch()
 
 
 class _ThreadBaton:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -33,6 +34,20 @@ def test_threads_of_a_former_world_never_run_again() -> None:
     assert ran == ['pool']
     assert not any(task.process.is_alive or task.is_ready for task in before)
     assert lock.acquire(timeout=1.0)
+
+
+def test_any_number_of_tasks_may_start_each_other() -> None:
+    ended: list[int] = []
+
+    def start(number: int) -> None:
+        if number < 2 * sys.getrecursionlimit():
+            thread = threading.Thread(target=start, args=(number + 1,))
+            thread.start()
+            thread.join()
+        ended.append(number)
+
+    start(0)
+    assert ended == [*range(2 * sys.getrecursionlimit(), -1, -1)]
 
 
 def test_what_nobody_else_can_raise_reaches_the_test_where_it_waits() -> None:
