@@ -78,6 +78,7 @@ def test_a_child_goes_on_as_the_world_itself_and_leaves_it_alone(world: World) -
     world.answer('/AskGoal', 'corridor')
     world.run(6.0)
     draw = random.getstate()
+    assert world.fork(lambda _world: random.getstate()).result() == draw, 'Python seeds it anew in a fork'
     log = next(world.home.rglob('onboard_executive.jsonl'))
     length = log.stat().st_size
     found = world.what_if(lambda _world: SHARED.clear(), stop_later)
