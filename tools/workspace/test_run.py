@@ -61,13 +61,13 @@ _MESSAGE_WIDTH = 160
 
 @dataclass(frozen=True)
 class Variant:
-    """Tests of one package that run once more, in another environment: those in its directory `tests`.
+    """Tests of one package that run once more, in another environment: those in its directories or files `tests`.
 
     `without`: files there whose tests have nothing to do with it; `options` are further arguments of pytest.
     """
 
     package: str
-    tests: str
+    tests: tuple[str, ...]
     environment: Mapping[str, str]
     without: tuple[str, ...] = ()
     options: tuple[str, ...] = ()
@@ -80,7 +80,7 @@ ONE_PROCESS = {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}
 HAS_ONE_PROCESS = (os.environ.get('ROS_WHEELS') or os.environ.get('ROS_DISTRO') or 'jazzy') in ('jazzy', 'kilted')
 """Whether flexbt_testing.one_process knows the rclpy of this distribution."""
 IN_ONE_PROCESS = (
-    dict.fromkeys(('flexbt_flexbe', 'flexbt_states'), ONE_PROCESS)
+    dict.fromkeys(('flexbt_flexbe', 'flexbt_sim', 'flexbt_states'), ONE_PROCESS)
     if HAS_ONE_PROCESS and not os.environ.get('DDS')
     else {}
 )
@@ -89,7 +89,7 @@ their tests with the mark `dds` always do."""
 VARIANTS = (
     Variant(
         'flexbt_core',
-        'test/behavior_tree',
+        ('test/behavior_tree',),
         {'FLEXBT_ACCELERATION': '0'},
         without=(
             'engine/test_bt_faulty_leaves.py',
@@ -101,7 +101,7 @@ VARIANTS = (
         ),
     ),
     *(
-        [Variant('flexbt_testing', 'test/one_process', ONE_PROCESS, options=('test/conformance_middleware',))]
+        [Variant('flexbt_testing', ('test/one_process', 'test/conformance_middleware'), ONE_PROCESS)]
         if HAS_ONE_PROCESS
         else []
     ),
@@ -126,13 +126,8 @@ class Tally:
 def run(workspace: Workspace) -> int:
     """Run everything; gives the exit code. The last line printed is the summary."""
     packages = {package.name: package for package in workspace.layout.packages() if package.test_modules()}
-    runs = [_Run(workspace, package) for package in packages.values()]
-    real = [
-        Variant(name, 'test', {'DDS': '1'}, options=('-m', 'dds'))
-        for name in IN_ONE_PROCESS
-        if _has_real(packages[name])
-    ]
-    runs += [_Run(workspace, packages[variant.package], variant) for variant in (*VARIANTS, *real)]
+    runs = _runs_of(workspace, packages.values())
+    runs += [_Run(workspace, packages[variant.package], variant) for variant in VARIANTS]
     runs.sort(key=lambda run: run.rank)
     deadline = time.monotonic() + DEADLINE
     failed_checks = _finish(runs, deadline, lambda: failing_checks(workspace, alone=False))
@@ -147,6 +142,23 @@ def run(workspace: Workspace) -> int:
         print(line)
     print(tally.summary(), flush=True)
     return 1 if tally.failures else 0
+
+
+def _runs_of(workspace: Workspace, packages: Collection[Package]) -> list[_Run]:
+    """Return the runs that together run each test of the packages once."""
+    runs = [_Run(workspace, package) for package in packages]
+    for package in packages:
+        if package.name in IN_ONE_PROCESS and (real := _with_mark(package)):
+            runs.append(_Run(workspace, package, Variant(package.name, real, {'DDS': '1'}, options=('-m', 'dds'))))
+    return runs
+
+
+def _with_mark(package: Package) -> tuple[str, ...]:
+    """Return the files with tests that need the middleware."""
+    modules = package.test_modules()
+    return tuple(
+        str(file.relative_to(package.path)) for file in modules if 'mark.dds(' in file.read_text(encoding='utf-8')
+    )
 
 
 def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) -> list[str]:
@@ -234,7 +246,7 @@ class _Run:
             command += ['--last-failed', '--last-failed-no-failures', 'none']
         elif self.is_spread:
             command += _in_parallel(workspace)
-        command += [variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)] if variant else ['test']
+        command += [*variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)] if variant else ['test']
         command += variant.options if variant else ()
         further = variant.environment if variant else IN_ONE_PROCESS.get(self._package.name, {})
         environment = {**workspace.environment, **further}
@@ -309,11 +321,6 @@ class _Run:
     @property
     def _log(self) -> Path:
         return self._workspace.layout.log / f'test-{str(self).replace(" ", "-")}.log'
-
-
-def _has_real(package: Package) -> bool:
-    """Return whether some tests of a package need the middleware."""
-    return any('mark.dds(' in file.read_text(encoding='utf-8') for file in package.test_modules())
 
 
 def _in_parallel(workspace: Workspace) -> list[str]:
