@@ -489,6 +489,7 @@ while True:
 """Each of the participants is within the limit."""
 
 
+@pytest.mark.dds('another process sends, with many participants')
 @pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 @pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_a_process_has_one_limit_however_many_participants_it_has() -> None:

@@ -586,6 +586,7 @@ class Held(Behavior):
 """
 
 
+@pytest.mark.dds('the executive is a process, which a signal ends')
 @pytest.mark.parametrize('signal_number', [signal.SIGINT, signal.SIGTERM])
 def test_the_process_lists_a_broken_behavior_runs_another_and_ends_in_order(tmp_path: Path, signal_number: int) -> None:
     info = tmp_path / 'held-1.0.dist-info'
@@ -635,6 +636,7 @@ def test_the_process_lists_a_broken_behavior_runs_another_and_ends_in_order(tmp_
         console.close()
 
 
+@pytest.mark.dds('a thread never waits, and is interrupted by the interpreter')
 def test_who_logs_while_the_executive_ends_is_not_disturbed() -> None:
     """A run may be left behind, which knows nothing of the end."""
     faults: list[BaseException] = []

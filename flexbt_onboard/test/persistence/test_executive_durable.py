@@ -35,6 +35,8 @@ from flexbt_testing.system.fork_server import ForkedProcess
 from flexbt_testing.system.python_processes import logged_python_process
 from flexbt_testing.waiting import wait_until
 
+pytestmark = pytest.mark.dds('the executive is killed as a process')
+
 C = ExecutiveCommand
 KILLS = int(os.environ.get('FLEXBT_KILLS', '6'))
 SEED = int(os.environ.get('FLEXBT_SEED', '1'))

@@ -181,6 +181,7 @@ with NodeRuntime.open('full') as runtime:
 """
 
 
+@pytest.mark.dds('a process whose files the system limits')
 def test_what_a_full_disk_does_not_take_waits_and_what_is_more_is_counted(tmp_path: Path) -> None:
     file = tmp_path / 'r.jsonl'
     file.write_text('{"event": "cut o')

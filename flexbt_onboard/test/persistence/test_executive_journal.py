@@ -387,6 +387,7 @@ clock.close()
 """
 
 
+@pytest.mark.dds('a process whose files the system limits')
 def test_a_full_disk_is_told_once_each_time_and_what_fits_again_is_whole(tmp_path: Path, opened: Any) -> None:
     file = tmp_path / 'e.journal'
     subprocess.run([sys.executable, '-c', FULL_DISK, str(file)], check=True, timeout=60, env=os.environ)
@@ -604,6 +605,7 @@ def test_nothing_else_is_read(plain: Any) -> None:
         from_plain_form(plain)
 
 
+@pytest.mark.dds('a process is forked')
 def test_a_process_that_was_forked_and_lives_on_does_not_keep_the_journal(tmp_path: Path, clock: SteadyClock) -> None:
     journal = Journal(tmp_path / 'e.journal', no_problem, clock)
     begun, begins = os.pipe()

@@ -362,6 +362,7 @@ class Collector(BaseHTTPRequestHandler):
         pass
 
 
+@pytest.mark.dds('a process sends to a socket')
 def test_runs_are_sent_as_spans_also_while_the_log_is_rotated_and_a_collector_refuses(tmp_path: Path) -> None:
     file = tmp_path / 'executive.jsonl'
     file.write_text('{"time": 1, "stamp": 1, "event": "executive", "state": "started"}\n')

@@ -30,6 +30,8 @@ from flexbt_onboard.node.synthesizer import SearchProcess
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, wait_until
 
+pytestmark = pytest.mark.dds('a search is a process')
+
 Result = SynthesizeBehavior.Result
 
 SEARCH_SECONDS: Final = 4.0 * DEADLINE
