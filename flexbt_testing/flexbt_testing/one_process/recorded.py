@@ -35,6 +35,7 @@ from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.errors import ConsoleError, UsageError
 from flexbt_console.recording.run_file import read_run
 from flexbt_console.recording.topics import check_definition, type_of
+from flexbt_core.values.text import escape_lines, one_line
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveStatus, TreeNode, TreeStatus
 from flexbt_sim.messages import map_of, pose_of
 from flexbt_sim.world import Pose
@@ -328,9 +329,9 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         found = decide_again(given.file, [(name, Path(file)) for name, file in given.swap], given.tolerance)
     except (ConsoleError, ResourceError, AssertionError, OSError) as error:
-        print(f'recorded: {error}', file=sys.stderr)
+        print(one_line(f'recorded: {error}'), file=sys.stderr)
         return 2
-    print(found)
+    print('\n'.join(escape_lines(str(found))))
     return int(found.difference is not None)
 
 
