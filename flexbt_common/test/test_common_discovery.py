@@ -37,6 +37,7 @@ def shared_memory(process: int | str) -> list[str]:
     return [line for line in Path(f'/proc/{process}/maps').read_text().splitlines() if 'shm/fast' in line]
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize('range_of_other', ['', 'LOCALHOST', 'SUBNET'])
 def test_processes_hear_each_other(range_of_other: str) -> None:
     environment = dict(os.environ)

@@ -80,7 +80,7 @@ ONE_PROCESS = {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}
 HAS_ONE_PROCESS = (os.environ.get('ROS_WHEELS') or os.environ.get('ROS_DISTRO') or 'jazzy') in ('jazzy', 'kilted')
 """Whether flexbt_testing.one_process knows the rclpy of this distribution."""
 IN_ONE_PROCESS = (
-    dict.fromkeys(('flexbt_flexbe', 'flexbt_onboard', 'flexbt_sim', 'flexbt_states'), ONE_PROCESS)
+    dict.fromkeys(('flexbt_common', 'flexbt_flexbe', 'flexbt_onboard', 'flexbt_sim', 'flexbt_states'), ONE_PROCESS)
     if HAS_ONE_PROCESS and not os.environ.get('DDS')
     else {}
 )

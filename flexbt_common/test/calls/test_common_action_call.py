@@ -440,6 +440,7 @@ def find_token(link: ActionServerLink) -> None:
     watch.close()
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize('is_restarted', [False, True])
 @pytest.mark.parametrize('moment', ['before the acceptance', 'while it executes', 'during a cancel', 'relied on'])
 def test_a_server_with_a_token_that_is_killed_loses_the_goal_at_once_and_the_next_one_is_used(
@@ -474,6 +475,7 @@ def test_a_server_with_a_token_that_is_killed_loses_the_goal_at_once_and_the_nex
     assert done.wait().status is GoalStatus.CANCELED
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_server_that_is_stopped_loses_the_goal_after_its_time_and_finds_a_cancel(
     client: NodeRuntime, children: list[PythonProcess]
 ) -> None:
@@ -498,6 +500,7 @@ def test_a_server_that_is_stopped_loses_the_goal_after_its_time_and_finds_a_canc
     wait_until(lambda: client.call(link.is_ready), 'the server is used again')
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM])
 def test_a_server_that_dies_loses_the_goal_and_is_used_again(link: ActionServerLink, how: signal.Signals) -> None:
     child = start_child()
@@ -522,6 +525,7 @@ def test_a_server_that_dies_loses_the_goal_and_is_used_again(link: ActionServerL
             child.kill()
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 def test_where_the_middleware_tells_no_liveliness_servers_are_judged_by_the_graph(
     client: NodeRuntime, children: list[PythonProcess], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -541,6 +545,7 @@ def test_where_the_middleware_tells_no_liveliness_servers_are_judged_by_the_grap
     assert not client.node.count_subscribers('/scripted/alive')
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_server_that_is_replaced_within_the_outage_time_does_not_know_the_goal(link: ActionServerLink) -> None:
     child = start_child()
     try:

@@ -90,6 +90,7 @@ def scripted_server() -> Iterator[PythonProcess]:
             child.kill()
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_service_of_a_process_that_is_killed_is_given_up_at_once(link: ServiceLink) -> None:
     runtime, outcomes = link.runtime, queue.Queue[ServiceOutcome]()
     held = ServiceLinks(runtime).link(Trigger, 'held')
@@ -105,6 +106,7 @@ def test_a_service_of_a_process_that_is_killed_is_given_up_at_once(link: Service
     assert 'no service' in service_outcome(held, Trigger.Request(), 0.1).reason
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_service_that_hangs_is_given_up_after_its_time_and_gets_the_request_when_it_goes_on() -> None:
     with NodeRuntime.open('asker') as runtime, scripted_server() as child:
         cancel = ServiceLinks(runtime, peer_timeout=0.6).link(CancelGoal, 'wait/_action/cancel_goal')

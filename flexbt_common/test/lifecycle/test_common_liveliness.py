@@ -104,6 +104,7 @@ def test_the_clock_goes_on_while_a_token_is_made(monkeypatch: pytest.MonkeyPatch
         assert was_told == [True]
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize('name', ['living', '/robot1/living'])
 def test_death_and_return_are_noticed(name: str) -> None:
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
@@ -137,6 +138,7 @@ def test_death_and_return_are_noticed(name: str) -> None:
             process.kill()
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_node_that_is_killed_as_soon_as_it_is_seen_is_missed_too() -> None:
     """Before the middleware asserts its token for the first time."""
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
@@ -151,6 +153,7 @@ def test_a_node_that_is_killed_as_soon_as_it_is_seen_is_missed_too() -> None:
                 assert uncontended_time() < limit
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_node_that_is_found_and_says_nothing_is_late_and_then_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     """As one that sent a goal and was stopped before its token was heard: what it drives has to come to rest."""
     monkeypatch.setattr(liveliness._SeenToken, '_receive', lambda token, received: None)
@@ -164,6 +167,7 @@ def test_a_node_that_is_found_and_says_nothing_is_late_and_then_gone(monkeypatch
             assert [told.next() for _ in range(2)] == [('late', False), ('alive', False)]
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_watcher_that_was_killed_and_started_again_takes_nobody_for_dead() -> None:
     with start() as living:
         for _ in range(3):
@@ -177,6 +181,7 @@ def test_a_watcher_that_was_killed_and_started_again_takes_nobody_for_dead() -> 
         living.kill()
 
 
+@pytest.mark.dds('another process takes part')
 def test_who_watches_a_token_that_is_watched_already_sees_life_and_death() -> None:
     changes: queue.Queue[tuple[int, bool]] = queue.Queue()
 
@@ -205,6 +210,7 @@ def test_who_watches_a_token_that_is_watched_already_sees_life_and_death() -> No
         scope.close()
 
 
+@pytest.mark.dds('another process takes part')
 def test_what_nobody_watches_is_heard_no_more_once_it_is_gone() -> None:
     changes: queue.Queue[bool] = queue.Queue()
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
@@ -262,6 +268,7 @@ class Told:
         return self._told.get(timeout=DEADLINE)
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_process_that_was_stopped_is_late_and_then_as_before() -> None:
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime, start() as process:
         told = Told(runtime)
@@ -277,6 +284,7 @@ def test_a_process_that_was_stopped_is_late_and_then_as_before() -> None:
             assert last[0] == 'late'
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_process_that_is_late_for_too_long_is_gone_until_it_is_heard_again() -> None:
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime, start() as process:
         told = Told(runtime, timeout=1.0)
@@ -289,6 +297,7 @@ def test_a_process_that_is_late_for_too_long_is_gone_until_it_is_heard_again() -
         process.kill()
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_process_that_is_killed_while_it_is_late_is_gone_at_once_and_another_one_can_take_its_place() -> None:
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
         told = Told(runtime)
@@ -303,6 +312,7 @@ def test_a_process_that_is_killed_while_it_is_late_is_gone_at_once_and_another_o
             process.kill()
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_process_that_takes_the_place_of_one_that_is_stopped_begins_anew() -> None:
     """The first one was not missed yet, or was late: it is gone before the other one is there."""
     with NodeRuntime.open('watcher', namespace='/robot1') as runtime:
@@ -317,6 +327,7 @@ def test_a_process_that_takes_the_place_of_one_that_is_stopped_begins_anew() -> 
                 another.kill()
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize('end', [signal.SIGKILL, signal.SIGINT])
 @pytest.mark.parametrize('is_first', [True, False])
 def test_two_processes_of_one_name_are_late_until_one_of_them_ends(is_first: bool, end: signal.Signals) -> None:
@@ -419,6 +430,7 @@ def test_ready_is_what_the_node_says_while_it_is_alive() -> None:
             assert {changes.get(timeout=DEADLINE) for _ in range(2)} == {('alive', False), ('ready', False)}
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_process_that_went_on_is_ready_again_and_one_in_its_place_is_not() -> None:
     ready: queue.Queue[bool] = queue.Queue()
     program = PROGRAM.replace('LivelinessToken(runtime)', 'LivelinessToken(runtime).set_ready(True)')
@@ -442,6 +454,7 @@ def test_a_process_that_went_on_is_ready_again_and_one_in_its_place_is_not() -> 
             process.kill()
 
 
+@pytest.mark.dds('it is about Fast DDS')
 @pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 def test_a_profile_for_consoles_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a liveliness protocol, the middleware would crash."""
@@ -453,6 +466,7 @@ def test_a_profile_for_consoles_is_refused(monkeypatch: pytest.MonkeyPatch) -> N
         LivelinessToken(here)
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_node_whose_assertions_are_not_told_is_alive_by_what_it_says(monkeypatch: pytest.MonkeyPatch) -> None:
     """The middleware loses such events on a busy machine."""
     monkeypatch.setattr(liveliness._SeenToken, '_liveliness_changed', lambda token, event: None)

@@ -368,6 +368,7 @@ def process(*parameters: str) -> Iterator[PythonProcess]:
             child.kill()
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
     ('labels', 'printed'),
@@ -396,6 +397,7 @@ def own_lines(err: str) -> list[str]:
     return [line for line in err.splitlines() if implementation() not in line]
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_parameter_that_is_refused_is_not_said_to_be_missing() -> None:
     with NodeRuntime.open('manager') as manager, process('autostart:=false', 'most:=many') as child:
         assert LifecycleClient(manager, 'managed').change('configure')
@@ -406,6 +408,7 @@ def test_a_parameter_that_is_refused_is_not_said_to_be_missing() -> None:
     assert 'there is no parameter' not in err
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_transition_that_does_not_end_does_not_hold_up_the_end() -> None:
     with NodeRuntime.open('manager') as manager, process() as child:
         assert child.stdout is not None
@@ -422,6 +425,7 @@ def test_a_transition_that_does_not_end_does_not_hold_up_the_end() -> None:
             answer.result(DEADLINE)
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_node_that_nobody_manages_starts_by_itself_or_says_why_not() -> None:
     with process() as child:
         assert child.stdout is not None

@@ -11,6 +11,7 @@ import pytest
 from flexbt_common.lifecycle.liveliness import ProcessIdentity
 
 
+@pytest.mark.dds('processes of the system are told apart')
 def test_a_process_is_read_once_and_a_fork_is_another_one(monkeypatch: pytest.MonkeyPatch) -> None:
     own = ProcessIdentity.own()
     assert own is ProcessIdentity.own() and own.pid == os.getpid() and not own.has_ended()
@@ -20,6 +21,7 @@ def test_a_process_is_read_once_and_a_fork_is_another_one(monkeypatch: pytest.Mo
     assert ProcessIdentity.own() == own
 
 
+@pytest.mark.dds('processes of the system are told apart')
 def test_out_of_file_descriptors_nobody_is_taken_for_ended() -> None:
     own, held = ProcessIdentity.own(), []
     with subprocess.Popen([sys.executable, '-c', ''], stdin=subprocess.PIPE) as ended:

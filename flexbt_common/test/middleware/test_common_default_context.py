@@ -54,6 +54,7 @@ def no_default_context() -> Iterator[None]:
     rclpy.try_shutdown()
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_users_nodes_have_namespace_and_time_of_the_process_but_not_its_name_and_end_with_it(
     number: signal.Signals,
@@ -97,6 +98,7 @@ def test_the_context_can_be_opened_again_after_users_code_has_shut_it_down() -> 
     assert not rclpy.ok()
 
 
+@pytest.mark.dds('it is about signals')
 def test_handlers_of_signals_that_users_code_has_installed_are_taken_off() -> None:
     context = DefaultContext()
     context.open()

@@ -16,6 +16,7 @@ WHEEL = [*distributions(name='ros-fastrtps'), *distributions(name='ros-fastdds')
 GET_LISTENER = '_ZNK8eprosima7fastdds3dds17DomainParticipant12get_listenerEv'
 
 
+@pytest.mark.dds('it is about Fast DDS')
 @pytest.mark.skipif(not WHEEL, reason='the wheels of Fast DDS are not installed')
 @pytest.mark.skipif(not fastdds.can_ignore(), reason='needs a known version of Fast DDS')
 def test_the_listener_of_a_participant_is_taken_off_before_it_is_destroyed(monkeypatch: pytest.MonkeyPatch) -> None:

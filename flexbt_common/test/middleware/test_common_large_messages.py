@@ -21,6 +21,8 @@ from flexbt_common.middleware.implementation import implementation
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.waiting import wait_until
 
+pytestmark = pytest.mark.dds('it is about the memory of Fast DDS')
+
 TOPICS = 6
 DEPTH = 5
 SIZE = 5_000_000

@@ -16,6 +16,8 @@ import pytest
 
 from flexbt_common.middleware.rclpy_private import EXECUTOR, PARAMETERS, SWITCH, PrivatePart, PrivateUse, is_usable
 
+pytestmark = pytest.mark.dds("it is about rclpy's compiled module")
+
 CASE = Path(__file__).with_name('changed_rclpy.py')
 USES = {'EXECUTOR': EXECUTOR, 'PARAMETERS': PARAMETERS}
 PARTS = {name: tuple(part for part in use.parts if part.name.startswith('_')) for name, use in USES.items()}

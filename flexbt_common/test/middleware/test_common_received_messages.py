@@ -124,6 +124,7 @@ def test_without_the_private_parts_of_rclpy_writers_are_unknown(monkeypatch: pyt
             sender.runtime.close()
 
 
+@pytest.mark.dds('it is about Fast DDS')
 @pytest.mark.skipif(not can_ignore(), reason='needs a known version of Fast DDS')
 @pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_nothing_more_is_heard_of_a_participant_that_is_ignored(receiver: Receiver) -> None:
@@ -163,6 +164,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.skipif(not can_ignore(), reason='needs a known version of Fast DDS')
 @pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
 def test_the_participants_of_a_process_share_what_it_may_send(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,6 +211,7 @@ def test_the_participants_of_a_process_share_what_it_may_send(monkeypatch: pytes
         good.runtime.close()
 
 
+@pytest.mark.dds('it is about Fast DDS')
 @pytest.mark.skipif(not can_ignore(), reason='needs a known version of Fast DDS')
 def test_nodes_that_ignore_each_other_are_there_for_everybody_else() -> None:
     with NodeRuntime.open('first') as first, NodeRuntime.open('other') as other, NodeRuntime.open('third') as third:

@@ -121,6 +121,7 @@ def test_two_severities_and_a_throttle_are_told_apart_by_the_place_that_logs(
     assert logged == ['throttled 0', *(f'every {number}' for number in range(5))]
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize('kind', ['pipe', 'socket', 'terminal'])
 def test_a_node_whose_output_nobody_reads_goes_on_and_its_children_wait(tmp_path: Path, kind: str) -> None:
     done = tmp_path / 'done'
@@ -150,6 +151,7 @@ def test_a_node_whose_output_nobody_reads_goes_on_and_its_children_wait(tmp_path
         os.close(writing)
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_line_that_is_begun_is_ended_and_each_that_is_missing_is_counted(tmp_path: Path) -> None:
     full, read_fifo = tmp_path / 'full', tmp_path / 'full.read'
     os.mkfifo(read_fifo)

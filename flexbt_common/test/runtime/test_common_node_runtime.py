@@ -80,6 +80,7 @@ sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
 
 
+@pytest.mark.dds('it is about Fast DDS')
 @pytest.mark.skipif(implementation() != FAST_DDS, reason='needs Fast DDS')
 def test_a_topic_of_another_type_is_refused_with_both_types() -> None:
     with NodeRuntime.open('clock', parameters={'use_sim_time': True}) as runtime:
@@ -202,6 +203,7 @@ with NodeRuntime.open('collecting') as runtime:
 """
 
 
+@pytest.mark.dds('another process takes part')
 def test_what_is_collected_as_garbage_while_something_is_posted_may_post_too() -> None:
     with python_process(['-c', GARBAGE]) as process:
         out, err = process.communicate(timeout=DEADLINE)
@@ -295,6 +297,7 @@ def start(*arguments: str) -> PythonProcess:
     return python_process(['-c', PROGRAM, *arguments])
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize(
     'signals', [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 3, [signal.SIGTERM, signal.SIGINT]]
 )
@@ -311,6 +314,7 @@ def test_a_signal_ends_the_process_in_time_without_traceback(signals: list[signa
         assert (out, err) == ('', '')
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_component_that_does_not_end_cannot_keep_the_process() -> None:
     with start('stuck') as process:
         assert process.stdout is not None
@@ -323,6 +327,7 @@ def test_a_component_that_does_not_end_cannot_keep_the_process() -> None:
         assert 'did not come to an end' in err and 'Traceback' not in err
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_process_with_too_many_nodes_to_take_back_leaves_in_time_and_in_order() -> None:
     with start('fleet') as process:
         assert process.stdout is not None
@@ -348,6 +353,7 @@ def test_runtimes_that_end_together_come_to_rest_before_any_of_them_is_gone() ->
     assert all(runtime.closed for runtime in first.further)
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize(('word', 'told'), [('failing', 'the disk is full'), ('raising', 'division by zero')])
 def test_a_node_that_has_failed_or_not_ended_in_order_says_so_by_its_exit_code(word: str, told: str) -> None:
     with start(word) as process:
@@ -359,6 +365,7 @@ def test_a_node_that_has_failed_or_not_ended_in_order_says_so_by_its_exit_code(w
         assert told in err
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize(
     ('how', 'reason'),
     [
@@ -375,6 +382,7 @@ def test_a_node_that_cannot_go_on_ends_its_process_with_exit_code_1_and_the_reas
         assert 'program: cannot ' in err and reason in err
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_set_up_that_fails_gives_one_line_and_exit_code_1() -> None:
     with start('fail') as process:
         _, err = process.communicate(timeout=DEADLINE)
@@ -382,6 +390,7 @@ def test_a_set_up_that_fails_gives_one_line_and_exit_code_1() -> None:
         assert err == 'program: cannot start: no map given; set parameter map\n'
 
 
+@pytest.mark.dds('another process takes part')
 def test_arguments_namespaces_and_parameter_files_work_as_usual(tmp_path: Path) -> None:
     parameters = tmp_path / 'parameters.yaml'
     parameters.write_text('/**:\n  ros__parameters:\n    speed: 2.5\n    sped: 3.5\n')
@@ -542,6 +551,7 @@ def test_many_runtimes_one_after_the_other_leave_nothing_behind() -> None:
     assert threading.active_count() == before
 
 
+@pytest.mark.dds('another process takes part')
 @pytest.mark.parametrize(
     ('arguments', 'is_asked'),
     [(['-h'], True), (['--help', '--ros-args'], True), (['--ros-args', '-p', 'help:=1'], False)],
@@ -558,6 +568,7 @@ def test_help_is_told_instead_of_running_the_node(arguments: list[str], is_asked
         assert process.wait(DEADLINE) == 0
 
 
+@pytest.mark.dds('another process takes part')
 def test_arguments_that_are_not_for_ros_are_refused() -> None:
     with start('--map', 'here', '--ros-args', '-p', 'speed:=2.0') as process:
         out, err = process.communicate(timeout=DEADLINE)
