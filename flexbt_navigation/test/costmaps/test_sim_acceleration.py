@@ -159,6 +159,7 @@ def test_a_search_ends_when_it_is_stopped(search: Callable[..., Any]) -> None:
         )
 
 
+@pytest.mark.dds('a thread computes while another one stops it')
 @pytest.mark.parametrize('search', [kernels.search, kernels.search.interpreted], ids=['compiled', 'interpreted'])
 def test_a_search_leaves_the_interpreter_to_others(search: Callable[..., Any]) -> None:
     """Who holds it cannot be stopped: this thread would not run before the search is complete.

@@ -44,6 +44,7 @@ def world_file(directory: Path, fault: str, parameters: str) -> str:
     return str(file)
 
 
+@pytest.mark.dds('a fault kills a process')
 def test_a_fault_of_a_world_file_is_there_and_another_one_kills_the_process_of_the_robot(tmp_path: Path) -> None:
     file = world_file(tmp_path, 'server_refuses', '{server: wait}')
     program = Path(get_package_prefix('flexbt_navigation')) / 'lib' / 'flexbt_navigation' / 'navigation'

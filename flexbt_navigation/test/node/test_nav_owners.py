@@ -18,6 +18,8 @@ from flexbt_common.values.message_fields import duration_message
 from flexbt_testing.nodes.sim_world import DOCK, RobotProbe, line, open_sim_world
 from flexbt_testing.waiting import DEADLINE, uncontended_time
 
+pytestmark = pytest.mark.dds('processes are killed, stopped and continued')
+
 
 @pytest.fixture
 def world() -> Iterator[RobotProbe]:

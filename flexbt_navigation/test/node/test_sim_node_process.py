@@ -17,6 +17,8 @@ from flexbt_sim import executables
 from flexbt_testing.system.python_processes import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, contended_time, uncontended_time
 
+pytestmark = pytest.mark.dds('the executables run as processes')
+
 PACKAGES = {'simulator': 'flexbt_sim', 'navigation': 'flexbt_navigation', 'simulation': 'flexbt_navigation'}
 
 

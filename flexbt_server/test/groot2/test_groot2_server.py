@@ -33,6 +33,8 @@ from flexbt_testing.behavior_trees.scripted_nodes import registry
 from flexbt_testing.system.processes import free_pair
 from flexbt_testing.waiting import DEADLINE
 
+pytestmark = pytest.mark.dds('Groot2 talks by sockets of ZeroMQ')
+
 DOCUMENT = """<root BTCPP_format="4"><BehaviorTree ID="One"><Sequence><Script code="x := 1"/><AlwaysSuccess/>
 <SubTree ID="Two" name="two" x="{x}"/></Sequence></BehaviorTree>
 <BehaviorTree ID="Two"><Sequence><Script code="y := x"/><AlwaysSuccess/></Sequence></BehaviorTree></root>"""

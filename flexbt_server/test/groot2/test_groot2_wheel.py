@@ -26,7 +26,10 @@ from flexbt_testing.behavior_trees import wheel as bt_wheel
 from flexbt_testing.system.processes import free_pair
 from flexbt_testing.waiting import wait_until
 
-pytestmark = pytest.mark.skipif(not bt_wheel.available(), reason='behaviortreepy is not installed')
+pytestmark = [
+    pytest.mark.skipif(not bt_wheel.available(), reason='behaviortreepy is not installed'),
+    pytest.mark.dds('Groot2 talks by sockets of ZeroMQ'),
+]
 
 
 EVERYTHING = """<root BTCPP_format="4" main_tree_to_execute="Main">

@@ -30,6 +30,8 @@ from flexbt_testing.nodes.server_world import ServerWorld, open_server_world, po
 from flexbt_testing.system.processes import free_pair
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
+pytestmark = pytest.mark.dds('Groot2 talks by sockets of ZeroMQ')
+
 Result = BtExecute.Result
 BODY = '<Sequence><Script code="x := 1"/><AlwaysSuccess name="stop here"/><Sleep msec="1"/></Sequence>'
 

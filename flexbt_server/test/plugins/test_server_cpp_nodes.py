@@ -35,6 +35,8 @@ from flexbt_testing.behavior_trees.random_trees import wheel_case
 from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 
+pytestmark = pytest.mark.dds('nodes in C++ are in a process of their own')
+
 Result = BtExecute.Result
 SUCCESS, FAILURE, RUNNING = NodeStatus.SUCCESS, NodeStatus.FAILURE, NodeStatus.RUNNING
 

@@ -231,6 +231,7 @@ def seconds_to_end(site: Path, busy: int, attempt: int) -> float:
     return math.inf
 
 
+@pytest.mark.dds('the server is a process, which a signal ends')
 @pytest.mark.parametrize('busy', [0, 1])
 def test_the_process_ends_in_time_although_a_leaf_blocks(site: Path, busy: int) -> None:
     # The machine may have other things to do as well: one of three is in time.
