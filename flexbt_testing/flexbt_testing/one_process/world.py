@@ -789,7 +789,7 @@ def _collected_by_the_world() -> Iterator[None]:
     def collect() -> None:
         while True:
             SCHEDULER.block('garbage')
-            gc.collect()
+            gc.collect(1)  # what is new: all of a large world would take a second
 
     was_enabled = gc.isenabled()
     gc.disable()
