@@ -40,6 +40,9 @@ MIRROR_SECONDS: Final = 1.5
 LIVE_SECONDS: Final = 6.0
 """Time after the last fault until a mirror is live again, s."""
 
+SHOWN_SECONDS: Final = 0.4
+"""Time from the begin of a run until the executive shows it, s."""
+
 PEER_SECONDS: Final = 3.0
 """Time after which the executive shows that a node has ended, or is there again, s."""
 
@@ -410,9 +413,11 @@ class _Robot:
     def command_arrives(self, process: Process, command: ExecutiveCommand) -> None:
         if process.held_up is not None or not process.name.endswith((_EXECUTIVE, 'stop_guard')):
             return
-        if process.name == self._executive:
+        if process.name == self._executive or command.kind == ExecutiveCommand.STOP:
             self._arrived.setdefault(command.id, process)
-        if command.kind == ExecutiveCommand.STOP:
+        if command.kind == ExecutiveCommand.STOP and self._observer.has_program:  # which may send its next goal
+            self._rest_by.append((SCHEDULER.now, SCHEDULER.after(OWNER_SECONDS), 'a STOP has arrived'))
+        elif command.kind == ExecutiveCommand.STOP:
             if self._stop_at is None and command.id not in self._results:
                 self._stop_at = max(SCHEDULER.now, self._observer.frozen_until) + int(STOP_SECONDS * SECOND)
         elif command.kind in (ExecutiveCommand.START, ExecutiveCommand.RESUME_RUN, ExecutiveCommand.QUEUE_ADD):
@@ -427,7 +432,7 @@ class _Robot:
         if not simulator.is_alive or simulator.held_up is not None:
             self._driven_at = now
             return
-        if self._stop_at is not None and now >= self._stop_at and not robot.at_rest and not self._observer.has_program:
+        if self._stop_at is not None and now >= self._stop_at and not robot.at_rest:
             self._say(2, f'it moves {(now - self._stop_at) / SECOND:.2f} s after it had to be at rest', 'stop')
         if robot.at_rest:
             self._rest_by = [one for one in self._rest_by if now < one[0]]
@@ -436,7 +441,8 @@ class _Robot:
             self._rest_by = [one for one in self._rest_by if 'navigation was killed' not in one[2]]
         for one in [one for one in self._rest_by if now > one[1]]:
             self._rest_by.remove(one)
-            self._say(3, f'it has not been at rest since {one[2]} at {(one[0] - BOOT) / SECOND:.3f} s', one[2])
+            number = 2 if 'STOP' in one[2] else 3
+            self._say(number, f'it has not been at rest since {one[2]} at {(one[0] - BOOT) / SECOND:.3f} s', one[2])
         executive = self._world.processes[self._executive]
         is_well = executive.is_alive and executive.held_up is None and now - self._observer.faulted_at > 6 * SECOND
         if robot.at_rest or not is_well or self._observer.has_program or self._may_drive():
@@ -527,6 +533,7 @@ class _Robot:
         decided: Counter[str] = Counter()
         holder, applied_starts, runs = '', 0, 0
         ignored: set[str] = set()
+        shown = {status.run_id: when for when, status in reversed(self._statuses)}
         entered: set[str] = set()
         last: dict[str, Any] | None = None
         for one in self.events():
@@ -541,6 +548,9 @@ class _Robot:
                         self._say(11, f'run {run} begins while {", ".join(sorted(active))} is active')
                     active.add(run)
                     entered.clear()
+                    late = shown.get(run, 0) / SECOND - one['steady']
+                    if late > SHOWN_SECONDS and not self._crashes:
+                        self._say(11, f'run {run} is shown {late:.1f} s after its begin')
                 case 'entered':
                     entered.add(one['path'])
                 case 'left':
