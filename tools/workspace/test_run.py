@@ -29,6 +29,7 @@ LONGEST = (
     'flexbt_server',
     'flexbt_navigation',
     'flexbt_sim',
+    'flexbt_formal',
     'flexbt_core',
 )
 """The packages whose tests take longest, in the order in which they begin: first those that mostly wait (for processes,
