@@ -316,7 +316,30 @@ export class Actions {
     if (outcome) await this.run(() => ['add_outcome', {container: part.path, outcome}], () => part.path, `outcome ${outcome} added`);
   }
 
+  // Remove an outcome of a container; what leads to it leads to another target.
+  async removeOutcome() {
+    const part = this.now(), outcome = part && (await choose(`Outcome of ${part.title} to remove`, (part.data.outcomes ?? []).map((label) => ({label}))))?.label;
+    if (!outcome) return;
+    const ends = part.children.filter((one) => one.kind === 'state'), isUsed = part.data.conditions?.some((one) => one.outcome === outcome) || ends.some((one) => one.data.transitions.some((way) => way.target.replace(/^=/, '') === outcome));
+    const targets = [...ends.map((one) => one.data.label), ...part.data.outcomes.filter((one) => one !== outcome)];
+    const instead = isUsed ? await choose(`Transitions lead to ${outcome}. Where do they lead instead?`, targets.map((label) => ({label}))) : null;
+    if (!isUsed || instead) await this.run(() => ['remove_outcome', {container: part.path, outcome, instead: instead?.label ?? null}], () => part.path, `outcome ${outcome} removed`);
+  }
+
   // Files.
+
+  // Include a file of trees, by its path from this one or, as PACKAGE/PATH, from the share directory of a package.
+  async include() {
+    const path = await ask('File to include', '', 'Its path from this file, or package: PACKAGE and the path in its share directory.');
+    const [, package_, inside] = /^package:\s*(\S+?)\/(.+)$/.exec(path ?? '') ?? [];
+    if (path) await this.run(() => ['add_include', inside ? {path: inside, package: package_} : {path}], () => this.now()?.path, `${path} included`);
+  }
+
+  // Remove an include, or the model of a node type, of this file.
+  async removeListed(gesture, title, key, rows) {
+    const chosen = (await choose(title, rows.map((one) => ({label: one[key]}))))?.label;
+    if (chosen) await this.run(() => [gesture, {[key]: chosen}], () => this.now()?.path, `${chosen} removed`);
+  }
 
   async create() {
     const examples = this.studio.entries('xml').filter((one) => one.example).map((one) => ({...one, detail: `example of ${one.label}`, label: `Tree with ${one.label}`, example: one.example}));

@@ -155,9 +155,15 @@ export class Form {
       parts.push(html('h3', {}, 'Parameters'), ...part.behavior.parameters.map((one) => this.parameter(part, one)), ...(this.on.can('set_behavior_parameter') ? [html('button', {type: 'button', id: 'add-parameter', onclick: () => this.addParameter()}, 'Add a Parameter…')] : []));
     }
     if (data.conditions?.length) parts.push(html('h3', {}, 'Ends When'), ...data.conditions.map((one) => html('p', {}, `${one.outcome}: ${one.when.map((pair) => pair.join(' ')).join(' and ')}`)));
-    if (isContainer && data.outcomes.length) parts.push(html('h3', {}, 'Outcomes'), html('p', {}, data.outcomes.join(', ')), this.buttons(['add_outcome', 'Add an Outcome…']));
+    if (isContainer && data.outcomes.length) parts.push(html('h3', {}, 'Outcomes'), html('p', {}, data.outcomes.join(', ')), ...(this.on.can('add_outcome') ? [this.buttons(['add_outcome', 'Add an Outcome…'], ['remove_outcome', 'Remove an Outcome…'])] : []));
+    if (isContainer && this.on.can('set_userdata')) parts.push(html('h3', {}, 'Userdata'), ...data.userdata.map((one) => this.field(`userdata:${one.name}`, one.text, (text) => this.on.gesture('set_userdata', {container: path, key: one.name, text: text || null}), {label: one.name, isReadOnly: isLocked || !one.literal, words: () => []})), html('button', {type: 'button', disabled: isLocked, onclick: () => this.addUserdata(path)}, 'Add a Key…'));
     if (!isRoot) parts.push(this.comment(part, 'state'));
     return parts;
+  }
+
+  async addUserdata(container) {
+    const key = await ask('Key of the userdata', ''), text = key && await ask(`Value of ${key}`, '""', 'As it is written in YAML.');
+    if (text) this.on.gesture('set_userdata', {container, key, text});
   }
 
   // A parameter of the behavior. Python has its default as it is written; YAML its value, and all its fields in each edit.

@@ -347,6 +347,36 @@ def test_a_machine_is_written_with_keys_alone(page: StudioPage, folder: Path) ->
         assert (folder / 'machine.yaml').read_text() == expected
 
 
+def test_outcomes_userdata_and_includes_are_added_and_removed(page: StudioPage, folder: Path) -> None:
+    def choose(*answers: str) -> None:
+        for answer in answers:
+            page.until(lambda: page.focused == 'choice-field')
+            page.press(answer, Keys.ENTER)
+
+    def command(title: str, *answers: str) -> None:
+        page.chord(Keys.CONTROL, 'k')
+        choose(title, *answers)
+
+    with served(folder, editor_folder()) as port:
+        page.open(port, 'machine.yaml')
+        page.run('document.querySelector("[data-act=remove_outcome]").click()')
+        choose('failed', 'Rest')
+        page.until_told('outcome failed removed')
+        assert 'failed: Rest}' in page.shown_text and 'outcomes: [finished]' in page.shown_text
+        page.run(
+            '[...document.querySelectorAll("#form button")].find((one) => one.textContent === "Add a Key…").click()'
+        )
+        choose('tries', '3')
+        page.until(lambda: 'tries: 3' in page.shown_text)
+        page.until(lambda: page.run('return document.getElementById("field-userdata:tries")?.value') == '3')
+        page.open(port, 'more/recover.xml')
+        page.click('Recover')
+        command('Include a file', '../main.xml')
+        page.until(lambda: '<include path="../main.xml"/>' in page.shown_text)
+        command('No longer include', '../main.xml')
+        page.until(lambda: 'include' not in page.shown_text)
+
+
 def test_nodes_are_dragged(page: StudioPage, folder: Path) -> None:
     from selenium.webdriver.common.action_chains import ActionChains
 
