@@ -79,6 +79,7 @@ class Recorder:
         self._runtime, self._writer, self._max_size, self._also = runtime, writer, max_size, also
         self._hears_all = self._waits = self._is_full = False
         self._left_out = 0
+        self._messages: list[ReceivedMessages] = []
         self._bundled: list[ReceivedMessages] = []
         self._heard = []
         node = runtime.node
@@ -107,6 +108,7 @@ class Recorder:
         messages = ReceivedMessages(
             self._runtime.node, kind, topic, qos, on_message, sys.maxsize, is_awaited=is_awaited
         )
+        self._messages.append(messages)
         if in_bundles:
             self._bundled.append(messages)
         return messages.subscription
@@ -115,6 +117,12 @@ class Recorder:
         self._runtime.call_near(self._runtime.steady.now() + BUNDLE_SECONDS, BUNDLE_SECONDS / 5.0, self._take_bundles)
         for one in self._bundled:
             one.take()
+
+    def finish(self) -> None:
+        """Record what has arrived, and nothing that comes later."""
+        for one in self._messages:
+            one.take()
+        self._is_full = True
 
     def _look(self) -> None:
         """Report that recording is complete, once all publishers and consoles in the graph have found this node."""
@@ -195,7 +203,8 @@ def setup(runtime: NodeRuntime) -> None:
         if is_ready:
             logger.info(f'ready: hears all who are there; records into {file}')
 
-    runtime.call(lambda: Recorder(runtime, writer, tell_ready, max_size))
+    recorder = runtime.call(lambda: Recorder(runtime, writer, tell_ready, max_size))
+    runtime.on_close(lambda: runtime.call(recorder.finish))
     logger.info(f'begins to record into {file}')
 
 

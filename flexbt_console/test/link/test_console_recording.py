@@ -21,6 +21,8 @@ from hypothesis import strategies as st
 from mcap.exceptions import McapError
 from mcap.reader import SeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
+from nav_msgs.msg import Path as PathMessage
+from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import LaserScan
 
@@ -302,6 +304,21 @@ def test_what_is_said_once_the_recorder_is_ready_is_recorded(executives: Any, tm
                 process.send_signal(signal.SIGINT)
                 process.wait(DEADLINE)
             assert has_command(command.id, read_run(file))
+
+
+def test_what_has_arrived_when_the_recorder_is_told_to_end_is_recorded(tmp_path: Path) -> None:
+    with station('planned') as at:
+        topic, node, plan = TOPICS[names.PLAN], at.runtime.node, PathMessage()
+        paths = at.runtime.call(lambda: node.create_publisher(PathMessage, names.PLAN, topic.qos))
+        for number in range(3):
+            file = tmp_path / f'{number}.mcap'
+            with ready_recorder(at, file, 'planned') as (process, _):
+                plan.header.frame_id = f'map {number}'
+                paths.publish(plan)
+                assert paths.wait_for_all_acked(Duration(seconds=DEADLINE))
+                process.send_signal(signal.SIGINT)
+                process.wait(DEADLINE)
+            assert [one.topic for one in read_run(file) if f'map {number}'.encode() in one.data] == [names.PLAN]
 
 
 def test_a_file_has_an_index_and_one_whose_recorder_was_killed_gets_it(executives: Any, tmp_path: Path) -> None:
