@@ -28,9 +28,11 @@ LONGEST = (
     'flexbt_common',
     'flexbt_server',
     'flexbt_navigation',
-    'flexbt_sim',
+    'flexbt_bringup',
+    'flexbt_testing',
     'flexbt_formal',
     'flexbt_core',
+    'flexbt_sim',
 )
 """The packages whose tests take longest, in the order in which they begin: first those that mostly wait (for processes,
 deadlines, other nodes), last those that only compute, so that the processors are busy up to the end."""

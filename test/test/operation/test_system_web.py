@@ -87,24 +87,27 @@ async def lit(studio: ClientWebSocketResponse, type: str) -> None:
         arguments = {'robot': ''} if method == 'watch' else {'file': file}
         await studio.send_json({'id': number, 'method': method, 'arguments': arguments})
     answers: dict[int, Any] = {}
+    live: dict[str, Any] = {}
     async with asyncio.timeout(DEADLINE):
         while True:
             message = json.loads((await studio.receive()).data)
             if 'id' in message:
                 assert 'result' in message, message
                 answers[message['id']] = message['result']
-            elif message['event'] == 'live' and len(answers) == 3:
+            elif message['event'] == 'live':  # it may come before the answers, and is not repeated
+                live = message
+            if live and len(answers) == 3:
                 types = {node['path']: node['type'] for node in answers[1]['view']['nodes']}
                 running = [
                     types[answers[2][path][1]]
-                    for tree in message['trees']
+                    for tree in live['trees']
                     for path, status in tree['statuses'].items()
                     if tree['running'] and status == 'RUNNING' and path in answers[2]
                 ]
                 if type in running:
-                    assert '/FollowPath' in message['active']
+                    assert '/FollowPath' in live['active']
                     # By this a page knows that the robot runs the tree of the file.
-                    (tree,) = [one for one in message['trees'] if one['statuses'].keys() <= answers[2].keys()]
+                    (tree,) = [one for one in live['trees'] if one['statuses'].keys() <= answers[2].keys()]
                     assert tree['nodes'] == len(answers[2])
                     return
 
