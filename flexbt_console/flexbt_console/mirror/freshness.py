@@ -105,8 +105,10 @@ class Freshness:
         self._confirmed = self._confirmed or self._transit is not None
 
     def wants_ping(self, now: float) -> bool:
-        """Return whether to send a ping: the latest echo is missing or old, or the link is not live."""
-        return not self._ahead or now - self._echoed > PING_PERIOD or self.state(now) is not LinkState.LIVE
+        """Return whether to send a ping: the latest echo is missing, old or slow, or the link is not live."""
+        if not self._ahead or now - self._echoed > PING_PERIOD or self.state(now) is not LinkState.LIVE:
+            return True
+        return self._transit is not None and self._longest_delay(self._transit) > self._period
 
     def sender_gone(self) -> None:
         """Note that the middleware reports the sender as gone."""
@@ -151,4 +153,8 @@ class Freshness:
             return 0.0
         if not self._ahead:
             return max(0.0, self._transit if len(self._transits) == 1 else self._transit - min(self._transits))
-        return max(0.0, self._transit - min(self._transits), self._transit + min(self._ahead) - self._period)
+        return max(0.0, self._transit - min(self._transits), self._longest_delay(self._transit) - self._period)
+
+    def _longest_delay(self, transit: float) -> float:
+        """Return the upper bound of the delay of a message that the echoes allow for, s."""
+        return transit + min(self._ahead)

@@ -187,6 +187,19 @@ def test_nothing_is_live_that_was_on_its_way_for_long_however_the_clocks_differ(
         assert not is_echoed or there + back > 1.5 or mirror.view().live
 
 
+def test_a_link_that_is_fast_again_is_measured_again() -> None:
+    """All echoes came late: the bound that they give would make each picture old before the next one arrives."""
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.0))
+    mirror.receive_pong(1.6)
+    assert mirror.wants_ping()
+    mirror.receive_pong(0.001)
+    assert not mirror.wants_ping()
+    clock.advance(1.4)
+    assert mirror.view().live
+
+
 def test_an_executive_on_another_computer_is_measured_anew() -> None:
     mirror = Mirror(ManualClock())
     for sequence in (1, 2):

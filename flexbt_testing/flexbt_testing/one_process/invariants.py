@@ -324,6 +324,7 @@ class _Robot:
         self._rest_by: list[tuple[int, int, str]] = []  # at rest once between two times, and after what
         self._crashed_with: ExecutiveStatus | None = None
         self._crashes = 0
+        self._awake_at = 0  # the executive hangs until then
         self._driven_at = 0
         """The last time at which the robot was at rest, an active state could drive it, or that was not known, ns."""
         prefix = f'{self.namespace}/' if self.namespace else ''
@@ -356,6 +357,8 @@ class _Robot:
         node = name.rpartition('/')[2]
         if node in _MOVERS and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
             self._rest_by.append((SCHEDULER.now, SCHEDULER.after(HANG_SECONDS), f'{name} hangs'))
+        if name == self._executive:
+            self._awake_at = SCHEDULER.after(seconds)
         if name == self._nodes['simulator']:  # count no time during which it does not run
             more = int(seconds * SECOND)
             self._stop_at = None if self._stop_at is None else self._stop_at + more
@@ -382,7 +385,7 @@ class _Robot:
         ready = {peer.name.rpartition('/')[2] for peer in status.peers if peer.ready}
         self._see_processes()
         for name, (is_there, since) in self._since.items():
-            since = max(since, self._world.processes[self._executive].began)
+            since = max(since, self._awake_at, self._world.processes[self._executive].began)
             past = SCHEDULER.now - since
             if past > PEER_SECONDS * SECOND and name in alive and alive[name] != is_there:
                 self._say(13, f'{name} is {"there" if is_there else "dead"} and shown {alive[name]}', name)
@@ -411,6 +414,8 @@ class _Robot:
                 self._say(8, f'{", ".join(sorted(lost))} was shown as active, and is unknown after the crash')
 
     def command_arrives(self, process: Process, command: ExecutiveCommand) -> None:
+        if command.kind in (ExecutiveCommand.START, ExecutiveCommand.RESUME_RUN, ExecutiveCommand.QUEUE_ADD):
+            self._stop_at = None  # also if the executive hangs now, and takes it afterwards
         if process.held_up is not None or not process.name.endswith((_EXECUTIVE, 'stop_guard')):
             return
         if process.name == self._executive or command.kind == ExecutiveCommand.STOP:
@@ -420,8 +425,6 @@ class _Robot:
         elif command.kind == ExecutiveCommand.STOP:
             if self._stop_at is None and command.id not in self._results:
                 self._stop_at = max(SCHEDULER.now, self._observer.frozen_until) + int(STOP_SECONDS * SECOND)
-        elif command.kind in (ExecutiveCommand.START, ExecutiveCommand.RESUME_RUN, ExecutiveCommand.QUEUE_ADD):
-            self._stop_at = None
 
     # -- regular checks
 

@@ -204,7 +204,7 @@ class _Operator:
         view = self.mirror.view()
         self._answered.add((view.snapshot.run_id if view.snapshot else '', decision.id))
         if decision.kind is DecisionKind.INPUT:
-            name = sorted(view.places)[int(place * len(view.places))]
+            name = sorted(view.places)[int(place * len(view.places))] if view.places else '0 0 0'
             self.give(lambda make, view: make.answer(view, decision.id, name, unseen=True))
         else:
             outcome = decision.outcome or decision.outcomes[0]
