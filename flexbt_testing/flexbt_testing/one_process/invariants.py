@@ -422,9 +422,8 @@ class _Robot:
             self._arrived.setdefault(command.id, process)
         if command.kind == ExecutiveCommand.STOP and self._observer.has_program:  # which may send its next goal
             self._rest_by.append((SCHEDULER.now, SCHEDULER.after(OWNER_SECONDS), 'a STOP has arrived'))
-        elif command.kind == ExecutiveCommand.STOP:
-            if self._stop_at is None and command.id not in self._results:
-                self._stop_at = max(SCHEDULER.now, self._observer.frozen_until) + int(STOP_SECONDS * SECOND)
+        elif command.kind == ExecutiveCommand.STOP and self._stop_at is None and command.id not in self._results:
+            self._stop_at = max(SCHEDULER.now, self._observer.frozen_until) + int(STOP_SECONDS * SECOND)
 
     # -- regular checks
 

@@ -184,7 +184,7 @@ class _Operator:
             case 'claim' | 'release':
                 self.give(lambda make, view: make.command(view, CommandKind[f'{act.upper()}_AUTHORITY']))
             case 'autonomy':
-                level = list(AutonomyLevel)[int(amount * 4)]
+                level = _chosen(list(AutonomyLevel), amount)
                 self.give(lambda make, view: make.autonomy(view, level))
             case 'start':
                 self.start('Navigate', AutonomyLevel.HIGH)
@@ -204,7 +204,7 @@ class _Operator:
         view = self.mirror.view()
         self._answered.add((view.snapshot.run_id if view.snapshot else '', decision.id))
         if decision.kind is DecisionKind.INPUT:
-            name = sorted(view.places)[int(place * len(view.places))] if view.places else '0 0 0'
+            name = _chosen(sorted(view.places), place)
             self.give(lambda make, view: make.answer(view, decision.id, name, unseen=True))
         else:
             outcome = decision.outcome or decision.outcomes[0]
@@ -225,7 +225,12 @@ class _Operator:
     @staticmethod
     def _outcome(view: Any, amount: float) -> str:
         outcomes = view.outcomes(view.active_paths[0]) if view.active_paths else ()
-        return str(outcomes[int(amount * len(outcomes))]) if outcomes else 'done'
+        return str(_chosen(outcomes, amount)) if outcomes else 'done'
+
+
+def _chosen(choices: Sequence[Any], number: float) -> Any:
+    """Return the choice for a number of a plan, from 0 to 1."""
+    return choices[min(int(number * len(choices)), len(choices) - 1)]
 
 
 @dataclass
