@@ -146,7 +146,7 @@ class Observer:
             robot.mirrors.append(mirror)
 
         def arrive_observed(subscription: Subscription, sample: Any) -> None:
-            if subscription.name.endswith(_COMMANDS) and subscription.process.is_alive:
+            if subscription.name.endswith(_COMMANDS) and subscription.process.is_alive and not sample.is_dead:
                 observer._robot(subscription.process).command_arrives(subscription.process, sample.message())
             arrive(subscription, sample)
 
@@ -319,7 +319,7 @@ class _Robot:
         self._statuses: list[tuple[int, ExecutiveStatus]] = []
         self._by_sequence: dict[tuple[str, int], tuple[int, ExecutiveStatus]] = {}
         self._results: dict[str, int] = {}
-        self._arrived: dict[str, Process] = {}  # commands, and the executive that has received them first
+        self._arrived: dict[str, tuple[Process, float]] = {}  # commands: who has received them first, and when, s
         self._stop_at: int | None = None  # the robot has to be at rest from then on
         self._rest_by: list[tuple[int, int, str]] = []  # at rest once between two times, and after what
         self._crashed_with: ExecutiveStatus | None = None
@@ -341,11 +341,15 @@ class _Robot:
         """True if the executive has shown last that it is idle."""
         return bool(self._statuses) and self._statuses[-1][1].state == ExecutiveStatus.IDLE
 
+    def _due(self, seconds: float) -> int:
+        """Return the time some seconds after now, or after the end of the simulator's hang."""
+        return max(SCHEDULER.now, self._observer.frozen_until) + int(seconds * SECOND)
+
     # -- what the faults announce
 
     def killed(self, name: str) -> None:
         if name.rpartition('/')[2] in _MOVERS:
-            self._rest_by.append((SCHEDULER.now, SCHEDULER.after(OWNER_SECONDS), f'{name} was killed'))
+            self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), f'{name} was killed'))
         if name == self._executive:
             self._crashes += 1
             if self._statuses:
@@ -356,7 +360,7 @@ class _Robot:
     def hangs(self, name: str, seconds: float) -> None:
         node = name.rpartition('/')[2]
         if node in _MOVERS and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
-            self._rest_by.append((SCHEDULER.now, SCHEDULER.after(HANG_SECONDS), f'{name} hangs'))
+            self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS), f'{name} hangs'))
         if name == self._executive:
             self._awake_at = SCHEDULER.after(seconds)
         if name == self._nodes['simulator']:  # count no time during which it does not run
@@ -419,11 +423,11 @@ class _Robot:
         if process.held_up is not None or not process.name.endswith((_EXECUTIVE, 'stop_guard')):
             return
         if process.name == self._executive or command.kind == ExecutiveCommand.STOP:
-            self._arrived.setdefault(command.id, process)
+            self._arrived.setdefault(command.id, (process, SCHEDULER.now / SECOND))
         if command.kind == ExecutiveCommand.STOP and self._observer.has_program:  # which may send its next goal
-            self._rest_by.append((SCHEDULER.now, SCHEDULER.after(OWNER_SECONDS), 'a STOP has arrived'))
+            self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), 'a STOP has arrived'))
         elif command.kind == ExecutiveCommand.STOP and self._stop_at is None and command.id not in self._results:
-            self._stop_at = max(SCHEDULER.now, self._observer.frozen_until) + int(STOP_SECONDS * SECOND)
+            self._stop_at = self._due(STOP_SECONDS)
 
     # -- regular checks
 
@@ -533,7 +537,7 @@ class _Robot:
             return
         active: set[str] = set()
         decided: Counter[str] = Counter()
-        holder, applied_starts, runs = '', 0, 0
+        holder, held_since, applied_starts, runs = '', 0.0, 0, 0
         ignored: set[str] = set()
         shown = {status.run_id: when for when, status in reversed(self._statuses)}
         entered: set[str] = set()
@@ -567,19 +571,21 @@ class _Robot:
                 case 'authority':
                     if holder not in ('', one['holder']) and 'claimed it' in one['text']:
                         self._say(14, f'{one["holder"]} takes the authority, and {holder} has it')
-                    holder = one.get('holder', '')
+                    holder, held_since = one.get('holder', ''), one['steady']
                 case 'command' if one.get('effect') in ('applied', 'refused'):
                     decided[one.get('id', '')] += 1
                     applied_starts += one['effect'] == 'applied' and one['command'] == 'START'
                     operator = one.get('operator', '')
-                    if one['effect'] == 'applied' and holder not in ('', operator) and one['command'] not in _FREE:
+                    _, arrived = self._arrived.get(one.get('id', ''), (None, 0.0))
+                    is_free = one['command'] in _FREE or holder in ('', operator) or arrived <= held_since
+                    if one['effect'] == 'applied' and not is_free:
                         self._say(14, f'{one["command"]} of {operator} is applied, and {holder} has the authority')
         if runs > applied_starts or (runs < applied_starts and not self._crashes):
             self._say(7, f'{runs} runs began, and {applied_starts} STARTs were applied')
         for command, number in decided.items():
             if number > 1 and command:
                 self._say(7, f'command {command[:8]} was decided {number} times')
-        for command, process in self._arrived.items():
+        for command, (process, _) in self._arrived.items():
             if process.is_alive and command not in decided and command not in ignored:
                 self._say(7, f'command {command[:8]} has arrived, and was never decided')
         if self.is_idle:
