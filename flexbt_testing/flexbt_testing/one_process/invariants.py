@@ -560,7 +560,8 @@ class _Robot:
                 case 'entered':
                     entered.add(one['path'])
                 case 'left':
-                    entered.discard(one['path'])
+                    inside = one['path'] + '/'  # a container that is left ends all that is active in it
+                    entered = {path for path in entered if not f'{path}/'.startswith(inside)}
                 case 'ended':
                     last = one
                     active.discard(run)
