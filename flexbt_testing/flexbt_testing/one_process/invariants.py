@@ -435,6 +435,9 @@ class _Robot:
         now, robot = SCHEDULER.now, self._mission.robot
         simulator = self._world.processes[self._nodes['simulator']]
         self._see_processes()
+        executive = self._world.processes[self._executive]
+        if not executive.is_alive or executive.held_up is not None:
+            self._observer.faulted_at = max(self._observer.faulted_at, now)
         if not simulator.is_alive or simulator.held_up is not None:
             self._driven_at = now
             return
@@ -449,7 +452,6 @@ class _Robot:
             self._rest_by.remove(one)
             number = 2 if 'STOP' in one[2] else 3
             self._say(number, f'it has not been at rest since {one[2]} at {(one[0] - BOOT) / SECOND:.3f} s', one[2])
-        executive = self._world.processes[self._executive]
         is_well = executive.is_alive and executive.held_up is None and now - self._observer.faulted_at > 6 * SECOND
         if robot.at_rest or not is_well or self._observer.has_program or self._may_drive():
             self._driven_at = now
