@@ -417,7 +417,7 @@ def test_an_owner_that_is_never_seen_stops_the_tree(world: ServerWorld, monkeypa
 
 
 def test_owners_whose_goals_are_over_are_forgotten(world: ServerWorld, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', 2.0)  # more than a tree needs on a busy machine
+    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', 2.0)  # enough for a tree
     world.client.load_tree('<AlwaysSuccess/>')
     owners = [f'/owner{number}' for number in range(60)]  # more than are kept for a moment
     for owner in owners:
