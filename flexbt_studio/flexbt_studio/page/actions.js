@@ -328,7 +328,7 @@ export class Actions {
 
   // Files.
 
-  // Include a file of trees, by its path from this one or, as PACKAGE/PATH, from the share directory of a package.
+  // Include a file of trees, by its path from this one or, as "package: PACKAGE/PATH", from the share directory of a package.
   async include() {
     const path = await ask('File to include', '', 'Its path from this file, or package: PACKAGE and the path in its share directory.');
     const [, package_, inside] = /^package:\s*(\S+?)\/(.+)$/.exec(path ?? '') ?? [];
