@@ -183,6 +183,15 @@ def _pair(rule: str) -> tuple[str, str]:
     return name, value
 
 
+def _renamed(renaming: Sequence[tuple[str, str]], node: str, *rules: str) -> str | None:
+    """Return what the first of these rules that is meant for a node gives; None without one."""
+    for rule, value in renaming:
+        target, _, kind = rule.rpartition(':')
+        if kind in rules and target in ('', node):
+            return value
+    return None
+
+
 class Context(Destroyable):
     """Stand-in for rcl's context: a participant of the domain."""
 
@@ -239,14 +248,9 @@ class Node(Destroyable):
         own = _Rules(['--ros-args', *(cli_args or ())] if cli_args and '--ros-args' not in cli_args else cli_args or ())
         everywhere = context.rules if use_global_arguments else _Rules(())
         renaming = own.renaming + everywhere.renaming
-        for rule, value in reversed(renaming):
-            target, _, rule = rule.rpartition(':')
-            if target not in ('', name):
-                continue
-            if rule == '__ns':
-                namespace = value
-            elif rule in ('__node', '__name'):
-                name = value
+        # As in rcl: the first rule that matches, and the rules of a namespace see the new name.
+        name = _renamed(renaming, name, '__node', '__name') or name
+        namespace = _renamed(renaming, name, '__ns') or namespace
         namespace = '/' + (namespace or '').lstrip('/') if namespace != '/' else '/'
         self.name, self.namespace = name, namespace
         if problem := REAL.rclpy_get_validation_error_for_node_name(name):

@@ -364,3 +364,21 @@ def test_what_is_destroyed_cannot_be_used(ros: Any) -> None:
     assert not node.destroy_publisher(publisher)
     with pytest.raises(Exception, match='destruction was requested'):
         publisher.publish(Int32())
+
+
+@pytest.mark.parametrize(
+    ('own', 'of_all', 'name'),
+    [
+        ((), ('__node:=b', '__ns:=/y'), '/y/b'),
+        (('__ns:=/x',), ('__node:=b', '__ns:=/y'), '/x/b'),
+        (('a:__node:=a', 'a:__ns:=/x'), ('__node:=b', '__ns:=/y'), '/x/a'),
+        (('a:__node:=b', 'a:__ns:=/x', 'b:__ns:=/z'), (), '/z/b'),
+        (('__node:=b', '__node:=c', 'b:__node:=d'), (), '/b'),
+    ],
+)
+def test_the_first_rule_that_is_meant_for_a_node_names_it(
+    ros: Any, own: tuple[str, ...], of_all: tuple[str, ...], name: str
+) -> None:
+    rules, context = (['--ros-args', *(word for rule in given for word in ('-r', rule))] for given in (own, of_all))
+    node = ros.node('a', context=ros.context(context), cli_args=rules, spins=False)
+    assert node.get_fully_qualified_name() == name
