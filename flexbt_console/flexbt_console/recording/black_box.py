@@ -395,6 +395,7 @@ class BlackBox:
 
         That nodes were gone just before is no incident: the robot is shut down.
         """
+        self._runtime.call(self._recorder.finish)
         if self._open is not None and {one.kind for one in self._open.request.occurrences} <= {'node', 'link'}:
             self._open.file.unlink(missing_ok=True)
             self._open = None

@@ -48,7 +48,8 @@ class Ring:
         self._held: dict[str, frozenset[str]] = {}
         self._writer: RunWriter | None = None
         self._current: Path | None = None
-        self._rolls_at = self._size_before = 0
+        self._rolls_at = 0
+        self._is_closed = False
         self.problem: OSError | None = None
         try:
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -79,8 +80,10 @@ class Ring:
 
     def add(self, topic: str, data: bytes, heard: int, sent: int) -> None:
         """Keep a message; times in ns since the epoch. One that has waited counts as heard when the file begins, at the
-        earliest: only what late subscribers would get is older."""
+        earliest: only what late subscribers would get is older. After :meth:`close` it is not kept."""
         with self._lock:
+            if self._is_closed:
+                return
             if self._writer is None or self._now_ns() >= self._rolls_at or self._writer.size > self._most / SEGMENTS:
                 self.roll()
             heard = max(heard, int(self._current.stem) if self._current else 0)
@@ -142,6 +145,7 @@ class Ring:
     def close(self, keep: bool) -> None:
         """End the file; remove all files unless they are still to be read."""
         with self._lock:
+            self._is_closed = True
             self._end_file()
             if not keep:
                 for one in self._files():

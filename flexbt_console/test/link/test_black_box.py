@@ -24,11 +24,13 @@ from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav2_msgs.action import Wait
+from nav_msgs.msg import Path as PathMessage
 from rclpy.action import ActionServer
+from rclpy.duration import Duration
 from rclpy.qos import qos_profile_action_status_default
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import BatteryState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
@@ -107,6 +109,7 @@ def test_the_ring_is_bounded_and_one_for_each_robot(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match='another black box of this robot uses it'):
         Ring(tmp_path / 'robot', 1.0, 10**6)
     ring.close(keep=False)
+    ring.add(TEXT, serialize_message(String(data='late')), now[0], now[0])
     assert ring.files() == []
     (tmp_path / 'open').mkdir()
     (tmp_path / 'open').chmod(0o777)
@@ -322,9 +325,16 @@ def test_a_black_box_that_ends_in_order_was_not_killed(robot: Robot) -> None:
     robot.tells('it burns')
     ring = robot._ring / robot.runtime.node.get_namespace().strip('/')
     wait_until(lambda: list(ring.glob('*.request.json')), 'the incident noted')
+    node, plan = robot.runtime.node, PathMessage(header=Header(frame_id='the last map'))
+    paths = robot.runtime.call(lambda: node.create_publisher(PathMessage, names.PLAN, TOPICS[names.PLAN].qos))
+    wait_until(lambda: paths.get_subscription_count() > 0, 'the black box')
+    paths.publish(plan)
+    assert paths.wait_for_all_acked(Duration(seconds=DEADLINE))
     robot.process.terminate()
     assert robot.process.wait() == 0
     until_incident(robot, 'fault', 'it burns')
+    recorded = next(robot.incidents.glob(f'*/{RECORDING}'))
+    assert any(b'the last map' in one.data for one in read_run(recorded)), 'what arrives in bundles is there, too'
     wait_until(lambda: not list(ring.glob('*.request.json')), 'the end of what made it')
     assert list(ring.glob('*.mcap'))
     robot.start_box()
