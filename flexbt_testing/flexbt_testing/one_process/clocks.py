@@ -22,6 +22,7 @@ class Clock(Destroyable):
     def __init__(self, clock_type: Any) -> None:
         super().__init__()
         self.type = REAL.ClockType(int(clock_type))
+        self._is_steady = self.type == _STEADY_TIME
         self.is_overridden = False
         self.timers: list[Timer] = []
         self._override = 0
@@ -29,7 +30,7 @@ class Clock(Destroyable):
 
     def nanoseconds(self) -> int:
         """Return the time, ns."""
-        if self.type == _STEADY_TIME:
+        if self._is_steady:
             return SCHEDULER.now
         return self._override if self.is_overridden else SCHEDULER.wall
 

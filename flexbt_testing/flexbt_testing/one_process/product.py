@@ -159,21 +159,21 @@ class ReadyEntities:
     def ready(self, timeout: float | None, turn: Any, some_await: bool) -> list[tuple[Any, Any]]:
         """Wait as :meth:`flexbt_common.runtime.node_executor._Entities.ready`."""
         until = None if timeout is None else SCHEDULER.after(timeout)
+        self._is_notified = False
         found = self._look(some_await)
         with turn.lent():
             while not found and (until is None or SCHEDULER.now < until):
-                if (
-                    self._is_notified
-                ):  # another task has run since the entities were looked at: locks are points of preemption
-                    self._is_notified = False
-                    found = self._look(some_await)
-                    continue
-                due = [when for timer in self._timers if (when := timer.due) is not None]
-                self._task = SCHEDULER.current
-                SCHEDULER.block(
-                    'the wait of an executor', min([*due, *(() if until is None else (until,))], default=None)
-                )
-                self._task = None
+                # Another task may have run since the entities were looked at: locks are points of preemption.
+                if not self._is_notified:
+                    wake_at = until
+                    for timer in self._timers:
+                        due = timer.due
+                        if due is not None and (wake_at is None or due < wake_at):
+                            wake_at = due
+                    self._task = SCHEDULER.current
+                    SCHEDULER.block('the wait of an executor', wake_at)
+                    self._task = None
+                self._is_notified = False
                 found = self._look(some_await)
         return [(record.take, record.what) for record in found if record.take is not None]
 

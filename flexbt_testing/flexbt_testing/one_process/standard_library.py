@@ -21,7 +21,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from .scheduler import SCHEDULER, SECOND, Task
+from .scheduler import MOST_LOOKS, SCHEDULER, SECOND, Task
 
 _CPU_CLOCK = -1
 """Clock of the processor time of a thread, which stands still: computing takes no time of a world."""
@@ -41,13 +41,14 @@ class Lock:
         self._waiting: deque[Task] = deque()
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        if not blocking and timeout != -1:
-            raise ValueError("can't specify a timeout for a non-blocking call")
-        if blocking:
-            SCHEDULER.maybe_yield()
-        else:
+        if not blocking:
+            if timeout != -1:
+                raise ValueError("can't specify a timeout for a non-blocking call")
             SCHEDULER.look()
-        if not self.has_owner:
+        elif SCHEDULER.preemption:
+            SCHEDULER.maybe_yield()
+        owner = self._owner
+        if owner is None or not owner.process.is_alive:
             self._owner = SCHEDULER.current
             return True
         if not blocking or timeout == 0:
@@ -60,10 +61,17 @@ class Lock:
             if task in self._waiting:
                 self._waiting.remove(task)
 
-    def release(self) -> None:
+    __enter__ = acquire
+
+    def release(self, *_: object) -> None:
         if self._owner is None:
             raise RuntimeError('release unlocked lock')
-        self.hand_over()
+        if self._waiting:
+            self.hand_over()
+        else:
+            self._owner = None
+
+    __exit__ = release
 
     def hand_over(self) -> None:
         """Give the lock to a waiting task, or free it."""
@@ -84,18 +92,50 @@ class Lock:
     def locked(self) -> bool:
         return self.has_owner
 
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
     def _at_fork_reinit(self) -> None:
         self._owner = None
         self._waiting.clear()
 
     def __repr__(self) -> str:
         return f'a lock of {self._owner}' if self._owner else 'a free lock'
+
+
+class RLock(Lock):
+    """Stand-in for ``threading.RLock``."""
+
+    __slots__ = ('_depth',)
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        if self._owner is SCHEDULER.current:
+            self._depth += 1
+            return True
+        is_acquired = Lock.acquire(self, blocking, timeout)
+        if is_acquired:
+            self._depth = 1
+        return is_acquired
+
+    __enter__ = acquire
+
+    def release(self, *_: object) -> None:
+        if self._owner is not SCHEDULER.current:
+            raise RuntimeError('cannot release un-acquired lock')
+        self._depth -= 1
+        if not self._depth:
+            Lock.release(self)
+
+    __exit__ = release
+
+    def _is_owned(self) -> bool:
+        return self._owner is SCHEDULER.current
+
+    def _release_save(self) -> int:
+        depth, self._depth = self._depth, 1
+        self.release()
+        return depth
+
+    def _acquire_restore(self, depth: int) -> None:
+        self.acquire()
+        self._depth = depth
 
 
 class Thread:
@@ -276,7 +316,9 @@ def _leave() -> None:
 
 def _look(clock: Callable[[], Any]) -> Callable[[], Any]:
     def read() -> Any:
-        SCHEDULER.look()
+        SCHEDULER.looks += 1
+        if SCHEDULER.looks > MOST_LOOKS:
+            SCHEDULER.look()
         return clock()
 
     return read
@@ -288,7 +330,7 @@ def install() -> None:
         'Thread': Thread,
         'Lock': Lock,
         'Timer': Timer,
-        'RLock': threading._PyRLock,  # type: ignore[attr-defined]
+        'RLock': RLock,
         '_allocate_lock': Lock,
         'local': Local,
         'current_thread': current_thread,
