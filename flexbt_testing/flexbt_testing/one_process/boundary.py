@@ -10,14 +10,14 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 from .scheduler import SCHEDULER, Process
 
 _PROGRAM: Final = (
     "start it by world.launch('package/executable') if it is a ROS program in Python, else call a function"
 )
-_INSTEAD: Final = {
+INSTEAD: Final = {
     'socket.connect': 'a topic or service of a node that the test makes, or a function that the test replaces',
     'subprocess.Popen': _PROGRAM,
     'os.system': _PROGRAM,
@@ -63,14 +63,22 @@ class Boundary:
         return self._test is not None and SCHEDULER.current.process is not self._test
 
     def _check(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if (event != 'open' and event not in _INSTEAD) or not self.is_inside:
+        if (event != 'open' and event not in INSTEAD) or not self.is_inside:
             return
         if event == 'open' and self._may_open(*arguments):
             return
-        process = SCHEDULER.current.process
         what = f'opens {arguments[0]!r} for writing' if event == 'open' else f'calls {event} {_text(arguments)}'
-        instead = _INSTEAD.get(event, 'the home directory of the world (Path.home()), or tmp_path of the test')
-        self.crossings.append(f'{process.name} {what}')
+        self.stop(what, INSTEAD.get(event, 'the home directory of the world (Path.home()), or tmp_path of the test'))
+
+    def stop(self, what: str, instead: str) -> NoReturn:
+        """Stop code that would leave the world.
+
+        Raises:
+            OutsideWorldError: always; it says what to use instead.
+        """
+        process = SCHEDULER.current.process
+        if self.is_inside:
+            self.crossings.append(f'{process.name} {what}')
         raise OutsideWorldError(f'{process.name} {what}: not in a simulated world. Use instead: {instead}')
 
     def _may_open(self, path: Any, mode: Any, flags: Any) -> bool:

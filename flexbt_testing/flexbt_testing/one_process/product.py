@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any, Final
 
-from . import disk, rclpy_module, standard_library
+from . import disk, event_loop, rclpy_module, standard_library
 from .clocks import GuardCondition, Timer, WaitSet
 from .graph import DOMAIN, Entity
 from .scheduler import SCHEDULER, SECOND, Process, Task
@@ -235,6 +235,7 @@ def install() -> None:
     if early:
         raise RuntimeError(f'{early[0]} is imported already: install the world before what shall run in it')
     standard_library.install()
+    event_loop.install()
     disk.install()
     rclpy_module.install()
     os.setpriority = lambda *_: None  # of a process of the world, which shares that of the test

@@ -18,6 +18,7 @@ import os
 import random
 import sys
 import traceback
+from asyncio.events import _get_running_loop, _set_running_loop
 from collections import deque
 from collections.abc import Callable
 from math import ceil
@@ -322,7 +323,12 @@ class Scheduler:
                 self.wake(self.collector)
             if self.trace is not None:
                 self.trace(following, self.now)
+            loop = _get_running_loop()  # of asyncio: that of a thread, so here that of a task
+            if loop is not None:
+                _set_running_loop(None)
             following.baton.take(None if task is None else task.baton)
+            if loop is not None:
+                _set_running_loop(loop)
         if task is not None and task.error is not None:
             error, task.error = task.error, None
             raise error
