@@ -1,13 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The disk of the robots of a world: full, slow, hung, and what is left on it after a loss of power.
 
-Files are real ones, in the directories of the world. What is opened by :func:`os.open`, written by :func:`os.write` and
-synced by :func:`os.fsync` passes here, which is how the product keeps its own files. Others never wait for the disk.
+Files are real ones, in the directories of the world. What is opened by :func:`os.open`, written by :func:`os.write`
+and synced by :func:`os.fsync` passes here. So does what programs write by :func:`open` and :class:`pathlib.Path`: in a
+world they are those that Python has in Python (``_pyio``), above these functions. What compiled code writes, such as
+SQLite, never waits for the disk.
 """
 
 from __future__ import annotations
 
+import _pyio  # type: ignore[import-not-found]
+import builtins
 import errno
+import io
 import os
 import threading
 from collections.abc import Callable
@@ -150,8 +155,15 @@ def install() -> None:
     def on_disk(real: Callable[..., Any], stand_in: Callable[..., Any]) -> Callable[..., Any]:
         return lambda *a, **k: stand_in(real, *a, **k) if BOUNDARY.is_inside else real(*a, **k)
 
+    def open_file(file: Any, mode: str = 'r', *rest: Any, **options: Any) -> Any:
+        is_on_disk = BOUNDARY.is_inside and not set(mode).isdisjoint('wax+')
+        return (_pyio.open if is_on_disk else real_open)(file, mode, *rest, **options)
+
+    real_open = builtins.open
+    builtins.open = io.open = open_file
     stand_ins: dict[str, Callable[..., Any]] = {
         'open': DISK.open,
+        'rename': DISK.replace,
         'replace': DISK.replace,
         'write': DISK.write,
         'fsync': DISK.sync,

@@ -133,6 +133,41 @@ def test_a_full_disk_takes_a_part(bare: World) -> None:
     assert told == [5, 3, errno.ENOSPC, 5]
 
 
+def test_plain_files_of_python_are_on_the_disk(bare: World) -> None:
+    told: list[Any] = []
+
+    def note() -> None:
+        with (Path.home() / 'log').open('w') as file:
+            file.write('kept\n')
+            file.flush()
+            os.fsync(file.fileno())
+            os.fsync(os.open(Path.home(), os.O_RDONLY))
+            print('not synced', file=file, flush=True)
+            print('in the buffer', file=file)
+            time.sleep(10.0)
+            for write in (file.flush, lambda: (Path.home() / 'other').write_bytes(b'too much')):
+                try:
+                    write()
+                except OSError as error:
+                    told.append(error.errno)
+        told.append((Path.home() / 'log').read_text())
+
+    for lost in range(20):
+        process = bare.launch(note)
+        bare.run(1.0)
+        if lost == 0:
+            bare.disk.fill()
+            bare.run(20.0)
+            bare.disk.clear()
+            assert process.exit_code != 0, 'closing the file fails as well'
+            assert told == [errno.ENOSPC] * 2
+            continue
+        bare.lose_power('note')
+        told.append((bare.home / 'log').read_text())
+    assert 'kept\nnot synced\n'.startswith(min(told[2:], key=len))
+    assert {'kept\n', 'kept\nnot synced\n'} < set(told[2:]), 'lost, whole, or cut; never what was in the buffer'
+
+
 def test_a_sync_takes_its_time_and_a_hung_disk_answers_later(bare: World) -> None:
     times: list[float] = []
 
