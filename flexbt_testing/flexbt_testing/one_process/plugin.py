@@ -18,10 +18,13 @@ import pytest
 
 from flexbt_testing import lock_order
 
-from .product import install
+from . import product
 from .scheduler import BOOT, SCHEDULER, SECOND
 
-install()
+product.install()
+from . import launching  # noqa: E402 - in the world
+
+launching.install()
 importlib.reload(lock_order)  # it watches the locks of the world
 
 _PROCESSOR_SECONDS: Final = float(os.environ.get('FLEXBT_ONE_PROCESS_SECONDS', '60'))

@@ -51,6 +51,7 @@ from .boundary import BOUNDARY  # noqa: E402
 from .coverage import COVERAGE  # noqa: E402
 from .disk import DISK, Disk  # noqa: E402
 from .forks import Branch, Fork, Leaf, fork_world  # noqa: E402
+from .launching import launch  # noqa: E402
 from .programs import Program, robot_programs  # noqa: E402
 from .topics import read_topic  # noqa: E402
 from .what_if import TOLERANCE, Comparison, Course, Event, compare, executive_event, tree_event  # noqa: E402
@@ -629,25 +630,10 @@ class World(Mission):
         else:
             package, _, executable = program.partition('/')
             made = Program(package, executable)
-        main = made.load()
+        told = lambda error: self.tell(f'{made.name}: {type(error).__name__}: {error}')  # noqa: E731
+        process = launch(made, made.arguments(), told)
         self.programs.setdefault(made.name, made)
-        process = SCHEDULER.process(made.name)
-        process.arguments = made.arguments()
-
-        def body() -> None:
-            code: object = 1
-            try:
-                code = main()
-            except SystemExit as left:
-                code = left.code
-            except BaseException as error:
-                self.tell(f'{made.name}: {type(error).__name__}: {error}')
-                raise
-            finally:
-                end(process, code if isinstance(code, int) else int(code is not None))
-
         self.processes[made.name] = process
-        SCHEDULER.spawn(body, 'MainThread', process)
         return process
 
     def kill(self, name: str) -> None:

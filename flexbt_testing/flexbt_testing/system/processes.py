@@ -70,6 +70,11 @@ def executable(name: str) -> str:
     return str(Path(get_package_prefix(package)) / 'lib' / package / name)
 
 
+def _start(words: list[str], log: int, environment: Mapping[str, str] | None) -> subprocess.Popen[bytes]:
+    variables = {**os.environ, **(environment or {})}
+    return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=variables)
+
+
 @dataclass(frozen=True)
 class Ending:
     """The end of a process: its exit code, the (uncontended) seconds since the signal, and its output.
@@ -155,10 +160,7 @@ class Stack:
                 words = [sys.executable, '-m', 'flexbt_testing.system.hold_up', str(fifo), *words]
             if self._network is not None:
                 words = self._network.command(words)
-            variables = {**os.environ, **(environment or {})}
-            self._processes[name] = subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=variables
-            )
+            self._processes[name] = _start(words, log.fileno(), environment)
 
     def start_all(
         self,

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Processes of a world: how one is started, and one with the interface of :class:`subprocess.Popen`."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexbt_testing.system import fork_server, processes
+
+from .product import end
+from .scheduler import SCHEDULER, Process
+
+if TYPE_CHECKING:
+    from .programs import Program
+
+_POLL_SECONDS = 0.005
+
+
+def launch(program: Program, arguments: Sequence[str], on_error: Callable[[BaseException], object]) -> Process:
+    """Start a process that runs a program. ``on_error`` is called with what the program raises."""
+    main = program.load()
+    process = SCHEDULER.process(program.name)
+    process.arguments = list(arguments)
+
+    def body() -> None:
+        code: object = 1
+        try:
+            code = main()
+        except SystemExit as left:
+            code = left.code
+        except BaseException as error:
+            on_error(error)
+            raise
+        finally:
+            end(process, code if isinstance(code, int) else int(code is not None))
+
+    SCHEDULER.spawn(body, 'MainThread', process)
+    return process
+
+
+class StartedProcess:
+    """A process of an installed executable, with what :class:`flexbt_testing.system.processes.Stack` uses of Popen."""
+
+    def __init__(self, words: Sequence[str], _log: int, environment: object) -> None:
+        """``words`` are the path of the executable, ``PREFIX/lib/PACKAGE/NAME``, and its arguments.
+
+        Raises:
+            ValueError: it shall have another environment.
+        """
+        if environment is not None:
+            raise ValueError(f'{words[0]}: the processes of a world have the environment of the test')
+        from .programs import Program  # which imports much: most tests start no process
+
+        file = Path(words[0])
+        self._process = launch(Program(file.parent.name, file.name), words[1:], lambda _error: None)
+        self.pid = self._process.pid
+
+    def poll(self) -> int | None:
+        """Return the exit code; None while it runs."""
+        return None if self._process.is_alive else self._process.exit_code
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Return the exit code, at the end.
+
+        Raises:
+            TimeoutError: it did not end within ``timeout`` seconds.
+        """
+        until = None if timeout is None else SCHEDULER.after(timeout)
+        while (code := self.poll()) is None:
+            if until is not None and SCHEDULER.now > until:
+                raise TimeoutError(f'{self._process} did not end within {timeout:g} s')
+            SCHEDULER.sleep(_POLL_SECONDS)
+        return code
+
+    def kill(self) -> None:
+        """End it as SIGKILL does; no effect after its end."""
+        if self._process.is_alive:
+            end(self._process)
+
+    def send_signal(self, number: int) -> None:
+        """Send SIGSTOP, SIGCONT, SIGKILL, or a signal that ends it in order."""
+        act: dict[int, Callable[[], Any]] = {
+            signal.SIGSTOP: lambda: SCHEDULER.hold_up(self._process),
+            signal.SIGCONT: lambda: SCHEDULER.resume(self._process),
+            signal.SIGKILL: self.kill,
+        }
+        if self._process.is_alive:
+            act.get(number, self._process.signal or self.kill)()
+
+
+def install() -> None:
+    """Let :class:`flexbt_testing.system.processes.Stack` start processes of the world."""
+    for owner, name, stand_in in (
+        (processes, '_start', StartedProcess),
+        (processes, '_thread_states', lambda _pid: iter(())),
+        (fork_server, 'AVAILABLE', False),
+    ):
+        setattr(owner, name, stand_in)

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Processes of installed executables: they are stopped, continue, end in order, and are killed and started again."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
+from flexbt_testing.nodes.operator import Operator
+from flexbt_testing.system.processes import Stack
+from flexbt_testing.waiting import DEADLINE, wait_until
+
+NAME = 'onboard_executive'
+REAL_TIME = {'use_sim_time': 'false'}
+
+
+@pytest.fixture
+def stack(tmp_path: Path) -> Iterator[Stack]:
+    with Stack(tmp_path) as stack:
+        stack.start(NAME, REAL_TIME)
+        yield stack
+
+
+@pytest.fixture
+def operator(stack: Stack) -> Iterator[Operator]:
+    with NodeRuntime.open('operator') as runtime:
+        operator = Operator(runtime)
+        operator.wait_for(lambda status: status.state == ExecutiveStatus.IDLE, 'the executive')
+        yield operator
+
+
+def test_a_stopped_process_does_nothing_until_it_continues(stack: Stack, operator: Operator) -> None:
+    stack.send_signal(NAME, signal.SIGSTOP)
+    stopped = time.monotonic()
+    sent = operator.send(ExecutiveCommand.AUTONOMY, autonomy=1)
+    wait_until(lambda: time.monotonic() > stopped + 1.0, 'a second')
+    assert not any(one.command_id == sent for one in operator.status.results)
+    assert stack.running() == {NAME}
+    stack.send_signal(NAME, signal.SIGCONT)
+    assert operator.result(sent).code == CommandResult.APPLIED
+
+
+def test_a_process_ends_by_a_signal_and_begins_anew_after_it_is_killed(stack: Stack, operator: Operator) -> None:
+    first = operator.status.executive_id
+    stack.kill(NAME)
+    assert stack.running() == set()
+    stack.start(NAME, REAL_TIME)
+    operator.wait_for(lambda status: status.executive_id not in ('', first), 'another executive')
+    ending = stack.end(NAME, signal.SIGTERM, DEADLINE)
+    assert (ending.exit_code, stack.running()) == (0, set())
