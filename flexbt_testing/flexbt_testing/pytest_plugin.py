@@ -39,7 +39,7 @@ def pytest_load_initial_conftests() -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Describe the mark ``dds``, and set how hypothesis draws examples.
+    """Describe the marks of the middleware, and set how hypothesis draws examples.
 
     By default the examples are the same in each run, and few, so that a failing test was broken by a change. With
     FLEXBT_FUZZ (`make fuzz`) they are new, and more. One example may take long on a busy machine; tests of speed check
@@ -47,8 +47,11 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     from hypothesis import settings
 
-    why = 'dds(reason): needs the real middleware, processes or streams, so it never runs in one process'
-    config.addinivalue_line('markers', why)
+    for mark in (
+        'dds(reason): needs the real middleware, processes or streams, so it never runs in one process',
+        'one_process: runs in one process, though other tests of its package need the middleware or processes',
+    ):
+        config.addinivalue_line('markers', mark)
     is_fuzzing = 'FLEXBT_FUZZ' in os.environ
     settings.register_profile(
         'flexbt', deadline=None, derandomize=not is_fuzzing, max_examples=200 if is_fuzzing else 50

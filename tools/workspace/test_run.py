@@ -82,13 +82,14 @@ class Variant:
 ONE_PROCESS = {'PYTEST_PLUGINS': 'flexbt_testing.one_process.plugin'}
 HAS_ONE_PROCESS = (os.environ.get('ROS_WHEELS') or os.environ.get('ROS_DISTRO') or 'jazzy') in ('jazzy', 'kilted')
 """Whether flexbt_testing.one_process knows the rclpy of this distribution."""
+IS_SIMULATED = HAS_ONE_PROCESS and not os.environ.get('DDS')
 IN_ONE_PROCESS = (
     dict.fromkeys(('flexbt_common', 'flexbt_flexbe', 'flexbt_onboard', 'flexbt_sim', 'flexbt_states'), ONE_PROCESS)
-    if HAS_ONE_PROCESS and not os.environ.get('DDS')
+    if IS_SIMULATED
     else {}
 )
 """Packages whose tests run in one process, on a simulated clock; with `make test DDS=1` they run on the middleware, as
-their tests with the mark `dds` always do."""
+their tests with the mark `dds` always do. Of other packages, tests with the mark `one_process` run in one process."""
 VARIANTS = (
     Variant(
         'flexbt_core',
@@ -149,18 +150,25 @@ def run(workspace: Workspace) -> int:
 
 def _runs_of(workspace: Workspace, packages: Collection[Package]) -> list[_Run]:
     """Return the runs that together run each test of the packages once."""
-    runs = [_Run(workspace, package) for package in packages]
+    runs = []
     for package in packages:
-        if package.name in IN_ONE_PROCESS and (real := _with_mark(package)):
+        is_in_one_process = package.name in IN_ONE_PROCESS
+        real = _with_mark(package, 'dds') if is_in_one_process else ()
+        simulated = _with_mark(package, 'one_process') if IS_SIMULATED and not is_in_one_process else ()
+        runs.append(_Run(workspace, package, options=('-m', 'not one_process') if simulated else ()))
+        if real:
             runs.append(_Run(workspace, package, Variant(package.name, real, {'DDS': '1'}, options=('-m', 'dds'))))
+        if simulated:
+            variant = Variant(package.name, simulated, ONE_PROCESS, options=('-m', 'one_process'))
+            runs.append(_Run(workspace, package, variant))
     return runs
 
 
-def _with_mark(package: Package) -> tuple[str, ...]:
-    """Return the files with tests that need the middleware."""
+def _with_mark(package: Package, mark: str) -> tuple[str, ...]:
+    """Return the files with tests that have a mark."""
     modules = package.test_modules()
     return tuple(
-        str(file.relative_to(package.path)) for file in modules if 'mark.dds(' in file.read_text(encoding='utf-8')
+        str(file.relative_to(package.path)) for file in modules if f'mark.{mark}' in file.read_text(encoding='utf-8')
     )
 
 
@@ -209,11 +217,14 @@ def _try_again(runs: list[_Run], deadline: float) -> None:
 class _Run:
     """The tests of one package. How each ended is in the result file; that they all did, in pytest's exit code."""
 
-    def __init__(self, workspace: Workspace, package: Package, variant: Variant | None = None) -> None:
+    def __init__(
+        self, workspace: Workspace, package: Package, variant: Variant | None = None, options: tuple[str, ...] = ()
+    ) -> None:
         build = workspace.layout.build
         self._workspace = workspace
         self._package = package
         self._variant = variant
+        self._options = options
         self._results = build / 'variants' / str(variant) if variant else build  # below which colcon looks for results
         self._process: subprocess.Popen[bytes] | None = None
         self._start = 0.0  # monotonic
@@ -224,7 +235,7 @@ class _Run:
 
     @property
     def is_spread(self) -> bool:
-        return self._package.name == SPREAD
+        return self._package.name == SPREAD and self._variant is None
 
     @property
     def rank(self) -> int:
@@ -250,7 +261,7 @@ class _Run:
         elif self.is_spread:
             command += _in_parallel(workspace)
         command += [*variant.tests, *(f'--ignore-glob=*/{file}' for file in variant.without)] if variant else ['test']
-        command += variant.options if variant else ()
+        command += variant.options if variant else self._options
         further = variant.environment if variant else IN_ONE_PROCESS.get(self._package.name, {})
         environment = {**workspace.environment, **further}
         environment.pop('PYTHONDONTWRITEBYTECODE', None)  # or each pytest would rewrite the plug-ins that it loads anew

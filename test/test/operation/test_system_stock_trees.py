@@ -40,7 +40,10 @@ class Tree(NamedTuple):
 
 
 TREES: Final = {Tree(branch, name): text for branch in NAV2_BRANCHES for name, text in stock_trees(branch).items()}
-pytestmark = pytest.mark.skipif(not TREES, reason='there is no clone of ros-navigation/navigation2')
+pytestmark = [
+    pytest.mark.one_process,
+    pytest.mark.skipif(not TREES, reason='there is no clone of ros-navigation/navigation2'),
+]
 
 FOLLOW_POINT: Final = 'follow_point.xml'
 CALIBRATION: Final = 'odometry_calibration.xml'
@@ -88,7 +91,7 @@ ACTIVE: Final = (GoalStatusMessage.STATUS_ACCEPTED, GoalStatusMessage.STATUS_EXE
 
 
 class Robot:
-    """A robot of real processes, and who gives it goals, opens doors and brings faults about."""
+    """A robot, and who gives it goals, opens doors and brings faults about."""
 
     def __init__(self, probe: RobotProbe, trees: Path) -> None:
         self.probe = probe

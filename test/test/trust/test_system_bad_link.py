@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """An executive and a console with a bad link between them: messages are lost, late, doubled and out of order.
 
-Executive, console and middleware are the real ones. What the console hears and says goes through a nemesis that decides
-the fate of each single message.
+Executive and console are the real ones. What the console hears and says goes through a nemesis that decides the fate of
+each single message.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ from flexbt_onboard.node.executive import open_executive
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_system_tests.gates import Gate, Gates
 from flexbt_testing.waiting import uncontended_time, wait_until
+
+pytestmark = pytest.mark.one_process
 
 HEARTBEAT_S = 0.2
 DEADLINE_S = 60.0

@@ -7,7 +7,7 @@ import json
 import math
 import signal
 from collections.abc import Callable, Iterator
-from typing import Final
+from typing import Any, Final
 
 import pytest
 from geometry_msgs.msg import PoseStamped
@@ -105,7 +105,12 @@ def by_controller(links: ActionLinks, probe: Probe) -> SentGoal:
     return SentGoal(links.link(FollowPath, names.FOLLOW_PATH), FollowPath.Goal(path=path))
 
 
-@pytest.mark.parametrize('drive', [by_tree, by_navigator, by_controller])
+def in_one_process(drive: Callable[[ActionLinks, Probe], SentGoal]) -> Any:
+    """Return a parameter for what differs from a tree only in who is asked to drive."""
+    return pytest.param(drive, marks=pytest.mark.one_process)
+
+
+@pytest.mark.parametrize('drive', [by_tree, in_one_process(by_navigator), in_one_process(by_controller)])
 @pytest.mark.parametrize('executive', ['alive', 'hung', 'dead'])
 def test_a_stop_while_another_program_drives(
     system: tuple[Stack, Probe, Guard], drive: Callable[[ActionLinks, Probe], SentGoal], executive: str

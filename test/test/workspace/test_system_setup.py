@@ -285,7 +285,7 @@ def test_runs_of_tests_that_were_not_done_have_not_passed(tmp_path: Path, monkey
 def test_a_test_with_the_mark_of_the_middleware_runs_on_it_and_every_other_one_in_one_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each of them once."""
+    """Each of them once. Of a package of the middleware, only those with the other mark run in one process."""
     head = 'import pytest, sys\nIS_REAL = "flexbt_testing.one_process.plugin" not in sys.modules\n'
     mark = 'pytest.mark.dds("a socket")'
     texts = {
@@ -296,29 +296,33 @@ def test_a_test_with_the_mark_of_the_middleware_runs_on_it_and_every_other_one_i
         'test_class': f'@{mark}\nclass TestSockets:\n  def test_real(self): assert IS_REAL\n',
         'test_none': 'def test_world(): assert not IS_REAL\n',
     }
-    for name, text in texts.items():
-        file = tmp_path / 'a' / 'test' / f'{name}.py'
+    other = f'@pytest.mark.{"one_process"}\ndef test_world(): assert not IS_REAL\ndef test_real(): assert IS_REAL\n'
+    files = {f'a/test/{name}': text for name, text in texts.items()} | {'b/test/test_b': other}
+    for name, text in files.items():
+        file = tmp_path / f'{name}.py'
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(head + text, encoding='utf-8')
     environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
     workspace = cast(Workspace, SimpleNamespace(layout=Layout(tmp_path), inside=list, environment=environment))
+    monkeypatch.setattr(test_run, 'IS_SIMULATED', True)
     monkeypatch.setattr(test_run, 'IN_ONE_PROCESS', {'a': test_run.ONE_PROCESS})
-    runs = test_run._runs_of(workspace, [Package('a', tmp_path / 'a', 'ament_python')])
+    runs = test_run._runs_of(workspace, [Package(name, tmp_path / name, 'ament_python') for name in ('a', 'b')])
     test_run._finish(runs, time.monotonic() + TIMEOUT_S, list)
     tally = test_run.Tally()
     for one in runs:
         one.count(tally)
-    assert (tally.passed, tally.failures) == (7, []), [one._log.read_text() for one in runs]
+    assert (tally.passed, tally.failures) == (9, []), [one._log.read_text() for one in runs]
     names = [name for one in runs for name in test_run._passed(one._result_file)]
-    assert len(names) == len(set(names)) == 7
+    assert len(names) == len(set(names)) == 9
 
 
-def test_the_mark_of_the_middleware_is_where_it_is_looked_for() -> None:
-    """It is text of a module of tests, so that no other module has to be imported to find it."""
+@pytest.mark.parametrize('mark', ['dds', 'one_process'])
+def test_the_marks_of_the_middleware_are_where_they_are_looked_for(mark: str) -> None:
+    """They are text of a module of tests, so that no other module has to be imported to find them."""
     for package in Layout(ROOT).packages():
         for file in (package.path / 'test').rglob('*.py'):
-            if re.search(r'mark\.dds\b', file.read_text(encoding='utf-8')):
-                assert str(file.relative_to(package.path)) in test_run._with_mark(package), file
+            if re.search(rf'mark\.{mark}\b', file.read_text(encoding='utf-8')):
+                assert str(file.relative_to(package.path)) in test_run._with_mark(package, mark), file
 
 
 @pytest.mark.parametrize('most', [2, 1])
