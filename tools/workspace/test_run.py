@@ -84,7 +84,17 @@ HAS_ONE_PROCESS = (os.environ.get('ROS_WHEELS') or os.environ.get('ROS_DISTRO') 
 """Whether flexbt_testing.one_process knows the rclpy of this distribution."""
 IS_SIMULATED = HAS_ONE_PROCESS and not os.environ.get('DDS')
 IN_ONE_PROCESS = (
-    dict.fromkeys(('flexbt_common', 'flexbt_flexbe', 'flexbt_onboard', 'flexbt_sim', 'flexbt_states'), ONE_PROCESS)
+    dict.fromkeys(
+        (
+            'flexbt_common',
+            'flexbt_flexbe',
+            'flexbt_navigation',
+            'flexbt_onboard',
+            'flexbt_sim',
+            'flexbt_states',
+        ),
+        ONE_PROCESS,
+    )
     if IS_SIMULATED
     else {}
 )
