@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 import random
 import struct
-import time
 from typing import Any
 
 import pytest
@@ -30,6 +29,7 @@ from flexbt_common.values.entries import Encoding, check_value, from_entry, text
 from flexbt_common.values.value_types import PRIMITIVES, resolve_type, type_name
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.hostile_yaml import HOSTILE_YAML
+from flexbt_testing.waiting import processor_time
 
 COMMON_INTERFACES = (
     'builtin_interfaces', 'diagnostic_msgs', 'geometry_msgs', 'nav_msgs', 'sensor_msgs', 'shape_msgs',
@@ -278,10 +278,10 @@ BOMBS = {
 @pytest.mark.parametrize('text', BOMBS.values(), ids=BOMBS)
 @pytest.mark.parametrize('type', ['int64', 'float64', 'bool', 'float64[]', 'geometry_msgs/msg/PoseStamped'])
 def test_text_that_is_meant_to_do_harm_is_refused_in_time(type: str, text: str) -> None:
-    began = time.process_time()
+    began = processor_time()
     with pytest.raises(ValueConversionError) as caught:
         from_entry(BlackboardEntry(key='k', type=type, text=text))
-    assert time.process_time() - began < 10.0
+    assert processor_time() - began < 10.0
     assert len(str(caught.value)) < 1000
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator.entity_services import NameFilter
-from flexbt_testing.waiting import uncontended_time
+from flexbt_testing.waiting import processor_time
 
 atoms = st.sampled_from(['a', 'b', '.', '[ab]', '[^a]', '[a-c]', r'\.', 'robot'])
 
@@ -55,7 +55,7 @@ def test_what_is_none_is_refused(pattern: str) -> None:
 
 
 def test_no_expression_takes_long() -> None:
-    began = uncontended_time()
+    began = processor_time()
     for pattern in (
         '(a+)+b',
         '(a|a)*b',
@@ -65,4 +65,4 @@ def test_no_expression_takes_long() -> None:
         '((a{0,999}){999}){999}b',
     ):
         assert not NameFilter(pattern)('a' * 63)
-    assert uncontended_time() - began < 5.0
+    assert processor_time() - began < 5.0
