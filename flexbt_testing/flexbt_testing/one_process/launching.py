@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexbt_testing.system import fork_server, processes
+from flexbt_testing.system.hold_up import hold_up
 
 from .product import end
 from .scheduler import SCHEDULER, Process
@@ -44,14 +45,14 @@ def launch(program: Program, arguments: Sequence[str], on_error: Callable[[BaseE
 class StartedProcess:
     """A process of an installed executable, with what :class:`flexbt_testing.system.processes.Stack` uses of Popen."""
 
-    def __init__(self, words: Sequence[str], _log: int, environment: object) -> None:
+    def __init__(self, words: Sequence[str], _log: int, environment: object, _fifo: object, network: object) -> None:
         """``words`` are the path of the executable, ``PREFIX/lib/PACKAGE/NAME``, and its arguments.
 
         Raises:
-            ValueError: it shall have another environment.
+            ValueError: it shall have another environment, or a network of its own.
         """
-        if environment is not None:
-            raise ValueError(f'{words[0]}: the processes of a world have the environment of the test')
+        if environment is not None or network is not None:
+            raise ValueError(f'{words[0]}: the processes of a world have the environment and the network of the test')
         from .programs import Program  # which imports much: most tests start no process
 
         file = Path(words[0])
@@ -90,11 +91,16 @@ class StartedProcess:
         if self._process.is_alive:
             act.get(number, self._process.signal or self.kill)()
 
+    def hold_up(self, _fifo: object, method: str, seconds: float) -> None:
+        """Make the next call of a method in this process take this much longer."""
+        hold_up(method, seconds, lambda: SCHEDULER.current.process is self._process)
+
 
 def install() -> None:
     """Let :class:`flexbt_testing.system.processes.Stack` start processes of the world."""
     for owner, name, stand_in in (
         (processes, '_start', StartedProcess),
+        (processes, '_hold_up', StartedProcess.hold_up),
         (processes, '_thread_states', lambda _pid: iter(())),
         (fork_server, 'AVAILABLE', False),
     ):

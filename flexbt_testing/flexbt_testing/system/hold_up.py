@@ -18,6 +18,7 @@ import runpy
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +53,8 @@ handle both.
 """
 
 
-def hold_up(method: str, seconds: float) -> None:
-    """Make the next call of a method, by its qualified name, take this much longer."""
+def hold_up(method: str, seconds: float, is_meant: Callable[[], bool] = lambda: True) -> None:
+    """Make the next call of a method, by its qualified name, take this much longer: the next one that is meant."""
     if method == INTERPRETER:
         ctypes.PyDLL(None).poll(None, 0, round(1000.0 * seconds))  # PyDLL keeps the GIL during the call
         return
@@ -63,8 +64,9 @@ def hold_up(method: str, seconds: float) -> None:
     original = getattr(owner, name)
 
     def held(*arguments: Any, **options: Any) -> Any:
-        setattr(owner, name, original)
-        time.sleep(seconds)
+        if is_meant():
+            setattr(owner, name, original)
+            time.sleep(seconds)
         return original(*arguments, **options)
 
     setattr(owner, name, held)

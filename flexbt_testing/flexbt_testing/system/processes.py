@@ -70,9 +70,23 @@ def executable(name: str) -> str:
     return str(Path(get_package_prefix(package)) / 'lib' / package / name)
 
 
-def _start(words: list[str], log: int, environment: Mapping[str, str] | None) -> subprocess.Popen[bytes]:
+def _start(
+    words: list[str],
+    log: int,
+    environment: Mapping[str, str] | None,
+    fifo: Path | None,
+    network: NetworkNamespace | None,
+) -> subprocess.Popen[bytes]:
+    if fifo is not None:
+        words = [sys.executable, '-m', 'flexbt_testing.system.hold_up', str(fifo), *words]
+    if network is not None:
+        words = network.command(words)
     variables = {**os.environ, **(environment or {})}
     return subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=variables)
+
+
+def _hold_up(_process: object, fifo: Path, method: str, seconds: float) -> None:
+    fifo.write_text(f'{method} {seconds}\n')
 
 
 @dataclass(frozen=True)
@@ -156,11 +170,7 @@ class Stack:
                 pid = server.start(words, log.fileno(), os.environ, fifo, module=MODULES[base])
                 self._processes[name] = fork_server.ForkedProcess(server, pid)
                 return
-            if fifo is not None:
-                words = [sys.executable, '-m', 'flexbt_testing.system.hold_up', str(fifo), *words]
-            if self._network is not None:
-                words = self._network.command(words)
-            self._processes[name] = _start(words, log.fileno(), environment)
+            self._processes[name] = _start(words, log.fileno(), environment, fifo, self._network)
 
     def start_all(
         self,
@@ -203,7 +213,7 @@ class Stack:
 
     def hold_up(self, name: str, method: str, seconds: float) -> float:
         """Make the thread that calls a method hang for this time (:mod:`.hold_up`). Return the uncontended time."""
-        self._fifo(name).write_text(f'{method} {seconds}\n')
+        _hold_up(self._processes[name], self._fifo(name), method, seconds)
         return uncontended_time()
 
     def running(self) -> set[str]:

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Processes of installed executables: they are stopped, continue, end in order, and are killed and started again."""
+"""Processes of installed executables: they, or a thread, are stopped and continue; they end in order, or are killed."""
 
 from __future__ import annotations
 
 import signal
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.nodes.operator import Operator
+from flexbt_testing.system.hold_up import THREADS
 from flexbt_testing.system.processes import Stack
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -22,7 +24,7 @@ REAL_TIME = {'use_sim_time': 'false'}
 
 @pytest.fixture
 def stack(tmp_path: Path) -> Iterator[Stack]:
-    with Stack(tmp_path) as stack:
+    with Stack(tmp_path, can_be_held_up=True) as stack:
         stack.start(NAME, REAL_TIME)
         yield stack
 
@@ -44,6 +46,17 @@ def test_a_stopped_process_does_nothing_until_it_continues(stack: Stack, operato
     assert stack.running() == {NAME}
     stack.send_signal(NAME, signal.SIGCONT)
     assert operator.result(sent).code == CommandResult.APPLIED
+
+
+def test_one_thread_hangs_for_a_time(stack: Stack, operator: Operator) -> None:
+    stack.hold_up(NAME, THREADS[NAME]['executor'], 4 * operator.status.heartbeat_period)
+
+    def was_silent() -> bool:
+        limit = 3 * operator.status.heartbeat_period
+        return any(after - before > limit for before, after in pairwise(operator.arrivals))
+
+    wait_until(was_silent, 'a silence of the executive, and its end')
+    assert stack.running() == {NAME}
 
 
 def test_a_process_ends_by_a_signal_and_begins_anew_after_it_is_killed(stack: Stack, operator: Operator) -> None:

@@ -112,6 +112,7 @@ def test_a_stop_while_one_thread_hangs(stack: Stack, probe: Probe, process: str,
     watch.close()
 
 
+@pytest.mark.one_process
 @pytest.mark.parametrize(
     ('process', 'thread'),
     [
@@ -139,6 +140,7 @@ def pause(probe: Probe) -> float:
     return now
 
 
+@pytest.mark.one_process
 def test_a_paused_robot_stands_still_and_goes_on_where_it_was(stack: Stack, probe: Probe) -> None:
     paused = pause(probe)
     probe.wait_state(ExecutiveStatus.PAUSED)
@@ -154,6 +156,7 @@ def test_a_paused_robot_stands_still_and_goes_on_where_it_was(stack: Stack, prob
     assert (probe.run_id, probe.status.state) == (run_id, ExecutiveStatus.RUNNING)
 
 
+@pytest.mark.one_process
 def test_a_goal_of_somebody_else_waits_for_the_end_of_the_pause(stack: Stack, probe: Probe) -> None:
     pause(probe)
     probe.wait_at_rest()
@@ -174,6 +177,7 @@ def test_a_goal_of_somebody_else_waits_for_the_end_of_the_pause(stack: Stack, pr
     probe.wait(lambda: any(replaced in line.text for line in probe.logs), 'why the state has failed')
 
 
+@pytest.mark.one_process
 def test_a_paused_robot_is_stopped(stack: Stack, probe: Probe) -> None:
     pause(probe)
     probe.wait_at_rest()
@@ -187,6 +191,7 @@ def test_a_paused_robot_is_stopped(stack: Stack, probe: Probe) -> None:
         assert probe.active_goals(action) == 0, action
 
 
+@pytest.mark.one_process
 def test_the_server_of_a_paused_robot_is_killed(stack: Stack, probe: Probe) -> None:
     pause(probe)
     probe.wait_at_rest()
