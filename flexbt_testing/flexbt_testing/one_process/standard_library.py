@@ -104,6 +104,7 @@ class RLock(Lock):
     """Stand-in for ``threading.RLock``."""
 
     __slots__ = ('_depth',)
+    _depth: int
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         if self._owner is SCHEDULER.current:
