@@ -3,8 +3,12 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
+from ament_index_python.packages import get_package_share_path
 from nav_msgs.msg import OccupancyGrid
 
 from flexbt_common import names
@@ -76,3 +80,35 @@ def log(folder: Path, file: Path, *mocks: str) -> None:
     words = [word for mock in mocks for word in ('--mock', mock)]
     done = tool('run', *words, '--btlog', str(file), str(folder / 'drive.xml'))
     assert done.code == 0, done.err
+
+
+MISSION = """
+import sys
+from pathlib import Path
+from flexbt_testing.one_process.world import World
+from flexbt_testing.one_process.programs import Program, named_programs
+
+file = Path(sys.argv[1])
+recorder = Program('flexbt_console', 'recorder', {'file': str(file)})
+with World(0, [*named_programs('', file.parent, file.parent, 'abstract'), recorder], writable=[file.parent]) as world:
+    world.run(5.0)
+    world.start('Navigate Split')
+    world.answer('/AskGoal', 'corridor')
+    world.choose('/JudgePath', 'canceled')
+    world.decline('/AskGoal')
+    world.run_until(world.ended('finished'))
+    world.run(1.0)
+    world.terminate('recorder')
+    world.run(2.0)
+"""
+
+
+def installed_project(folder: Path) -> str:
+    """Make a project with an installed tree, whose name is returned, and a recording of a mission that has used it."""
+    name = 'navigate/global_planner.xml'
+    (folder / 'recordings').mkdir()
+    subprocess.run([sys.executable, '-c', MISSION, str(folder / 'recordings' / 'run.mcap')], check=True)
+    (folder / 'navigate').mkdir()
+    shutil.copy(get_package_share_path('flexbt_demo_behaviors') / name, folder / name)
+    (folder / 'package.xml').write_text('<package><name>flexbt_demo_behaviors</name></package>')
+    return name

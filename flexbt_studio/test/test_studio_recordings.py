@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from recorded import MACHINE, PATHS, TREE, log, record
+from recorded import MACHINE, PATHS, TREE, installed_project, log, record
 from test_studio_server import Page, Refused, with_pages
 
 from flexbt_studio.documents.project import Project
@@ -90,6 +90,44 @@ def test_no_name_leads_elsewhere_and_what_is_no_recording_is_refused(folder: Pat
             assert (await page.ask('past', robot='recording run.mcap', time=odd))['event'] == 'live'
 
     with_pages(folder, story)
+
+
+def test_a_recording_is_decided_again_by_a_tree_as_it_is_edited(tmp_path: Path) -> None:
+    name = installed_project(tmp_path)
+    (tmp_path / 'other.xml').write_text(TREE)
+
+    async def decide(page: Page, version: int, file: str = name, recording: str = 'run.mcap') -> dict[str, Any]:
+        number = await page.ask('start_job', job='decide', file=file, version=version, recording=recording)
+        ended: dict[str, Any] = await page.event('job', number=number)
+        return ended
+
+    async def story(page: Page) -> None:
+        text = (await page.ask('open', file=name))['text']
+        same = await decide(page, 1)
+        assert same['state'] == 'done' and same['result'][0]['differs'] is False, same
+        begin, end = text.index('<RecoveryNode'), text.index('</BehaviorTree>')
+        await page.ask('edit', file=name, version=1, edits=[[begin, end, '<AlwaysFailure/>']])
+        [found] = (await decide(page, 2))['result']
+        assert found['differs'] and 'tree GlobalPlanner' in found['text'] and 'AlwaysFailure FAILURE' in found['text']
+        assert (tmp_path / name).read_text() == text, 'nothing is saved'
+        await page.ask('edit', file=name, version=2, edits=[[begin, begin, '<Nonsense/>']])
+        broken = await decide(page, 3)
+        assert broken['state'] == 'failed' and 'a tree has exactly 1 root node' in broken['message'], broken
+        await page.ask('open', file='other.xml')
+        for file, recording, why in (
+            (name, 'missing.mcap', 'has no recording'),
+            ('other.xml', 'run.mcap', 'flexbt_demo_behaviors is installed without it'),
+        ):
+            with pytest.raises(Refused, match=why):
+                await decide(page, 1, file, recording)
+        (tmp_path / 'package.xml').write_text('<package><name>nobody_has_it</name></package>')
+        with pytest.raises(Refused, match='its package nobody_has_it is not installed'):
+            await decide(page, 3)
+        (tmp_path / 'package.xml').unlink()
+        with pytest.raises(Refused, match='is in no ROS package'):
+            await decide(page, 3)
+
+    with_pages(tmp_path, story)
 
 
 def test_where_recordings_are(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

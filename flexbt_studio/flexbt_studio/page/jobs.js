@@ -29,7 +29,7 @@ export const counted = (count, thing) => `${count} ${thing}${count === 1 ? '' : 
 export class Jobs {
   // studio has link, file, treeFiles, told, select, part, remembered and remember.
   constructor(studio, player) {
-    Object.assign(this, {studio, player, waiting: new Map(), proofs: new Map(), changes: new Map(), runs: new Map(), rows: [], coverage: new Map()});
+    Object.assign(this, {studio, player, waiting: new Map(), proofs: new Map(), changes: new Map(), runs: new Map(), decisions: new Map(), rows: [], coverage: new Map()});
     player.on.moved = (at) => this.showLines(player.owner, at);
     this.isOnSave = studio.remembered('prove-on-save', true);
     const option = (id, text, isOn, set) => html('label', {}, html('input', {type: 'checkbox', id, checked: isOn, onchange: (event) => { set(event.target.checked); studio.graph.on.drawn(); this.show(); }}), ` ${text}`);
@@ -95,14 +95,14 @@ export class Jobs {
     if (entry?.state !== 'running') return;
     entry.state = 'canceled';
     this.waiting.delete(entry.number);
-    for (const entries of [this.proofs, this.changes, this.runs, this.goals.entries]) if (entries.get(entry.file.name) === entry) entries.delete(entry.file.name);
+    for (const entries of [this.proofs, this.changes, this.runs, this.decisions, this.goals.entries]) if (entries.get(entry.file.name) === entry) entries.delete(entry.file.name);
     if (entry.number !== null) this.studio.link.request('cancel_job', {number: entry.number}).catch(() => {});
     this.show();
   }
 
   // A text has changed: what was found out about it is old, and what is being found out would be.
   edited(file) {
-    for (const entries of [this.proofs, this.changes, this.runs]) {
+    for (const entries of [this.proofs, this.changes, this.runs, this.decisions]) {
       for (const entry of [...entries.values()]) {
         if (entry.state === 'running') this.cancel(entry);
         else if (entry.files.has(file.name)) entry.state = 'old';

@@ -17,10 +17,12 @@ export class Recordings {
     this.log = html('ol', {id: 'recordings-log', class: 'list', 'aria-label': 'log up to the moment that is shown'});
     byId('runs').append(html('details', {id: 'recordings', name: 'job'}, html('summary', {}, 'Recordings', html('span', {id: 'recordings-state', class: 'hint'})),
       html('p', {class: 'hint'}, 'What a robot did, on the graphs: runs and incidents of a recorder, logs of trees (.btlog).'),
-      html('div', {class: 'buttons'}, button('open', 'Open a Recording…', () => this.choose()), button('failure', 'Last Failure', () => this.failure())), this.log));
+      html('div', {class: 'buttons'}, button('open', 'Open a Recording…', () => this.choose()), button('failure', 'Last Failure', () => this.failure()), button('decide', 'Would It Decide Otherwise?', () => this.decide())),
+      html('div', {id: 'recordings-decided', 'aria-live': 'polite'}), this.log));
   }
 
-  commands(page) { return [page('recordings', 'Open a recording of a robot, or a log of a tree', null, () => this.choose()), page('last_failure', 'Last failure of the recording or robot that is shown', null, () => this.failure())]; }
+  commands(page) { return [page('recordings', 'Open a recording of a robot, or a log of a tree', null, () => this.choose()), page('last_failure', 'Last failure of the recording or robot that is shown', null, () => this.failure()),
+    page('decide', 'Would the open file decide otherwise in this recording?', null, () => this.decide())]; }
 
   async choose() {
     const {studio} = this;
@@ -50,6 +52,21 @@ export class Recordings {
     }
     jobs.show();
     player.again();
+  }
+
+  // Feed the recording that is shown to the open file, and tell the first decision that differs.
+  async decide() {
+    const {studio} = this, {live, jobs, file} = studio, recording = live.robot?.startsWith(RECORDING) ? live.robot.slice(RECORDING.length) : '';
+    if (!file || !recording || !live.isOn) { studio.told('Open a recording of a robot, and a tree or behavior that it used', 'warning'); return; }
+    jobs.open('recordings');
+    const told = (part) => {
+      byId('recordings-decided').replaceChildren(html('p', {class: 'hint'}, `${recording}, decided again by ${file.name}:`), part);
+      part.scrollIntoView({block: 'nearest'});
+    };
+    told(html('p', {}, 'feeding the robot with the recording…'));
+    const entry = await jobs.start(jobs.decisions, 'decide', file, {recording});
+    if (entry) told(html('pre', {class: entry.event.result[0].differs ? 'warning' : 'good'}, entry.event.result[0].text));
+    else told(html('p', {class: 'error'}, jobs.decisions.get(file.name)?.message ?? 'it was ended'));
   }
 
   // A log of one tree, on its own graph, or on that of the log if the project has another tree or none.

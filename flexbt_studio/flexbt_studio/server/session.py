@@ -31,7 +31,7 @@ from .layouts import Layouts
 from .live import LiveRobots, past_answer
 from .page_text import PageText
 from .recordings import PREFIX as RECORDING
-from .recordings import log_of, opened
+from .recordings import decide_copy, log_of, opened
 from .simulator import NAME as SIMULATION
 from .simulator import Simulation, behavior_files, project_files, worlds
 from .versions import revisions, text_at
@@ -175,9 +175,13 @@ class Sessions:
             job, file, version = arguments['job'], arguments['file'], arguments['version']
             if str(file).endswith('.py') and not page.runs_code:
                 raise StudioError(f'{file}: this would run its code, which nobody has allowed in this page')
-            copy = await self._work(
-                partial(self._workbench.job_copy, **{k: v for k, v in arguments.items() if k != 'version'})
-            )
+            if job == 'decide':
+                name = str(arguments['recording'])
+                copy = await self._work(decide_copy, self._workbench.project, self._recordings, file, name)
+            else:
+                copy = await self._work(
+                    partial(self._workbench.job_copy, **{k: v for k, v in arguments.items() if k != 'version'})
+                )
         except (KeyError, TypeError) as error:
             raise StudioError(f'start_job: wrong arguments: {error}') from error
         return self._jobs.start(job, file, version, copy)

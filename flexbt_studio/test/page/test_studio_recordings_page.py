@@ -13,7 +13,7 @@ from flexbt_testing.browser import NEEDS_BROWSER
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from recorded import MACHINE, TREE, log, record
+from recorded import MACHINE, TREE, installed_project, log, record
 
 pytestmark = NEEDS_BROWSER
 ENTER, ESCAPE, LEFT, END = '\ue007', '\ue00c', '\ue012', '\ue010'
@@ -103,3 +103,17 @@ def test_a_recording_and_a_log_are_shown_on_the_graphs(page: StudioPage, tmp_pat
         page.run('document.getElementById("recordings-open").click()')
         page.until(lambda: page.focused == 'choice-field')
         page.press(ESCAPE)
+
+
+def test_a_recording_is_decided_again_by_the_open_file(page: StudioPage, tmp_path: Path) -> None:
+    name = installed_project(tmp_path)
+    with served(tmp_path, None) as port:
+        page.open(port, name)
+        page.run('document.querySelector("#recordings > summary").click()')
+        page.run('document.getElementById("recordings-decide").click()')
+        page.until_text('told', 'Open a recording of a robot')
+        open_recording(page, 'run.mcap')
+        page.until_text('player-title', 'Recording run.mcap')
+        go(page, name)
+        page.run('document.getElementById("recordings-decide").click()')
+        page.until_text('recordings-decided', 'no difference in')

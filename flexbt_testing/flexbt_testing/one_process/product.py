@@ -47,11 +47,11 @@ class _Taken:
 
     __slots__ = ('_limit', '_sample', 'arrived', 'sent', 'writer')
 
-    def __init__(self, sample: Sample, limit: int) -> None:
+    def __init__(self, sample: Sample, arrived: int, limit: int) -> None:
         self._sample = sample
         self._limit = limit
         self.writer = sample.gid
-        self.sent, self.arrived = sample.stamp * 1e-9, SCHEDULER.wall
+        self.sent, self.arrived = sample.stamp * 1e-9, arrived
 
     @property
     def size(self) -> int:
@@ -79,8 +79,8 @@ class _Taker:
 
     def take(self, subscription: Any, limit: int) -> _Taken | None:
         with subscription.handle as handle:
-            sample = handle.take_sample()
-        return None if sample is None else _Taken(sample, limit)
+            taken = handle.take_sample()
+        return None if taken is None else _Taken(*taken, limit)
 
 
 class _Record:
@@ -232,6 +232,7 @@ def install() -> None:
     if rclpy_module.is_installed():
         return
     early = [name for name in sys.modules if name.startswith(('rclpy.node', 'flexbt_common.', 'flexbt_core.'))]
+    early = [name for name in early if name != 'flexbt_common.executables']  # which only starts executables
     if early:
         raise RuntimeError(f'{early[0]} is imported already: install the world before what shall run in it')
     standard_library.install()

@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import argparse
 import bisect
+import json
 import math
+import os
 import sys
 import tempfile
 from collections import defaultdict
@@ -325,14 +327,17 @@ def main(words: Sequence[str] | None = None) -> int:
     swap = 'use FILE in the place of the installed tree or behavior NAME (package/relative/path)'
     parser.add_argument('--swap', nargs=2, action='append', default=[], metavar=('NAME', 'FILE'), help=swap)
     parser.add_argument('--tolerance', type=float, default=TOLERANCE, help='difference of times that counts as none, s')
+    parser.add_argument('--json', action='store_true', help='print one line of JSON: whether they differ, and the text')
     given = parser.parse_args(words)
+    os.environ.pop('ROS_AUTOMATIC_DISCOVERY_RANGE', None)  # it would separate the programs of the world, too
     try:
         found = decide_again(given.file, [(name, Path(file)) for name, file in given.swap], given.tolerance)
     except (ConsoleError, ResourceError, AssertionError, OSError) as error:
         print(one_line(f'recorded: {error}'), file=sys.stderr)
         return 2
-    print('\n'.join(escape_lines(str(found))))
-    return int(found.difference is not None)
+    differs, text = found.difference is not None, '\n'.join(escape_lines(str(found)))
+    print(json.dumps({'differs': differs, 'text': text}) if given.json else text)
+    return int(differs)
 
 
 if __name__ == '__main__':

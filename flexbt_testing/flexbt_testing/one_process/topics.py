@@ -269,7 +269,7 @@ class Subscription(Endpoint):
 
     def __init__(self, node: Node, message_type: Any, topic: str, profile: Any, _filter: Any = None) -> None:
         super().__init__(node, message_type, topic, profile)
-        self._queue: deque[Sample] = deque(maxlen=self.qos.depth)
+        self._queue: deque[tuple[Sample, int]] = deque(maxlen=self.qos.depth)
         self.last_arrivals: dict[Any, int] = {}
         self.topic.subscriptions.append(self)
         for publisher in tuple(self.topic.publishers):
@@ -278,27 +278,28 @@ class Subscription(Endpoint):
     def arrive(self, sample: Sample) -> None:
         """Put a sample into the queue, where it may replace the oldest one."""
         if not self.is_ended and self.process.is_alive and not sample.is_dead:
-            self._queue.append(sample)
+            self._queue.append((sample, SCHEDULER.wall))
             self.notify()
 
     def is_ready(self) -> bool:
         return bool(self._queue)
 
-    def take_sample(self) -> Sample | None:
-        """Return the oldest sample that is not dead, None if there is none."""
+    def take_sample(self) -> tuple[Sample, int] | None:
+        """Return the oldest sample that is not dead, and when it arrived (wall time, ns); None if there is none."""
         while self._queue:
-            sample = self._queue.popleft()
+            sample, arrived = self._queue.popleft()
             if not sample.is_dead:
-                return sample
+                return sample, arrived
         return None
 
     def take_message(self, message_type: Any, raw: bool) -> Any:
-        sample = self.take_sample()
-        if sample is None:
+        taken = self.take_sample()
+        if taken is None:
             return None
+        sample, arrived = taken
         info = {
             'source_timestamp': sample.stamp,
-            'received_timestamp': SCHEDULER.wall,
+            'received_timestamp': arrived,
             'publication_sequence_number': None,
             'reception_sequence_number': None,
         }

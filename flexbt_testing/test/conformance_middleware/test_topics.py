@@ -320,12 +320,16 @@ def test_bytes_can_be_published_and_received(ros: Any) -> None:
 def test_a_callback_can_have_the_times_of_a_message(ros: Any) -> None:
     infos: list[dict[str, Any]] = []
     publisher = ros.node('talker').create_publisher(Int32, ros.topic, RELIABLE)
-    ros.node('listener').create_subscription(Int32, ros.topic, lambda _message, info: infos.append(info), RELIABLE)
+    node = ros.node('listener', spins=False)
+    node.create_subscription(Int32, ros.topic, lambda _message, info: infos.append(info), RELIABLE)
     ros.wait(publisher.get_subscription_count)
     before = time.time_ns()
     publisher.publish(Int32())
+    assert publisher.wait_for_all_acked(Duration(seconds=30.0))
+    arrived = time.time_ns()
+    ros.spin(node)
     ros.wait(lambda: infos)
-    assert before <= infos[0]['source_timestamp'] <= infos[0]['received_timestamp'] <= time.time_ns()
+    assert before <= infos[0]['source_timestamp'] <= infos[0]['received_timestamp'] <= arrived
 
 
 def test_a_node_hears_itself_and_others_of_its_context(ros: Any) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A process that runs one command for ``bt_tool mcp`` and then ends.
+"""A process that runs one command for ``bt_tool mcp`` or the studio and then ends.
 
 ``python3 -P -m flexbt_tools.cli.confined PARENT SECONDS bt_tool check FILE``: the command reads and writes files only
 in the working directory, reads installed packages, starts no process, opens no connection, and ends with its parent.
@@ -19,10 +19,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_common.discovery import RANGE
 from flexbt_common.executables import load
 
-TOOLS: Final = ('bt_tool', 'behavior_tool')
+TOOLS: Final = {
+    'bt_tool': 'flexbt_tools.cli.bt_tool',
+    'behavior_tool': 'flexbt_tools.cli.behavior_tool',
+    'recorded': 'flexbt_testing.one_process.recorded',
+}
+"""Module of each tool. That of the last one is in a package that may be missing."""
 MAX_MEMORY: Final = 2_000_000_000
 MAX_FILE: Final = 10_000_000
 
@@ -45,7 +49,7 @@ def main() -> int:
     """Limit this process, then run the command of its arguments and return the exit code."""
     parent, seconds, tool, *words = sys.argv[1:]
     if tool not in TOOLS:
-        raise ValueError(f'{tool!r} is not one of {TOOLS}')
+        raise ValueError(f'{tool!r} is not one of {", ".join(TOOLS)}')
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != int(parent):
         return 1  # it has ended before
@@ -58,13 +62,14 @@ def main() -> int:
         hard = resource.getrlimit(limit)[1]
         least = value if hard == resource.RLIM_INFINITY else min(value, hard)
         resource.setrlimit(limit, (least, least))
-    os.environ[RANGE] = 'OFF'  # nodes find no others
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'  # nodes find no others
     for name in ('FASTRTPS_DEFAULT_PROFILES_FILE', 'ROS_DISCOVERY_SERVER', 'ROS_STATIC_PEERS'):
         os.environ.pop(name, None)
     os.environ['OPENBLAS_NUM_THREADS'] = '1'
+    os.environ['TMPDIR'] = os.path.realpath('.')
     packages = [*sys.path, *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)]
     sys.addaudithook(_guard(os.path.realpath('.'), [f'{one}/' for one in packages if one.startswith('/')]))
-    exit_code: int = load(f'flexbt_tools.cli.{tool}').main(words)
+    exit_code: int = load(TOOLS[tool]).main(words)
     return exit_code
 
 
