@@ -44,7 +44,7 @@ fuzz:  ## what reads texts of others (XML, YAML, scripts, values, commands, jour
 mutants:  ## changes of the product that no test notices (mutmut): AREA=nodes, model, engine, commands or stop, for MINUTES=20
 	@tools/workspace.sh run python3 tools/mutants.py --area $(AREA) --minutes $(MINUTES) --seed $(SEED)
 
-nemesis:  ## missions in one process under faults that a seed draws: SEEDS=100 from SEED=0 on, or only SEED=7, or MUTANTS=1 (changes of the product that the invariants have to find); WORLD=navigate, MOTION=full or abstract, SECONDS=6 of faults, JOBS=2
+nemesis:  ## missions in one process under faults that a seed draws: SEEDS=100 from SEED=0 on, or only SEED=7, or MUTANTS=1 (changes of the product that the invariants have to find); WORLD=navigate, MOTION=full or abstract, SECONDS=10 of faults, JOBS=2
 	@tools/workspace.sh run python3 -m flexbt_testing.one_process.nemesis $(if $(WORLD),--world $(WORLD)) $(if $(MOTION),--motion $(MOTION)) $(if $(SEEDS),--seeds $(SEEDS)) --seed $(SEED) $(if $(filter file,$(origin SECONDS)),,--seconds $(SECONDS)) --jobs $(or $(JOBS),2) $(if $(MUTANTS),--mutants)
 
 lint:  ## ruff, mypy, the contracts of the architecture, shellcheck

@@ -8,7 +8,7 @@ executives. No fault of the world reaches it.
 from __future__ import annotations
 
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,11 +46,17 @@ SHOWN_SECONDS: Final = 0.4
 PEER_SECONDS: Final = 3.0
 """Time after which the executive shows that a node has ended, or is there again, s."""
 
+HUNG_SECONDS: Final = 7.0
+"""Time after which the executive shows that a node that hangs is gone, s."""
+
 ORPHAN_SECONDS: Final = 6.0
 """Time after the death of a client until its goals have ended, s."""
 
 OWNERLESS_SECONDS: Final = 1.5
 """Time after which the robot is at rest once no active state drives it, s."""
+
+FAULT_SECONDS: Final = 6.0
+"""Time after the last fault from which nothing is excused by it, s."""
 
 _MOVERS: Final = ('bt_server', 'navigation', 'onboard_executive')
 _NODES: Final = ('bt_server', 'navigation', 'simulator')
@@ -124,6 +130,7 @@ class Observer:
         self.failed_disk_at = 0
         self.has_whole_log = True
         """False if the disk has not kept all events."""
+        self.cut_since = SCHEDULER.now
         self.linked_at = 0  # the last time at which the link of the operators was bad
         self.frozen_until = 0  # a simulator hangs until then
         self.entered: dict[tuple[int, int], tuple[str, int]] = {}  # by process and state: class, and whether it is in
@@ -136,6 +143,9 @@ class Observer:
         self._goals: dict[bytes, _Goal] = {}
         self._asked: dict[tuple[int, int], bytes] = {}
         self._told: set[tuple[int, str]] = set()
+        self.awaited: defaultdict[str, list[Callable[[], object]]] = defaultdict(list)
+        """What is done at moments; see :class:`~.nemesis_run.Step`."""
+        self._passed = Counter[str]()
         self._is_over = False
         self._robots = {name: _Robot(self, world, mission) for name, mission in world.robots.items()}
 
@@ -144,10 +154,12 @@ class Observer:
         observer, arrive, send = self, Subscription.arrive, _ServiceEnd.send
         for robot, mirror in zip([*self._robots.values(), self._robots[self._world.namespace]], mirrors, strict=True):
             robot.mirrors.append(mirror)
+            mirror.add_listener(lambda _change, robot=robot, mirror=mirror: robot.sees(mirror))  # type: ignore[misc]
 
         def arrive_observed(subscription: Subscription, sample: Any) -> None:
             if subscription.name.endswith(_COMMANDS) and subscription.process.is_alive and not sample.is_dead:
                 observer._robot(subscription.process).command_arrives(subscription.process, sample.message())
+                observer.passes('command')
             arrive(subscription, sample)
 
         def send_observed(end: _ServiceEnd, target: _ServiceEnd, message: Any, request_id: Any) -> None:
@@ -188,6 +200,17 @@ class Observer:
         if (number, key or text) not in self._told:
             self._told.add((number, key or text))
             self.violations.append(Violation(number, self._world.now, text))
+
+    @property
+    def is_calm(self) -> bool:
+        """True if no fault excuses anything."""
+        return SCHEDULER.now - self.faulted_at > FAULT_SECONDS * SECOND
+
+    def passes(self, moment: str) -> None:
+        """Do what awaits this moment."""
+        self._passed[moment] += 1
+        for act in self.awaited.pop(f'{moment} {self._passed[moment]}', ()):
+            act()
 
     def _robot(self, process: Process) -> _Robot:
         return self._robots.get(process.name.rpartition('/')[0]) or next(iter(self._robots.values()))
@@ -236,6 +259,8 @@ class Observer:
             is_body = process.name.endswith((*_BODIES, 'navigation'))
             if (twist.linear.x or twist.linear.y or twist.angular.z) and not is_body:
                 self.say(4, f'{process} moves the robot', process.name)
+            if not is_body:
+                robot.is_held(process)
         elif topic.endswith('/_action/status'):
             for one in sample.message().status_list:
                 self._goal_has(bytes(one.goal_info.goal_id.uuid), one.status)
@@ -244,6 +269,8 @@ class Observer:
     def _service(self, end: _ServiceEnd, message: Any, request_id: Any) -> None:
         """Read a request or a response of an action."""
         name: str = end.service
+        if isinstance(end, Client) and name.endswith(('/send_goal', '/cancel_goal')):
+            self.passes('goal' if name.endswith('/send_goal') else 'cancel')
         if name.endswith(('/send_goal', '/get_result')):
             key = (id(request_id.client), request_id.sequence_number)
             if isinstance(end, Client):
@@ -269,6 +296,8 @@ class Observer:
         while not self._is_over:
             if not network.is_good:
                 self.linked_at = SCHEDULER.now
+            if not network.is_cut:
+                self.cut_since = SCHEDULER.now
             for robot in self._robots.values():
                 robot.look()
             self._check_goals()
@@ -322,11 +351,14 @@ class _Robot:
         self._by_sequence: dict[tuple[str, int], tuple[int, ExecutiveStatus]] = {}
         self._results: dict[str, int] = {}
         self._arrived: dict[str, tuple[Process, float]] = {}  # commands: who has received them first, and when, s
+        self._alone_until = 0  # the run stops by itself until then
         self._stop_at: int | None = None  # the robot has to be at rest from then on
         self._rest_by: list[tuple[int, int, str]] = []  # at rest once between two times, and after what
         self._crashed_with: ExecutiveStatus | None = None
+        self._shown: dict[Mirror, list[str]] = {}  # the executives that a mirror has shown
         self._crashes = 0
         self._awake_at = 0  # the executive hangs until then
+        self._hung: dict[str, int] = {}  # when the last hang of each node began
         self._driven_at = 0
         """The last time at which the robot was at rest, an active state could drive it, or that was not known, ns."""
         prefix = f'{self.namespace}/' if self.namespace else ''
@@ -363,6 +395,7 @@ class _Robot:
         node = name.rpartition('/')[2]
         if node in _MOVERS and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
             self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS), f'{name} hangs'))
+        self._hung |= {one: SCHEDULER.now for one, process in self._nodes.items() if process == name}
         if name == self._executive:
             self._awake_at = SCHEDULER.after(seconds)
         if name == self._nodes['simulator']:  # count no time during which it does not run
@@ -383,6 +416,10 @@ class _Robot:
             self._after_crash(crashed, status)
         if before is not None and before.executive_id == status.executive_id and before.sequence >= status.sequence:
             self._say(6, f'status {status.sequence} follows {before.sequence}')
+        if before is not None and not (before.active_states or status.active_states):
+            is_same = before.state == status.state == ExecutiveStatus.RUNNING and before.run_id == status.run_id
+            if is_same and SCHEDULER.now - self._statuses[-2][0] > SHOWN_SECONDS * SECOND:
+                self._say(11, f'run {status.run_id} is shown as running, without a state')
         for result in status.results:
             known = self._results.setdefault(result.command_id, result.code)
             if known != result.code:
@@ -391,12 +428,33 @@ class _Robot:
         ready = {peer.name.rpartition('/')[2] for peer in status.peers if peer.ready}
         self._see_processes()
         for name, (is_there, since) in self._since.items():
-            since = max(since, self._awake_at, self._world.processes[self._executive].began)
+            began = self._world.processes[self._executive].began + 2 * SECOND  # a young one waits longer for the others
+            since = max(since, self._awake_at, began)
             past = SCHEDULER.now - since
+            hangs = self._world.processes[self._nodes[name]].held_up is not None and alive.get(name)
+            hung = (SCHEDULER.now - max(self._hung.get(name, 0), self._awake_at)) / SECOND
+            if hangs and hung > HUNG_SECONDS:
+                self._say(13, f'{name} hangs for {hung:.1f} s, and is shown as alive', f'{name} hangs')
             if past > PEER_SECONDS * SECOND and name in alive and alive[name] != is_there:
                 self._say(13, f'{name} is {"there" if is_there else "dead"} and shown {alive[name]}', name)
+            if past > PEER_SECONDS * SECOND and not is_there and name == 'bt_server':
+                self._check_trees(status, since)
             if past > 2.0 * PEER_SECONDS * SECOND and is_there and alive.get(name) and name not in ready:
                 self._say(13, f'{name} is there, and not shown as ready', f'{name} ready')
+
+    def _check_trees(self, status: ExecutiveStatus, since: int) -> None:
+        """Check that each state whose tree has ended with its server wants to be left, or asks a person."""
+        asked = {one.path for one in status.decisions}
+        waiting = {one.path for one in status.active_states if not one.paused} - asked
+        for when, earlier in reversed(self._statuses):
+            if earlier.state != ExecutiveStatus.RUNNING or earlier.run_id != status.run_id:
+                return
+            waiting &= {one.path for one in earlier.active_states if not one.paused}
+            if when < since:
+                break
+        for path in waiting:
+            if self.types.get(path) in _WITH_TREE:
+                self._say(1, f'{path} waits for a tree whose server has died', 'no server')
 
     def _after_crash(self, crashed: ExecutiveStatus, status: ExecutiveStatus) -> None:
         """Compare what was shown last with what the next executive shows first."""
@@ -407,7 +465,9 @@ class _Robot:
             return  # a run that a program has started does not resume
         if SCHEDULER.now - self._observer.failed_disk_at < LIVE_SECONDS * SECOND:
             return  # operators were told that a crash would lose the run
-        has_ended = any(one['event'] == 'ended' for one in of_run)
+        who = f'{self.namespace}: executive' if self.namespace else 'executive'
+        runs = [one.what for one in self._world.events if one.who == who and one.what.startswith(('started', 'ended'))]
+        has_ended = any(one['event'] == 'ended' for one in of_run) or 'ended' in ''.join(runs[-1:])
         if was_running and not (is_interrupted and is_same) and not has_ended:
             self._say(8, f'run {crashed.run_id} was shown as active, and after the crash {_told(status)}')
         if crashed.state == ExecutiveStatus.IDLE and crashed.run_id and is_same and is_interrupted:
@@ -426,10 +486,18 @@ class _Robot:
             return
         if process.name == self._executive or command.kind == ExecutiveCommand.STOP:
             self._arrived.setdefault(command.id, (process, SCHEDULER.now / SECOND))
+        if command.kind == ExecutiveCommand.STOP and process.name == self._executive:
+            is_running = self._statuses and self._statuses[-1][1].state == ExecutiveStatus.RUNNING
+            self._alone_until = self._due(1.0) if is_running and SCHEDULER.now > self._alone_until + 4 * SECOND else 0
         if command.kind == ExecutiveCommand.STOP and self._observer.has_program:  # which may send its next goal
             self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), 'a STOP has arrived'))
         elif command.kind == ExecutiveCommand.STOP and self._stop_at is None and command.id not in self._results:
             self._stop_at = self._due(STOP_SECONDS)
+
+    def is_held(self, process: Process) -> None:
+        """Check that nobody has to stop the robot after a STOP of a run that no fault disturbs."""
+        if SCHEDULER.now < self._alone_until and self._observer.is_calm:
+            self._say(2, f'{process} has to hold the robot: the run has not stopped by itself', 'held')
 
     # -- regular checks
 
@@ -454,7 +522,7 @@ class _Robot:
             self._rest_by.remove(one)
             number = 2 if 'STOP' in one[2] else 3
             self._say(number, f'it has not been at rest since {one[2]} at {(one[0] - BOOT) / SECOND:.3f} s', one[2])
-        is_well = executive.is_alive and executive.held_up is None and now - self._observer.faulted_at > 6 * SECOND
+        is_well = executive.is_alive and executive.held_up is None and self._observer.is_calm
         if robot.at_rest or not is_well or self._observer.has_program or self._may_drive():
             self._driven_at = now
         elif now - self._driven_at > OWNERLESS_SECONDS * SECOND:
@@ -488,6 +556,14 @@ class _Robot:
             elif was_there is not is_there:
                 self._since[name] = is_there, SCHEDULER.now
 
+    def sees(self, mirror: Mirror) -> None:
+        """Check that a mirror whose picture has changed shows no executive again after another one."""
+        shown, seen = mirror.view().snapshot, self._shown.setdefault(mirror, [])
+        if shown is not None and seen[-1:] != [shown.executive_id]:
+            if shown.executive_id in seen:
+                self._say(6, f'it shows executive {shown.executive_id} again, after another one', 'again')
+            seen.append(shown.executive_id)
+
     def _check_mirror(self, mirror: Mirror) -> None:
         view = mirror.view()
         shown = view.snapshot
@@ -495,11 +571,16 @@ class _Robot:
             if SCHEDULER.now - max(self._observer.faulted_at, self._observer.linked_at) > LIVE_SECONDS * SECOND:
                 self._say(6, f'it is not live: {view.link.value}', 'not live')
             return
+        slack = 20.0 * self._world.network.link().delay + 10.0 * self._world.network.link().loss
+        if SCHEDULER.now - self._observer.cut_since > (2.0 * MIRROR_SECONDS) * SECOND:
+            self._say(6, 'it is live, and its link is cut', 'cut')
         sent, status = self._by_sequence.get((shown.executive_id, shown.sequence), (0, None))
         if status is None:
             if self._statuses and self._statuses[0][0] < SCHEDULER.now - 3 * SECOND:
                 self._say(6, f'it shows status {shown.sequence}, which the executive has not sent', 'unknown')
             return
+        if (silence := SCHEDULER.now - self._statuses[-1][0]) > (2.0 * MIRROR_SECONDS + slack) * SECOND:
+            self._say(6, f'it is live, and the executive has said nothing for {silence / SECOND:.1f} s', 'silent')
         paths = tuple(one.path for one in status.active_states)
         if (int(shown.state), shown.run_id, tuple(one.path for one in shown.active_states)) != (
             status.state,
@@ -507,7 +588,7 @@ class _Robot:
             paths,
         ):
             self._say(6, f'it shows {shown.state.name} in {shown.active_states}, and {_told(status)}', 'other')
-        slack = MIRROR_SECONDS + 20.0 * self._world.network.link().delay + 10.0 * self._world.network.link().loss
+        slack += MIRROR_SECONDS
         newest = next((one for one in reversed(self._statuses) if one[0] < SCHEDULER.now - slack * SECOND), None)
         if newest is None or newest[0] <= sent:
             return
@@ -562,6 +643,8 @@ class _Robot:
                     if late > SHOWN_SECONDS and not self._crashes:
                         self._say(11, f'run {run} is shown {late:.1f} s after its begin')
                 case 'entered':
+                    if one['path'] in entered:
+                        self._say(11, f'{one["path"]} is entered again, and was not left')
                     entered.add(one['path'])
                 case 'left':
                     inside = one['path'] + '/'  # a container that is left ends all that is active in it
@@ -579,6 +662,9 @@ class _Robot:
                     holder, held_since = one.get('holder', ''), one['steady']
                 case 'command' if one.get('effect') in ('applied', 'refused'):
                     decided[one.get('id', '')] += 1
+                    code = {'applied': 1, 'refused': 2}[one['effect']]
+                    if self._results.get(one.get('id', ''), code) != code:
+                        self._say(7, f'{one["command"]} is {one["effect"]}, and the status shows another result')
                     applied_starts += one['effect'] == 'applied' and one['command'] == 'START'
                     operator = one.get('operator', '')
                     _, arrived = self._arrived.get(one.get('id', ''), (None, 0.0))
@@ -587,10 +673,14 @@ class _Robot:
                         self._say(14, f'{one["command"]} of {operator} is applied, and {holder} has the authority')
         if runs > applied_starts or (runs < applied_starts and not self._crashes):
             self._say(7, f'{runs} runs began, and {applied_starts} STARTs were applied')
+        of_guard = (one for one in self._arrived.items() if one[1][0].name.endswith('stop_guard'))
+        guarded = max((when for command, (_, when) in of_guard if command in decided), default=0.0)
         for command, number in decided.items():
             if number > 1 and command:
                 self._say(7, f'command {command[:8]} was decided {number} times')
-        for command, (process, _) in self._arrived.items():
+        for command, (process, when) in self._arrived.items():
+            if process.name.endswith('stop_guard') and when < guarded:  # the guard repeats its latest STOP
+                continue
             if process.is_alive and command not in decided and command not in ignored:
                 self._say(7, f'command {command[:8]} has arrived, and was never decided')
         if self.is_idle:
@@ -602,6 +692,7 @@ class _Robot:
 
 
 _STATES: Final = (BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, OperatorInputState)
+_WITH_TREE: Final = {'BtExecuteGoalState', 'BtExecuteState'}
 _STANDING: Final = {'BtGetDataState', 'BtLoaderState', 'OperatorInputState'}
 _COMMANDS: Final = (f'/{names.EXECUTIVE_COMMAND}', f'/{names.EXECUTIVE_STOP}')
 

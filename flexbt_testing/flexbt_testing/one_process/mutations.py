@@ -23,15 +23,15 @@ import yaml
 class Mutation:
     """A change of the text of a function, ``module:Class.function``: of ``old`` to ``new``.
 
-    With ``old`` '', ``new`` is what the function begins with. ``besides``: another mutation, which is made as well,
-    since what it removes would do the same job.
+    With ``old`` '', ``new`` is what the function begins with. ``besides``: other mutations, which are made as well:
+    what they remove would do the same job.
     """
 
     name: str
     where: str
     new: str
     old: str = ''
-    besides: str = ''
+    besides: tuple[str, ...] = ()
 
     def apply(self) -> None:
         """Change the function in this process, in all objects that have it, too.
@@ -39,8 +39,8 @@ class Mutation:
         Raises:
             LookupError: there is no such function, or ``old`` is not in it exactly once.
         """
-        if self.besides:
-            next(one for one in MUTATIONS if one.name == self.besides).apply()
+        for name in self.besides:
+            next(one for one in MUTATIONS if one.name == name).apply()
         function = self._function()
         code = function.__code__
         path = Path(code.co_filename)
@@ -84,5 +84,6 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 MUTATIONS: Final = tuple(
-    Mutation(**one) for one in yaml.safe_load(Path(__file__).with_name('mutations.yaml').read_text())
+    Mutation(**{**one, 'besides': tuple(one.get('besides', ()))})
+    for one in yaml.safe_load(Path(__file__).with_name('mutations.yaml').read_text())
 )

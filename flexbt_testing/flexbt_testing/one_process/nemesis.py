@@ -20,7 +20,7 @@ from typing import Final
 
 from .live import TakenOver, take_over, take_over_at
 from .mutations import MUTATIONS, Mutation
-from .nemesis_run import SECONDS, WORLDS, Job, Plan, Run, Stage, run_all, run_one, warm_up
+from .nemesis_run import SECONDS, WORLDS, Job, Plan, Run, Stage, Step, run_all, run_one, warm_up
 
 _AGAIN: Final = 100
 """Each of this many seeds is run again, in another interpreter."""
@@ -29,6 +29,8 @@ _ROUNDS: Final = (4, 4, 8, 16, 32, 64, 128, 244)
 """Numbers of seeds for the mutations that were not found before."""
 
 _UNCHANGED: Final = 50
+_RESTART: Final = (Step(4.0, 'kill', 'onboard_executive', 1.0),)
+"""Steps with which most of a node is made once more."""
 _FULL: Final = 'flexbt_navigation'
 
 
@@ -134,10 +136,10 @@ def judge(draw: Callable[[int, str], Plan], jobs: int, say: Callable[[str], obje
         found: dict[Mutation, list[set[int]]] = {one: [] for one in left}
         wanted = (Job(draw(seed, 'full' if _FULL in one.where else 'abstract'), one) for one in left for seed in seeds)
         for job, outcome in run_all(wanted, jobs):
-            if job.mutation is not None and outcome.broken:
-                found[job.mutation].append(outcome.broken)
+            if job.mutation is not None and (own := outcome.broken - _of_others(job, outcome.broken)):
+                found[job.mutation].append(own)
         for mutation in left if not done else ():
-            found[mutation] += [{12}] if _is_uneven(Job(draw(0, 'abstract'), mutation)) else []
+            found[mutation] += [{12}] if _is_uneven(Job(Plan(0, steps=_RESTART), mutation)) else []
         for mutation in [one for one in left if found[one]]:
             left.remove(mutation)
             by = set().union(*found[mutation])
@@ -150,6 +152,13 @@ def judge(draw: Callable[[int, str], Plan], jobs: int, say: Callable[[str], obje
         say(f'{mutation.name:56} not found')
     say(f'found by an invariant alone: {dict(sorted(alone.items()))}')
     return len(left) + len(faulty)
+
+
+def _of_others(job: Job, broken: set[int]) -> set[int]:
+    """Return which invariants do not hold with only the mutations that are made besides that of a job."""
+    if job.mutation is None or not job.mutation.besides or not broken:
+        return set()
+    return run_one(replace(job, mutation=replace(job.mutation, old='', new='pass'))).broken
 
 
 def _is_uneven(job: Job) -> bool:

@@ -44,7 +44,7 @@ from .mutations import Mutation
 from .programs import named_programs
 from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, USES_THREADS, StuckWorldError, Task
 
-SECONDS: Final = 6.0
+SECONDS: Final = 10.0
 """Simulated time in which the steps of a plan happen, s."""
 
 _PROCESSOR_SECONDS: Final = 120
@@ -63,19 +63,26 @@ _BEHAVIORS: Final = {
     'goals': ('Reach Goal', 'Navigate'),
 }
 _PROGRAM: Final = 'deliveries'
-_PROCESSES: Final = ('bt_server', 'navigation', 'onboard_executive', 'stop_guard', 'simulator')
+_PROCESSES: Final = (*['bt_server'] * 3, *['onboard_executive'] * 4, *['navigation'] * 2, 'stop_guard', 'simulator')
 _OPERATORS: Final = ('engineer', 'engineer', 'pilot')
 _OF_PROCESSES: Final = ('kill', 'kill', 'kill', 'hang', 'hang', 'hang', 'terminate')
 _OF_LINKS: Final = ('cut', 'loss', 'delay', 'rate')
 _OF_COMPUTERS: Final = ('power', 'full_disk', 'stuck_disk', 'slow_disk', 'jump')
-_FAULTS: Final = (*_OF_PROCESSES, *_OF_LINKS, *_OF_COMPUTERS, 'fail')
-_ACTS: Final = ('stop', 'stop', 'pause', 'resume', 'force', 'start', 'autonomy', 'repeat', 'claim', 'release', 'resend')
+_FAULTS: Final = (*_OF_PROCESSES * 3, *_OF_LINKS, 'cut', *_OF_COMPUTERS, 'power', 'fail')
+_ACTS: Final = (
+    *('stop', 'stop', 'pause', 'pause', 'resume', 'force', 'start', 'start'),
+    *('autonomy', 'repeat', 'switch', 'claim', 'claim', 'release', 'resend'),
+)
+_MOMENTS: Final = (*['command'] * 2, *['goal'] * 3, 'cancel', *['fault'] * 4)
 _FAILING: Final = ('follow_path', 'compute_path_to_pose')
 
 
 @dataclass(frozen=True)
 class Step:
     """Something that happens at a time (s, from when the robot is ready): a fault, or what an operator does.
+
+    With a ``moment``, such as ``goal 2``, the time begins when that happens: the second goal is sent or canceled, the
+    executive receives a command, or another fault begins.
 
     ``target`` is a process, an action, the link of the operator, the computer of the robots, or an operator.
     ``amount``: how long a fault lasts, s; for an operator's step a number from 0 to 1 that decides among what is
@@ -86,6 +93,7 @@ class Step:
     act: str
     target: str
     amount: float
+    moment: str = ''
 
 
 @dataclass(frozen=True)
@@ -118,15 +126,22 @@ class Plan:
 
         def step(acts: Sequence[str], targets: Sequence[str]) -> Step:
             act, target, robot = draw.choice(acts), draw.choice(targets), draw.choice(robots)
-            amount = draw.random() if targets is _OPERATORS else min(draw.expovariate(0.5), 8.0)
+            length = min(draw.expovariate(draw.choice((0.25, 1.0, 5.0))), 9.0)
+            amount = draw.random() if targets is _OPERATORS else length
             if act in _OF_LINKS or act in _OF_COMPUTERS:
                 target, robot = 'operator' if act in _OF_LINKS else 'robot', ''
             elif act == 'fail':
                 target = draw.choice(_FAILING)
-            return Step(round(draw.uniform(0.0, seconds), 3), act, robot + target, round(amount, 3))
+            time, moment = draw.uniform(0.0, seconds), ''
+            if draw.random() < 0.5:
+                time = draw.choice((0.0, 0.0001, 0.05, 0.5)) * draw.expovariate(1.0)
+                moment = f'{draw.choice(_MOMENTS)} {min(draw.randint(1, 6), draw.randint(1, 6))}'
+            return Step(round(time, 6), act, robot + target, round(amount, 3), moment)
 
-        faults = [step(_FAULTS, _PROCESSES) for _ in range(draw.choice((0, 1, 2, 3, 4)))]
-        acts = [step(_ACTS, _OPERATORS) for _ in range(draw.choice((0, 2, 4, 6, 8)))]
+        faults = [step(_FAULTS, _PROCESSES) for _ in range(draw.choice((0, 2, 3, 4, 6)))]
+        acts = [step(_ACTS, _OPERATORS) for _ in range(draw.choice((0, 4, 6, 8, 12)))]
+        if draw.random() < 0.4:  # what matters most: a STOP during a fault
+            acts.append(replace(step(('stop',), _OPERATORS), time=round(draw.expovariate(2.0), 3), moment='fault 1'))
         return cls(
             seed=seed,
             world=world,
@@ -138,7 +153,7 @@ class Plan:
             seconds=seconds,
             settle=draw.choice((1.5, 1.5, 1.5, 7.0)),
             steps=tuple(sorted([*faults, *acts], key=lambda one: one.time)),
-            answers=tuple((round(draw.uniform(0.0, 1.5), 3), round(draw.random(), 3)) for _ in range(4)),
+            answers=tuple((round(draw.uniform(0.0, 3.0), 3), round(draw.random(), 3)) for _ in range(8)),
         )
 
     def text(self) -> str:
@@ -161,7 +176,9 @@ class _Operator:
         self.mirror, self.commands = mirror, {}  # type: Mirror, dict[str, Any]
         self._link = link
         self._make = CommandBuilder(name)
-        self._last: Any = None
+        self._given: list[Any] = []
+        self._patience = 6.0
+        """Time for which a command is sent again until it is answered, s."""
         self._answered: set[tuple[str, str]] = set()
 
     def give(self, make: Callable[[CommandBuilder, Any], Any]) -> bool:
@@ -170,12 +187,13 @@ class _Operator:
             command = make(self._make, self.mirror.view())
         except ConsoleError:
             return False
-        self._last = command
-        self.commands[command.id] = self._link.send(command, 6.0)
+        self._given.append(command)
+        self.commands[command.id] = self._link.send(command, self._patience)
         return True
 
     def act(self, act: str, amount: float) -> None:
         """Do what a step of a plan says; nothing if that is not possible now."""
+        self._patience = 6.0 if int(1000.0 * amount) % 2 else 0.1
         match act:
             case 'stop' | 'pause':
                 self.give(lambda make, view: make.command(view, CommandKind[act.upper()]))
@@ -190,10 +208,12 @@ class _Operator:
                 self.start('Navigate', AutonomyLevel.HIGH)
             case 'repeat':
                 self.give(lambda make, view: make.repeat(view))
+            case 'switch':
+                self.give(lambda make, view: make.switch(view, view.snapshot.behavior))
             case 'force':
                 self.give(lambda make, view: make.force(view, '', self._outcome(view, amount)))
-            case 'resend' if self._last is not None:  # as a console does that has missed the answer
-                self._link._runtime.call(lambda: self._link._publish(self._last))
+            case 'resend' if self._given:  # as a console does that has missed the answer
+                self._link._runtime.call(lambda: self._link._publish(_chosen(self._given, amount)))
 
     def start(self, behavior: str, level: AutonomyLevel, arguments: Sequence[tuple[str, str]] = ()) -> bool:
         """Start a behavior."""
@@ -369,8 +389,10 @@ class Run:
         plan, world = self._plan, self._world
         self._say(f'plan {plan.seed}: {plan.behavior or _PROGRAM} at {plan.autonomy}')
         begin = world.now
+        faults = [step for step in plan.steps if step.target not in self._operators and not step.moment]
+        self._end_at = begin + max([plan.seconds, *(step.time + step.amount for step in faults)])
         for step in plan.steps:
-            world.at(begin + step.time, lambda step=step: self._happen(step))  # type: ignore[misc]
+            self._await(step, begin)
         if not plan.behavior:
             world.launch(f'flexbt_demo_behaviors/{_PROGRAM}')
         for name in world.robots:
@@ -380,18 +402,30 @@ class Run:
                 arguments = other if plan.behavior == 'Night Watch' else []
                 engineer.start(plan.behavior, AutonomyLevel[plan.autonomy], arguments)
             world.at(world.now, lambda engineer=engineer: self._answer(engineer, list(plan.answers)))  # type: ignore[misc]
-        last = max((step.time + step.amount for step in plan.steps if step.target not in self._operators), default=0.0)
-        world.run(max(plan.seconds, last) + 0.1)
+        world.run(self._end_at + 0.1 - world.now)
         self._mend()
         world.run(plan.settle)
         for name, mission in world.robots.items():
             self._check_usable(mission, self._operators[_named(name, 'engineer')])
 
+    def _await(self, step: Step, begin: float) -> None:
+        """Do a step at its time after ``begin``, or after its moment."""
+        if step.moment:
+            self._observer.awaited[step.moment].append(lambda: self._await(replace(step, moment=''), self._world.now))
+        else:
+            self._world.at(begin + step.time, lambda: self._happen(step))
+
     def _happen(self, step: Step) -> None:
+        left = self._end_at - self._world.now
+        if left < 0.0:  # its moment was too late
+            return
+        step = replace(step, amount=min(step.amount, left))
         self._say(f'{step.act} {step.target} ({step.amount:.3f})')
         if step.target in self._operators:
             self._operators[step.target].act(step.act, step.amount)
-        elif step.act in _OF_PROCESSES:
+            return
+        self._observer.passes('fault')
+        if step.act in _OF_PROCESSES:
             self._hurt(step)
         elif step.act == 'power':
             names = [name for name, one in self._world.processes.items() if one.is_alive and name != _PROGRAM]
@@ -450,7 +484,7 @@ class Run:
             self._say(f'{name} goes on')
             return
         self._end(name, self._world.kill if step.act == 'kill' else self._world.terminate)
-        SCHEDULER.sleep(step.amount / 2.0 + (2.5 if step.act == 'terminate' else 0.0))
+        SCHEDULER.sleep(step.amount + (2.5 if step.act == 'terminate' else 0.0))
         self._restart(name)
 
     def _process(self, target: str) -> tuple[str, Any]:

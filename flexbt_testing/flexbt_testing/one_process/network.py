@@ -63,10 +63,14 @@ class Network:
         self._cut_until[ends] = max(SCHEDULER.after(seconds), self._cut_until.get(ends, 0))
 
     @property
+    def is_cut(self) -> bool:
+        """True if a link is cut."""
+        return any(until > SCHEDULER.now for until in self._cut_until.values())
+
+    @property
     def is_good(self) -> bool:
         """True if no link is cut, and none delays or loses anything."""
-        is_cut = any(until > SCHEDULER.now for until in self._cut_until.values())
-        return not is_cut and all(link == Link() for link in self._links.values())
+        return not self.is_cut and all(link == Link() for link in self._links.values())
 
     def __call__(self, source: Process, target: Process, is_reliable: bool) -> int | None:
         """Return the delay of a message, ns; None if it is lost."""

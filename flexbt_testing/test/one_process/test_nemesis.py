@@ -51,13 +51,41 @@ def test_a_crash_of_the_executive_loses_nothing_that_was_shown() -> None:
     assert run_one(Job(CRASH)).violations == []
 
 
-@pytest.mark.parametrize(
-    ('name', 'plan', 'number'),
-    [('the journal does not write', CRASH, 8), ('states are not left at a stop', STOP, 5)],
-)
-def test_a_mutation_is_found_by_its_invariant(name: str, plan: Plan, number: int) -> None:
-    mutation = next(one for one in MUTATIONS if one.name == name)
-    assert number in run_one(Job(plan, mutation)).broken
+ALONE: dict[int, tuple[str, tuple[Step, ...]]] = {
+    1: ('a call does not see that its server is gone', (Step(4.0, 'kill', 'bt_server', 5.0),)),
+    2: ('a stop cancels late', STOP.steps),
+    3: ('a node that has replaced another is not seen', (Step(4.0, 'kill', 'bt_server', 0.1),)),
+    4: ('a pause does not pause the state', (Step(4.0, 'pause', 'engineer', 0.0),)),
+    5: ('states are not left at a stop', STOP.steps),
+    6: ('a mirror stays live', (Step(2.0, 'cut', 'operator', 5.0),)),
+    7: ('a command that is sent again is applied again', ()),
+    8: ('positions are not journaled', CRASH.steps),
+    9: ('a node does not close its parts', ()),
+    10: (
+        'the robot is held until the next start',
+        (Step(3.1, 'stop', 'engineer', 0.0), Step(5.5, 'stop', 'engineer', 0.0)),
+    ),
+    11: ('ends are not in the event log', STOP.steps),
+    13: ('the executive shows no node again', (Step(3.0, 'kill', 'bt_server', 1.0),)),
+    14: ('the authority is not asked', (Step(2.0, 'claim', 'pilot', 0.0), Step(4.0, 'pause', 'engineer', 0.0))),
+}
+"""For each invariant a mutation, and the steps of a plan that shows it."""
+
+
+def _mutation(name: str) -> Mutation:
+    return next(one for one in MUTATIONS if one.name == name)
+
+
+def test_each_invariant_finds_a_mutation_that_no_other_finds() -> None:
+    jobs = [Job(Plan(1, seconds=6.0, steps=steps), _mutation(name)) for name, steps in ALONE.values()]
+    found = {job.mutation.name: outcome.broken for job, outcome in run_all(jobs, at_once=2) if job.mutation}
+    assert found == {name: {number} for number, (name, _) in ALONE.items()}
+
+
+def test_a_mutation_that_runs_differently_is_found_by_running_it_twice() -> None:
+    job = Job(Plan(0, steps=nemesis._RESTART), next(one for one in MUTATIONS if '(12)' in one.name))
+    assert run_one(job).violations == []
+    assert nemesis._is_uneven(job)
 
 
 def _run_in_child(mutation: Mutation) -> bool:
