@@ -103,7 +103,10 @@ class Ending:
 
 
 class Stack:
-    """Processes by the names of their executables. Leaving the context kills the remaining ones."""
+    """Processes by the names of their executables. Leaving the context kills the remaining ones.
+
+    In tests that run in one process they are processes of the simulated world.
+    """
 
     def __init__(
         self,
