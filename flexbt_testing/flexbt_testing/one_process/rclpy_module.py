@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import ModuleType
 from typing import Any, Final
 
@@ -94,21 +94,56 @@ def _of_node(table: Any, side: str, attribute: str) -> Callable[..., NamesAndTyp
 
 
 def _endpoints(side: str, number: int) -> Callable[[Node, str, bool], list[dict[str, Any]]]:
-    def infos(node: Node, name: str, _no_mangle: bool) -> list[dict[str, Any]]:
+    def infos(node: Node, name: str, no_mangle: bool) -> list[dict[str, Any]]:
+        topics_of = _dds_topics if no_mangle else _ros_topics
         return [
             {
                 'node_name': end.node.name,
                 'node_namespace': end.node.namespace,
-                'topic_type': type_name(end.type),
+                'topic_type': kind,
                 'topic_type_hash': {'version': 1, 'value': bytes(32)},
                 'endpoint_type': number,
                 'endpoint_gid': list(end.gid),
-                'qos_profile': _told_qos(end.qos.given),
+                'qos_profile': _told_qos(given),
             }
-            for end in node.ends(DOMAIN.topics, side, name=name)
+            for end, kind, given in topics_of(node, side, name)
         ]
 
     return infos
+
+
+_Ends = Iterator[tuple[Any, str, dict[str, Any]]]
+_SERVICE_TOPICS: Final = {
+    ('rq', 'publishers'): ('Request', '_Request', 'clients'),
+    ('rq', 'subscriptions'): ('Request', '_Request', 'servers'),
+    ('rr', 'publishers'): ('Reply', '_Response', 'servers'),
+    ('rr', 'subscriptions'): ('Reply', '_Response', 'clients'),
+}
+"""By prefix of the DDS topic, and side: the endings of its name and type, and the side of the service."""
+
+
+def _ros_topics(node: Node, side: str, name: str) -> _Ends:
+    for end in node.ends(DOMAIN.topics, side, name=name):
+        yield end, type_name(end.type), end.qos.given
+
+
+def _dds_topics(node: Node, side: str, name: str) -> _Ends:
+    """Yield the endpoints of a topic by its name in DDS, where each service has two (see the ROS 2 design article
+    "Topic and Service name mapping to DDS")."""
+    prefix, _, path = name.partition('/')
+    if prefix == 'rt':
+        for end, kind, given in _ros_topics(node, side, f'/{path}'):
+            yield end, _dds_type(kind), given
+    elif (prefix, side) in _SERVICE_TOPICS:
+        ending, part, of_service = _SERVICE_TOPICS[prefix, side]
+        service = f'/{path}'.removesuffix(ending) if path.endswith(ending) else ''
+        for end in node.ends(DOMAIN.services, of_service, name=service) if service else ():
+            yield end, _dds_type(type_name(end.type) + part), end.given
+
+
+def _dds_type(kind: str) -> str:
+    package, folder, name = kind.split('/')
+    return f'{package}::{folder}::dds_::{name}_'
 
 
 def _told_qos(given: dict[str, Any]) -> dict[str, Any]:

@@ -56,6 +56,8 @@ class _ServiceEnd(Entity):
         self.node, self.process, self.type = node, node.process, service_type
         self.service = node.resolved(name)
         profile = profile or _default('qos_profile_services_default')
+        self.given = profile.to_dict()
+        self.gid = node.context.gid()
         self.ends = DOMAIN.services.setdefault((node.domain, self.service), ServiceEnds())
         self._queue: deque[tuple[Any, rmw_request_id_t, int]] = deque(maxlen=Qos(profile).depth)
         self._last: dict[Any, int] = {}
@@ -93,7 +95,7 @@ class Service(_ServiceEnd):
 
     def __init__(self, node: Node, service_type: Any, name: str, profile: Any = None) -> None:
         super().__init__(node, service_type, name, profile)
-        self.qos = (profile or _default('qos_profile_services_default')).to_dict()
+        self.qos = self.given
         self.ends.servers.append(self)
 
     @property

@@ -244,6 +244,36 @@ def test_the_graph_tells_what_is_offered_and_what_is_meant_by_a_default(ros: Any
     assert (told.history, told.depth, told.lifespan, told.deadline) == (HistoryPolicy.UNKNOWN, 0, Infinite, Infinite)
 
 
+def test_the_graph_tells_the_endpoints_of_topics_and_services_by_their_names_in_dds(ros: Any) -> None:
+    server, client, observer = (ros.node(name, namespace='/robot') for name in ('server', 'client', 'observer'))
+    publisher = server.create_publisher(Int32, ros.topic, RELIABLE)
+    service = observer.resolve_service_name(f'{ros.topic}/empty')
+    server.create_service(Empty, service, lambda _request, response: response)
+    client.create_client(Empty, service)
+    request, reply = f'rq{service}Request', f'rr{service}Reply'
+
+    def told(name: str) -> tuple[set[tuple[str, str, str]], ...]:
+        looks = observer.get_publishers_info_by_topic, observer.get_subscriptions_info_by_topic
+        found = [look(name, no_mangle=True) for look in looks]
+        return tuple({(one.node_namespace, one.node_name, one.topic_type) for one in ends} for ends in found)
+
+    request_type, reply_type = (f'std_srvs::srv::dds_::Empty_{part}_' for part in ('Request', 'Response'))
+    for name, expected in {
+        f'rt{publisher.topic_name}': ({('/robot', 'server', 'std_msgs::msg::dds_::Int32_')}, set()),
+        request: ({('/robot', 'client', request_type)}, {('/robot', 'server', request_type)}),
+        reply: ({('/robot', 'server', reply_type)}, {('/robot', 'client', reply_type)}),
+    }.items():
+        ros.wait(lambda name=name, expected=expected: told(name) == expected, f'{name} in the graph')
+    replies, numbers = (
+        observer.get_publishers_info_by_topic(name, no_mangle=True)[0] for name in (reply, f'rt{publisher.topic_name}')
+    )
+    assert bytes(replies.endpoint_gid)[:12] == bytes(numbers.endpoint_gid)[:12], 'they have one participant'
+    assert replies.endpoint_gid != numbers.endpoint_gid
+    for name in (publisher.topic_name, service, f'rr{service}', 'rr', 'xx/y'):
+        assert told(name) == (set(), set()), name
+    assert observer.get_publishers_info_by_topic(f'/rt{publisher.topic_name}') == []
+
+
 def test_without_a_lease_nothing_is_told_of_liveliness(ros: Any) -> None:
     told: list[str] = []
     talker = ros.node('talker')
