@@ -90,6 +90,7 @@ IN_ONE_PROCESS = (
             'flexbt_flexbe',
             'flexbt_navigation',
             'flexbt_onboard',
+            'flexbt_server',
             'flexbt_sim',
             'flexbt_states',
         ),

@@ -20,7 +20,7 @@ import pytest
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch, ProcessIdentity
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree.model.status import NodeStatus
@@ -42,6 +42,7 @@ from flexbt_testing.nodes.server_world import (
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
 
 Result = BtExecute.Result
+BUSY = pytest.mark.dds('a thread never waits, and is interrupted by the interpreter')
 
 
 @pytest.fixture(scope='session', autouse=True)
@@ -75,10 +76,16 @@ def quickest_answer(world: ServerWorld) -> float:
     return min(measure() for _ in range(5))
 
 
+def start_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let this process count as one that has just started."""
+    now = time.monotonic()
+    monkeypatch.setattr(ProcessIdentity, 'started', staticmethod(lambda: now))
+
+
 def test_a_server_that_is_known_to_be_gone_is_not_waited_for_as_one_that_starts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr('flexbt_common.lifecycle.liveliness._STARTED', time.monotonic())
+    start_now(monkeypatch)
     with open_server_world(server_timeout=0.1, start_timeout=10.0 * DEADLINE) as world:
         token = LivelinessToken(world.navigation_runtime)
         token.set_ready(True)
@@ -89,7 +96,7 @@ def test_a_server_that_is_known_to_be_gone_is_not_waited_for_as_one_that_starts(
         assert 'no action server' in world.client.execute().result.message
 
 
-@pytest.mark.parametrize('body', ['<HeldInTick/>', '<HeldInTick busy="1"/>', '<HeldThread/>'])
+@pytest.mark.parametrize('body', ['<HeldInTick/>', pytest.param('<HeldInTick busy="1"/>', marks=BUSY), '<HeldThread/>'])
 def test_a_leaf_that_never_returns_is_given_up_and_holds_up_nobody(world: ServerWorld, body: str) -> None:
     world.client.load_tree(f'<Sequence><AlwaysSuccess/>{body}</Sequence>')
     world.client.load_tree('<AlwaysSuccess/>', 'Other')
@@ -176,7 +183,7 @@ def test_a_goal_is_not_held_back_for_ever_by_a_thread_that_does_not_return(world
 
 
 def test_servers_that_start_with_this_one_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('flexbt_common.lifecycle.liveliness._STARTED', time.monotonic())
+    start_now(monkeypatch)
     parameters = {'server_timeout': 1.0, 'start_timeout': DEADLINE}
     with NodeRuntime.open('bt_server', parameters=parameters) as server, NodeRuntime.open('client') as client_runtime:
         BtServer(server)
@@ -295,6 +302,7 @@ def test_a_reason_of_any_text_reaches_the_client(
     assert len(result.message) < 20_000
 
 
+@BUSY
 def test_entries_may_change_at_any_moment_while_trees_tick_and_clients_read(world: ServerWorld) -> None:
     world.client.load_tree(
         '<Parallel success_count="1"><Scribbles count="20000"/><KeepRunningUntilFailure><ForceSuccess>'
@@ -331,6 +339,7 @@ def test_a_machine_without_threads_refuses_the_goal_and_goes_on(
     assert world.client.execute().result.code == Result.SUCCESS
 
 
+@pytest.mark.dds('a process whose files the system limits, which the middleware needs, too')
 def test_a_process_without_free_file_descriptors_refuses_files_and_goes_on(tmp_path: Path) -> None:
     with open_server_world(allowed_directories=[str(tmp_path)]) as world:
         file = tmp_path / 'tree.xml'

@@ -185,6 +185,7 @@ def test_only_the_server_that_waits_for_a_read_that_hangs_is_not_ready() -> None
         reader.close()
 
 
+@pytest.mark.dds('Groot2 talks by sockets of ZeroMQ')
 def test_cleanup_forgets_everything_and_frees_it() -> None:
     with socket.create_server(('127.0.0.1', 0)) as free:
         port = free.getsockname()[1]

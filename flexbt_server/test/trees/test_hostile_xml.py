@@ -5,7 +5,6 @@ with place and reason, and without harm."""
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_testing.behavior_trees.bt_tool import ACCEPTED, BROKEN_IN_MANY_PLACES, CORPUS, TREE, tool
 from flexbt_testing.nodes.server_world import ServerWorld, open_server_world
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import processor_time, wait_until
 
 Result = BtLoad.Result
 IN_TIME = 10.0
@@ -51,9 +50,9 @@ def bounded_memory() -> Iterator[None]:
 
 def refused(world: ServerWorld, file: Path) -> list[BtLoadReport]:
     """Return the reports of a file that must not be loaded."""
-    began = time.process_time()
+    began = processor_time()
     result = world.client.load(str(file))
-    assert time.process_time() - began < IN_TIME
+    assert processor_time() - began < IN_TIME
     assert result.code == Result.FAILURE, result.message
     assert len(result.message) < 2000
     return list(result.reports)
@@ -65,9 +64,9 @@ def test_the_server_refuses_in_time_and_says_where(world: ServerWorld, directory
     file = directory / 'hostile.xml'
     file.write_bytes(content)
     if not words:
-        began = time.process_time()
+        began = processor_time()
         world.client.load(str(file))
-        assert time.process_time() - began < IN_TIME
+        assert processor_time() - began < IN_TIME
         return
     (report,) = refused(world, file)
     first = report.errors[0]
@@ -81,9 +80,9 @@ def test_the_command_refuses_in_time_and_says_where(tmp_path: Path, name: str) -
     content, words = CORPUS[name]
     file = tmp_path / 'hostile.xml'
     file.write_bytes(content)
-    began = time.process_time()
+    began = processor_time()
     done = tool('check', str(file))
-    assert time.process_time() - began < IN_TIME
+    assert processor_time() - began < IN_TIME
     if words:
         assert done.code == 1
         first = done.out.splitlines()[0]
@@ -97,9 +96,9 @@ def test_the_command_refuses_in_time_and_says_where(tmp_path: Path, name: str) -
 def test_what_looks_odd_but_is_fine_is_loaded(world: ServerWorld, directory: Path, tmp_path: Path, name: str) -> None:
     file = directory / 'odd.xml'
     file.write_bytes(ACCEPTED[name])
-    began = time.process_time()
+    began = processor_time()
     result = world.client.load(str(file))
-    assert time.process_time() - began < IN_TIME
+    assert processor_time() - began < IN_TIME
     assert result.code == Result.SUCCESS, result.message
     assert tool('check', str(file), '--ignore', 'never-written').code == 0
 

@@ -13,7 +13,7 @@ from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import BtLoadReport
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world
-from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, processor_time, wait_until
 
 Result = BtLoad.Result
 MUCH = 1_000_000
@@ -111,9 +111,9 @@ def test_bad_and_hostile_files_are_refused_in_time(
 ) -> None:
     file = write(tmp_path / 'trees/hostile.xml', text)
     wait_until(world.client.loader.is_ready)
-    began = uncontended_time()
+    began = processor_time()
     result = world.client.load(file)
-    assert uncontended_time() - began < 1.0
+    assert processor_time() - began < 1.0
     assert result.code == Result.FAILURE
     assert result.reports[0].errors[0].file == file
     assert all(error.line >= 1 for error in result.reports[0].errors if len(text) < MUCH)
