@@ -7,7 +7,6 @@ import itertools
 import math
 import os
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +22,7 @@ from flexbt_onboard.behaviors.run_context import building
 from flexbt_onboard.errors import OnboardError, ParameterError
 from flexbt_testing.hostile_yaml import HOSTILE_YAML
 from flexbt_testing.nodes.state_bench import StateBench
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import processor_time, wait_until
 
 _numbers = itertools.count()
 
@@ -188,10 +187,10 @@ def test_a_value_that_cannot_be_is_refused_before_anything_runs(
 @pytest.mark.parametrize('text', HOSTILE_YAML.values(), ids=HOSTILE_YAML)
 @pytest.mark.parametrize('like', [{}, []], ids=['dict', 'list'])
 def test_a_value_that_is_meant_to_do_harm_is_refused_in_time(like: object, text: str) -> None:
-    began = time.process_time()
+    began = processor_time()
     with pytest.raises(ParameterError) as caught:
         converted('places', text, like)
-    assert time.process_time() - began < 10.0
+    assert processor_time() - began < 10.0
     assert len(str(caught.value)) < 1000
 
 
