@@ -32,6 +32,7 @@ from nav_msgs.msg import OccupancyGrid, Odometry, Path
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalFault, GoalServer, ServedGoal
+from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_msgs.srv import SetFault
@@ -81,6 +82,7 @@ class AbstractRobot:
         for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP):
             node.create_service(ClearEntireCostmap, name, lambda _request, response: response)
         node.create_service(SetFault, f'{names.SIMULATOR}/set_fault', self._set_fault)
+        self._amcl = LifecycleSubnode(runtime, names.AMCL)  # programs wait until it is active
         self._tell_pose()
         LivelinessWatch(runtime, names.BT_SERVER, self._owner_changed)
         LivelinessToken(runtime).set_ready(True)

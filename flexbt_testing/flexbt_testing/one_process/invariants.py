@@ -429,7 +429,7 @@ class _Robot:
         self._see_processes()
         for name, (is_there, since) in self._since.items():
             began = self._world.processes[self._executive].began + 2 * SECOND  # a young one waits longer for the others
-            since = max(since, self._awake_at, began)
+            since = max(since, self._awake_at, began, self._world.processes[self._nodes[name]].began)
             past = SCHEDULER.now - since
             hangs = self._world.processes[self._nodes[name]].held_up is not None and alive.get(name)
             hung = (SCHEDULER.now - max(self._hung.get(name, 0), self._awake_at)) / SECOND
@@ -460,21 +460,22 @@ class _Robot:
         """Compare what was shown last with what the next executive shows first."""
         was_running = crashed.state in (ExecutiveStatus.RUNNING, ExecutiveStatus.PAUSED)
         is_interrupted, is_same = status.state == ExecutiveStatus.INTERRUPTED, status.run_id == crashed.run_id
-        of_run = [one for one in self.events() if one.get('run') == crashed.run_id]
-        if any(one['event'] == 'started' and one['by'] not in _OPERATORS for one in of_run):
+        starts = [one for one in self.events() if one['event'] == 'started' and one['run'] == crashed.run_id]
+        is_unknown = self._observer.has_program and not self._observer.has_whole_log
+        if is_unknown or any(one['by'] not in _OPERATORS for one in starts):
             return  # a run that a program has started does not resume
         if SCHEDULER.now - self._observer.failed_disk_at < LIVE_SECONDS * SECOND:
             return  # operators were told that a crash would lose the run
         who = f'{self.namespace}: executive' if self.namespace else 'executive'
-        runs = [one.what for one in self._world.events if one.who == who and one.what.startswith(('started', 'ended'))]
-        has_ended = any(one['event'] == 'ended' for one in of_run) or 'ended' in ''.join(runs[-1:])
+        told = [one.what for one in self._world.events if one.who == who]  # the event log may have been lost
+        has_ended = 'ended' in [what.split()[0] for what in told if what.startswith(('started', 'ended'))][-1:]
         if was_running and not (is_interrupted and is_same) and not has_ended:
             self._say(8, f'run {crashed.run_id} was shown as active, and after the crash {_told(status)}')
         if crashed.state == ExecutiveStatus.IDLE and crashed.run_id and is_same and is_interrupted:
             self._say(8, f'run {crashed.run_id} was shown as ended, and after the crash as interrupted')
         if was_running and is_interrupted:
             shown = {one.path for one in crashed.active_states}
-            left = {one['path'] for one in of_run if one['event'] == 'left'}
+            left = {what.removeprefix('leaves ').partition(' by ')[0] for what in told if what.startswith('leaves ')}
             known = left.union(one.path for one in status.active_states)
             if lost := shown - known:
                 self._say(8, f'{", ".join(sorted(lost))} was shown as active, and is unknown after the crash')
