@@ -2,10 +2,10 @@
 """A check that the threads of a process answer, as a condition for reporting it alive.
 
 Each part that must keep answering is registered: the executor, the thread of a run, the loop of a simulation. Every
-:data:`PERIOD` the clock's thread pings all of them. When the last one has answered, that is a *beat*. The process
-reports that it is alive only on beats, so not while one of these threads or the clock's own hangs. After a hang, beats
-pause for :data:`SETTLE_SECONDS`, so that the thread can handle its pending work; work that takes longer is not waited
-for.
+:data:`PERIOD` the clock's thread pings all of them. One that waits as it should counts as answering, and is not woken.
+When the last one has answered, that is a *beat*. The process reports that it is alive only on beats, so not while one
+of these threads or the clock's own hangs. After a hang, beats pause for :data:`SETTLE_SECONDS`, so that the thread can
+handle its pending work; work that takes longer is not waited for.
 
 The process reports a hang once, with the stack of the thread, and also its end. It reports a pause of the whole process
 before a thread that calls :meth:`Health.check_pause` continues.

@@ -23,8 +23,8 @@ lacks a part that :class:`NodeExecutor` needs, rclpy's own loop runs.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Coroutine, Iterable, Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from inspect import iscoroutine, iscoroutinefunction
 from threading import Lock, get_ident
@@ -109,10 +109,14 @@ class StockNodeExecutor(SingleThreadedExecutor):
         self.simulated_time = SimulatedTime(lambda error: self.create_task(on_fault, error))
         self.listening_time = HandledTime(SteadyClock(), node.get_clock())
         self.guests = GuestExecutors()
+        self.doorbell = node.create_guard_condition(lambda: None)
         self.add_node(node)
 
     is_lent: Final = False
     """See :attr:`NodeExecutor.is_lent`; never True here."""
+
+    is_resting: Final = False
+    """See :attr:`NodeExecutor.is_resting`; not known here."""
 
     def run_here(self, _fn: Callable[[], object]) -> bool:
         """Return False: this executor does not lend its turn."""
@@ -135,7 +139,8 @@ class StockNodeExecutor(SingleThreadedExecutor):
 
 
 class NodeExecutor(ExtendedExecutor):
-    """An executor that runs the callbacks of its nodes on the thread that calls :meth:`turn`."""
+    """An executor that runs the callbacks of its nodes on the thread that calls :meth:`turn`. Its ``doorbell`` ends the
+    wait."""
 
     def __init__(
         self,
@@ -150,13 +155,14 @@ class NodeExecutor(ExtendedExecutor):
         self._node = node
         self._on_fault = on_fault
         self._on_turn = on_turn
-        self._wake_guard = GuardCondition(None, None, context=node.context)
+        self.doorbell = GuardCondition(None, None, context=node.context)
         self._entities: _Entities | None = None
         self._is_changed = True
         self._soon: deque[Task] = deque()
         self._awaiting: list[Task] = []
         self._thread = self._lent_to = 0
         self._turn = _Turn()
+        self._rests_since = 0.0
         self.listening_time = HandledTime(SteadyClock(), node.get_clock())
         self.guests = GuestExecutors()
         self.add_node(node)
@@ -200,6 +206,11 @@ class NodeExecutor(ExtendedExecutor):
         """True if this thread is in :meth:`run_here`."""
         return self._lent_to == get_ident()
 
+    @property
+    def is_resting(self) -> bool:
+        """True while it waits, and not longer than its waits take. From any thread."""
+        return self._turn.is_free and monotonic() < self._rests_since + _CHECK_SECONDS + _CHECK_TOLERANCE
+
     def add_node(self, node: Node) -> bool:
         """Start calling the callbacks of this node. From any thread."""
         is_new = bool(super().add_node(node))
@@ -227,12 +238,12 @@ class NodeExecutor(ExtendedExecutor):
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """Shut down: nothing is called any more."""
         self._forget_entities()
-        self._wake_guard.destroy()
+        self.doorbell.destroy()
         return bool(super().shutdown(timeout_sec))
 
     def _end_wait(self) -> None:
         with suppress(InvalidHandle):  # it has ended
-            self._wake_guard.trigger()
+            self.doorbell.trigger()
 
     def _call_ready(self, timeout: float | None) -> None:
         if self._is_changed or self._entities is None:
@@ -241,6 +252,7 @@ class NodeExecutor(ExtendedExecutor):
             self._entities = self._entities_of_nodes()
         if self.simulated_time.subscription is not None:
             timeout = LONGEST_WAIT if timeout is None else min(timeout, LONGEST_WAIT)
+        self._rests_since = monotonic()
         try:
             ready = self._entities.ready(timeout, self._turn, bool(self._awaiting))
         except InvalidHandle:  # another thread is destroying an entity
@@ -294,7 +306,7 @@ class NodeExecutor(ExtendedExecutor):
             'client': all_of('clients'),
             'service': all_of('services'),
         }
-        return _Entities(self.context, self._wake_guard, self.takes(), entities, all_of('waitables'))
+        return _Entities(self.context, self.doorbell, self.takes(), entities, all_of('waitables'))
 
     def _forget_entities(self) -> None:
         if self._entities is not None:
@@ -407,16 +419,19 @@ class _Turn:
         self._lock.acquire()
         self._is_wanted = False
 
-    @contextmanager
-    def lent(self) -> Iterator[None]:
-        """Lend the turn during the block, and wait for it at the end."""
+    def __enter__(self) -> None:
+        """Lend the turn during a ``with`` block, and wait for it at the end."""
         self._lock.release()
-        try:
-            yield
-        finally:
-            self._is_wanted = True
-            self._lock.acquire()
-            self._is_wanted = False
+
+    def __exit__(self, *_: object) -> None:
+        self._is_wanted = True
+        self._lock.acquire()
+        self._is_wanted = False
+
+    @property
+    def is_free(self) -> bool:
+        """True if it is lent, and nobody has borrowed it."""
+        return not self._lock.locked()
 
     def borrow(self) -> bool:
         """Borrow the turn until :meth:`give_back`, unless the executor uses it or waits for it. Return whether that
@@ -448,12 +463,12 @@ class _Entities:
     def __init__(
         self,
         context: Any,
-        wake_guard: GuardCondition,
+        doorbell: GuardCondition,
         takes: Mapping[str, Take],
         entities: Mapping[str, Iterable[Any]],
         waitables: Iterable[Any],
     ) -> None:
-        """Hold all entities. ``takes`` and ``entities`` are by kind; ``wake_guard`` only ends the wait."""
+        """Hold all entities. ``takes`` and ``entities`` are by kind; ``doorbell`` only ends the wait."""
         self._held = ExitStack()
         self._held.enter_context(context.handle)
         held_waitables = [waitable for waitable in waitables if self._hold(waitable)]
@@ -462,7 +477,7 @@ class _Entities:
             for kind, those in entities.items()
         }
         self._by_kind = [(kind, those) for kind, those in held.items() if those]
-        self._held.enter_context(wake_guard.handle)
+        self._held.enter_context(doorbell.handle)
         count = NumberOfEntities(
             len(held['subscription']),
             len(held['guard_condition']) + 1,
@@ -488,7 +503,7 @@ class _Entities:
         }
         for kind, add in adds.items():
             always.adds.extend((add, entity.handle, entity) for _, entity in held[kind].values())
-        self._wake_guard = wake_guard.handle
+        self._doorbell = doorbell.handle
         group_of: dict[Any, _Group] = {}  # by event of a subscription
         for _, subscription in held['subscription'].values():
             group, is_awaited = always, self._awaited(subscription)
@@ -521,8 +536,8 @@ class _Entities:
             for add, argument, entity in group.adds:
                 if not some_await or entity.callback_group.can_execute(entity):
                     add(argument)
-        wait_set.add_guard_condition(self._wake_guard)
-        with turn.lent():
+        wait_set.add_guard_condition(self._doorbell)
+        with turn:  # which others may borrow meanwhile
             wait_set.wait(-1 if timeout is None else int(timeout * 1e9))
         ready = [entry for group in groups for entry in group.waitables if entry[1].is_ready(wait_set)]
         for kind, entities in self._by_kind:

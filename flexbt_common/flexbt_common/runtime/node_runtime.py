@@ -66,12 +66,12 @@ from flexbt_common.middleware.fastdds import end_callbacks, release_large_messag
 from flexbt_common.middleware.qos_misfits import QosMisfits
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.names import service_qos
-from flexbt_core.clock.clock import SteadyClock, Timer
+from flexbt_core.clock.clock import SteadyClock, Timer, TimerQueue
 from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.clock.waiting import CoalescedTimers
 from flexbt_core.values.text import escape_lines
 
-from .health import Hang, Health
+from .health import LATE_SECONDS, Hang, Health
 from .node_executor import Later, NodeExecutor, StockNodeExecutor, make_executor
 from .node_log import NodeLogger, StandardStreams, watchdog_descriptor
 from .parameters import (
@@ -269,20 +269,6 @@ class LargeQueueNode(Node):
         service.send_response = AnswerResender(service, later).send
 
 
-class _PostedTimer:
-    def __init__(self, runtime: Runtime, when: float, fn: Callable[[], object]) -> None:
-        self._fn: Callable[[], object] | None = fn
-        self._timer = runtime.steady.call_at(when, lambda: runtime.post(self._run))
-
-    def _run(self) -> None:
-        if self._fn is not None:
-            self._fn()
-
-    def cancel(self) -> None:
-        self._fn = None
-        self._timer.cancel()
-
-
 class Runtime(ABC):
     """The interface of a runtime for the components of a node. It belongs to the whole node (:class:`NodeRuntime`), or
     to a part of the node that may end earlier (:class:`flexbt_common.lifecycle.managed_node.NodeScope`)."""
@@ -432,6 +418,7 @@ class NodeRuntime(Runtime):
         self._is_closing = False
         self._made: dict[Hashable, Any] = {}
         self._posted: deque[Callable[[], object]] = deque()
+        self._timers = TimerQueue()
         self._coalesced = CoalescedTimers()
         self._calls: set[Future[Any]] = set()
         self._lock = threading.RLock()  # reentrant: destructors may post while it is held
@@ -466,11 +453,12 @@ class NodeRuntime(Runtime):
         self._executor = make_executor(self.node, self._on_escaped, self.health.check_pause, self.post_in)
         self.simulated_time = self._executor.simulated_time
         self.listening_time = self._executor.listening_time
-        self._doorbell = self.node.create_guard_condition(lambda: None)
+        self._doorbell = self._executor.doorbell
         self._faults: deque[float] = deque(maxlen=_FAULTS_IN_A_ROW)
         self.clock = RosClock(self)
+        self._pinged_at = 0.0
         self._thread = threading.Thread(target=self._spin, name=f'{name}_executor', daemon=True)
-        self.health.register('the executor', self.post, self._thread)
+        self.health.register('the executor', self._ping, self._thread)
         self._thread.start()
 
     @classmethod
@@ -501,7 +489,11 @@ class NodeRuntime(Runtime):
                 self._post_locked(fn)
 
     def post_at(self, when: float, fn: Callable[[], object]) -> Timer:
-        return _PostedTimer(self, when, fn)
+        with self._lock:
+            timer = self._timers.add(when, fn)
+            if self._timers.is_first(timer) and not self.closed and not self.on_executor_thread:
+                self._doorbell.trigger()
+        return timer
 
     def call_near(self, when: float, tolerance: float, fn: Callable[[], object]) -> None:
         self._coalesced.add(when, tolerance, fn)
@@ -669,7 +661,9 @@ class NodeRuntime(Runtime):
         # rmw_fastrtps resets the guard conditions a moment after it has checked them. So check for posted functions
         # after every wait.
         while not self._closed.is_set():
-            latest = self._coalesced.latest
+            with self._lock:
+                earliest = self._timers.earliest()
+            latest = self._coalesced.latest if earliest is None else min(earliest, self._coalesced.latest)
             sleep = None if latest == math.inf else max(0.0, latest - self.steady.now())
             try:
                 self._executor.turn(0.0 if self._posted else sleep)
@@ -681,6 +675,7 @@ class NodeRuntime(Runtime):
                 self._on_escaped(error)
             self.listening_time.all_handled()
             self._run_posted()
+            self._run_due()
             for fn in self._coalesced.take_due(self.steady.now()):
                 self._run(fn, 'a coalesced timer')
 
@@ -692,11 +687,29 @@ class NodeRuntime(Runtime):
             with self._lock:
                 self._posted.popleft()
 
+    def _run_due(self) -> None:
+        # A timer that is set meanwhile for a time that has passed waits for the next turn, as what is posted.
+        now = self.steady.now()
+        for _ in range(len(self._timers)):
+            with self._lock:
+                due = self._timers.take(now)
+            if due is None:
+                return
+            self._run(due[1], 'a timer')
+
     def _run(self, fn: Callable[[], object], how: str) -> None:
         try:
             fn()
         except Exception as error:
             self.report_fault(error, f'{how} {getattr(fn, "__qualname__", fn)}')
+
+    def _ping(self, answer: Callable[[], None]) -> None:
+        # An executor that rests is not woken, except after a stop of the process: what has come meanwhile goes first.
+        before, self._pinged_at = self._pinged_at, self.steady.now()
+        if self._executor.is_resting and not self._posted and self._pinged_at < before + LATE_SECONDS:
+            answer()
+        else:
+            self.post(answer)
 
     def _log_hang(self, hang: Hang) -> None:
         note = '' if hang.is_over else '; meanwhile the node is late for others, and what it drives is held'

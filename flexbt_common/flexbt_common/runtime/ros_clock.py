@@ -195,8 +195,7 @@ class RosClock:
 
 LONGEST_WAIT: Final = 0.2
 """Longest wait of the executor under simulated time, s of wall time. It bounds the age of the time that rclpy's own
-clock shows when it is read without a :class:`RosClock`. It is longer than the ping period of an idle node (health.py),
-which wakes it anyway."""
+clock shows when it is read without a :class:`RosClock`."""
 
 _NANOSECONDS_OF_SECOND: Final = 1_000_000_000
 

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from flexbt_common.lifecycle.managed_node import ExtendedLifecycleNode
 from flexbt_common.middleware import rclpy_private
 from flexbt_common.middleware.fastdds import FAST_DDS
 from flexbt_common.middleware.implementation import implementation
+from flexbt_common.runtime.node_executor import NodeExecutor
 from flexbt_common.runtime.node_runtime import LargeQueueNode, NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer, unknown_parameters
 from flexbt_testing.system.python_processes import PythonProcess, python_process
@@ -110,6 +112,22 @@ def test_what_is_posted_for_later_is_not_run_when_it_is_cancelled_though_it_is_d
         assert run == ['kept']
 
 
+def test_an_executor_that_waits_as_usual_is_not_woken_to_show_that_it_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[str] = []
+    with NodeRuntime.open('resting') as runtime:
+        post = runtime.post
+
+        def note(fn: Callable[[], object]) -> None:
+            seen.append('post')
+            post(fn)
+
+        monkeypatch.setattr(runtime, 'post', note)
+        runtime.health.on_beat(lambda: seen.append('beat'))
+        wait_until(lambda: ('beat', 'beat') in pairwise(seen), 'an answer without a call')
+        monkeypatch.setattr(NodeExecutor, 'is_resting', False)  # its wait takes too long
+        wait_until(lambda: seen[-2:] == ['post', 'beat'], 'an answer to a call')
+
+
 def test_posted_work_runs_in_order_on_the_executor_thread() -> None:
     with NodeRuntime.open('order') as runtime:
         seen: list[int] = []
@@ -163,13 +181,14 @@ def test_what_may_run_on_the_thread_that_asks_comes_after_what_that_thread_has_p
 def test_nothing_that_is_posted_gets_lost_with_the_ring_of_the_bell(monkeypatch: pytest.MonkeyPatch) -> None:
     runtime = NodeRuntime('deaf', args=[])
     trigger = runtime._doorbell.trigger
+    other = runtime.call(lambda: runtime.node.create_guard_condition(lambda: None))
 
     def lose() -> None:
         # As rmw_fastrtps does now and then: the wait ends, for another reason, and the trigger is gone.
         if runtime.on_executor_thread:
             trigger()
         else:
-            runtime._executor.wake()
+            other.trigger()
 
     monkeypatch.setattr(runtime._doorbell, 'trigger', lose)
     for number in range(200):

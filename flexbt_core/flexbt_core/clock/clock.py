@@ -193,10 +193,10 @@ class QueuedTimer:
 
     __slots__ = ('callback', 'sequence', 'when')
 
-    def __init__(self, when: float, sequence: int, callback: Callable[[], None]) -> None:
+    def __init__(self, when: float, sequence: int, callback: Callable[[], object]) -> None:
         self.when = when
         self.sequence = sequence
-        self.callback: Callable[[], None] | None = callback
+        self.callback: Callable[[], object] | None = callback
 
     def __lt__(self, other: QueuedTimer) -> bool:
         return (self.when, self.sequence) < (other.when, other.sequence)
@@ -222,7 +222,7 @@ class TimerQueue:
         """Return the number of kept timers, including cancelled ones."""
         return len(self._heap)
 
-    def add(self, when: float, callback: Callable[[], None]) -> QueuedTimer:
+    def add(self, when: float, callback: Callable[[], object]) -> QueuedTimer:
         """Add a timer that calls ``callback`` at ``when``.
 
         Raises:
@@ -248,7 +248,7 @@ class TimerQueue:
             heapq.heappop(self._heap)
         return self._heap[0].when if self._heap else None
 
-    def take(self, now: float) -> tuple[float, Callable[[], None]] | None:
+    def take(self, now: float) -> tuple[float, Callable[[], object]] | None:
         """Remove the first timer that is due at ``now``, and return its time and callback; None if none is due."""
         while self._heap and self._heap[0].when <= now:
             timer = heapq.heappop(self._heap)

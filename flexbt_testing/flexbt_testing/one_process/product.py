@@ -161,7 +161,7 @@ class ReadyEntities:
         until = None if timeout is None else SCHEDULER.after(timeout)
         self._is_notified = False
         found = self._look(some_await)
-        with turn.lent():
+        with turn:
             while not found and (until is None or SCHEDULER.now < until):
                 # Another task may have run since the entities were looked at: locks are points of preemption.
                 if not self._is_notified:
