@@ -189,8 +189,10 @@ def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_doe
         return math.dist((place.x, place.y), (DOCK[0] + 1.0, DOCK[1])) < 0.03
 
     wait_until(shows_where_the_robot_was_put)
+    world.set_speed_factor(1.0)  # the moon is waited for, in wall time
     for broken in ([*other, edge(2, 7, 9)], [node(7, 0.0, 0.0, frame='moon'), edge(1, 7, 7)]):
         assert not set_graph(world, write(graph_file.parent / 'broken', broken))
+    world.set_speed_factor(FAST['speed_factor'])
     assert not set_graph(world, graph_file.parent / 'missing')
     assert by_ids(world, 7, 8).wait().status is GoalStatus.SUCCEEDED
 
