@@ -42,7 +42,9 @@ from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
 from .scheduler import SCHEDULER
 
-_POSE_SECONDS: Final = 0.2
+_POSE_SECONDS: Final = 0.5
+"""Time from one pose, and one feedback of a drive, to the next, s; the end of a drive tells its pose at once."""
+
 _PLAN_SECONDS: Final = 0.05
 _TASK_SECONDS: Final = 1.0
 """Time that a plan, and a task that is no drive, takes, s."""
@@ -83,7 +85,7 @@ class AbstractRobot:
             node.create_service(ClearEntireCostmap, name, lambda _request, response: response)
         node.create_service(SetFault, f'{names.SIMULATOR}/set_fault', self._set_fault)
         self._amcl = LifecycleSubnode(runtime, names.AMCL)  # programs wait until it is active
-        self._tell_pose()
+        self._tell_again()
         LivelinessWatch(runtime, names.BT_SERVER, self._owner_changed)
         LivelinessToken(runtime).set_ready(True)
 
@@ -134,6 +136,7 @@ class AbstractRobot:
     def _halt(self, goal: ServedGoal) -> None:
         if self._drive is not None and goal is self._drive[0]:
             self._pose, self._drive = self._now(), None
+            self._tell_pose()
 
     def _now(self) -> Pose:
         """Return the pose at this moment."""
@@ -149,6 +152,10 @@ class AbstractRobot:
                 return Pose(a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), yaw)
         return points[-1]
 
+    def _tell_again(self) -> None:
+        self._tell_pose()
+        self._runtime.post_in(_POSE_SECONDS, self._tell_again)
+
     def _tell_pose(self) -> None:
         message = _message(self._now())
         message.header.stamp = self._runtime.node.get_clock().now().to_msg()
@@ -163,7 +170,6 @@ class AbstractRobot:
             goal, points, began = self._drive
             left = max(0.0, _length(points) - self._speed * (self._runtime.steady.now() - began))
             goal.publish_feedback(FollowPath.Feedback(distance_to_goal=left, speed=self._speed))
-        self._runtime.post_in(_POSE_SECONDS, self._tell_pose)
 
     def _set_fault(self, request: Any, response: Any) -> Any:
         """Let a server abort its goals, as ``server_fails`` of the simulator does; it has no other fault."""

@@ -13,13 +13,14 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, Final
 
 from . import disk, event_loop, rclpy_module, standard_library
 from .clocks import GuardCondition, Timer, WaitSet
 from .graph import DOMAIN, Entity
 from .scheduler import SCHEDULER, SECOND, Process, Task
-from .topics import Sample
+from .topics import Sample, Subscription
 
 HOST: Final = 'one_process'
 LEASE: Final = 20 * SECOND
@@ -125,7 +126,8 @@ class ReadyEntities:
                 is_awaited = None
                 if kind == 'subscription':
                     is_awaited = getattr(one.callback, 'is_awaited', None)
-                    is_awaited = self._is_time_awaited if is_clock_subscription(one) else is_awaited
+                    if is_clock_subscription(one):
+                        is_awaited = partial(self._is_time_awaited, one.handle)
                 self._add(one.handle, _Record((_RANKS[kind], len(self._records)), takes[kind], one, is_awaited))
         for waitable in waitables:
             wait_set = WaitSet()
@@ -145,8 +147,10 @@ class ReadyEntities:
         if isinstance(entity, Timer):
             self._timers.append(entity)
 
-    def _is_time_awaited(self) -> bool:
-        return any(not timer.is_canceled for timer in self._ros_timers)
+    def _is_time_awaited(self, clock: Subscription) -> bool:
+        """Return whether a timer is due by the newest message, or the time goes back: others need not be taken yet."""
+        now = clock.newest_time
+        return any(not one.is_canceled and not one.clock.nanoseconds() <= now < one.next for one in self._ros_timers)
 
     def notify(self, entity: Entity) -> None:
         """Note that an entity may be ready, and wake the executor if it waits for it."""

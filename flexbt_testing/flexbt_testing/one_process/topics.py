@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from .copying import copied
 from .graph import DOMAIN, REAL, Entity, Node, RCLError, check_support, type_name
-from .scheduler import SCHEDULER, Alarm
+from .scheduler import SCHEDULER, SECOND, Alarm
 
 INFINITE: Final = 1_000_000_000_000_000_000
 """Durations from here on count as infinite, ns."""
@@ -283,6 +283,12 @@ class Subscription(Endpoint):
 
     def is_ready(self) -> bool:
         return bool(self._queue)
+
+    @property
+    def newest_time(self) -> int:
+        """Time in the newest message of /clock that waits, ns."""
+        time = self._queue[-1][0].shared_message().clock
+        return int(time.sec * SECOND + time.nanosec)
 
     def take_sample(self) -> tuple[Sample, int] | None:
         """Return the oldest sample that is not dead, and when it arrived (wall time, ns); None if there is none."""

@@ -171,10 +171,10 @@ def test_the_command_line_changes_a_test(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stdout + ran.stderr
     assert re.search(
         r'test_kitchen\[0\]: first difference at 10\.00 s, executive\n'
-        r'  as it was: leaves /Drive by done \(outcome\) at 35\.10 s\n'
+        r'  as it was: leaves /Drive by done \(outcome\) at 35\.40 s\n'
         r'  changed:   RESUME refused at 10\.00 s\n'
         r'the ends\n'
-        r'  as it was: at 35\.12 s in /AskGoal; the robot at \(9\.98, 2\.31\), 9\.42 m driven\n'
+        r'  as it was: at 35\.42 s in /AskGoal; the robot at \(10\.00, 2\.30\), 9\.54 m driven\n'
         r'  changed:   at 10\.\d\d s in /Drive; the robot at .*\n'
         r'  changed:   at 10\.\d\d s AssertionError: RESUME: refused, the run is not paused',
         ran.stdout,
