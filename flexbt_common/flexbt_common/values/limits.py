@@ -155,12 +155,21 @@ def sanitize_message(message: Any) -> None:
     """Shorten and clean every text of a message in place, so that it can be sent: receivers drop a whole message if one
     of its texts is too long.
     """
-    package = type(message).__module__.partition('.')[0]
-    for name, slot in zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True):
+    message_type: Any = type(message)
+    for name, slot, key in _sized_fields(message_type):
         before = getattr(message, name)
-        made = _made_sendable(before, slot, f'{package}/{type(message).__name__}.{name}')
+        made = _made_sendable(before, slot, key)
         if made is not before:
             setattr(message, name, made)
+
+
+@functools.cache
+def _sized_fields(message_type: Any) -> tuple[tuple[str, Any, str], ...]:
+    """Return name, type and key in LIMITS of each field whose size is not fixed."""
+    package = message_type.__module__.partition('.')[0]
+    fields = zip(message_type.get_fields_and_field_types(), message_type.SLOT_TYPES, strict=True)
+    keyed = [(name, slot, f'{package}/{message_type.__name__}.{name}') for name, slot in fields]
+    return tuple(one for one in keyed if _check_of_slot(one[1], one[2], True) is not None)
 
 
 def _made_sendable(value: Any, slot: Any, key: str) -> Any:
@@ -194,12 +203,10 @@ def _length(message: Any, is_bounded: bool) -> int:
 @functools.cache
 def _check_of(message_type: Any, is_bounded: bool) -> _Check | None:
     """Return the check of a message type, or None if its size is fixed."""
-    package = message_type.__module__.partition('.')[0]
-    parts: list[tuple[str, _Check]] = []
-    for name, slot in zip(message_type.get_fields_and_field_types(), message_type.SLOT_TYPES, strict=True):
-        check = _check_of_slot(slot, f'{package}/{message_type.__name__}.{name}', is_bounded)
-        if check is not None:
-            parts.append((name, check))
+    fields = _sized_fields(message_type)
+    parts = [
+        (name, check) for name, slot, key in fields if (check := _check_of_slot(slot, key, is_bounded)) is not None
+    ]
     if not parts:
         return None
 

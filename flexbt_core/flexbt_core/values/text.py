@@ -186,6 +186,8 @@ def sanitize_for_message(text: str, limit: int | None = None) -> str:
     if limit is not None and len(text) > limit:
         half = limit // 2
         text = f'{text[:half]} ... ({len(text) - 2 * half} characters left out) ... {text[-half:]}'
+    if text.isascii() and '\0' not in text:
+        return text
     return _UNSENDABLE.sub('\ufffd', text).encode('utf-8', 'surrogateescape').decode('utf-8', 'replace')
 
 
