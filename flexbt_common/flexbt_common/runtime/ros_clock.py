@@ -228,8 +228,11 @@ class SimulatedTime:
             return
         try:
             if not self._stands_still:  # else it is this thread's own doing: a callback of a jump asks for the time
-                with self.standing_still():
+                self._stands_still = True
+                try:
                     self._take(subscription)
+                finally:
+                    self._stands_still = False
         except InvalidHandle:
             self.subscription = None  # time is not simulated any more
         except Exception as error:
