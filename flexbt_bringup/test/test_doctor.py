@@ -133,6 +133,7 @@ def test_topics_and_frames_are_those_of_the_executive(other: NodeRuntime) -> Non
     assert all(kept)
 
 
+@pytest.mark.dds('another process takes part')
 def test_a_robot_in_a_namespace(other: NodeRuntime) -> None:
     other.call(lambda: publish_transform(other))  # of another robot, at the root
     with NodeRuntime.open('localization', namespace='/robot1') as robot:

@@ -34,6 +34,7 @@ def run(directory: Path, command: list[str], script: str = '') -> subprocess.Com
     return subprocess.run(words, cwd=directory, capture_output=True, text=True, check=False, timeout=300, env=home)
 
 
+@pytest.mark.dds('the tests of the package are a process, as a user starts it')
 def test_its_tests_pass_without_executables_on_the_path(workspace: Path) -> None:
     python = ['env', 'PATH=/usr/bin:/bin', sys.executable]  # as with ROS, where they are run by `ros2 run`
     tests = run(workspace, [*python, '-m', 'pytest', '-q', f'src/{NAME}/test'], 'install/local_setup.sh')

@@ -86,6 +86,7 @@ IS_SIMULATED = HAS_ONE_PROCESS and not os.environ.get('DDS')
 IN_ONE_PROCESS = (
     dict.fromkeys(
         (
+            'flexbt_bringup',
             'flexbt_common',
             'flexbt_flexbe',
             'flexbt_navigation',
