@@ -160,11 +160,8 @@ class ExtendedExecutor(Executor):
         if take_all is None:
             taken: Callable[[], Coroutine[Any, Any, None]] | None = super()._take_subscription(subscription)
             return taken
-
-        async def execute() -> None:
-            take_all(subscription)
-
-        return execute
+        take_all(subscription)
+        return None  # nothing is left to call
 
 
 def wait_set(count: NumberOfEntities, context: Any) -> Any:
