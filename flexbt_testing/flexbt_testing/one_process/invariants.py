@@ -8,6 +8,7 @@ executives. No fault of the world reaches it.
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ from .services import Client, _ServiceEnd
 from .topics import Sample, Subscription
 from .world import Mission, World
 
-STOP_SECONDS: Final = 0.8
+STOP_SECONDS: Final = 1.0
 """Time from the arrival of a STOP at the robot until it is at rest, s."""
 
 OWNER_SECONDS: Final = 2.0
@@ -217,7 +218,8 @@ class Observer:
 
     def disk_fails(self, seconds: float) -> None:
         """Note that the disk is full, slow, or does not answer, for a time, s."""
-        self.faulted_at = self.failed_disk_at = max(self.failed_disk_at, SCHEDULER.after(seconds))
+        self.failed_disk_at = max(self.failed_disk_at, SCHEDULER.after(seconds))
+        self.faulted_at = max(self.faulted_at, self.failed_disk_at)
         self.has_whole_log = False
 
     def _affected(self, name: str) -> list[_Robot]:
@@ -229,7 +231,7 @@ class Observer:
 
     def killed(self, name: str) -> None:
         """Note that a process is killed or told to end."""
-        self.faulted_at = SCHEDULER.now
+        self.faulted_at = max(self.faulted_at, SCHEDULER.now)
         self.leaving.add(self._world.processes[name])
         self.died[self._world.processes[name]] = SCHEDULER.now
         for robot in self._affected(name):
@@ -237,7 +239,7 @@ class Observer:
 
     def hangs(self, name: str, seconds: float) -> None:
         """Note that a process is stopped for a time, s."""
-        self.faulted_at = SCHEDULER.after(seconds)
+        self.faulted_at = max(self.faulted_at, SCHEDULER.after(seconds))
         if name.endswith(_BODIES):
             self.frozen_until = SCHEDULER.after(seconds)
         for robot in self._affected(name):
@@ -279,6 +281,8 @@ class Observer:
                 if name.endswith('/send_goal') and message.accepted:
                     action, client = name.removesuffix('/_action/send_goal'), request_id.client.process
                     self._goals[goal] = _Goal(action, end.process, client)
+                    if self.has_program and not client.name.endswith(_MOVERS):
+                        self._robot(end.process).goes_on()
                 elif name.endswith('/get_result') and message.status in _ENDED:
                     self._goal_has(goal, message.status)
 
@@ -350,11 +354,14 @@ class _Robot:
         self._statuses: list[tuple[int, ExecutiveStatus]] = []
         self._by_sequence: dict[tuple[str, int], tuple[int, ExecutiveStatus]] = {}
         self._results: dict[str, int] = {}
+        self._shown_at: dict[str, float] = {}  # when each result was shown first, s
         self._arrived: dict[str, tuple[Process, float]] = {}  # commands: who has received them first, and when, s
         self._alone_until = 0  # the run stops by itself until then
         self._stop_at: int | None = None  # the robot has to be at rest from then on
         self._rest_by: list[tuple[int, int, str]] = []  # at rest once between two times, and after what
         self._crashed_with: ExecutiveStatus | None = None
+        self._journal: list[str] = []
+        """Lines of the journal at the latest crash: it may have the end of a run that was not told yet."""
         self._shown: dict[Mirror, list[str]] = {}  # the executives that a mirror has shown
         self._crashes = 0
         self._awake_at = 0  # the executive hangs until then
@@ -367,6 +374,7 @@ class _Robot:
         self._nodes = {
             node: name if name in world.processes else body_of(world.processes, name) for node, name in own.items()
         }
+        self._movers = _MOVERS[: 2 if observer.has_program else 3]  # a program drives without the executive
         self._is_abstract = self._nodes['simulator'].endswith('abstract_robot')
         self._since = dict.fromkeys(_NODES[: 2 if self._is_abstract else 3], (True, SCHEDULER.now))
 
@@ -382,10 +390,12 @@ class _Robot:
     # -- what the faults announce
 
     def killed(self, name: str) -> None:
-        if name.rpartition('/')[2] in _MOVERS:
+        if name.rpartition('/')[2] in self._movers:
             self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), f'{name} was killed'))
         if name == self._executive:
             self._crashes += 1
+            file = self._observer.directory / f'{name.replace("/", ".")}.journal'
+            self._journal = file.read_text(errors='replace').splitlines() if file.exists() else []
             if self._statuses:
                 self._crashed_with = self._statuses[-1][1]
         if name == self._nodes['simulator']:  # the next one begins elsewhere
@@ -393,7 +403,7 @@ class _Robot:
 
     def hangs(self, name: str, seconds: float) -> None:
         node = name.rpartition('/')[2]
-        if node in _MOVERS and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
+        if node in self._movers and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
             self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS), f'{name} hangs'))
         self._hung |= {one: SCHEDULER.now for one, process in self._nodes.items() if process == name}
         if name == self._executive:
@@ -422,6 +432,7 @@ class _Robot:
                 self._say(11, f'run {status.run_id} is shown as running, without a state')
         for result in status.results:
             known = self._results.setdefault(result.command_id, result.code)
+            self._shown_at.setdefault(result.command_id, SCHEDULER.now / SECOND)
             if known != result.code:
                 self._say(7, f'command {result.command_id[:8]} had the result {known}, and has {result.code} now')
         alive = {peer.name.rpartition('/')[2]: peer.alive for peer in status.peers}
@@ -460,15 +471,17 @@ class _Robot:
         """Compare what was shown last with what the next executive shows first."""
         was_running = crashed.state in (ExecutiveStatus.RUNNING, ExecutiveStatus.PAUSED)
         is_interrupted, is_same = status.state == ExecutiveStatus.INTERRUPTED, status.run_id == crashed.run_id
-        starts = [one for one in self.events() if one['event'] == 'started' and one['run'] == crashed.run_id]
+        of_run = [one for one in self.events() if one.get('run') == crashed.run_id]
         is_unknown = self._observer.has_program and not self._observer.has_whole_log
-        if is_unknown or any(one['by'] not in _OPERATORS for one in starts):
+        if is_unknown or any(one['event'] == 'started' and one['by'] not in _OPERATORS for one in of_run):
             return  # a run that a program has started does not resume
         if SCHEDULER.now - self._observer.failed_disk_at < LIVE_SECONDS * SECOND:
             return  # operators were told that a crash would lose the run
         who = f'{self.namespace}: executive' if self.namespace else 'executive'
         told = [one.what for one in self._world.events if one.who == who]  # the event log may have been lost
-        has_ended = 'ended' in [what.split()[0] for what in told if what.startswith(('started', 'ended'))][-1:]
+        has_ended = any(one['event'] == 'ended' for one in of_run) or any(
+            '"end"' in line and crashed.run_id in line for line in self._journal
+        )
         if was_running and not (is_interrupted and is_same) and not has_ended:
             self._say(8, f'run {crashed.run_id} was shown as active, and after the crash {_told(status)}')
         if crashed.state == ExecutiveStatus.IDLE and crashed.run_id and is_same and is_interrupted:
@@ -499,6 +512,10 @@ class _Robot:
         """Check that nobody has to stop the robot after a STOP of a run that no fault disturbs."""
         if SCHEDULER.now < self._alone_until and self._observer.is_calm:
             self._say(2, f'{process} has to hold the robot: the run has not stopped by itself', 'held')
+
+    def goes_on(self) -> None:
+        """Note that a program sends its next goal: it has seen the STOP."""
+        self._rest_by = [one for one in self._rest_by if 'STOP' not in one[2]]
 
     # -- regular checks
 
@@ -634,6 +651,8 @@ class _Robot:
                 case 'executive' if one['state'] == 'started':
                     active.clear()
                     holder = ''
+                    for lost in [one_id for one_id in decided if self._shown_at.get(one_id, math.inf) > one['steady']]:
+                        del decided[lost]  # the journal may not have had it when the executive was killed
                 case 'started' | 'resumed':
                     runs += one['event'] == 'started' and one['by'] in _OPERATORS
                     if active:

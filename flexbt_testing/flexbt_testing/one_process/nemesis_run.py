@@ -153,7 +153,9 @@ class Plan:
             seconds=seconds,
             settle=draw.choice((1.5, 1.5, 1.5, 7.0)),
             steps=tuple(sorted([*faults, *acts], key=lambda one: one.time)),
-            answers=tuple((round(draw.uniform(0.0, 3.0), 3), round(draw.random(), 3)) for _ in range(8)),
+            answers=tuple(
+                (round(draw.uniform(0.0, draw.choice((0.3, 3.0))), 3), round(draw.random(), 3)) for _ in range(8)
+            ),
         )
 
     def text(self) -> str:
