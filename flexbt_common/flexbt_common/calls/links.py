@@ -95,6 +95,15 @@ class Servers:
         return bool(self.ends) and all(self.is_gone(end) for end in self.ends)
 
     @property
+    def are_alive(self) -> bool:
+        """True if servers exist, and all show that they are alive."""
+        watches = [(self._nodes.watch(end.node), end.writer) for end in self.ends]
+        return bool(watches) and all(
+            watch is not None and watch.alive and not watch.late and not watch.is_gone(writer)
+            for watch, writer in watches
+        )
+
+    @property
     def are_late(self) -> bool:
         """True if the node of a server is late: the server may only hang."""
         return any(watch.late for watch in self._watches())
@@ -141,6 +150,7 @@ class ServerLink:
         self._nodes = nodes
         self._answer_topic = answer_topic
         self._seen: dict[bytes, float] = {}  # visible writers, and when they appeared
+        self._ready = Servers(nodes, frozenset())  # at the last look at the graph, if available
 
     def __str__(self) -> str:
         return f'{self.kind} {self.name!r} ({message_type_name(self.server_type)})'
@@ -157,7 +167,10 @@ class ServerLink:
         """
         if not self.is_shown():
             self._seen.clear()
+            self._ready = Servers(self._nodes, frozenset())
             return False
+        if self._ready.are_alive:
+            return True  # a look at all endpoints of the graph takes longer
         ends = self._ends()
         if not ends:
             return True  # a middleware with other endpoint names
@@ -166,7 +179,9 @@ class ServerLink:
         servers = Servers(self._nodes, ends)
         gone = {end for end in ends if self._is_out(servers, end)}
         settling = SETTLE_SECONDS if gone else 0.0
-        return any(now - self._seen[end.writer] >= (settling if end.node else NAME_SECONDS) for end in ends - gone)
+        is_ready = any(now - self._seen[end.writer] >= (settling if end.node else NAME_SECONDS) for end in ends - gone)
+        self._ready = Servers(self._nodes, ends if is_ready else frozenset())
+        return is_ready
 
     def is_gone(self) -> bool:
         """Return whether the servers of this name are all known to be gone."""
