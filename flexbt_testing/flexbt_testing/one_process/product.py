@@ -81,7 +81,10 @@ class _Taker:
     def take(self, subscription: Any, limit: int) -> _Taken | None:
         with subscription.handle as handle:
             taken = handle.take_sample()
-        return None if taken is None else _Taken(*taken, limit)
+        if taken is None:
+            return None
+        sample, arrived = taken
+        return _Taken(sample, arrived, limit)
 
 
 class _Record:
