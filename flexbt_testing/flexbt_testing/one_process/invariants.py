@@ -357,6 +357,7 @@ class _Robot:
         self._shown_at: dict[str, float] = {}  # when each result was shown first, s
         self._arrived: dict[str, tuple[Process, float]] = {}  # commands: who has received them first, and when, s
         self._alone_until = 0  # the run stops by itself until then
+        self._last_stop = '', 0  # the STOP that the executive has received last, and when
         self._stop_at: int | None = None  # the robot has to be at rest from then on
         self._rest_by: list[tuple[int, int, str]] = []  # at rest once between two times, and after what
         self._crashed_with: ExecutiveStatus | None = None
@@ -500,12 +501,16 @@ class _Robot:
             return
         if process.name == self._executive or command.kind == ExecutiveCommand.STOP:
             self._arrived.setdefault(command.id, (process, SCHEDULER.now / SECOND))
-        if command.kind == ExecutiveCommand.STOP and process.name == self._executive:
+        if command.kind != ExecutiveCommand.STOP or command.id in self._results:
+            return
+        last, when = self._last_stop
+        if process.name == self._executive and command.id != last:
             is_running = self._statuses and self._statuses[-1][1].state == ExecutiveStatus.RUNNING
-            self._alone_until = self._due(1.0) if is_running and SCHEDULER.now > self._alone_until + 4 * SECOND else 0
-        if command.kind == ExecutiveCommand.STOP and self._observer.has_program:  # which may send its next goal
+            self._alone_until = self._due(1.0) if is_running and SCHEDULER.now - when > 5 * SECOND else 0
+            self._last_stop = command.id, SCHEDULER.now
+        if self._observer.has_program:  # which may send its next goal
             self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), 'a STOP has arrived'))
-        elif command.kind == ExecutiveCommand.STOP and self._stop_at is None and command.id not in self._results:
+        elif self._stop_at is None:
             self._stop_at = self._due(STOP_SECONDS)
 
     def is_held(self, process: Process) -> None:

@@ -81,7 +81,7 @@ _FAILING: Final = ('follow_path', 'compute_path_to_pose')
 class Step:
     """Something that happens at a time (s, from when the robot is ready): a fault, or what an operator does.
 
-    With a ``moment``, such as ``goal 2``, the time begins when that happens: the second goal is sent or canceled, the
+    With a ``moment``, such as ``goal 4``, the time begins when that happens: the fourth goal is sent or canceled, the
     executive receives a command, or another fault begins.
 
     ``target`` is a process, an action, the link of the operator, the computer of the robots, or an operator.
@@ -135,7 +135,10 @@ class Plan:
             time, moment = draw.uniform(0.0, seconds), ''
             if draw.random() < 0.5:
                 time = draw.choice((0.0, 0.0001, 0.05, 0.5)) * draw.expovariate(1.0)
-                moment = f'{draw.choice(_MOMENTS)} {min(draw.randint(1, 6), draw.randint(1, 6))}'
+                moment = draw.choice(_MOMENTS)
+                moment += (
+                    f' {draw.randint(3, 9) if moment == "goal" else draw.randint(1, 3)}'  # goals 1 and 2 load trees
+                )
             return Step(round(time, 6), act, robot + target, round(amount, 3), moment)
 
         faults = [step(_FAULTS, _PROCESSES) for _ in range(draw.choice((0, 2, 3, 4, 6)))]
