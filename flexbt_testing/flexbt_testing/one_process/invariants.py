@@ -504,7 +504,7 @@ class _Robot:
         if command.kind != ExecutiveCommand.STOP or command.id in self._results:
             return
         last, when = self._last_stop
-        if process.name == self._executive and command.id != last:
+        if process.name == self._executive and command.id != last and not self._observer.has_program:
             is_running = self._statuses and self._statuses[-1][1].state == ExecutiveStatus.RUNNING
             self._alone_until = self._due(1.0) if is_running and SCHEDULER.now - when > 5 * SECOND else 0
             self._last_stop = command.id, SCHEDULER.now
@@ -602,7 +602,10 @@ class _Robot:
             if self._statuses and self._statuses[0][0] < SCHEDULER.now - 3 * SECOND:
                 self._say(6, f'it shows status {shown.sequence}, which the executive has not sent', 'unknown')
             return
-        if (silence := SCHEDULER.now - self._statuses[-1][0]) > (2.0 * MIRROR_SECONDS + slack) * SECOND:
+        silence = SCHEDULER.now - self._statuses[-1][0]
+        if (
+            silence > (2.0 * MIRROR_SECONDS + slack) * SECOND and not SCHEDULER.jumped
+        ):  # else an old message seems young
             self._say(6, f'it is live, and the executive has said nothing for {silence / SECOND:.1f} s', 'silent')
         paths = tuple(one.path for one in status.active_states)
         if (int(shown.state), shown.run_id, tuple(one.path for one in shown.active_states)) != (
