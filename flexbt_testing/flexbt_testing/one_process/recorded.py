@@ -286,11 +286,11 @@ def _feed(recording: Recording, begin: float, world: World) -> None:
     publisher = node.create_publisher(ExecutiveCommand, names.EXECUTIVE_COMMAND, names.command_qos())
     for time, command in recording.commands:
         world.run(max(0.0, begin + time - world.now))
-        until, path = SCHEDULER.after(_DECISION_SECONDS), recording.asking.get(command.decision_id)
-        while path and SCHEDULER.now < until and path not in {one.path for one in world.view.decisions}:
-            world.run(0.02)
-        asked = {one.path: one.id for one in world.view.decisions}
-        command.decision_id = asked.get(path or '', command.decision_id)
+        if command.decision_id:  # which no status has if it was answered at once
+            path, until = recording.asking.get(command.decision_id), SCHEDULER.after(_DECISION_SECONDS)
+            while not (asked := _asked(world, path)) and SCHEDULER.now < until:
+                world.run(0.02)
+            command.decision_id = asked[-1] if asked else command.decision_id
         snapshot = world.view.snapshot
         assert snapshot is not None
         if command.run_id:
@@ -300,6 +300,11 @@ def _feed(recording: Recording, begin: float, world: World) -> None:
         publisher.publish(command)
         recording.lag = 0.0
     world.run(max(0.0, begin + recording.course.end + TOLERANCE - world.now))
+
+
+def _asked(world: World, path: str | None) -> list[str]:
+    """Return the identifiers of the decisions that wait at a path, or anywhere for None."""
+    return [one.id for one in world.view.decisions if path in (None, one.path)]
 
 
 def _once(events: Iterable[Event]) -> Iterator[Event]:

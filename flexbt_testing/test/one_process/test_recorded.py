@@ -8,8 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from flexbt_common import names
+from flexbt_common.values.limits import deserialize
 from flexbt_console.errors import UsageError
-from flexbt_console.recording.run_file import write_recording
+from flexbt_console.recording.run_file import read_run, write_recording
+from flexbt_console.recording.topics import type_of
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.one_process.programs import Program, named_programs
 from flexbt_testing.one_process.recorded import _once, decide_again, main
@@ -62,6 +65,20 @@ def test_the_answers_to_decisions_are_those_of_the_recording(tmp_path: Path) -> 
     assert found.difference is not None and found.difference.after is not None
     assert found.difference.after.what == 'AlwaysFailure FAILURE'
     assert str(found).startswith(f'first difference at {found.difference.time:.2f} s, tree GlobalPlanner\n  recorded: ')
+
+
+def test_an_answer_to_a_decision_that_no_status_shows_waits_for_it(tmp_path: Path) -> None:
+    """The status is not sent for each change, and the drives of the recording may have been a little shorter."""
+    short, messages = tmp_path / 'short.mcap', []
+    for one in read_run(recorded(tmp_path, judge_a_path_and_refuse_the_next)):
+        message = deserialize(one.data, type_of(one.topic))
+        if one.topic == names.EXECUTIVE_STATUS:
+            message.decisions = []
+        is_answer = one.topic == names.EXECUTIVE_COMMAND and message.decision_id
+        messages.append((one.time - (300_000_000 if is_answer else 0), one.topic, message))
+    write_recording(short, sorted(messages, key=lambda one: one[0]))
+    found = decide_again(short)
+    assert found.after.ends == ['finished'], str(found)
 
 
 def test_a_recording_of_no_use_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
