@@ -50,6 +50,9 @@ PEER_SECONDS: Final = 3.0
 HUNG_SECONDS: Final = 7.0
 """Time after which the executive shows that a node that hangs is gone, s."""
 
+SEEN_SECONDS: Final = 0.5
+"""Time within which an abstract robot may have been at rest without telling it, s."""
+
 ORPHAN_SECONDS: Final = 6.0
 """Time after the death of a client until its goals have ended, s."""
 
@@ -366,6 +369,8 @@ class _Robot:
         self._shown: dict[Mirror, list[str]] = {}  # the executives that a mirror has shown
         self._crashes = 0
         self._awake_at = 0  # the executive hangs until then
+        self._trees_held_until = 0  # the BT server hangs until then
+        self._answered_at = -1  # an operator has decided something
         self._hung: dict[str, int] = {}  # when the last hang of each node began
         self._driven_at = 0
         """The last time at which the robot was at rest, an active state could drive it, or that was not known, ns."""
@@ -392,7 +397,10 @@ class _Robot:
 
     def killed(self, name: str) -> None:
         if name.rpartition('/')[2] in self._movers:
-            self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), f'{name} was killed'))
+            due = self._due(OWNER_SECONDS)
+            if name == self._executive:  # a BT server that hangs stops its trees later
+                due = max(due, self._trees_held_until + int(OWNER_SECONDS * SECOND))
+            self._rest_by.append((SCHEDULER.now, due, f'{name} was killed'))
         if name == self._executive:
             self._crashes += 1
             file = self._observer.directory / f'{name.replace("/", ".")}.journal'
@@ -406,6 +414,10 @@ class _Robot:
         node = name.rpartition('/')[2]
         if node in self._movers and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
             self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS), f'{name} hangs'))
+        if node == 'bt_server':
+            self._trees_held_until, more = SCHEDULER.after(seconds), int(seconds * SECOND)
+            dead = f'{self._executive} was killed'
+            self._rest_by = [(begin, end + more * (text == dead), text) for begin, end, text in self._rest_by]
         self._hung |= {one: SCHEDULER.now for one, process in self._nodes.items() if process == name}
         if name == self._executive:
             self._awake_at = SCHEDULER.after(seconds)
@@ -431,6 +443,9 @@ class _Robot:
             is_same = before.state == status.state == ExecutiveStatus.RUNNING and before.run_id == status.run_id
             if is_same and SCHEDULER.now - self._statuses[-2][0] > SHOWN_SECONDS * SECOND:
                 self._say(11, f'run {status.run_id} is shown as running, without a state')
+        ran = before is not None and before.state in (ExecutiveStatus.RUNNING, ExecutiveStatus.PAUSED)
+        if status.state == ExecutiveStatus.RUNNING and not ran:
+            self._stop_at = None  # its START was decided after a STOP that came at the same time
         for result in status.results:
             known = self._results.setdefault(result.command_id, result.code)
             self._shown_at.setdefault(result.command_id, SCHEDULER.now / SECOND)
@@ -444,7 +459,7 @@ class _Robot:
             since = max(since, self._awake_at, began, self._world.processes[self._nodes[name]].began)
             past = SCHEDULER.now - since
             hangs = self._world.processes[self._nodes[name]].held_up is not None and alive.get(name)
-            hung = (SCHEDULER.now - max(self._hung.get(name, 0), self._awake_at)) / SECOND
+            hung = (SCHEDULER.now - max(self._hung.get(name, 0), self._awake_at, began)) / SECOND
             if hangs and hung > HUNG_SECONDS:
                 self._say(13, f'{name} hangs for {hung:.1f} s, and is shown as alive', f'{name} hangs')
             if past > PEER_SECONDS * SECOND and name in alive and alive[name] != is_there:
@@ -480,7 +495,7 @@ class _Robot:
             return  # operators were told that a crash would lose the run
         who = f'{self.namespace}: executive' if self.namespace else 'executive'
         told = [one.what for one in self._world.events if one.who == who]  # the event log may have been lost
-        has_ended = any(one['event'] == 'ended' for one in of_run) or any(
+        has_ended = any(one['event'] in ('stopping', 'ended') for one in of_run) or any(
             '"end"' in line and crashed.run_id in line for line in self._journal
         )
         if was_running and not (is_interrupted and is_same) and not has_ended:
@@ -499,6 +514,8 @@ class _Robot:
             self._stop_at = None  # also if the executive hangs now, and takes it afterwards
         if process.held_up is not None or not process.name.endswith((_EXECUTIVE, 'stop_guard')):
             return
+        if process.name == self._executive and command.decision_id:
+            self._answered_at = SCHEDULER.now
         if process.name == self._executive or command.kind == ExecutiveCommand.STOP:
             self._arrived.setdefault(command.id, (process, SCHEDULER.now / SECOND))
         if command.kind != ExecutiveCommand.STOP or command.id in self._results:
@@ -510,7 +527,7 @@ class _Robot:
             self._last_stop = command.id, SCHEDULER.now
         if self._observer.has_program:  # which may send its next goal
             self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), 'a STOP has arrived'))
-        elif self._stop_at is None:
+        elif self._stop_at is None and (process.name == self._executive or command.id != last):
             self._stop_at = self._due(STOP_SECONDS)
 
     def is_held(self, process: Process) -> None:
@@ -538,9 +555,13 @@ class _Robot:
             self._say(2, f'it moves {(now - self._stop_at) / SECOND:.2f} s after it had to be at rest', 'stop')
         if robot.at_rest:
             self._rest_by = [one for one in self._rest_by if now < one[0]]
-        if any(process.name.endswith('navigation') and process.is_alive for process in self._restarted()):
-            # A tree may have sent its goal again, to the new process.
-            self._rest_by = [one for one in self._rest_by if 'navigation was killed' not in one[2]]
+        # The tree may have sent its goal again to the new process, or the state, so soon that no rest was seen.
+        replaced = {process.name for process in self._restarted() if process.is_alive}
+        for node, soon in (('navigation', math.inf), ('bt_server', SEEN_SECONDS * SECOND)):
+            if self._nodes[node] in replaced:
+                text = f'{self._nodes[node]} was killed'
+                again = self._answered_at if node == 'bt_server' else now
+                self._rest_by = [one for one in self._rest_by if one[2] != text or not 0 <= again - one[0] <= soon]
         for one in [one for one in self._rest_by if now > one[1]]:
             self._rest_by.remove(one)
             number = 2 if 'STOP' in one[2] else 3
@@ -699,7 +720,8 @@ class _Robot:
                     is_free = one['command'] in _FREE or holder in ('', operator) or arrived <= held_since
                     if one['effect'] == 'applied' and not is_free:
                         self._say(14, f'{one["command"]} of {operator} is applied, and {holder} has the authority')
-        if runs > applied_starts or (runs < applied_starts and not self._crashes):
+        # A crash may come between a run and its command in the event log.
+        if runs > applied_starts + self._crashes or (runs < applied_starts and not self._crashes):
             self._say(7, f'{runs} runs began, and {applied_starts} STARTs were applied')
         of_guard = (one for one in self._arrived.items() if one[1][0].name.endswith('stop_guard'))
         guarded = max((when for command, (_, when) in of_guard if command in decided), default=0.0)

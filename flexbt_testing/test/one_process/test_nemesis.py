@@ -77,7 +77,8 @@ def _mutation(name: str) -> Mutation:
 
 
 def test_each_invariant_finds_a_mutation_that_no_other_finds() -> None:
-    jobs = [Job(Plan(1, seconds=6.0, steps=steps), _mutation(name)) for name, steps in ALONE.values()]
+    slow = (0.3, 0.3), (1.0, 0.6)  # answers, so that a robot is seen at rest before
+    jobs = [Job(Plan(1, seconds=6.0, steps=steps, answers=slow), _mutation(name)) for name, steps in ALONE.values()]
     found = {job.mutation.name: outcome.broken for job, outcome in run_all(jobs, at_once=2) if job.mutation}
     assert found == {name: {number} for number, (name, _) in ALONE.items()}
 
