@@ -76,6 +76,21 @@ def test_rooms_are_told_to_the_partner_and_left_behind_when_it_is_lost(bench: St
     assert 'it had left: store, office' in run.errors()
 
 
+def test_a_message_of_the_partner_that_comes_after_the_end_is_no_fault(bench: StateBench) -> None:
+    """The subscription is destroyed on the executor, which may have taken a message before; found by the nemesis."""
+    states: list[WatchPartnerState] = []
+
+    def make() -> WatchPartnerState:
+        states.append(WatchPartnerState('alpha', PLACES))
+        return states[-1]
+
+    run = bench.run_state(make, {'left_behind': []})
+    wait_until(run.active, 'active')
+    assert run.stop() == 'preempted'
+    for state in states:
+        state._on_message(String(data='store'))
+
+
 def test_without_a_partner_nothing_is_ever_lost(bench: StateBench) -> None:
     run = bench.run_state(lambda: WatchPartnerState('', PLACES), {'left_behind': []})
     wait_until(run.active, 'active')

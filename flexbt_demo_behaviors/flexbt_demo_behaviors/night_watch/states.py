@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -373,13 +373,15 @@ class WatchPartnerState(EventState):
         self._places = places_in(places)
         self._watch: LivelinessWatch | None = None
         self._subscription: Subscription | None = None
+        self._changed: Callable[[], None] | None = None
         self._lock = threading.Lock()
         self._left: list[str] = []
 
     def on_start(self) -> None:
         if self._executive:
-            runtime = state_services(self).runtime
-            runtime.call(lambda: self._join(runtime))
+            services = state_services(self)
+            self._changed = services.changed
+            services.runtime.call(lambda: self._join(services.runtime))
 
     def execute(self, userdata: UserData) -> str | None:
         if self._watch is None or self._watch.alive is not False:
@@ -415,7 +417,8 @@ class WatchPartnerState(EventState):
     def _on_message(self, message: Any) -> None:
         with self._lock:
             self._left = [room for room in dict.fromkeys(message.data.split()) if room in self._places]
-        state_services(self).changed()
+        if self._changed is not None:  # a message may come after on_stop, when the state has no services any more
+            self._changed()
 
 
 class TakeOverState(EventState):

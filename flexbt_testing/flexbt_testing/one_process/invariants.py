@@ -441,7 +441,8 @@ class _Robot:
             self._say(6, f'status {status.sequence} follows {before.sequence}')
         if before is not None and not (before.active_states or status.active_states):
             is_same = before.state == status.state == ExecutiveStatus.RUNNING and before.run_id == status.run_id
-            if is_same and SCHEDULER.now - self._statuses[-2][0] > SHOWN_SECONDS * SECOND:
+            since = max(self._statuses[-2][0], self._awake_at)
+            if is_same and SCHEDULER.now - since > SHOWN_SECONDS * SECOND:
                 self._say(11, f'run {status.run_id} is shown as running, without a state')
         ran = before is not None and before.state in (ExecutiveStatus.RUNNING, ExecutiveStatus.PAUSED)
         if status.state == ExecutiveStatus.RUNNING and not ran:
