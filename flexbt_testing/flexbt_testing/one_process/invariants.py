@@ -447,6 +447,7 @@ class _Robot:
         ran = before is not None and before.state in (ExecutiveStatus.RUNNING, ExecutiveStatus.PAUSED)
         if status.state == ExecutiveStatus.RUNNING and not ran:
             self._stop_at = None  # its START was decided after a STOP that came at the same time
+            self.goes_on()
         for result in status.results:
             known = self._results.setdefault(result.command_id, result.code)
             self._shown_at.setdefault(result.command_id, SCHEDULER.now / SECOND)
@@ -537,7 +538,7 @@ class _Robot:
             self._say(2, f'{process} has to hold the robot: the run has not stopped by itself', 'held')
 
     def goes_on(self) -> None:
-        """Note that a program sends its next goal: it has seen the STOP."""
+        """Note that a program sends its next goal, or a run begins: the STOP is over."""
         self._rest_by = [one for one in self._rest_by if 'STOP' not in one[2]]
 
     # -- regular checks
