@@ -378,8 +378,12 @@ def test_simulated_time_moves_timers_and_tells_jumps(participants: Callable[...,
     def tick(seconds: int) -> None:
         message = ClockMessage()
         message.clock.sec = seconds
-        clock.publish(message)
-        wait_until(lambda: a.get_clock().now().nanoseconds == seconds * 10**9, f'the time {seconds}')
+
+        def is_told() -> bool:  # again, since the subscription may not know the publisher yet
+            clock.publish(message)
+            return bool(a.get_clock().now().nanoseconds == seconds * 10**9)
+
+        wait_until(is_told, f'the time {seconds}')
 
     tick(10)
     count = len(fired)
