@@ -375,17 +375,23 @@ def test_simulated_time_moves_timers_and_tells_jumps(participants: Callable[...,
     clock = b.create_publisher(ClockMessage, '/clock', 10)
     wait_until(lambda: clock.get_subscription_count() == 1, 'the match')
 
-    def tick(seconds: int) -> None:
+    def publish(seconds: int) -> None:
         message = ClockMessage()
         message.clock.sec = seconds
+        clock.publish(message)
 
-        def is_told() -> bool:  # again, since the subscription may not know the publisher yet
-            clock.publish(message)
-            return bool(a.get_clock().now().nanoseconds == seconds * 10**9)
+    def is_told(seconds: int) -> bool:
+        return bool(a.get_clock().now().nanoseconds == seconds * 10**9)
 
-        wait_until(is_told, f'the time {seconds}')
+    def tick(seconds: int) -> None:
+        publish(seconds)
+        wait_until(lambda: is_told(seconds), f'the time {seconds}')
 
-    tick(10)
+    def is_heard() -> bool:  # the subscription may know the publisher later than that knows the subscription
+        publish(10)
+        return is_told(10)
+
+    wait_until(is_heard, 'the time 10')
     count = len(fired)
     tick(12)
     wait_until(lambda: len(fired) > count and fired[-1] == 12.0, lambda: fired)
