@@ -52,7 +52,7 @@ class _Task(asyncio.Task[Any]):
 
 
 class _Selector:
-    """Stand-in for the selector of an event loop: it waits for the clock of the world and for calls of other threads."""
+    """Stand-in for the selector of an event loop. It waits for the clock of the world, and for other threads."""
 
     def __init__(self) -> None:
         self._waiting: Task | None = None
