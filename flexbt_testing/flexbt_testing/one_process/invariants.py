@@ -369,6 +369,7 @@ class _Robot:
         self._shown: dict[Mirror, list[str]] = {}  # the executives that a mirror has shown
         self._crashes = 0
         self._awake_at = 0  # the executive hangs until then
+        self._awake_by_run: dict[str, int] = {}  # when the executive had last hung, when it first showed the run
         self._trees_held_until = 0  # the BT server hangs until then
         self._answered_at = -1  # an operator has decided something
         self._hung: dict[str, int] = {}  # when the last hang of each node began
@@ -431,6 +432,7 @@ class _Robot:
     def status(self, status: ExecutiveStatus) -> None:
         before = self._statuses[-1][1] if self._statuses else None
         self._statuses.append((SCHEDULER.now, status))
+        self._awake_by_run.setdefault(status.run_id, self._awake_at)
         self._by_sequence[status.executive_id, status.sequence] = SCHEDULER.now, status
         crashed, self._crashed_with = self._crashed_with, None
         if crashed is not None and crashed.executive_id == status.executive_id:
@@ -690,7 +692,8 @@ class _Robot:
                         self._say(11, f'run {run} begins while {", ".join(sorted(active))} is active')
                     active.add(run)
                     entered.clear()
-                    late = shown.get(run, 0) / SECOND - one['steady']
+                    began = max(one['steady'], self._awake_by_run.get(run, 0) / SECOND)
+                    late = shown.get(run, 0) / SECOND - began
                     if late > SHOWN_SECONDS and not self._crashes:
                         self._say(11, f'run {run} is shown {late:.1f} s after its begin')
                 case 'entered':
