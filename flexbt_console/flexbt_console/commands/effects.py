@@ -73,7 +73,8 @@ def _assignments(line: CommandLine) -> list[tuple[str, str]]:
     return [assignment(word) for word in line.words[1:]]
 
 
-def _start(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+def start(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
+    """Return the command that starts a behavior now; of the mission queue it has the same words."""
     inputs = [start_input(text, view.places) for text in line.values('--input')]
     level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else None
     _check_listed(line, view)
@@ -134,7 +135,7 @@ def _names_input_request(line: CommandLine, view: View) -> bool:
 _OUTCOMES: Final = frozenset({DecisionKind.TRANSITION, DecisionKind.CHOICE})
 _VALUES: Final = frozenset({DecisionKind.INPUT})
 
-START: Final = Send((CommandKind.START,), _start)
+START: Final = Send((CommandKind.START,), start)
 SWITCH: Final = Send((CommandKind.SWITCH,), _switch)
 AUTONOMY: Final = Send((CommandKind.AUTONOMY,), _autonomy)
 CONFIRM: Final = Send(

@@ -23,8 +23,9 @@ from flexbt_console.present.queue import queue_lines
 from flexbt_core.values.text import short_repr
 
 from .command_builder import CommandBuilder, check_behavior
+from .effects import start
 from .operator_values import assignment, autonomy_level, item_number, run_count, start_input, whole_number
-from .spec import UNSEEN, CommandLine, Reading, Send, Typed
+from .spec import CommandLine, Reading, Send, Typed
 
 HOLD_OPTION: Final = '--hold'
 """The option by which a line names the hold that it ends; see MissionQueue.msg."""
@@ -175,11 +176,8 @@ def _entry(view: View, line: CommandLine) -> QueueEntry:
 
 
 def _add(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCommand:
-    inputs = [start_input(text, view.places) for text in line.values('--input')]
-    level = autonomy_level(line.value('--autonomy')) if line.has('--autonomy') else None
-    arguments = [assignment(word) for word in line.words[1:]]
-    command = builder.start(view, line.words[0], arguments, level, inputs, unseen=line.has(UNSEEN))
-    return replace(command, kind=CommandKind.QUEUE_ADD, queue_options=(_options(line, view, QueueOptions()),))
+    options = _options(line, view, QueueOptions())
+    return replace(start(line, view, builder), kind=CommandKind.QUEUE_ADD, queue_options=(options,))
 
 
 def _edit(line: CommandLine, view: View) -> dict[str, Any]:

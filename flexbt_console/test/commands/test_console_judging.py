@@ -211,9 +211,9 @@ def test_a_value_is_not_given_for_what_is_not_shown(mirror: Mirror) -> None:
 MACHINE = '# look\nmachine:\n  outcomes: [finished]\n'
 
 
-@pytest.mark.parametrize('word', ['start', 'switch'])
+@pytest.mark.parametrize('word', ['start', 'switch', 'queue add'])
 def test_a_machine_that_was_synthesized_is_shown_before_it_is_started(mirror: Mirror, word: str) -> None:
-    make, kind = CommandBuilder('ann'), CommandKind[word.upper()]
+    make, kind = CommandBuilder('ann'), CommandKind[word.upper().replace(' ', '_')]
     for known, why in (
         (None, 'the robot has not sent its list of behaviors'),
         (Behavior('Look there', SYNTHESIZED), "'Look there' was synthesized, and its machine was not received"),
