@@ -1,20 +1,9 @@
 // SPDX-License-Identifier: BSD-3-Clause
-// Elements, and a dialog that asks for one of many: type to search, arrows to choose, Enter to take it.
+// A dialog that asks for one of many: type to search, arrows to choose, Enter to take it.
 
-const NAMESPACE = 'http://www.w3.org/2000/svg';
+import {byId, html} from './elements.js';
+
 const MOST_SHOWN = 200;
-
-function filled(made, attributes, parts) {
-  for (const [key, value] of Object.entries(attributes)) {
-    if (key.startsWith('on')) made.addEventListener(key.slice(2), value);
-    else if (value !== null && value !== undefined && value !== false) made.setAttribute(key, value === true ? '' : value);
-  }
-  made.append(...parts);
-  return made;
-}
-export const html = (name, attributes = {}, ...parts) => filled(document.createElement(name), attributes, parts);
-export const svg = (name, attributes = {}, ...parts) => filled(document.createElementNS(NAMESPACE, name), attributes, parts);
-export const byId = (id) => document.getElementById(id);
 
 // How well a text answers a search: 0 not at all. All words have to be in it; a beginning counts most, then letters in order.
 export function likeness(text, wanted) {

@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The debugger of a robot's trees and machine. Its commands are lines of the operator's page, and go the way of those.
 
-import {ask, byId, choose, html, svg} from './choice.js';
+import {ask, choose} from './choice.js';
 import {word} from './commands.js';
 import {REACTION_MS} from './decision.js';
+import {byId, html, svg} from './elements.js';
 import {widthOf} from './graph.js';
 import {isSame, ProgramLink} from './live.js';
 import {placeOf} from './player.js';

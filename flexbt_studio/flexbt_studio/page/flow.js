@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Data flow: the keys of the selected tree or machine in a list beside the graph, and who writes and reads one of them over it.
 
-import {byId, html, svg} from './choice.js';
+import {byId, html, svg} from './elements.js';
 
 const MOST_KEYS = 500;  // that are listed
 const SIGNS = {writes: 'W', reads: 'R', 'reads and writes': 'RW', removes: '×', 'hands over': '→', uses: '?'};

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The form of the selected node, tree or state. Each field is an edit of the text, made when it is left or at Enter.
 
-import {ask, byId, choose, html} from './choice.js';
+import {ask, choose} from './choice.js';
+import {byId, html} from './elements.js';
 import {portHelp} from './palette.js';
 
 const CONDITIONS = {_skipIf: 'skip the node if true', _successIf: 'succeed without a tick if true', _failureIf: 'fail without a tick if true', _while: 'tick only while true', _onSuccess: 'run after success', _onFailure: 'run after failure', _onHalted: 'run after a halt', _post: 'run after every end'};

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The graph pane: a tree of items for the eye, the keyboard and a screen reader, whichever way they are drawn.
 
-import {byId, html, likeness, svg} from './choice.js';
+import {likeness} from './choice.js';
+import {byId, html, svg} from './elements.js';
 import {viewport} from './viewport.js';
 
 const FIND_MS = 900;   // letters that follow within this time search for one name

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Proofs, comparisons with what is on disk, and dry runs: they are started here, and what they find is told and played.
 
-import {byId, html} from './choice.js';
+import {byId, html} from './elements.js';
 import {outcomePath} from './machine_drawing.js';
 import {placeOf, statusesAt} from './player.js';
 import {exportModels, Goals, importModels} from './proposals.js';

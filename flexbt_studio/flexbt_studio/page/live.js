@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What runs on a robot now, and in the last minutes: the statuses of its trees and its active states on the graphs.
 
-import {ask, byId} from './choice.js';
+import {ask} from './choice.js';
+import {byId} from './elements.js';
 import {statusesAt} from './player.js';
 import {RECORDING} from './recordings.js';
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // State machines as a picture, at the places of the server's layout: containers, states, outcomes, transitions.
 
-import {svg} from './choice.js';
+import {svg} from './elements.js';
 import {BOLD, SMALL, shortened, widthOf} from './graph.js';
 
 const SIGNS = {machine: '▣', concurrency: '∥', priority: '‼', behavior: '▤', state: ''};

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The map beside the graph: of the simulated robot, or of a moment of a recording.
 
-import {byId, html} from './choice.js';
+import {byId, html} from './elements.js';
 import {RobotMap} from './map.js';
 
 const ON_MAP = ['plan', 'scan', 'places', 'obstacles', 'driven'];

@@ -2,7 +2,8 @@
 // Names: where one is used in all files, and another name for it everywhere, which is taken back in one step.
 
 import {mapOffset} from './changes.js';
-import {ask, choose, html} from './choice.js';
+import {ask, choose} from './choice.js';
+import {html} from './elements.js';
 import {sheet, unifiedDifference} from './sheets.js';
 
 const KINDS = {userdata: 'userdata key', key: 'blackboard key'};

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The palette: node types and states by kind and package, with a search and help.
 
-import {byId, html, search} from './choice.js';
+import {search} from './choice.js';
+import {byId, html} from './elements.js';
 
 const KINDS = ['control', 'decorator', 'action', 'condition', 'subtree'];
 

@@ -3,24 +3,20 @@
 // typing are taken back in one order, and edits of other pages are no part of it.
 
 import {apply, compose, fromEdits, inverse, mapOffset, toEdits, transform} from './changes.js';
+import {html} from './elements.js';
 
 const TYPING_MS = 700;  // what is typed in one go, with pauses up to this long, is taken back in one step
 const MOST_STEPS = 1000;
 
 export function plainPane(parent, on) {
-  const numbers = document.createElement('div'), field = document.createElement('textarea');
-  numbers.className = 'numbers';
-  numbers.setAttribute('aria-hidden', 'true');
-  field.className = 'plain';
-  field.spellcheck = false;
-  field.wrap = 'off';
+  const numbers = html('div', {class: 'numbers', 'aria-hidden': 'true'}), field = html('textarea', {class: 'plain', spellcheck: 'false', wrap: 'off'});
   parent.append(numbers, field);
   let shown = null, marks = new Map();
 
   function drawNumbers() {
     const count = field.value.split('\n').length;
     if (numbers.childElementCount !== count) {
-      numbers.replaceChildren(...Array.from({length: count}, (_, index) => { const line = document.createElement('div'); line.textContent = index + 1; return line; }));
+      numbers.replaceChildren(...Array.from({length: count}, (_, index) => html('div', {}, String(index + 1))));
       marks = new Map([...marks]);
       drawMarks();
     }

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The player: moments of a way, of a dry run or of a robot, one after the other, and the statuses of the nodes at each on the graph.
 
-import {byId, html, svg} from './choice.js';
+import {byId, html, svg} from './elements.js';
 import {widthOf} from './graph.js';
 import {Timeline} from './timeline.js';
 

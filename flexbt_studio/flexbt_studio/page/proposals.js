@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // What tools make for the open file: a tree for a goal by a plan, a machine by a synthesis, models of node types for other editors.
 
-import {ask, byId, choose, html} from './choice.js';
+import {ask, choose} from './choice.js';
+import {byId, html} from './elements.js';
 import {propose} from './versions.js';
 
 const MOST_BYTES = 3_000_000;  // of a file whose models are imported

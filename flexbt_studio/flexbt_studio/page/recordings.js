@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Recordings: of robots and incidents, and logs of trees, on the same graphs as what runs now.
 
-import {byId, choose, html} from './choice.js';
+import {choose} from './choice.js';
+import {byId, html} from './elements.js';
 import {lineOf} from './jobs.js';
 import {MapPane} from './map_pane.js';
 

@@ -2,7 +2,7 @@
 // Dialogs to read: the difference that Save writes, a file that was changed on disk, the keys.
 
 import {compareLines} from './changes.js';
-import {byId, html} from './choice.js';
+import {byId, html} from './elements.js';
 
 const CONTEXT = 3;  // lines around a change
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // A simulated robot: start it in a world, run the open file on it, watch it on the map, and let something go wrong.
 
-import {byId, html} from './choice.js';
+import {byId, html} from './elements.js';
 import {MapPane} from './map_pane.js';
 import {ServerLink} from './server_link.js';
 

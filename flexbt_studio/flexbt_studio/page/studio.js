@@ -3,8 +3,9 @@
 
 import {Actions} from './actions.js';
 import {difference, mapOffset} from './changes.js';
-import {byId, choose, html} from './choice.js';
+import {choose} from './choice.js';
 import {Debugger} from './debugger.js';
+import {byId, html} from './elements.js';
 import {Flow} from './flow.js';
 import {Form} from './form.js';
 import {Graph} from './graph.js';

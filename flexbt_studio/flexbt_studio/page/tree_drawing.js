@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Trees as a picture: each node above its children, which are in order from left to right and as near as they can be.
 
-import {svg} from './choice.js';
+import {placesOf} from './drawing.js';
+import {svg} from './elements.js';
 import {BOLD, shortened, SMALL, widthOf} from './graph.js';
 
 const HEIGHT = 44, ROW = 84, GAP = 18, TREE_GAP = 56;
@@ -41,16 +42,15 @@ export function drawTrees(view, folded) {
       const told = isTree ? one.detail : [isNamed ? one.type : kind, ports(one)].filter(Boolean).join(' · '), detail = shortened(told, 40);
       const count = isTree ? below.reduce((sum, node) => sum + 1 + hidden.get(node.path), 0) : hidden.get(one.path);
       const width = Math.max(72, Math.max(widthOf(title, BOLD), widthOf(detail, SMALL)) + (kind === 'decorator' || kind === 'condition' ? 34 : 22));
-      const box = {one, kind, title, detail, told, width, isFolded, count, depth: parent ? parent.depth + 1 : 0, parent, below: [], x: 0};
+      const box = {one, kind, title, detail, told, width, isFolded, count, depth: parent ? parent.depth + 1 : 0, parent, index: boxes.length};
       boxes.push(box);
-      parent?.below.push(box);
       if (!isFolded) for (const node of [...below].reverse()) waiting.push([node, box]);
     }
-    const left = place(boxes);
+    const centres = placesOf(boxes.map(({parent, width}) => ({parent: parent && parent.index, size: [width, HEIGHT]})), false, GAP, ROW - HEIGHT).map(([x]) => x);
+    const left = Math.min(...boxes.map((box, index) => centres[index] - box.width / 2));
     let depth = 0;
     for (const box of boxes) {
-      if (box.parent) box.x += box.parent.x;
-      box.left = box.x - box.width / 2 - left;
+      box.left = centres[box.index] - box.width / 2 - left;
       const y = top + box.depth * ROW, {one, kind} = box, isTree = kind === 'tree';
       depth = Math.max(depth, box.depth);
       right = Math.max(right, box.left + box.width);
@@ -80,34 +80,4 @@ export function drawTrees(view, folded) {
     top += depth * ROW + HEIGHT + TREE_GAP;
   }
   return {items, parts: [...lines, ...shapes], box: {x: -6, y: -12, width: right + 18, height: Math.max(top - TREE_GAP, 1) + 34}};
-}
-
-// Give each box its place x relative to its parent's, children side by side; return the left end of all. boxes: parents first.
-function place(boxes) {
-  let least = 0;
-  for (const box of [...boxes].reverse()) {
-    // The contour of a box: its left and right end in each row from its own down, relative to its middle.
-    const lefts = [-box.width / 2], rights = [box.width / 2];
-    let merged = null;
-    for (const child of box.below) {
-      let shift = 0;
-      if (merged) {
-        const rows = Math.min(merged.rights.length, child.rights.length);
-        for (let row = 0; row < rows; row += 1) shift = Math.max(shift, merged.rights[row] + GAP - child.lefts[row]);
-      } else merged = {lefts: [], rights: []};
-      child.x = shift;
-      for (let row = 0; row < child.rights.length; row += 1) {
-        if (row >= merged.lefts.length) merged.lefts.push(child.lefts[row] + shift);
-        merged.rights[row] = child.rights[row] + shift;
-      }
-    }
-    if (merged) {
-      const middle = (box.below[0].x + box.below.at(-1).x) / 2;
-      for (const child of box.below) child.x -= middle;
-      for (let row = 0; row < merged.lefts.length; row += 1) { lefts.push(merged.lefts[row] - middle); rights.push(merged.rights[row] - middle); }
-    }
-    Object.assign(box, {lefts, rights});
-    least = box.parent ? least : Math.min(...lefts);
-  }
-  return least;
 }

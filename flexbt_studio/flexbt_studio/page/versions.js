@@ -3,7 +3,8 @@
 // is proposed, in hunks of which each is accepted or refused by itself.
 
 import {difference, fromEdits, hunks, inverse, placed, toEdits, transform} from './changes.js';
-import {byId, choose, html, svg} from './choice.js';
+import {choose} from './choice.js';
+import {byId, html, svg} from './elements.js';
 import {Graph, shortened, widthOf} from './graph.js';
 import {drawMachine} from './machine_drawing.js';
 import {sheet, textDifference} from './sheets.js';

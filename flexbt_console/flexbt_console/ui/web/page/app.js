@@ -4,6 +4,7 @@
 import {ACTIONS, Commands} from './commands.js';
 import {DecisionBar, element, plain} from './decision.js';
 import {LEAST, drawTree, has, keep, mark, offer, part, press, show, spread, statuses} from './drawing.js';
+import {byId, svg as svgElement} from './elements.js';
 import {RobotMap} from './map.js';
 import {panels} from './panels.js';
 import {operator, remember, remembered, ServerLink} from './server_link.js';
@@ -11,7 +12,6 @@ import {Timeline} from './timeline.js';
 import {viewport} from './viewport.js';
 
 const MOST_LOG = 500;
-const byId = (id) => document.getElementById(id);
 const known = {actions: {}, active: {paths: [], states: []}, decisions: [], trees: [], tree_states: {}, left_out: [], robots_left_out: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
 let server = {open: false, word: 'CONNECTING', text: ''};
 let heard = performance.now();
@@ -179,12 +179,8 @@ function drawQueue() {
   byId('queue-hold').textContent = queue?.hold ? 'Release' : 'Hold';
   const focused = byId('queue').contains(document.activeElement) && document.activeElement.title;
   byId('queue').replaceChildren(...(queue?.entries ?? []).map((entry) => {
-    const buttons = [['↑', 'Move up', entry.up], ['↓', 'Move down', entry.down], ['✕', 'Remove', `queue remove ${entry.number}`]].map(([sign, what, line]) => {
-      const button = element('button', {type: 'button', class: 'quiet', title: `${what} entry ${entry.number}`}, sign);
-      button.disabled = !acts || !line;
-      button.addEventListener('click', () => commands.do(line));
-      return button;
-    });
+    const buttons = [['↑', 'Move up', entry.up], ['↓', 'Move down', entry.down], ['✕', 'Remove', `queue remove ${entry.number}`]].map(([sign, what, line]) => (
+      element('button', {type: 'button', class: 'quiet', title: `${what} entry ${entry.number}`, disabled: !acts || !line, onclick: () => commands.do(line)}, sign)));
     const state = element('span', {class: entry.running ? 'running' : 'dim'}, entry.state);
     return element('li', {}, element('div', {}, element('strong', {}, `${entry.number}  ${entry.text}`), ' ', state, element('div', {class: 'hint'}, entry.details)), ...buttons);
   }));
@@ -194,7 +190,7 @@ byId('queue-hold').addEventListener('click', () => commands.do(known.queue?.hold
 byId('queue-add').addEventListener('click', () => commands.start('queue add'));
 
 function treePane(id) {
-  const svg = document.createElementNS('http://www.w3.org/2000/svg', 'svg');
+  const svg = svgElement('svg');
   const drawing = element('div', {class: 'drawing', tabindex: '0', role: 'group', 'aria-label': 'diagram of the tree: + and - zoom, arrows move it, 0 fits it'}, svg);
   const pane = element('div', {'data-id': id, class: 'tree'}, element('p', {'aria-live': 'polite'}), drawing);
   return Object.assign(pane, {svg, view: viewport(svg, {grows: 1 / LEAST})});
@@ -317,19 +313,11 @@ function drawRobots() {
   }
 }
 
-function robotLine(name) {
-  const button = element('button', {type: 'button', 'data-robot': name});
-  button.addEventListener('click', () => goTo(name));
-  return element('li', {}, button);
-}
+const robotLine = (name) => element('li', {}, element('button', {type: 'button', 'data-robot': name, onclick: () => goTo(name)}));
 
 function drawObstacles() {
   byId('drop').hidden = !known.simulator;
-  byId('obstacles').replaceChildren(...known.obstacles.map(([name]) => {
-    const button = element('button', {type: 'button'}, `remove ${name}`);
-    button.addEventListener('click', () => send({remove_obstacle: name}));
-    return button;
-  }));
+  byId('obstacles').replaceChildren(...known.obstacles.map(([name]) => element('button', {type: 'button', onclick: () => send({remove_obstacle: name})}, `remove ${name}`)));
   if (!known.simulator) dropping = false;
 }
 

@@ -2,6 +2,7 @@
 // Buttons, single keys, dialogs and the line that is typed: each gives a line as it is written at the prompt.
 
 import {REACTION_MS, element, plain} from './decision.js';
+import {byId} from './elements.js';
 
 const COMPLETE_MS = 100;
 const BURST_MS = 700;  // keys that follow each other sooner are typed in one go
@@ -14,8 +15,6 @@ const ENTER = '\u23ce';  // stands for one in what was typed
 // A dialog that was left has the focus until the page is drawn again.
 const isLeft = (target) => Boolean(target.closest?.('dialog:not([open])'));
 const isElsewhere = (target) => !isLeft(target) && Boolean(target.closest?.('input, select, textarea, dialog, [contenteditable]'));
-
-const byId = (id) => document.getElementById(id);
 
 // Why a text is no value of a parameter; '' when it is one.
 function problem({type, minimum, maximum}, text) {
@@ -83,13 +82,13 @@ export class Commands {
   // Ask before a state is left by an outcome; the command belongs to the decision that is on the page now.
   forced(path, outcome) {
     const decision = this.bar.id, opened = performance.now();
-    const told = element('p', {class: 'hint', role: 'status'}), button = element('button', {type: 'button', class: 'primary'}, `Force ${outcome}`);
-    button.addEventListener('click', () => {
+    const told = element('p', {class: 'hint', role: 'status'});
+    const send = () => {
       if (performance.now() - opened < REACTION_MS) { told.textContent = 'just opened: press again'; return; }
       byId('dialog').close();
       this.do(`force ${word(path)} ${word(outcome)}`, decision);
-    });
-    this.read(`Leave ${path} by ${outcome}`, element('div', {}, element('p', {}, 'The robot leaves this state at once, whatever it is doing there.'), button, told));
+    };
+    this.read(`Leave ${path} by ${outcome}`, element('div', {}, element('p', {}, 'The robot leaves this state at once, whatever it is doing there.'), element('button', {type: 'button', class: 'primary', onclick: send}, `Force ${outcome}`), told));
   }
 
   // A list of lines to send, [text, names, line]; each belongs to the decision that is on the page now.
@@ -110,9 +109,7 @@ export class Commands {
       run();
     };
     const made = rows.map((row) => {
-      const button = element('button', {type: 'button'}, row.text);
-      button.disabled = Boolean(row.refusal);
-      button.addEventListener('click', () => take(row));
+      const button = element('button', {type: 'button', disabled: Boolean(row.refusal), onclick: () => take(row)}, row.text);
       const item = element('li', {}, button, row.about ? ` ${row.about}` : '', row.refusal ? element('span', {class: 'dim'}, ` (not possible: ${row.refusal})`) : '');
       list.append(item);
       return {row, button, item};
@@ -159,8 +156,7 @@ export class Commands {
     const form = element('form', {});
     const fields = [];
     const add = (name, told, choices, value, written, check = () => '') => {
-      const field = element(choices.length ? 'select' : 'input', {name, autocomplete: 'off'});
-      for (const choice of choices) field.append(element('option', {value: choice}, choice));
+      const field = element(choices.length ? 'select' : 'input', {name, autocomplete: 'off'}, ...choices.map((choice) => element('option', {value: choice}, choice)));
       field.value = value;
       if (field.selectedIndex < 0) field.selectedIndex = 0;  // a default that is none of the choices
       form.append(element('label', {class: 'field'}, name, field, element('span', {}), element('span', {class: 'hint'}, told)));

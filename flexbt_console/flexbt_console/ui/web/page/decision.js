@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The decision that waits. Each button belongs to the decision it was made for: its answer never reaches another one.
 
+import {html} from './elements.js';
+
 export const REACTION_MS = 400;  // a click or key sooner than this after a decision took the place of another was meant for the other,
                                  // also when there was nothing in between for no longer than this
 
@@ -97,24 +99,19 @@ export class DecisionBar {
       decision.choices.forEach((choice, index) => {
         const wanted = choice.value === decision.wanted;
         const leads = choice.leads ? ` → ${choice.leads.replace(/^=/, 'ends with ')}` : '';
-        const button = element('button', {type: 'button', class: wanted ? 'wanted' : '', 'data-choice': choice.value},
-          `${index + 1} ${choice.text}${wanted ? ' (wanted)' : ''}${leads}`);
-        button.addEventListener('click', () => this.answer(choice.value, decision.id));
-        choices.append(button);
+        choices.append(element('button', {type: 'button', class: wanted && 'wanted', 'data-choice': choice.value, onclick: () => this.answer(choice.value, decision.id)},
+          `${index + 1} ${choice.text}${wanted ? ' (wanted)' : ''}${leads}`));
       });
       if (decision.wants_value) {
         const field = element('input', {id: 'value', 'aria-label': decision.wants_pose ? 'a place, or x y yaw' : 'value', list: 'places',
           placeholder: decision.wants_pose ? 'a place, or x y yaw; or click on the map' : 'value', maxlength: '4000'});
-        const list = element('datalist', {id: 'places'});
-        if (decision.wants_pose) for (const name of this.placesOf()) list.append(element('option', {value: name}));
-        const form = element('form', {}, field, list, element('button', {type: 'submit'}, 'Answer'));
-        form.addEventListener('submit', (event) => {
+        const places = decision.wants_pose ? this.placesOf().map((name) => element('option', {value: name})) : [];
+        const answer = (event) => {
           event.preventDefault();
           if (field.value.trim()) this.answer(field.value.trim(), decision.id);
-        });
-        const decline = element('button', {type: 'button', id: 'decline'}, 'Decline');
-        decline.addEventListener('click', () => this.ask({do: 'decline', decision: decision.id}));
-        choices.append(form, decline);
+        };
+        choices.append(element('form', {onsubmit: answer}, field, element('datalist', {id: 'places'}, ...places), element('button', {type: 'submit'}, 'Answer')),
+          element('button', {type: 'button', id: 'decline', onclick: () => this.ask({do: 'decline', decision: decision.id})}, 'Decline'));
       }
       choices.append(element('span', {class: 'waited hint', role: 'timer'}));
       rows.push(choices);
@@ -174,9 +171,5 @@ export class DecisionBar {
 // has no text to be shown. Lines stay lines.
 export const plain = (text) => text.replace(/[^\P{C}\n]|[\p{Zl}\p{Zp}]/gu, (sign) => `\\u{${sign.codePointAt(0).toString(16)}}`);
 
-export function element(name, attributes, ...children) {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) if (value !== '') made.setAttribute(key, value);
-  made.append(...children.map((child) => typeof child === 'string' ? plain(child) : child));
-  return made;
-}
+// An element whose texts may come from a robot.
+export const element = (name, attributes, ...parts) => html(name, attributes, ...parts.map((one) => typeof one === 'string' ? plain(one) : one));

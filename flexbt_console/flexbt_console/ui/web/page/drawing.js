@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Diagrams in the page. Machines are pictures of Graphviz, copied element by element, so that nothing but shapes and texts gets in; trees are laid out here.
 
+import {svg as svgElement} from './elements.js';
+
 const SVG = 'http://www.w3.org/2000/svg';
 const ELEMENTS = new Set(['svg', 'g', 'path', 'polygon', 'polyline', 'ellipse', 'text', 'title']);
 const ATTRIBUTES = new Set(['id', 'class', 'd', 'points', 'x', 'y', 'cx', 'cy', 'rx', 'ry', 'fill', 'stroke', 'stroke-width',
@@ -28,13 +30,6 @@ function copy(source) {
       if (inner) made.append(inner);
     }
   }
-  return made;
-}
-
-function svgElement(name, attributes, ...children) {
-  const made = document.createElementNS(SVG, name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(...children);
   return made;
 }
 
@@ -151,8 +146,9 @@ function sizeOf(lines) {
   return [Math.max(...lines.map((line) => measure.measureText(line).width)) + 22, LINE * lines.length + 10];
 }
 
-// Places for nodes {parent, size}, parents first: across and along the way from the root.
-function placesOf(nodes, isRight) {
+// Places for nodes {parent, size}, parents first: across and along the way from the root. There are at least gap pixels between siblings,
+// and level pixels between parents and children.
+export function placesOf(nodes, isRight, gap = GAP, level = LEVEL) {
   const [across, along] = isRight ? [1, 0] : [0, 1];
   const depth = [], levels = [], children = nodes.map(() => []);
   nodes.forEach(({parent, size}, index) => {
@@ -165,17 +161,17 @@ function placesOf(nodes, isRight) {
     const low = [], high = [], at = [];
     for (const child of children[index]) {
       let shift = at.length ? -Infinity : 0;
-      contours[child].low.forEach((border, level) => { if (level in high) shift = Math.max(shift, high[level] - border + GAP); });
+      contours[child].low.forEach((border, row) => { if (row in high) shift = Math.max(shift, high[row] - border + gap); });
       at.push([child, shift]);
-      contours[child].low.forEach((border, level) => { low[level] ??= border + shift; });
-      contours[child].high.forEach((border, level) => { high[level] = border + shift; });
+      contours[child].low.forEach((border, row) => { low[row] ??= border + shift; });
+      contours[child].high.forEach((border, row) => { high[row] = border + shift; });
     }
     const middle = at.length ? (at[0][1] + at.at(-1)[1]) / 2 : 0, half = nodes[index].size[across] / 2;
     for (const [child, shift] of at) centre[child] = shift - middle;
     contours[index] = {low: [-half, ...low.map((one) => one - middle)], high: [half, ...high.map((one) => one - middle)]};
   }
   let place = 0;
-  const starts = levels.map((level) => { const start = place; place += level + LEVEL; return start; });
+  const starts = levels.map((size) => { const start = place; place += size + level; return start; });
   return nodes.map(({parent}, index) => {
     if (parent !== null) centre[index] += centre[parent];
     const far = starts[depth[index]] + levels[depth[index]] / 2;

@@ -19,18 +19,11 @@ class Costmaps extends Connection {
   constructor(path, changed) {
     super(path, () => location.search);
     Object.assign(this, {changed, shown: new Set(), images: new Map()});
-    const swatch = (cost, text) => { const [red, green, blue] = costColour(cost), one = element('i', {}); one.style.background = `rgb(${red} ${green} ${blue})`; const label = element('span', {}); label.append(one, text); return label; };
+    const swatch = (cost, text) => { const [red, green, blue] = costColour(cost), one = element('i', {}); one.style.background = `rgb(${red} ${green} ${blue})`; return element('span', {}, one, text); };
     this.told = element('span', {class: 'hint', role: 'status'});
-    this.legend = element('span', {class: 'legend'});
-    this.legend.append(swatch(10, 'low cost'), swatch(90, 'high'), swatch(99, 'too near for the robot'), swatch(100, 'occupied'), this.told);
-    this.legend.hidden = true;
-    this.controls = element('div', {class: 'layers', role: 'group', 'aria-label': 'layers of the map'});
-    this.controls.append(...COSTMAPS.map(([name, title]) => {
-      const box = element('input', {type: 'checkbox'}), label = element('label', {});
-      box.addEventListener('change', () => this.show(name, box.checked));
-      label.append(box, ` ${title}`);
-      return label;
-    }), this.legend);
+    this.legend = element('span', {class: 'legend', hidden: true}, swatch(10, 'low cost'), swatch(90, 'high'), swatch(99, 'too near for the robot'), swatch(100, 'occupied'), this.told);
+    const layer = ([name, title]) => element('label', {}, element('input', {type: 'checkbox', onchange: (event) => this.show(name, event.target.checked)}), ` ${title}`);
+    this.controls = element('div', {class: 'layers', role: 'group', 'aria-label': 'layers of the map'}, ...COSTMAPS.map(layer), this.legend);
   }
 
   show(name, isOn) {

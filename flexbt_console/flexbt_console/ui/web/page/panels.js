@@ -1,15 +1,10 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Panels in columns: each can be folded to its head, enlarged, resized, and moved by drag or by keys. The browser remembers it.
 
+import {html} from './elements.js';
+
 const MOST_COLUMNS = 3;
 const STEP = 0.1;  // of the two parts at a separator, for a key
-
-function make(name, attributes, text = '') {
-  const made = document.createElement(name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.append(text);
-  return made;
-}
 
 // The panels are the children of root: sections with a .panel-head. usual is {wide, narrow}, each a list of columns of
 // their identifiers; narrow is the media query of a page that scrolls, with one column. Returns {reset}.
@@ -41,7 +36,7 @@ export function panels(root, name, usual, narrow) {
     const columns = state.columns.filter((column) => column.length);
     state.columns = columns;
     root.replaceChildren(...columns.flatMap((ids, at) => {
-      const column = make('div', {class: 'column'});
+      const column = html('div', {class: 'column'});
       column.style.flexGrow = shareOf(`${ids[0]}:`);
       ids.forEach((id, row) => {
         const panel = all.get(id), isFolded = state.folded.includes(id);
@@ -60,7 +55,7 @@ export function panels(root, name, usual, narrow) {
 
   function separator(orientation, before, after) {
     const isRow = orientation === 'horizontal';
-    const bar = make('div', {class: 'separator', role: 'separator', tabindex: '0', 'aria-orientation': orientation, 'aria-label': 'resize the panels beside it', 'aria-valuemin': '5', 'aria-valuemax': '95'});
+    const bar = html('div', {class: 'separator', role: 'separator', tabindex: '0', 'aria-orientation': orientation, 'aria-label': 'resize the panels beside it', 'aria-valuemin': '5', 'aria-valuemax': '95'});
     const set = (part) => {
       const sum = shareOf(before) + shareOf(after), share = Math.min(0.95, Math.max(0.05, part));
       state.shares[before] = sum * share;
@@ -115,12 +110,10 @@ export function panels(root, name, usual, narrow) {
 
   for (const [id, panel] of all) {
     const head = panel.querySelector('.panel-head'), title = panel.querySelector('h2').textContent;
-    const button = (mark, text, kind) => make('button', {type: 'button', class: `quiet ${kind}`, 'aria-label': `${text}: ${title}`, title: text}, mark);
+    const button = (mark, text, kind) => html('button', {type: 'button', class: `quiet ${kind}`, 'aria-label': `${text}: ${title}`, title: text}, mark);
     const fold = button('▾', 'Fold the panel', 'fold'), full = button('⤢', 'Enlarge the panel, or show all', 'enlarge');
     const grip = button('✥', 'Move the panel: arrow keys, or drag', 'grip');
-    const tools = make('span', {class: 'tools'});
-    tools.append(grip, full, fold);
-    head.append(tools);
+    head.append(html('span', {class: 'tools'}, grip, full, fold));
     fold.addEventListener('click', () => {
       state.folded = state.folded.includes(id) ? state.folded.filter((one) => one !== id) : [...state.folded, id];
       change();

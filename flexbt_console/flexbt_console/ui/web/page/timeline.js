@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // The time line: lanes of states, nodes, decisions, commands, goals and faults; which moment is shown; and the way to others.
 
+import {html, svg} from './elements.js';
+
 const LANES = ['states', 'nodes', 'decisions', 'commands', 'goals', 'faults'];
 const SIGNS = {states: '▶', decisions: '?', commands: '◆', goals: '◎', faults: '✗', success: '✓', failure: '✗', halted: '■'};
 const ROW = 19, AXIS = 20, CHARACTER = 6.7, LEAST_TEXT = 26;
@@ -9,12 +11,6 @@ const MOST_ROWS = 200;
 const MOST_ENTRIES = 3000;  // of a lane, as on the server
 const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400];
 
-const make = (name, attributes, ...children) => {
-  const made = ['button', 'input', 'div', 'span', 'p'].includes(name) ? document.createElement(name) : document.createElementNS('http://www.w3.org/2000/svg', name);
-  for (const [key, value] of Object.entries(attributes)) if (key === 'onclick') made.addEventListener('click', value); else if (value != null && value !== false) made.setAttribute(key, value === true ? '' : value);
-  made.append(...children);
-  return made;
-};
 const cut = (text, width) => { const most = Math.floor(width / CHARACTER); return text.length <= most ? text : most > 2 ? `${text.slice(0, most - 1)}…` : ''; };
 export const ago = (seconds) => { const whole = Math.round(seconds), [h, m, s] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60]; return h ? `${h} h ${m} min` : m ? `${m} min ${s} s` : seconds < 10 ? `${seconds.toFixed(1)} s` : `${s} s`; };
 
@@ -23,14 +19,14 @@ export class Timeline {
   constructor(root, on) {
     this.on = on;
     this.root = root;
-    const button = (mark, title, act) => make('button', {type: 'button', class: 'quiet', title, 'aria-label': title, onclick: act}, mark);
-    this.range = make('input', {type: 'range', step: 'any', 'aria-label': 'moment that is shown'});
-    this.told = make('span', {class: 'timeline-told', role: 'status'});
-    this.svg = make('svg', {class: 'lanes', role: 'img', 'aria-label': 'lanes of the time line'});
-    this.body = make('div', {class: 'timeline-body', tabindex: '0', role: 'group', 'aria-label': 'time line: left and right go to the previous and next change, [ ] to failures, { } to decisions, + and - zoom, Escape goes to now'}, this.svg);
+    const button = (mark, title, act) => html('button', {type: 'button', class: 'quiet', title, 'aria-label': title, onclick: act}, mark);
+    this.range = html('input', {type: 'range', step: 'any', 'aria-label': 'moment that is shown'});
+    this.told = html('span', {class: 'timeline-told', role: 'status'});
+    this.svg = svg('svg', {class: 'lanes', role: 'img', 'aria-label': 'lanes of the time line'});
+    this.body = html('div', {class: 'timeline-body', tabindex: '0', role: 'group', 'aria-label': 'time line: left and right go to the previous and next change, [ ] to failures, { } to decisions, + and - zoom, Escape goes to now'}, this.svg);
     this.live = button('Now', 'Back to now (Esc)', () => this.go(null));
     root.classList.add('timeline');
-    root.append(make('div', {class: 'timeline-bar'},
+    root.append(html('div', {class: 'timeline-bar'},
       button('⇤✗', 'Previous failure, of the chosen row if one is chosen ([)', () => this.jump('failure', -1)), button('✗⇥', 'Next failure (])', () => this.jump('failure', 1)),
       button('⇤?', 'Previous decision ({)', () => this.jump('decision', -1)), button('?⇥', 'Next decision (})', () => this.jump('decision', 1)),
       button('−', 'Zoom out (-)', () => this.zoom(ZOOM)), button('⊡', 'Show all (0)', () => this.all()), button('+', 'Zoom in (+)', () => this.zoom(1 / ZOOM)),
@@ -235,19 +231,19 @@ export class Timeline {
     for (let tick = Math.ceil((from + (this.wall ?? 0)) / step) * step - (this.wall ?? 0); tick <= to; tick += step) {
       if (tick < this.begin - step) continue;
       const text = step < 1 && this.wall !== null ? `${this.clock(tick)}.${Math.round(10 * ((this.wall + tick) % 1))}` : this.clock(tick);
-      parts.push(make('line', {class: 'tick', x1: x(tick), x2: x(tick), y1: 0, y2: height}), make('text', {class: 'axis', x: x(tick) + 3, y: 13}, text));
+      parts.push(svg('line', {class: 'tick', x1: x(tick), x2: x(tick), y1: 0, y2: height}), svg('text', {class: 'axis', x: x(tick) + 3, y: 13}, text));
     }
-    if (x(this.begin) > left) parts.push(make('rect', {class: 'before', x: left, y: AXIS, width: x(this.begin) - left, height: height - AXIS}));
+    if (x(this.begin) > left) parts.push(svg('rect', {class: 'before', x: left, y: AXIS, width: x(this.begin) - left, height: height - AXIS}));
     rows.forEach((row, at) => {
       const y = AXIS + at * ROW, chosen = this.rowOf(row.first) === this.chosen;
-      if (row.title && row.lane !== 'nodes' && at || row.lane === 'nodes' && rows[at - 1]?.lane !== 'nodes') parts.push(make('line', {class: 'between', x1: 0, x2: width, y1: y, y2: y}));
+      if (row.title && row.lane !== 'nodes' && at || row.lane === 'nodes' && rows[at - 1]?.lane !== 'nodes') parts.push(svg('line', {class: 'between', x1: 0, x2: width, y1: y, y2: y}));
       for (const one of row.entries) parts.push(this.bar(one, y, row.entries[row.entries.indexOf(one) + 1]?.begin ?? width));
-      const head = make('g', {class: `row-name${chosen ? ' chosen' : ''}`, 'data-number': row.lane === 'nodes' ? row.first.number : null}, make('rect', {x: 0, y: y + 1, width: left - 4, height: ROW - 2}), make('text', {x: 4, y: y + 14}, cut(row.title, left - 22)));
-      if (row.lane === 'nodes') head.append(make('title', {}, row.first.key.replace('\n', ' ')));
+      const head = svg('g', {class: `row-name${chosen ? ' chosen' : ''}`, 'data-number': row.lane === 'nodes' ? row.first.number : null}, svg('rect', {x: 0, y: y + 1, width: left - 4, height: ROW - 2}), svg('text', {x: 4, y: y + 14}, cut(row.title, left - 22)));
+      if (row.lane === 'nodes') head.append(svg('title', {}, row.first.key.replace('\n', ' ')));
       parts.push(head);
     });
-    for (const [time, kind] of [[this.isLive ? this.now : null, 'now'], [this.at, 'at']]) if (time !== null && time >= from && time <= to) parts.push(make('line', {class: kind, x1: x(time), x2: x(time), y1: 0, y2: height}));
-    if (!rows.length) parts.push(make('text', {class: 'axis', x: left + 8, y: AXIS + 24}, this.entries.size ? 'nothing in this time' : 'nothing has happened yet'));
+    for (const [time, kind] of [[this.isLive ? this.now : null, 'now'], [this.at, 'at']]) if (time !== null && time >= from && time <= to) parts.push(svg('line', {class: kind, x1: x(time), x2: x(time), y1: 0, y2: height}));
+    if (!rows.length) parts.push(svg('text', {class: 'axis', x: left + 8, y: AXIS + 24}, this.entries.size ? 'nothing in this time' : 'nothing has happened yet'));
     this.svg.replaceChildren(...parts);
   }
 
@@ -256,8 +252,8 @@ export class Timeline {
     const words = entry.lane === 'nodes' ? [entry.word, entry.count > 1 ? `×${entry.count}` : ''].filter(Boolean).join(' ') : this.name(entry);
     const outside = this.isPoint(entry) && wide < LEAST_TEXT, room = outside ? Math.min(next, text) - end : wide;
     const shown = outside ? cut(`${sign} ${words}`, room - 4) || (next - end > 9 ? sign : '') : wide >= LEAST_TEXT ? cut(`${sign} ${words}`, wide - 4) : wide >= 9 ? sign : '';
-    return make('g', {class: `entry ${entry.lane} ${entry.tone}${entry.end === null ? ' open' : ''}`, 'data-number': entry.number},
-      make('rect', {x: from, y: y + 2, width: wide, height: ROW - 4, rx: 2}), ...(shown ? [make('text', {class: outside ? 'outside' : '', x: (outside ? end : from) + 2, y: y + 14}, shown)] : []),
-      make('title', {}, `${this.clock(entry.begin)}  ${this.name(entry)}  ${entry.end === null ? 'goes on' : ago(entry.end - entry.begin)}\n${entry.text}`));
+    return svg('g', {class: `entry ${entry.lane} ${entry.tone}${entry.end === null ? ' open' : ''}`, 'data-number': entry.number},
+      svg('rect', {x: from, y: y + 2, width: wide, height: ROW - 4, rx: 2}), ...(shown ? [svg('text', {class: outside ? 'outside' : '', x: (outside ? end : from) + 2, y: y + 14}, shown)] : []),
+      svg('title', {}, `${this.clock(entry.begin)}  ${this.name(entry)}  ${entry.end === null ? 'goes on' : ago(entry.end - entry.begin)}\n${entry.text}`));
   }
 }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Pan and zoom of an SVG that fills its pane: wheel, pinch, drag, buttons, and keys + - 0 and arrows while the pane has the focus.
 
+import {html} from './elements.js';
+
 const ZOOM = 1.25;
 const PAN = 60;         // pixels for an arrow key
 const SLOP = 4;         // pixels that a pointer moves before it drags: less is a click
@@ -125,18 +127,8 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
     event.stopPropagation();
     act();
   });
-  const tools = document.createElement('div');
-  tools.className = 'zoom seg';
-  for (const [mark, text, act] of [['−', 'Zoom out (-)', () => zoomTo(scale / ZOOM)], ['⊡', 'Fit; again: all of it (0)', () => fit(!moved)], ['+', 'Zoom in (+)', () => zoomTo(scale * ZOOM)]]) {
-    const button = document.createElement('button');
-    button.type = 'button';
-    button.title = text;
-    button.setAttribute('aria-label', text);
-    button.append(mark);
-    button.addEventListener('click', act);
-    tools.append(button);
-  }
-  pane.append(tools);
+  const button = (mark, title, act) => html('button', {type: 'button', title, 'aria-label': title, onclick: act}, mark);
+  pane.append(html('div', {class: 'zoom seg'}, button('−', 'Zoom out (-)', () => zoomTo(scale / ZOOM)), button('⊡', 'Fit; again: all of it (0)', () => fit(!moved)), button('+', 'Zoom in (+)', () => zoomTo(scale * ZOOM))));
   new ResizeObserver(() => { if (moved) apply(); else fit(); }).observe(svg);
   return {
     content(extent) { box = {...extent, width: extent.width || 1, height: extent.height || 1}; if (moved) apply(); else fit(); },
