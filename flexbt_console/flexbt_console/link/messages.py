@@ -11,6 +11,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
+from itertools import starmap
 from typing import Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 from builtin_interfaces.msg import Time
@@ -26,6 +27,8 @@ from flexbt_console.mirror.trees import MirroredNode, StatusChange, TreeNodes, T
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import sanitize_for_message, short_repr
 from flexbt_msgs import msg
+from flexbt_msgs.action import SynthesizeBehavior
+from flexbt_msgs.srv import GetTreeBlackboard
 
 FARTHEST: Final = 1e9
 """Maximum accepted distance from the origin of a map, m."""
@@ -35,6 +38,8 @@ N = TypeVar('N', int, float)
 
 
 RECORDS: Final[Mapping[type, type]] = {
+    GetTreeBlackboard.Response: records.TreeBlackboard,
+    SynthesizeBehavior.Result: records.Synthesis,
     msg.ActiveState: records.ActiveState,
     msg.BehaviorInput: records.BehaviorInput,
     msg.BehaviorList: records.BehaviorList,
@@ -60,10 +65,12 @@ RECORDS: Final[Mapping[type, type]] = {
     msg.TreeStatus: TreeReport,
     msg.TreeStatusChange: StatusChange,
     msg.TreeStructure: TreeNodes,
+    msg.UserdataScope: records.UserdataScope,
 }
 """The records of messages. Their fields have the names of the message's fields."""
 
 FIELDS: Final[Mapping[type, Mapping[str, str]]] = {
+    GetTreeBlackboard.Response: {'tree': 'behavior_tree'},
     msg.BehaviorParameter: {'default': 'default_value'},
     msg.DecisionSubject: {'decision_id': 'id', 'values': 'entries'},
     msg.ExecutiveCommand: {'operator': 'operator_id'},
@@ -73,6 +80,7 @@ FIELDS: Final[Mapping[type, Mapping[str, str]]] = {
     msg.TreeBreakpoint: {'tree': 'behavior_tree', 'operator': 'operator_id'},
     msg.TreeHold: {'tree': 'behavior_tree', 'operator': 'operator_id'},
     msg.TreeStructure: {'tree': 'behavior_tree', 'structure': 'number'},
+    msg.UserdataScope: {'values': 'entries'},
 }
 """Fields of a record that have another name in the message."""
 
@@ -98,7 +106,10 @@ def _fields(message: type) -> tuple[tuple[str, str, Callable[[Any], Any]], ...]:
     for name, hint in get_type_hints(record).items():
         field = renamed.get(name, name)
         if field in types:
-            found.append((name, field, seconds_of if types[field].endswith('/Time') else _conversion(hint)))
+            convert = _conversion(hint)
+            if 'builtin_interfaces/Time' in types[field]:
+                convert = seconds_of if hint is float else _times
+            found.append((name, field, convert))
     return tuple(found)
 
 
@@ -121,6 +132,10 @@ def _same(value: Any) -> Any:
     return value
 
 
+def _times(stamps: Any) -> tuple[float, ...]:
+    return tuple(map(seconds_of, stamps))
+
+
 def _first_record(messages: Any) -> Any:
     return record_of(messages[0]) if messages else None
 
@@ -135,6 +150,12 @@ def _arguments(messages: Any) -> tuple[tuple[str, str], ...]:
 
 def _inputs(messages: Any) -> tuple[records.InputValue, ...]:
     return tuple(records.InputValue(one.key, one.type, one.text) for one in messages)
+
+
+def _tree_entry(message: msg.BlackboardWrites) -> records.TreeEntry:
+    writes = zip(message.writers, map(seconds_of, message.stamps), message.values, strict=False)
+    known = (message.scope, message.key, message.type, message.text, message.count)
+    return records.TreeEntry(*known, tuple(starmap(records.EntryWrite, writes)))
 
 
 def _guard(message: msg.StopGuardStatus) -> records.StopGuard:
@@ -260,6 +281,7 @@ _CONVERSIONS: Final[Mapping[Any, Callable[[Any], Any]]] = {
 _SPECIAL: Final[Mapping[type, Callable[[Any], Any]]] = {
     DiagnosticArray: _incidents,
     msg.BlackboardEntry: _subject_value,
+    msg.BlackboardWrites: _tree_entry,
     msg.ExecutiveEvents: _events,
     msg.PlaceList: _places,
     msg.StopGuardStatus: _guard,

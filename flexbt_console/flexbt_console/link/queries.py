@@ -16,20 +16,12 @@ from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.errors import ConsoleError, NoAnswerError, RefusedError
-from flexbt_console.mirror.records import (
-    LIVENESS,
-    EntryWrite,
-    InputValue,
-    Synthesis,
-    SynthesisRequest,
-    TreeBlackboard,
-    TreeEntry,
-    UserdataScope,
-)
+from flexbt_console.mirror.records import LIVENESS, Synthesis, SynthesisRequest, TreeBlackboard, UserdataScope
 from flexbt_msgs.action import GetUserdata, SynthesizeBehavior
 from flexbt_msgs.srv import GetTreeBlackboard
+
+from .messages import record_of
 
 
 def userdata(
@@ -58,15 +50,7 @@ def userdata(
         raise NoAnswerError(outcome.reason)
     if result.code != GetUserdata.Result.SUCCESS:
         raise RefusedError(result.message)
-    return tuple(
-        UserdataScope(
-            scope.path,
-            tuple(InputValue(entry.key, entry.type, entry.text) for entry in scope.entries),
-            tuple(scope.writers),
-            tuple(map(seconds_of, scope.written)),
-        )
-        for scope in result.scopes
-    )
+    return tuple(map(record_of, result.scopes))
 
 
 def blackboard(
@@ -85,21 +69,8 @@ def blackboard(
         raise NoAnswerError(outcome.reason)
     if not response.success:
         raise RefusedError(response.message)
-    entries = tuple(
-        TreeEntry(
-            entry.scope,
-            entry.key,
-            entry.type,
-            entry.text,
-            entry.count,
-            tuple(
-                EntryWrite(writer, seconds_of(stamp), value)
-                for writer, stamp, value in zip(entry.writers, entry.stamps, entry.values, strict=False)
-            ),
-        )
-        for entry in response.entries
-    )
-    return TreeBlackboard(response.run_id, response.behavior_tree, response.recorded, entries)
+    board: TreeBlackboard = record_of(response)
+    return board
 
 
 def write_incident(runtime: NodeRuntime, namespace: str, timeout: float) -> str:
@@ -252,4 +223,5 @@ def _answer(outcome: GoalOutcome) -> Synthesis:
         raise ConsoleError(result.message)
     if result.code not in (Result.SUCCESS, Result.UNREALIZABLE):
         raise RefusedError(result.message or outcome.reason)
-    return Synthesis(result.behavior, result.machine, tuple(result.notes), tuple(result.explanation))
+    made: Synthesis = record_of(result)
+    return made
