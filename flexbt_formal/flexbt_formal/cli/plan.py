@@ -63,20 +63,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--name', metavar='ID', type=_tree_id, default='Plan', help='ID of the tree (default: %(default)s)'
     )
-    parser.add_argument(
-        '--time-limit',
-        metavar='SECONDS',
-        type=arguments.positive,
-        default=60.0,
-        help='time for planning (default: %(default)g)',
-    )
-    parser.add_argument(
-        '--disturbed',
-        metavar='NUMBER',
-        type=_number,
-        default=1,
-        help='number of disturbances that the tree is planned and tested for (default: %(default)s)',
-    )
+    arguments.add_number(parser, '--time-limit', 'SECONDS', 60.0, 'time for planning')
+    disturbed = 'number of disturbances that the tree is planned and tested for'
+    arguments.add_number(parser, '--disturbed', 'NUMBER', 1, disturbed, _number)
     parser.add_argument('--quiet', action='store_true', help='print no progress and no summary')
     arguments.add_node_types(parser, allow_unknown=False)
     arguments.add_json(parser)

@@ -42,30 +42,19 @@ from flexbt_tools.trees.outline import node_places
 _MOST_BYTES: Final = 1_000_000
 
 
-def add_faults(parser: argparse.ArgumentParser, what: str) -> None:
-    """Add ``options.faults``; ``what`` describes them in the help."""
-    parser.add_argument(
-        '--faults', metavar='N', type=int, choices=range(4), default=1, help=f'{what}, 0 to 3 (default: 1)'
-    )
+def add_count(parser: argparse.ArgumentParser, flag: str, default: int, what: str) -> None:
+    """Add an option for a number of things that the adversary does; ``what`` describes them in the help."""
+    help = f'{what}, 0 to 3 (default: {default})'
+    parser.add_argument(flag, metavar='N', type=int, choices=range(4), default=default, help=help)
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:
     """Add ``options.seconds``, ``options.situations``, ``options.save_test``, ``options.save_recording``,
     ``options.draw``, ``options.anew``, ``options.json``, ``options.quiet``."""
-    parser.add_argument(
-        '--seconds',
-        metavar='S',
-        type=arguments.positive,
-        default=DEFAULT_SECONDS,
-        help='stop after this processor time, and report what was explored (default: %(default)g)',
-    )
-    parser.add_argument(
-        '--situations',
-        metavar='N',
-        type=_count,
-        default=DEFAULT_CONFIGURATIONS,
-        help='stop at this number of situations (default: %(default)d)',
-    )
+    seconds = 'stop after this processor time, and report what was explored'
+    arguments.add_number(parser, '--seconds', 'S', DEFAULT_SECONDS, seconds)
+    situations = 'stop at this number of situations'
+    arguments.add_number(parser, '--situations', 'N', DEFAULT_CONFIGURATIONS, situations, _count)
     parser.add_argument('--save-test', metavar='FILE', help='write the counterexamples as a test for pytest')
     parser.add_argument(
         '--save-recording', metavar='FILE', help='write the counterexamples as a recording, for console replay'

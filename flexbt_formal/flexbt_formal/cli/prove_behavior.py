@@ -37,12 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_node_types(parser, allow_unknown=False)
     activity = 'operator: does nothing, answers decisions, or also pauses and forces'
     arguments.add_choice(parser, '--operator', Operator, Operator.ANSWERS.value, activity)
-    parser.add_argument(
-        '--forces', metavar='N', type=int, choices=range(4), default=0, help='number of forced outcomes, 0 to 3'
-    )
+    proof_arguments.add_count(parser, '--forces', 0, 'number of forced outcomes')
     levels = list(AUTONOMY_NAMES.values())
     arguments.add_choice(parser, '--autonomy', levels, AUTONOMY_NAMES[Autonomy.Low], 'level of autonomy')
-    proof_arguments.add_faults(parser, 'cancels that are ignored, and servers that are gone for good')
+    proof_arguments.add_count(parser, '--faults', 1, 'cancels that are ignored, and servers that are gone for good')
     proof_arguments.add_requirements(parser, 'machine of the behavior')
     parser.add_argument(
         '--against',

@@ -27,32 +27,15 @@ _HEAD = 4096
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group('of a model in the format of AS2FM (main.xml)')
     arguments.add_list(group, '--property', 'NAME', 'only this property')
-    group.add_argument(
-        '--method',
-        choices=[one.value for one in Method],
-        default=Method.AUTO.value,
-        help='explore all states (exact), or make random runs (statistical); auto: random runs if states are too many',
-    )
+    method = 'explore all states (exact), or make random runs (statistical); auto: random runs if states are too many'
+    arguments.add_choice(group, '--method', Method, Method.AUTO.value, method)
     order = 'order of automata that can step at the same time'
     arguments.add_choice(group, '--order', Order, Order.TURNS.value, order)
     limits = CheckLimits()
-    group.add_argument(
-        '--error',
-        metavar='E',
-        type=_part,
-        default=limits.error,
-        help='stop random runs when the probability is known within E (default: %(default)g) ...',
-    )
-    group.add_argument(
-        '--confidence',
-        metavar='C',
-        type=_part,
-        default=limits.confidence,
-        help='... with this confidence (default: %(default)g)',
-    )
-    group.add_argument(
-        '--seed', metavar='N', type=int, default=limits.seed, help='seed of the random numbers (default: %(default)d)'
-    )
+    error = 'stop random runs when the probability is known within E ...'
+    arguments.add_number(group, '--error', 'E', limits.error, error, _part)
+    arguments.add_number(group, '--confidence', 'C', limits.confidence, '... with this confidence', _part)
+    arguments.add_number(group, '--seed', 'N', limits.seed, 'seed of the random numbers', int)
 
 
 def _part(text: str) -> float:

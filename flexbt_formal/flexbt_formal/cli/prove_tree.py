@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--tree', metavar='ID', help='only this tree (default: all trees that are not sub-trees)')
     arguments.add_list(parser, '--given', 'KEY', 'key that is set on the blackboard from outside')
     arguments.add_node_types(parser, allow_unknown=False)
-    proof_arguments.add_faults(parser, 'servers that are gone for good')
+    proof_arguments.add_count(parser, '--faults', 1, 'servers that are gone for good')
     proof_arguments.add_requirements(parser, 'tree')
     old = 'file of the previous version, or - for standard input: report how the trees differ from it'
     arguments.add_list(parser, '--against', 'OLD', old)

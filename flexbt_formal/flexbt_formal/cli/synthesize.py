@@ -46,21 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         'file', metavar='FILE', nargs='?', help='capability file (YAML); not needed with a complete --spec'
     )
     asked = parser.add_argument_group('what is asked for')
-    asked.add_argument(
-        '--goal',
-        metavar='FORMULA',
-        action='append',
-        default=[],
-        help='what the machine has to reach; with several, all of them',
-    )
+    arguments.add_list(asked, '--goal', 'FORMULA', 'what the machine has to reach; with several, all of them')
     arguments.add_list(asked, '--initial', 'FORMULA', 'what holds at the start')
     arguments.add_list(asked, '--outcome', 'NAME', 'outcome of the machine')
     asked.add_argument('--request', metavar='FILE', help='request (YAML) with goals, initial_conditions, sm_outcomes')
     asked.add_argument('--spec', metavar='FILE', help='specification to add: YAML, or structuredslugs')
     world = parser.add_argument_group('states and the world')
-    world.add_argument(
-        '--mappings', metavar='FILE', action='append', default=[], help='mappings of outcomes (default: the usual ones)'
-    )
+    arguments.add_list(world, '--mappings', 'FILE', 'mappings of outcomes (default: the usual ones)')
     arguments.add_list(world, '--states', 'MODULE', 'module with more states')
     world.add_argument('--interfaces', metavar='FILE', help='outcomes and keys (YAML) of states that are not installed')
     liveness = (

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry, node_skills
@@ -35,6 +35,20 @@ def positive(text: str) -> float:
 def add_list(parser: argparse._ActionsContainer, flag: str, metavar: str, help: str) -> None:
     """Add an option that may be repeated. Its value is a list of texts, empty by default."""
     parser.add_argument(flag, metavar=metavar, action='append', default=[], help=f'{help}; repeatable')
+
+
+def add_number(
+    parser: argparse._ActionsContainer,
+    flag: str,
+    metavar: str,
+    default: float,
+    help: str,
+    convert: Callable[[str], float] = positive,
+) -> None:
+    """Add an option whose value is a number."""
+    default_text = '%(default)d' if isinstance(default, int) else '%(default)g'
+    whole = f'{help} (default: {default_text})'
+    parser.add_argument(flag, metavar=metavar, type=convert, default=default, help=whole)
 
 
 def add_choice(

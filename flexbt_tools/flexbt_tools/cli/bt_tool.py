@@ -265,16 +265,9 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--read-inputs', action='store_true', help='let mocks raise when an input is missing, as nodes do'
     )
-    parser.add_argument(
-        '--rate', metavar='HZ', type=arguments.positive, default=DEFAULT_RATE, help='minimum tick rate (default: 10)'
-    )
-    parser.add_argument(
-        '--timeout',
-        metavar='SECONDS',
-        type=arguments.positive,
-        default=_DEFAULT_TIMEOUT,
-        help="end the run at this time on the tree's clock (default: 600)",
-    )
+    arguments.add_number(parser, '--rate', 'HZ', DEFAULT_RATE, 'minimum tick rate')
+    ends = "end the run at this time on the tree's clock"
+    arguments.add_number(parser, '--timeout', 'SECONDS', _DEFAULT_TIMEOUT, ends)
     parser.add_argument(
         '--real-time', action='store_true', help='run in real time, instead of jumping from event to event'
     )
@@ -384,13 +377,7 @@ def add_mcp_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         'folder', metavar='FOLDER', nargs='?', type=Path, default=Path(), help='folder of the missions (default: .)'
     )
-    parser.add_argument(
-        '--seconds',
-        metavar='S',
-        type=arguments.positive,
-        default=45.0,
-        help='time limit of a call (default: %(default)g)',
-    )
+    arguments.add_number(parser, '--seconds', 'S', 45.0, 'time limit of a call')
 
 
 def run_mcp(options: argparse.Namespace) -> ExitCode:
