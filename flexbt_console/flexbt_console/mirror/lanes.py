@@ -48,9 +48,6 @@ TEXT_LENGTH: Final = 300
 MOST_TEXT: Final = 100_000
 """Characters of an entry's text, and of a text of the log that are looked at."""
 
-PLACE_RADIUS: Final = 0.5
-"""Metres within which a goal is called by the name of a place."""
-
 ANSWERS: Final = {'CONFIRM': 'confirmed', 'FORCE': 'forced', 'ANSWER': 'answered', 'DECLINE': 'declined'}
 FAILED: Final = frozenset({'failed', 'error', 'failure'})
 
@@ -235,7 +232,10 @@ class Lanes:
             Lane.GOALS,
             {
                 f'{path} {goal.x:.2f} {goal.y:.2f}': lambda path=path, goal=goal: self._add(  # type: ignore[misc]
-                    Lane.GOALS, path, self._place(goal), text=f'x {goal.x:.2f}  y {goal.y:.2f}  {one_line(path)}'
+                    Lane.GOALS,
+                    path,
+                    goal.place(self._places) or f'{goal.x:.1f}, {goal.y:.1f}',
+                    text=f'x {goal.x:.2f}  y {goal.y:.2f}  {one_line(path)}',
                 )
                 for path, goal in goals
                 if goal is not None
@@ -354,11 +354,6 @@ class Lanes:
 
     def _take_places(self, places: Mapping[str, FramedPose]) -> None:
         self._places = places
-
-    def _place(self, goal: FramedPose) -> str:
-        near = [(math.dist((goal.x, goal.y), (one.x, one.y)), name) for name, one in self._places.items()]
-        distance, name = min(near, default=(math.inf, ''))
-        return name if distance <= PLACE_RADIUS else f'{goal.x:.1f}, {goal.y:.1f}'
 
     # Trees
 

@@ -8,7 +8,7 @@ them, and JSON derives from them. Times are seconds on the executive's clock unl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import compress, pairwise, zip_longest
@@ -150,6 +150,10 @@ class AutonomyLevel(IntEnum):
     FULL = 3
 
 
+PLACE_RADIUS: Final = 0.5
+"""Metres within which a pose is called by the name of a place."""
+
+
 @dataclass(frozen=True, slots=True)
 class FramedPose:
     """A pose in the plane: metres and radians in ``frame``."""
@@ -158,6 +162,14 @@ class FramedPose:
     y: float
     yaw: float = 0.0
     frame: str = 'map'
+
+    def place(self, places: Mapping[str, FramedPose]) -> str:
+        """Return the name of the place that is nearest, if it is within :data:`PLACE_RADIUS`; or else ''."""
+        near = [
+            (math.dist((self.x, self.y), (at.x, at.y)), name) for name, at in places.items() if at.frame == self.frame
+        ]
+        distance, name = min(near, default=(math.inf, ''))
+        return name if distance <= PLACE_RADIUS else ''
 
 
 @dataclass(frozen=True, slots=True)

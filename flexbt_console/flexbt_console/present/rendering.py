@@ -55,9 +55,6 @@ SUBJECT_LENGTH: Final = 60
 VALUE_LENGTH: Final = 200
 """Maximum number of characters shown of a value of userdata."""
 
-PLACE_RADIUS: Final = 0.5
-"""Metres within which a goal is called by the name of a place."""
-
 FIRST_WALL_TIME: Final = 1e9
 """Seconds since 1970: a time before 2001 is not a time of day, but simulated time."""
 
@@ -484,11 +481,8 @@ def progress_text(progress: DriveProgress, places: Mapping[str, FramedPose]) -> 
 
 
 def place_text(pose: FramedPose, places: Mapping[str, FramedPose]) -> str:
-    """Return the name of the place that is nearest to a pose, if it is within :data:`PLACE_RADIUS`; or else its x and
-    y."""
-    near = [(math.dist((pose.x, pose.y), (at.x, at.y)), name) for name, at in places.items() if at.frame == pose.frame]
-    distance, name = min(near, default=(math.inf, ''))
-    return one_line(name) if distance <= PLACE_RADIUS else f'x {pose.x:.2f} y {pose.y:.2f}'
+    """Return the name of the place at a pose; where there is none, its x and y."""
+    return one_line(pose.place(places)) or f'x {pose.x:.2f} y {pose.y:.2f}'
 
 
 def stamp_text(stamp: float) -> str:

@@ -216,3 +216,17 @@ def test_an_outcome_that_a_state_asked_for_is_an_answer(kind: DecisionKind, said
     words = {one.lane: (one.label, one.word) for one in lanes.since()}
     assert words[Lane.COMMANDS] == (f'{said} skip', 'applied')
     assert words[Lane.DECISIONS][1] == 'skip by ann'
+
+
+def test_a_goal_has_the_name_of_a_place_of_its_own_frame() -> None:
+    robot = Robot(0)
+    lanes = Lanes(robot.mirror)
+    robot.mirror.receive_places({'dock': FramedPose(1.0, 0.0), 'start': FramedPose(1.0, 0.1, frame='odom')})
+    for frame in ('map', 'odom', 'utm'):
+        goal = DriveProgress(goal=FramedPose(1.0, 0.05, frame=frame))
+        robot.snapshot(
+            state=ExecutiveState.RUNNING, run_id='r1', active_states=(ActiveState(f'/{frame}', progress=goal),)
+        )
+        robot.clock.advance(0.2)
+    found = {one.key.split()[0]: one.label for one in lanes.since() if one.lane is Lane.GOALS}
+    assert found == {'/map': 'dock', '/odom': 'start', '/utm': '1.0, 0.1'}, found
