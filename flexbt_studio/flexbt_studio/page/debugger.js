@@ -162,9 +162,7 @@ export class Debugger {
   }
 
   // The places of a tree's nodes in the files, by their paths in a run; none if it is in no file.
-  async nodes(tree) {
-    try { return this.live.places(tree)?.nodes ?? await this.live.find(tree); } catch (refusal) { this.told(refusal.message, 'error'); return {}; }
-  }
+  async nodes(tree) { return this.live.places(tree)?.nodes ?? this.live.find(tree); }
 
   async show(place) { if (place) await this.studio.go(place[0], () => place[1]); else this.told('It is not in the files of this project', 'warning'); }
 
@@ -346,7 +344,7 @@ export class Debugger {
   async offer() {
     const {studio, event, live} = this, {file} = studio;
     if (!this.link || !event.trees || !file) { this.told('Nothing is known of the robot yet; turn Live on', 'warning'); return; }
-    try { await file.settled(); } catch (refusal) { this.told(refusal.message, 'error'); return; }
+    await file.settled();
     if (file.problem) { this.told(`The text cannot be read: ${file.problem.message}`, 'error'); return; }
     if (this.isMachine) {
       if (live.machine(event)?.file !== file) this.told(`The robot does not run the machine ${file.name}`, 'warning');

@@ -4,6 +4,7 @@
 import {mapOffset} from './changes.js';
 import {ask, choose} from './choice.js';
 import {html} from './elements.js';
+import {Refusal} from './session_link.js';
 import {sheet, unifiedDifference} from './sheets.js';
 
 const KINDS = {userdata: 'userdata key', key: 'blackboard key'};
@@ -39,7 +40,7 @@ export class Names {
       if (wanted === null || wanted === meant.name) return false;
       for (;;) {
         const plan = await link.request('rename', {file: file.name, offset: here(), new: wanted});
-        if (!plan.files.length) throw new Error(`nothing names ${meant.name}`);
+        if (!plan.files.length) throw new Refusal({kind: 'refused', message: `nothing names ${meant.name}`});
         const isPlain = plan.files.length === 1 && plan.files[0].file === file.name && !plan.notes.length;
         if (!isPlain && !await this.agreed(plan, wanted)) return false;
         const files = await Promise.all(plan.files.map(async (one) => studio.open.get(one.file) ?? studio.added(await link.request('open', {file: one.file}))));
@@ -47,9 +48,6 @@ export class Names {
         studio.told('A file was edited meanwhile: here are the edits again', 'warning');
         await this.settled();
       }
-    } catch (refusal) {
-      studio.told(refusal.message, 'error');
-      return false;
     } finally {
       file.watches.delete(watch);
     }
@@ -89,18 +87,13 @@ export class Names {
   // All uses of a name, in all files, to go to one of them.
   async uses({offset = this.place()} = {}) {
     const {studio} = this, {file} = studio;
-    try {
-      await this.settled();
-      const {kind, name, uses} = await studio.link.request('uses', {file: file.name, offset});
-      const chosen = await choose(`${uses.length} uses of the ${KINDS[kind] ?? kind} ${name}`, uses.map((one) => ({...one, label: `${one.file}:${one.line}`, detail: `${one.text} – ${one.source.slice(0, 160)}`})));
-      if (!chosen) return;
-      const opened = await studio.go(chosen.file, (view) => null, {isJump: true});
-      if (!opened) return;
-      const part = studio.innermost(opened, chosen.span[0]);
-      if (part) studio.select(part.path);
-      studio.pane.select(...chosen.span);
-    } catch (refusal) {
-      studio.told(refusal.message, 'error');
-    }
+    await this.settled();
+    const {kind, name, uses} = await studio.link.request('uses', {file: file.name, offset});
+    const chosen = await choose(`${uses.length} uses of the ${KINDS[kind] ?? kind} ${name}`, uses.map((one) => ({...one, label: `${one.file}:${one.line}`, detail: `${one.text} – ${one.source.slice(0, 160)}`})));
+    if (!chosen) return;
+    const opened = await studio.go(chosen.file, null, {isJump: true});
+    const part = studio.innermost(opened, chosen.span[0]);
+    if (part) studio.select(part.path);
+    studio.pane.select(...chosen.span);
   }
 }

@@ -82,8 +82,6 @@ export class Goals {
       }
       const stem = entry.one.source.replace(/\.\w+$/, ''), name = await ask('Name of the new file', entry.job === 'plan' ? `${stem}.xml` : `${stem}_machine.yaml`, 'It is on disk when it is saved.');
       if (name) await propose(studio, title, name, text, notes);
-    } catch (refusal) {
-      studio.told(refusal.message, 'error');
     } finally {
       this.isProposing = false;
     }
@@ -109,15 +107,11 @@ export async function exportModels(studio) {
   const places = [...(isTree ? [{label: 'Models of its node types, into this file', file: file.name, into: true}, {label: 'Models of the node types of this file, into a new one', file: file.name, into: false}] : []), {label: 'Models of all installed node types, into a new file', file: '', into: false}];
   const chosen = await choose('Export', places, {note: 'As <TreeNodesModel>; those of BehaviorTree.CPP itself are left out, every editor knows them.'});
   if (!chosen) return;
-  try {
-    await file?.settled();
-    const text = await studio.link.request('models', {file: chosen.file, into: chosen.into});
-    const name = chosen.into ? file.name : await ask('Name of the new file', 'models.xml', 'It is on disk when it is saved.');
-    if (name && chosen.into) await propose(studio, 'Models of its node types', name, text, []);
-    else if (name) await studio.create(name, text);
-  } catch (refusal) {
-    studio.told(refusal.message, 'error');
-  }
+  await file?.settled();
+  const text = await studio.link.request('models', {file: chosen.file, into: chosen.into});
+  const name = chosen.into ? file.name : await ask('Name of the new file', 'models.xml', 'It is on disk when it is saved.');
+  if (name && chosen.into) await propose(studio, 'Models of its node types', name, text, []);
+  else if (name) await studio.create(name, text);
 }
 
 export async function importModels(studio) {
@@ -127,15 +121,11 @@ export async function importModels(studio) {
     if (source.size > MOST_BYTES) { studio.told(`${source.name} has more than ${MOST_BYTES} bytes; take the part with <TreeNodesModel>`, 'error'); return; }
     const name = await ask('Name of the new file', `palette_${source.name.replace(/\.\w+$/, '')}.xml`, 'It has the models alone. The studio knows their node types as long as it is in the project.');
     if (!name) return;
-    try {
-      const {model, types, added, problems} = await studio.link.request('import_models', {file: name, text: await source.text()});
-      for (const one of types) studio.types.set(one.id, {...one, kind: one.kind.toLowerCase()});
-      studio.show(studio.added(model));
-      studio.file.saved = '';
-      studio.told(problems[0] ?? `${added.length} node types added: ${added.slice(0, 8).join(', ')}`, problems.length ? 'warning' : 'good');
-    } catch (refusal) {
-      studio.told(refusal.message, 'error');
-    }
+    const {model, types, added, problems} = await studio.link.request('import_models', {file: name, text: await source.text()});
+    for (const one of types) studio.types.set(one.id, {...one, kind: one.kind.toLowerCase()});
+    studio.show(studio.added(model));
+    studio.file.saved = '';
+    studio.told(problems[0] ?? `${added.length} node types added: ${added.slice(0, 8).join(', ')}`, problems.length ? 'warning' : 'good');
   });
   field.click();
 }

@@ -28,14 +28,10 @@ export class Recordings {
   async choose() {
     const {studio} = this;
     studio.jobs.open('recordings');
-    try {
-      const all = await studio.link.request('recordings');
-      if (!all.length) { studio.told('There is no recording. The program recorder makes them; studio --recordings names their folder', 'warning'); return; }
-      const chosen = await choose('Open a recording', all.map(({name, bytes, changed}) => ({label: name, detail: `${new Date(1000 * changed).toLocaleString()}, ${size(bytes)}`})));
-      if (chosen) await this.open(chosen.label);
-    } catch (refusal) {
-      studio.told(refusal.message, 'error');
-    }
+    const all = await studio.link.request('recordings');
+    if (!all.length) { studio.told('There is no recording. The program recorder makes them; studio --recordings names their folder', 'warning'); return; }
+    const chosen = await choose('Open a recording', all.map(({name, bytes, changed}) => ({label: name, detail: `${new Date(1000 * changed).toLocaleString()}, ${size(bytes)}`})));
+    if (chosen) await this.open(chosen.label);
   }
 
   async open(name) {

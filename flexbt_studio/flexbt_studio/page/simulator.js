@@ -51,25 +51,17 @@ export class Simulator {
 
   commands(page) { return [page('simulate', 'Simulation: start a robot, run this file, what if', null, () => { this.studio.jobs.open('simulator'); })]; }
 
-  // Ask the studio for something of the simulation. Resolves to {result}, or to null after telling why not.
-  async ask(method, args = {}) {
-    try {
-      return {result: await this.studio.link.request(`simulator_${method}`, args)};
-    } catch (refusal) {
-      this.studio.told(refusal.message, 'error');
-      return null;
-    }
-  }
+  // Ask the studio for something of the simulation.
+  ask(method, args = {}) { return this.studio.link.request(`simulator_${method}`, args); }
 
   async opened() {
     const found = await this.ask('worlds'), now = this.worlds.value;
-    if (!found) return;
-    this.worlds.replaceChildren(html('option', {value: ''}, BUILT_IN), ...found.result.map((name) => html('option', {value: name}, name)));
-    this.worlds.value = found.result.includes(now) ? now : '';
+    this.worlds.replaceChildren(html('option', {value: ''}, BUILT_IN), ...found.map((name) => html('option', {value: name}, name)));
+    this.worlds.value = found.includes(now) ? now : '';
   }
 
   // The page is connected; a simulated robot that it has started has ended with the connection before.
-  async welcome() { this.take((await this.ask('state'))?.result ?? {...this.state, state: 'ended', message: ''}); }
+  async welcome() { this.take(await this.ask('state').catch(() => null) ?? {...this.state, state: 'ended', message: ''}); }
 
   async toggle() {
     if (this.state.state === 'ended') await this.ask('start', {world: this.worlds.value, speed: Number(this.speed.value)});
@@ -126,11 +118,11 @@ export class Simulator {
     const {studio} = this, {file} = studio;
     if (!file) { studio.told('Open a file to run', 'warning'); return; }
     if (file.language === 'python' && !await studio.allowCode()) return;
-    try { await file.settled(); } catch (refusal) { studio.told(refusal.message, 'error'); return; }
+    await file.settled();
     const selected = studio.part(file.selected)?.data.tree ?? file.view.trees?.[0]?.path, tree = file.view.main || (file.view.trees ?? []).find((one) => one.path === selected)?.id || '';
     studio.told(`Running ${file.name} in the simulation`);
     const started = await this.ask('run', {file: file.name, tree, goal: this.goal.value});
-    if (started?.result && !this.link?.send({do: `start ${started.result} --autonomy full`})) studio.told('There is no connection to the simulated robot', 'error');
+    if (started && !this.link?.send({do: `start ${started} --autonomy full`})) studio.told('There is no connection to the simulated robot', 'error');
   }
 
   cancel() {
@@ -150,11 +142,12 @@ export class Simulator {
   async happen() {
     const chosen = FAULTS[this.what.value], [fault, entity, parameters] = chosen.fault(this.which.value, Number(this.level.value));
     if (chosen.of && !this.which.value) { this.studio.told(`There is none in this world: ${chosen.text}`, 'warning'); return; }
-    if (await this.ask('what_if', {fault, entity: entity || this.robot, parameters, clear: false})) this.studio.told(`Simulation: ${[this.which.hidden ? '' : this.which.value, chosen.text, this.level.hidden ? '' : this.level.value].filter(Boolean).join(' ')}`, 'warning');
+    await this.ask('what_if', {fault, entity: entity || this.robot, parameters, clear: false});
+    this.studio.told(`Simulation: ${[this.which.hidden ? '' : this.which.value, chosen.text, this.level.hidden ? '' : this.level.value].filter(Boolean).join(' ')}`, 'warning');
   }
 
   async end() {
-    for (const entity of [this.robot, ...this.state.doors]) if (!await this.ask('what_if', {fault: '', entity, parameters: {}, clear: true})) return;
+    for (const entity of [this.robot, ...this.state.doors]) await this.ask('what_if', {fault: '', entity, parameters: {}, clear: true});
     this.studio.told('Simulation: all faults have ended');
   }
 

@@ -19,7 +19,7 @@ import {panels} from './panels.js';
 import {plainPane} from './plain_text.js';
 import {Player} from './player.js';
 import {Recordings} from './recordings.js';
-import {SessionLink} from './session_link.js';
+import {Refusal, SessionLink} from './session_link.js';
 import {codeSheet, conflictSheet, keySheet, sheet, shownKeys, unifiedDifference} from './sheets.js';
 import {Simulator} from './simulator.js';
 import {drawTrees} from './tree_drawing.js';
@@ -114,9 +114,9 @@ class Studio {
       this.states = hello.states.map((one) => ({...one, outcomes: one.outcomes.map((outcome) => outcome.name), keyNames: [...one.inputs, ...one.outputs].map((key) => key.name)}));
       this.showFiles(hello.files);
       if (this.open.size) await Promise.all([...this.open.values()].map((file) => file.recover(isNew)));
-      else await this.openLink();
       this.palette.show(this.entries());
       if (hello.notes.length) this.told(hello.notes[0], 'warning');
+      if (!this.open.size) await this.openLink();
     } catch (refusal) {
       if (refusal.kind !== 'lost') throw refusal;
     }
@@ -136,15 +136,11 @@ class Studio {
     file.isOld = file.isChanged;
     this.showHead();
     if (file.isOld) { this.told(`${file.name} was changed on disk by another program`, 'warning'); return; }
-    try {
-      const text = await this.link.request('take_disk', {file: file.name});
-      if (text === null) return;
-      file.saved = text;
-      if (text !== file.text) file.apply(difference(file.text, text), 'disk', true);
-      this.told(`${file.name} was changed on disk; this is its text now, and Undo takes it back`);
-    } catch (refusal) {
-      this.told(refusal.message, 'error');
-    }
+    const text = await this.link.request('take_disk', {file: file.name});
+    if (text === null) return;
+    file.saved = text;
+    if (text !== file.text) file.apply(difference(file.text, text), 'disk', true);
+    this.told(`${file.name} was changed on disk; this is its text now, and Undo takes it back`);
   }
 
   // Files.
@@ -159,18 +155,13 @@ class Studio {
 
   // Open a file if need be, show it, and select what find(view) returns, a path.
   async go(name, find = null, {isJump = false} = {}) {
-    try {
-      let file = this.open.get(name);
-      if (!file) file = this.added(await this.link.request('open', {file: name}));
-      if (isJump) this.back.push([this.file.name, this.file.selected]);
-      this.show(file);
-      const path = find?.(file.view) ?? null;
-      if (path) this.select(path);
-      return file;
-    } catch (refusal) {
-      this.told(refusal.message, 'error');
-      return null;
-    }
+    let file = this.open.get(name);
+    if (!file) file = this.added(await this.link.request('open', {file: name}));
+    if (isJump) this.back.push([this.file.name, this.file.selected]);
+    this.show(file);
+    const path = find?.(file.view) ?? null;
+    if (path) this.select(path);
+    return file;
   }
 
   added(model) {
@@ -183,13 +174,9 @@ class Studio {
   }
 
   async create(name, text) {
-    try {
-      this.show(this.added(await this.link.request('create', {file: name, text})));
-      this.file.saved = '';
-      this.showHead();
-    } catch (refusal) {
-      this.told(refusal.message, 'error');
-    }
+    this.show(this.added(await this.link.request('create', {file: name, text})));
+    this.file.saved = '';
+    this.showHead();
   }
 
   show(file) {
@@ -326,7 +313,7 @@ class Studio {
     const words = new URLSearchParams(location.hash.slice(1)), file = words.get('file'), node = words.get('node');
     if (!file) { if (document.activeElement === document.body) byId('files-filter').focus(); return; }
     const opened = await this.go(file, () => node);
-    if (opened && node && !opened.parts.has(node)) this.told(`${file} has no ${node} now; it was renamed, moved or removed`, 'warning');
+    if (node && !opened.parts.has(node)) this.told(`${file} has no ${node} now; it was renamed, moved or removed`, 'warning');
   }
 
   fold(path) {
@@ -456,14 +443,10 @@ class Studio {
 
   async showDifference() {
     if (!this.file) return;
-    try {
-      await this.file.settled();
-      const lines = await this.link.request('difference', {file: this.file.name});
-      const isSaving = await sheet(`${this.file.name}: what Save writes`, lines.length ? [unifiedDifference(lines), this.jobs.sheetPart(this.file, () => byId('sheet-buttons').lastElementChild.click())] : [html('p', {}, 'The text is as it is on disk.')], lines.length ? [['Save', true, 'primary'], ['Close', null, '']] : [['Close', null, 'primary']]);
-      if (isSaving) await this.save();
-    } catch (refusal) {
-      this.told(refusal.message, 'error');
-    }
+    await this.file.settled();
+    const lines = await this.link.request('difference', {file: this.file.name});
+    const isSaving = await sheet(`${this.file.name}: what Save writes`, lines.length ? [unifiedDifference(lines), this.jobs.sheetPart(this.file, () => byId('sheet-buttons').lastElementChild.click())] : [html('p', {}, 'The text is as it is on disk.')], lines.length ? [['Save', true, 'primary'], ['Close', null, '']] : [['Close', null, 'primary']]);
+    if (isSaving) await this.save();
   }
 
   async save(over = '') {
@@ -485,16 +468,12 @@ class Studio {
   }
 
   async resolve(file) {
-    try {
-      const {text, disk} = await this.link.request('on_disk', {file: file.name});
-      if (text === file.text) { await this.save(disk); return; }
-      const chosen = await conflictSheet(file.name, file.text, text, this.pane.merge);
-      if (!chosen) { this.told(`${file.name} is not saved: it was changed on disk`, 'warning'); return; }
-      if (chosen.text !== file.text) file.apply(difference(file.text, chosen.text), 'merge', true);
-      await this.save(disk);
-    } catch (refusal) {
-      this.told(refusal.message, 'error');
-    }
+    const {text, disk} = await this.link.request('on_disk', {file: file.name});
+    if (text === file.text) { await this.save(disk); return; }
+    const chosen = await conflictSheet(file.name, file.text, text, this.pane.merge);
+    if (!chosen) { this.told(`${file.name} is not saved: it was changed on disk`, 'warning'); return; }
+    if (chosen.text !== file.text) file.apply(difference(file.text, chosen.text), 'merge', true);
+    await this.save(disk);
   }
 
   // Commands.
@@ -565,6 +544,8 @@ class Studio {
   }
 
   listen() {
+    // A refusal ends what was asked for, and is told; it is caught only where something else is done then.
+    addEventListener('unhandledrejection', (event) => { if (event.reason instanceof Refusal) { event.preventDefault(); this.told(event.reason.message, 'error'); } });
     addEventListener('keydown', (event) => {
       if (document.querySelector('dialog[open]') || event.defaultPrevented) return;
       const inGraph = this.graph.hasFocus, isField = event.target.closest?.('input, textarea, select') || this.pane.hasFocus();

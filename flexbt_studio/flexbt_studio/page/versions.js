@@ -93,27 +93,23 @@ async function pictureSheet(title, picture, parts, buttons) {
 export async function compareVersions(studio) {
   const {file, link} = studio;
   if (!file) { studio.told('Open a file to compare it', 'warning'); return; }
-  try {
-    await file.settled();
-    const found = await link.request('revisions', {file: file.name}).catch((refusal) => { if (refusal.kind === 'lost') throw refusal; return refusal.message; });
-    const disk = {label: 'The version on disk', detail: 'what Save overwrites'}, isText = typeof found === 'string';
-    const all = isText ? [] : found.map((one) => ({...one, label: `${one.revision.slice(0, 10)} ${one.subject}`, detail: `${one.author}, ${one.time.slice(0, 16).replace('T', ' ')}`, words: one.name}));
-    const chosen = await choose(`Compare ${file.name} with`, [disk, ...all], {note: isText ? found : ''});
-    if (!chosen) return;
-    const before = chosen === disk ? (await link.request('on_disk', {file: file.name})).text : await link.request('text_at', {file: file.name, revision: chosen.revision, name: chosen.name});
-    const watch = {change: []}, after = file.text, place = html('div', {class: 'merge'});
-    file.watches.add(watch);
-    const made = studio.pane.merge?.(place, before, after);
-    const picture = await changePicture(link, file.name, before, after, (change) => made?.show(change.before, change.after));
-    const title = `${file.name}: since ${chosen === disk ? 'it was saved' : chosen.label}`, told = made ? 'Left: then. Right: now, which you can edit; the arrows take a part from then.' : 'Removed lines were there then; added lines are there now.';
-    const isTaken = await pictureSheet(title, picture, [html('p', {class: 'hint'}, told), made ? place : textDifference(before, after)], [['Close', null, 'primary'], ...(made ? [['Take the Right Side', true, '']] : [])]);
-    file.watches.delete(watch);
-    if (!isTaken || made.text() === after) return;
-    file.apply(transform(watch.change, difference(after, made.text()))[1], 'take back', true);
-    studio.told('The right side is the text now; Undo takes it back');
-  } catch (refusal) {
-    studio.told(refusal.message, 'error');
-  }
+  await file.settled();
+  const found = await link.request('revisions', {file: file.name}).catch((refusal) => { if (refusal.kind === 'lost') throw refusal; return refusal.message; });
+  const disk = {label: 'The version on disk', detail: 'what Save overwrites'}, isText = typeof found === 'string';
+  const all = isText ? [] : found.map((one) => ({...one, label: `${one.revision.slice(0, 10)} ${one.subject}`, detail: `${one.author}, ${one.time.slice(0, 16).replace('T', ' ')}`, words: one.name}));
+  const chosen = await choose(`Compare ${file.name} with`, [disk, ...all], {note: isText ? found : ''});
+  if (!chosen) return;
+  const before = chosen === disk ? (await link.request('on_disk', {file: file.name})).text : await link.request('text_at', {file: file.name, revision: chosen.revision, name: chosen.name});
+  const watch = {change: []}, after = file.text, place = html('div', {class: 'merge'});
+  file.watches.add(watch);
+  const made = studio.pane.merge?.(place, before, after);
+  const picture = await changePicture(link, file.name, before, after, (change) => made?.show(change.before, change.after));
+  const title = `${file.name}: since ${chosen === disk ? 'it was saved' : chosen.label}`, told = made ? 'Left: then. Right: now, which you can edit; the arrows take a part from then.' : 'Removed lines were there then; added lines are there now.';
+  const isTaken = await pictureSheet(title, picture, [html('p', {class: 'hint'}, told), made ? place : textDifference(before, after)], [['Close', null, 'primary'], ...(made ? [['Take the Right Side', true, '']] : [])]);
+  file.watches.delete(watch);
+  if (!isTaken || made.text() === after) return;
+  file.apply(transform(watch.change, difference(after, made.text()))[1], 'take back', true);
+  studio.told('The right side is the text now; Undo takes it back');
 }
 
 // Show a text that is proposed for a file, or for a new one of this name. What is accepted is one edit. Resolves to whether it was.

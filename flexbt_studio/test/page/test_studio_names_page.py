@@ -120,3 +120,12 @@ def test_a_tree_is_renamed_in_all_files_and_taken_back_in_one_step(
         page.press(Keys.ENTER)
         page.until_told('more/count.xml was changed on disk')
         assert changed_tabs(page) == []
+
+
+def test_a_definition_that_cannot_be_asked_for_is_told(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml', '&node=Main/0/0')
+        page.until_selected('Main/0/0')
+    page.until_text('link', 'NO SERVER')
+    page.press(Keys.F12)
+    page.until_told('not connected to the studio')
