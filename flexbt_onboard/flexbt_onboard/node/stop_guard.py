@@ -4,7 +4,8 @@
 It receives the STOPs of operators on a separate topic. If the executive does not report within :data:`GRACE_SECONDS`
 that it has applied one, because it hangs or is dead, the guard cancels all goals that move the robot, no matter who
 sent them, and commands zero velocity. It keeps the robot stopped, and repeats the STOP to the executive, until an
-executive has applied it. From then on the executive is responsible for the stop, and the next start works as usual. The
+executive has applied it. From then on the executive is responsible for the stop, and the next start works as usual. If
+it ends or hangs within :data:`FOLLOW_SECONDS`, before it has stopped everything, the STOP counts as unanswered. The
 guard needs neither the executive nor a simulator, and runs alongside Nav2 on a real robot.
 """
 
@@ -16,13 +17,13 @@ import os
 import sys
 import uuid
 from collections import OrderedDict
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rclpy.event_handler import PublisherEventCallbacks
 
 from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceLinks
-from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages
 from flexbt_common.runtime.node_runtime import LargeQueueNode, NodeRuntime, run_node
 from flexbt_common.values.limits import sanitize_message
@@ -39,6 +40,10 @@ from .executive_parameters import declare_motion
 
 GRACE_SECONDS: Final = 0.15
 """Time within which the executive must confirm a STOP, s. After it, the guard stops the robot itself."""
+
+FOLLOW_SECONDS: Final = 1.5
+"""Time after the answer to a STOP within which the guard takes over from an executive that ends or hangs, s. The
+executive's cancels take up to half a second, and its end shows after the lease of its token."""
 
 PRIORITY: Final = -10
 """Nice value of the process, if the system allows values below 0, so that it is scheduled early on a busy computer."""
@@ -75,6 +80,15 @@ class GuardNode(LargeQueueNode):
         super().__init__(name, start_parameter_services=False, **options)
 
 
+class _AppliedStop(NamedTuple):
+    """The newest STOP that an executive has applied, its id, its run then, and until when the guard follows it."""
+
+    stop: ExecutiveCommand
+    executive_id: str
+    run_id: str
+    until: float
+
+
 class StopGuard:
     """The guard on one node. Made and used on the executor thread."""
 
@@ -85,6 +99,7 @@ class StopGuard:
         self._open: OrderedDict[str, ExecutiveCommand] = OrderedDict()  # STOPs that no executive has applied, in order
         self._known: OrderedDict[str, None] = OrderedDict()
         self._carried_out: OrderedDict[str, None] = OrderedDict()
+        self._applied: _AppliedStop | None = None
         self._timer: Timer | None = None
         self._is_told_soon = False
         self._reports = RepeatedReports(COMPLAINT_SECONDS, runtime.steady.now)
@@ -114,6 +129,12 @@ class StopGuard:
             self._on_status,
             STATUS_BYTES,
             rates=SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now),
+        )
+        LivelinessWatch(
+            runtime,
+            names.ONBOARD_EXECUTIVE,
+            on_change=lambda is_alive: None if is_alive else self._take_over(),
+            on_late=lambda is_late: self._take_over() if is_late else None,
         )
         CommandIntake(runtime, self._on_stop, functools.partial(log_to_node, node), only_stops=True)
         LivelinessToken(runtime).set_ready(True)
@@ -158,7 +179,7 @@ class StopGuard:
 
     def _on_status(self, received: Received) -> None:
         self._newest = received
-        if self._open:
+        if self._open or self._applied is not None:
             self._take_answers()
 
     def _take_answers(self) -> None:
@@ -170,12 +191,32 @@ class StopGuard:
             text = f'{names.EXECUTIVE_STATUS}: ignored: {one_line(str(error))}'
             self._runtime.node.get_logger().error(text, throttle_duration_sec=COMPLAINT_SECONDS)
             return
+        followed = self._applied
+        if followed is not None and status.executive_id != followed.executive_id:
+            self._take_over()
+        elif followed is not None and (status.run_id != followed.run_id or self._runtime.steady.now() > followed.until):
+            self._applied = None  # a run that has begun since may move the robot
         applied = {result.command_id for result in status.results if result.code == CommandResult.APPLIED}
         answered = next((stop_id for stop_id in reversed(self._open) if stop_id in applied), None)
+        if answered is None:
+            return
+        until = self._runtime.steady.now() + FOLLOW_SECONDS
+        self._applied = _AppliedStop(self._open[answered], status.executive_id, status.run_id, until)
         while answered in self._open:  # an executive that has applied a STOP has applied those before it
             self._open.popitem(last=False)
-        if answered is not None and not self._open:
+        if not self._open:
             self._release()
+
+    def _take_over(self) -> None:
+        """Carry out the STOP that an executive has just applied: it has ended, or hangs."""
+        applied, self._applied = self._applied, None
+        if applied is None or self._runtime.steady.now() > applied.until:
+            return
+        stop = applied.stop
+        stop.id = uuid.uuid4().hex  # executives know the result of the old one
+        self._known[stop.id] = None
+        self._open[stop.id] = stop
+        self._hold()
 
     def _hold(self) -> None:
         self._motion.hold()
@@ -188,7 +229,8 @@ class StopGuard:
         self._is_reported = True
         who = self._latest.operator_id or 'nobody'
         self._runtime.node.get_logger().error(
-            f'STOP of {who!r}: the executive has not answered. The stop guard keeps the robot at rest until it does'
+            f'STOP of {who!r}: the executive has not answered, or has ended since. The stop guard keeps the robot at '
+            'rest until an executive answers'
         )
 
     def _carry_out(self) -> None:

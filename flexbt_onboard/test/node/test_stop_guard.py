@@ -14,6 +14,7 @@ from rclpy.exceptions import ParameterImmutableException
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionLinks, GoalStatus
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus, StopGuardStatus
 from flexbt_onboard.node import stop_guard
@@ -62,8 +63,13 @@ class World:
         self.stops.publish(ExecutiveCommand(id=stop_id, kind=kind, operator_id='ann'))
         return stop_id
 
-    def answer(self, stop_id: str, code: int = CommandResult.APPLIED) -> None:
-        self._status.publish(ExecutiveStatus(results=[CommandResult(command_id=stop_id, code=code)]))
+    def answer(self, stop_id: str, code: int = CommandResult.APPLIED, executive: str = '') -> None:
+        result = CommandResult(command_id=stop_id, code=code)
+        self._status.publish(ExecutiveStatus(executive_id=executive, results=[result]))
+
+    def show(self, executive: str, run: str = '') -> None:
+        """Send a status without results."""
+        self._status.publish(ExecutiveStatus(executive_id=executive, run_id=run))
 
     def drive(self) -> SentGoal:
         began = len(self.driving.running)
@@ -114,6 +120,53 @@ def test_what_no_executive_answers_is_stopped_and_held_until_one_does(world: Wor
     holding = [status.holding for status in world.statuses]
     assert [now for now, _ in groupby(holding)] == [False, True, False, True], 'once for each STOP'
     wait_until(lambda: len(world.statuses) > len(holding) + 1, 'what it says again and again while it holds')
+
+
+@pytest.mark.parametrize('end', ['it ends', 'another one is there'])
+def test_an_executive_that_ends_just_after_its_answer_has_not_stopped_everything(
+    world: World, monkeypatch: pytest.MonkeyPatch, end: str
+) -> None:
+    monkeypatch.setattr(stop_guard, 'GRACE_SECONDS', 1e6)  # however busy the machine is
+    monkeypatch.setattr(stop_guard, 'FOLLOW_SECONDS', 1e6)
+    goal = world.drive()
+    with NodeRuntime.open(names.ONBOARD_EXECUTIVE) as executive:
+        LivelinessToken(executive).set_ready(True)
+        follows = LivelinessWatch(world.runtime, names.ONBOARD_EXECUTIVE)
+        wait_until(lambda: follows.ready, 'the executive')
+        stop_id = world.stop()
+        wait_until(lambda: world.guard.is_open, 'the guard has heard the STOP')
+        world.answer(stop_id, executive='one')
+        wait_until(lambda: not world.guard.is_open, 'the guard has heard the answer')
+        if end == 'another one is there':
+            world.show('two')
+            wait_until(lambda: world.last.holding, 'the guard holds the robot')
+    assert goal.wait().status is GoalStatus.CANCELED
+    world.wait_holding()
+    world.begin_executive()
+    wait_until(lambda: world.heard, 'the STOP, from the guard')
+    again = world.heard[-1]
+    assert (again.operator_id, again.id != stop_id) == ('ann', True), 'executives know the result of the other one'
+    world.answer(again.id, executive='three')
+    wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
+
+
+def test_a_run_that_has_begun_after_a_stop_is_not_stopped_when_its_executive_ends(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stop_guard, 'GRACE_SECONDS', 1e6)  # however busy the machine is
+    monkeypatch.setattr(stop_guard, 'FOLLOW_SECONDS', 1e6)
+    stop_id = world.stop()
+    wait_until(lambda: world.guard.is_open, 'the guard has heard the STOP')
+    world.answer(stop_id, executive='one')
+    wait_until(lambda: not world.guard.is_open, 'the guard has heard the answer')
+    world.show('one', 'another run')
+    goal = world.drive()
+    world.show('two')
+    stop_id = world.stop()
+    wait_until(lambda: world.guard.is_open, 'the guard has heard the next STOP, and so the status before it')
+    world.answer(stop_id, executive='two')
+    wait_until(lambda: not world.guard.is_open, 'the guard has heard the answer')
+    assert not goal.ended and not any(status.holding for status in world.statuses)
 
 
 def test_what_the_executive_answers_is_left_to_it(world: World, monkeypatch: pytest.MonkeyPatch) -> None:

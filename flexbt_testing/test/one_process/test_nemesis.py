@@ -51,6 +51,18 @@ def test_a_crash_of_the_executive_loses_nothing_that_was_shown() -> None:
     assert run_one(Job(CRASH)).violations == []
 
 
+def test_a_stop_whose_executive_ends_at_once_stops_a_robot_that_a_program_drives() -> None:
+    steps = (
+        Step(4.2e-05, 'terminate', 'onboard_executive', 1.222, 'command 1'),
+        Step(0.159, 'stop', 'pilot', 0.045, 'fault 1'),
+        Step(0.200078, 'hang', 'stop_guard', 0.11, 'goal 4'),
+    )
+    plan = Plan(
+        100198, 'nav2_robot', behavior='', autonomy='HIGH', seconds=3.200078, steps=steps, answers=((1.876, 0.592),)
+    )
+    assert run_one(Job(plan)).violations == []
+
+
 ALONE: dict[int, tuple[str, tuple[Step, ...]]] = {
     1: ('a call does not see that its server is gone', (Step(4.0, 'kill', 'bt_server', 5.0),)),
     2: ('a stop cancels late', STOP.steps),
