@@ -436,6 +436,7 @@ class ActionServerLink(ServerLink):
                 (GoalStatusArray, 'status', on_status, qos_profile_action_status_default),
             )
         )
+        self._has_topics = False  # they have appeared; they go with the services
         self.entities = (self._goals, self._cancels, self._results, *self._topics)
 
     def send_goal(self, goal_id: UUID, goal: Any) -> Future:
@@ -453,9 +454,10 @@ class ActionServerLink(ServerLink):
     def is_shown(self) -> bool:
         """See :meth:`ServerLink.is_shown`."""
         clients = (self._goals, self._cancels, self._results)
-        return all(client.service_is_ready() for client in clients) and all(
-            self.runtime.node.count_publishers(topic.topic_name) for topic in self._topics
+        self._has_topics = all(client.service_is_ready() for client in clients) and (
+            self._has_topics or all(self.runtime.node.count_publishers(topic.topic_name) for topic in self._topics)
         )
+        return self._has_topics
 
 
 class ActionLinks(ServerLinks[ActionServerLink]):

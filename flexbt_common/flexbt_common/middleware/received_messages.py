@@ -76,6 +76,11 @@ class Received:
     arrived: int = 0
 
     @property
+    def is_oversized(self) -> bool:
+        """True if it exceeds the receiver's limit."""
+        return self.data is None
+
+    @property
     def participant(self) -> bytes:
         """Identifier of the writer's participant in the domain: of its process or a part of it. UNKNOWN_WRITER with a
         middleware that is not DDS."""
@@ -184,7 +189,7 @@ class ReceivedMessages:
         received = self._taker.take(self.subscription, self._limit)
         if received is None:
             return False
-        if received.data is None:
+        if received.is_oversized:
             self.blame(received)
         self._receive(received)
         return True
@@ -199,7 +204,7 @@ class ReceivedMessages:
         """Count a message as excess of its sender. A sender that continues is ignored."""
         participant = received.participant
         before = self._excess.pop(received.process, (0, 0))
-        count, size = before[0] + 1, before[1] + (received.size if received.data is None else 0)
+        count, size = before[0] + 1, before[1] + (received.size if received.is_oversized else 0)
         self._excess[received.process] = count, size
         if len(self._excess) > _PROCESSES:
             self._excess.popitem(last=False)

@@ -241,7 +241,7 @@ class CommandIntake:
             self._messages[topic].blame(received)
             self._drop(topic, received, f'it sends more than {COMMAND_RATE:g} a second')
             return
-        if received.data is None:
+        if received.is_oversized:
             self._drop(topic, received, f'a command has at most {COMMAND_BYTES} bytes')
             return
         try:

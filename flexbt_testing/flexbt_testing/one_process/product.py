@@ -59,13 +59,17 @@ class _Taken:
         return len(self._sample.data())
 
     @property
+    def is_oversized(self) -> bool:
+        return self._sample.most_bytes() > self._limit and self.size > self._limit
+
+    @property
     def data(self) -> bytes | None:
-        return self._sample.data() if self.size <= self._limit else None
+        return None if self.is_oversized else self._sample.data()
 
     def unpack(self, message_type: type[Any]) -> Any:
         from flexbt_common.middleware.received_messages import Received
 
-        if message_type is self._sample.type and self.data is not None:
+        if message_type is self._sample.type and not self.is_oversized:
             with suppress(Exception):  # bytes that are no message
                 return self._sample.message()
         return Received.unpack(self, message_type)  # type: ignore[arg-type]

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, Final
 
-from .copying import copied
+from .copying import copied, most_bytes
 from .graph import DOMAIN, REAL, Entity, Node, RCLError, check_support, type_name
 from .scheduler import SCHEDULER, SECOND, Alarm
 
@@ -102,6 +102,10 @@ class Sample:
         if self._message is None:
             self._message = REAL.rclpy_deserialize(self._data, self.type)
         return self._message
+
+    def most_bytes(self) -> int:
+        """Return a number of bytes that :meth:`data` does not exceed."""
+        return most_bytes(self._message) if self._data is None else len(self._data)
 
     def data(self) -> bytes:
         """Return the serialized message."""
