@@ -552,6 +552,8 @@ class _Robot:
         executive = self._world.processes[self._executive]
         if not executive.is_alive or executive.held_up is not None:
             self._observer.faulted_at = max(self._observer.faulted_at, now)
+        if not simulator.is_alive:  # the next one begins elsewhere
+            robot.pose, robot.at_rest = None, True
         if not simulator.is_alive or simulator.held_up is not None:
             self._driven_at = now
             return
