@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_common import names
+from flexbt_common.calls.action_call import ActionCall
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
+from flexbt_console.mirror.records import CommandKind
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_states import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, OperatorInputState
 
 from .graph import DOMAIN
@@ -55,6 +57,15 @@ SEEN_SECONDS: Final = 0.5
 
 ORPHAN_SECONDS: Final = 6.0
 """Time after the death of a client until its goals have ended, s."""
+
+GIVEN_UP_SECONDS: Final = 4.0
+"""Time until a goal has ended that nobody waits for any more, s."""
+
+LONG_SECONDS: Final = 6.0
+"""Length of a hang of a BT server after which nobody waits for its goals any more, s."""
+
+DECIDED_SECONDS: Final = 0.15
+"""Time from the arrival of a command until the executive shows its result, s."""
 
 OWNERLESS_SECONDS: Final = 1.5
 """Time after which the robot is at rest once no active state drives it, s."""
@@ -146,6 +157,8 @@ class Observer:
         self._record = record
         self._goals: dict[bytes, _Goal] = {}
         self._asked: dict[tuple[int, int], bytes] = {}
+        self._given_up: dict[bytes, tuple[int, str]] = {}  # goals: since when nobody waits for their end, and why
+        self._awake_at: dict[Process, int] = {}  # the end of the last hang of a process
         self._told: set[tuple[int, str]] = set()
         self.awaited: defaultdict[str, list[Callable[[], object]]] = defaultdict(list)
         """What is done at moments; see :class:`~.nemesis_run.Step`."""
@@ -171,6 +184,13 @@ class Observer:
                 observer._service(end, message, request_id)
             send(end, target, message, request_id)
 
+        finish = ActionCall._finish
+
+        def finish_observed(call: ActionCall, *outcome: Any) -> None:
+            observer._given_up.setdefault(call.goal_id, (SCHEDULER.now, 'its call has ended'))
+            finish(call, *outcome)
+
+        ActionCall._finish = finish_observed  # type: ignore[method-assign, assignment]
         Subscription.arrive = arrive_observed  # type: ignore[method-assign, assignment]
         _ServiceEnd.send = send_observed  # type: ignore[method-assign, assignment]
         DOMAIN.on_message = self._message
@@ -243,8 +263,13 @@ class Observer:
     def hangs(self, name: str, seconds: float) -> None:
         """Note that a process is stopped for a time, s."""
         self.faulted_at = max(self.faulted_at, SCHEDULER.after(seconds))
+        process = self._world.processes[name]
+        self._awake_at[process] = SCHEDULER.after(seconds)
         if name.endswith(_BODIES):
             self.frozen_until = SCHEDULER.after(seconds)
+        if name.endswith('bt_server') and seconds > LONG_SECONDS:
+            for key in [key for key, goal in self._goals.items() if goal.server is process]:
+                self._given_up.setdefault(key, (SCHEDULER.after(seconds), f'{process} was out of reach for long'))
         for robot in self._affected(name):
             robot.hangs(name, seconds)
 
@@ -284,7 +309,7 @@ class Observer:
                 if name.endswith('/send_goal') and message.accepted:
                     action, client = name.removesuffix('/_action/send_goal'), request_id.client.process
                     self._goals[goal] = _Goal(action, end.process, client)
-                    if self.has_program and not client.name.endswith(_MOVERS):
+                    if self.has_program and (client is end.process or not client.name.endswith(_MOVERS)):
                         self._robot(end.process).goes_on()
                 elif name.endswith('/get_result') and message.status in _ENDED:
                     self._goal_has(goal, message.status)
@@ -311,15 +336,17 @@ class Observer:
             SCHEDULER.sleep(0.1)
 
     def _check_goals(self) -> None:
-        """Check that no goal outlives the process of the robot that has sent it. Those of other programs may."""
-        for goal in self._goals.values():
-            if not goal.client.name.endswith(_MOVERS):
+        """Check that no goal goes on after its client, a process of the robot, has died, or has given it up."""
+        for key, goal in self._goals.items():
+            if goal.status in _ENDED or not goal.server.is_alive or goal.server.held_up is not None:
                 continue
-            died = self.died.get(goal.client)
-            if died is None or goal.status in _ENDED or not goal.server.is_alive or goal.server.held_up is not None:
-                continue
-            if SCHEDULER.now - max(died, self.faulted_at) > ORPHAN_SECONDS * SECOND:
+            died = self.died.get(goal.client) if goal.client.name.endswith(_MOVERS) else None
+            if died is not None and SCHEDULER.now - max(died, self.faulted_at) > ORPHAN_SECONDS * SECOND:
                 self.say(1, f'a goal of {goal.action} goes on after {goal.client} has died', goal.action)
+            since, why = self._given_up.get(key, (SCHEDULER.now, ''))
+            awake = (self._awake_at.get(one, 0) for one in (goal.server, goal.client))
+            if SCHEDULER.now - max(since, self.failed_disk_at, *awake) > GIVEN_UP_SECONDS * SECOND:
+                self.say(1, f'a goal of {goal.action} goes on, and {why}', f'{goal.action} {why}')
 
     def finish(self, results: Sequence[Mapping[str, int | None]]) -> None:
         """Check the files and the log, and look no more: what follows is the end of the world.
@@ -358,6 +385,7 @@ class _Robot:
         self._by_sequence: dict[tuple[str, int], tuple[int, ExecutiveStatus]] = {}
         self._results: dict[str, int] = {}
         self._shown_at: dict[str, float] = {}  # when each result was shown first, s
+        self._open: dict[str, tuple[int, ExecutiveCommand]] = {}  # commands without a result, and when they arrived
         self._arrived: dict[str, tuple[Process, float]] = {}  # commands: who has received them first, and when, s
         self._alone_until = 0  # the run stops by itself until then
         self._last_stop = '', 0  # the STOP that the executive has received last, and when
@@ -450,11 +478,21 @@ class _Robot:
         if status.state == ExecutiveStatus.RUNNING and not ran:
             self._stop_at = None  # its START was decided after a STOP that came at the same time
             self.goes_on()
+        applied = set()
         for result in status.results:
             known = self._results.setdefault(result.command_id, result.code)
             self._shown_at.setdefault(result.command_id, SCHEDULER.now / SECOND)
             if known != result.code:
                 self._say(7, f'command {result.command_id[:8]} had the result {known}, and has {result.code} now')
+            if result.command_id in self._open:
+                self._check_open(result.command_id)
+                _, command = self._open.pop(result.command_id)
+                if result.code == CommandResult.APPLIED:
+                    applied.add(command.kind)
+        waiting = {command.kind for _, command in self._open.values()}
+        resumes = ExecutiveCommand.RESUME in applied | waiting
+        if ExecutiveCommand.PAUSE in applied and status.state == ExecutiveStatus.RUNNING and not resumes:
+            self._say(7, f'a PAUSE is shown as applied, and {_told(status)}', 'PAUSE')
         alive = {peer.name.rpartition('/')[2]: peer.alive for peer in status.peers}
         ready = {peer.name.rpartition('/')[2] for peer in status.peers if peer.ready}
         self._see_processes()
@@ -520,6 +558,8 @@ class _Robot:
             return
         if process.name == self._executive and command.decision_id:
             self._answered_at = SCHEDULER.now
+        if process.name == self._executive and command.id not in self._results:
+            self._open.setdefault(command.id, (SCHEDULER.now, command))
         if process.name == self._executive or command.kind == ExecutiveCommand.STOP:
             self._arrived.setdefault(command.id, (process, SCHEDULER.now / SECOND))
         if command.kind != ExecutiveCommand.STOP or command.id in self._results:
@@ -579,6 +619,20 @@ class _Robot:
             self._say(4, f'the robot is moved, and {_told(self._statuses[-1][1])}', 'moved')
         for mirror in self.mirrors:
             self._check_mirror(mirror)
+        for command in self._open if executive.is_alive and executive.held_up is None else ():
+            self._check_open(command)
+
+    def _check_open(self, command_id: str) -> None:
+        """Check that a command has not waited too long for its result, if it is for the present executive."""
+        since, command = self._open[command_id]
+        began = self._world.processes[self._executive].began + 2 * SECOND
+        late = (SCHEDULER.now - max(since, began, self._awake_at, self._observer.failed_disk_at)) / SECOND
+        if late > DECIDED_SECONDS and command.executive_id in (
+            '',
+            *(one.executive_id for _, one in self._statuses[-1:]),
+        ):
+            kind = CommandKind(command.kind).name
+            self._say(7, f'{kind} {command_id[:8]} has had no result for {late:.2f} s', command_id)
 
     def _may_drive(self) -> bool:
         """Return whether the run is active, in a state that may drive the robot, or in one that is unknown."""

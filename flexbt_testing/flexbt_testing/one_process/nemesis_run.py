@@ -26,20 +26,32 @@ from typing import Any, Final
 from .world import Mission, World, _acting_as  # isort: skip - it prepares this interpreter
 
 import yaml
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import PoseStamped
 
+from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import ConsoleError
 from flexbt_console.link.operator_link import ExecutiveLink
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import AutonomyLevel, CommandKind, Decision, DecisionKind, ExecutiveState
+from flexbt_console.mirror.records import (
+    AutonomyLevel,
+    CommandKind,
+    Decision,
+    DecisionKind,
+    ExecutiveState,
+    FramedPose,
+)
 from flexbt_console.recording.run_file import write_recording
 from flexbt_console.recording.topics import TOPICS
 from flexbt_msgs.msg import ExecutiveLog
+from flexbt_sim.messages import stamped
+from flexbt_sim.world import Pose
 
 from .forks import Fork, ForkError, fork_process
 from .graph import DOMAIN
-from .invariants import Observer, Violation, body_of
+from .invariants import LONG_SECONDS, Observer, Violation, body_of
 from .mutations import Mutation
 from .programs import named_programs
 from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, USES_THREADS, StuckWorldError, Task
@@ -73,6 +85,7 @@ _ACTS: Final = (
     *('stop', 'stop', 'pause', 'pause', 'resume', 'force', 'start', 'start'),
     *('autonomy', 'repeat', 'switch', 'claim', 'claim', 'release', 'resend'),
 )
+_ACTS_WITH_PROGRAM: Final = (*_ACTS, *['goal_pose'] * 5)
 _MOMENTS: Final = (*['command'] * 2, *['goal'] * 3, 'cancel', *['fault'] * 4)
 _FAILING: Final = ('follow_path', 'compute_path_to_pose')
 
@@ -122,11 +135,14 @@ class Plan:
         draw = random.Random(f'plan {seed}')
         drawn = draw.choice(('navigate', *WORLDS)), draw.choice(('full', *['abstract'] * 9))
         world, motion = world or drawn[0], motion or drawn[1]
+        behavior = draw.choice(_BEHAVIORS[world])
         robots = ('alpha/', 'beta/') if world == 'night_watch' else ('',)
 
         def step(acts: Sequence[str], targets: Sequence[str]) -> Step:
             act, target, robot = draw.choice(acts), draw.choice(targets), draw.choice(robots)
             length = min(draw.expovariate(draw.choice((0.25, 1.0, 5.0))), 9.0)
+            if act == 'hang' and draw.random() < 0.3:  # until the others give it up
+                length = draw.uniform(LONG_SECONDS, 9.0)
             amount = draw.random() if targets is _OPERATORS else length
             if act in _OF_LINKS or act in _OF_COMPUTERS:
                 target, robot = 'operator' if act in _OF_LINKS else 'robot', ''
@@ -142,19 +158,21 @@ class Plan:
             return Step(round(time, 6), act, robot + target, round(amount, 3), moment)
 
         faults = [step(_FAULTS, _PROCESSES) for _ in range(draw.choice((0, 2, 3, 4, 6)))]
-        acts = [step(_ACTS, _OPERATORS) for _ in range(draw.choice((0, 4, 6, 8, 12)))]
+        possible = _ACTS if behavior else _ACTS_WITH_PROGRAM
+        acts = [step(possible, _OPERATORS) for _ in range(draw.choice((0, 4, 6, 8, 12)))]
         if draw.random() < 0.4:  # what matters most: a STOP during a fault
             acts.append(replace(step(('stop',), _OPERATORS), time=round(draw.expovariate(2.0), 3), moment='fault 1'))
+        has_long_hang = any(one.act == 'hang' and one.amount > LONG_SECONDS for one in faults)
         return cls(
             seed=seed,
             world=world,
             motion=motion,
-            behavior=draw.choice(_BEHAVIORS[world]),
+            behavior=behavior,
             autonomy=draw.choice(('LOW', 'HIGH', 'FULL')),
             preemption=draw.choice((0.0, 0.02, 0.1)),
             computing=draw.choice((0.0, 0.0, 0.0001, 0.0005)),
             seconds=seconds,
-            settle=draw.choice((1.5, 1.5, 1.5, 7.0)),
+            settle=7.0 if has_long_hang else draw.choice((1.5, 1.5, 1.5, 7.0)),
             steps=tuple(sorted([*faults, *acts], key=lambda one: one.time)),
             answers=tuple(
                 (round(draw.uniform(0.0, draw.choice((0.3, 3.0))), 3), round(draw.random(), 3)) for _ in range(8)
@@ -182,6 +200,7 @@ class _Operator:
         self._link = link
         self._make = CommandBuilder(name)
         self._given: list[Any] = []
+        self._goal_poses: Any = None
         self._patience = 6.0
         """Time for which a command is sent again until it is answered, s."""
         self._answered: set[tuple[str, str]] = set()
@@ -217,8 +236,17 @@ class _Operator:
                 self.give(lambda make, view: make.switch(view, view.snapshot.behavior))
             case 'force':
                 self.give(lambda make, view: make.force(view, '', self._outcome(view, amount)))
+            case 'goal_pose':
+                self._give_goal(_chosen(list(self.mirror.view().places.values()), amount))
             case 'resend' if self._given:  # as a console does that has missed the answer
                 self._link._runtime.call(lambda: self._link._publish(_chosen(self._given, amount)))
+
+    def _give_goal(self, place: FramedPose) -> None:
+        """Publish a goal, as RViz does. A BT server with the navigators of Nav2 drives there."""
+        topic, runtime = self._link._topic(names.GOAL_POSE), self._link._runtime
+        if self._goal_poses is None:
+            self._goal_poses = runtime.call(lambda: runtime.node.create_publisher(PoseStamped, topic, 10))
+        self._goal_poses.publish(stamped(Pose(place.x, place.y, place.yaw), place.frame, Time()))
 
     def start(self, behavior: str, level: AutonomyLevel, arguments: Sequence[tuple[str, str]] = ()) -> bool:
         """Start a behavior."""
@@ -544,6 +572,7 @@ class Run:
         mission.run_until(mission.asks('/AskGoal'), 30.0, 'a question')
         pose, length = mission.robot.pose, mission.robot.length
         assert pose is not None, 'the robot has no pose'
+        assert mission.view.places, 'the operator knows no places'
         mission.answer('/AskGoal', max(mission.view.places, key=lambda place: mission.place(place).distance(pose)))
         mission.run_until(lambda _view: mission.robot.length > length + 0.3, 30.0, 'a drive')
         mission.stop()
