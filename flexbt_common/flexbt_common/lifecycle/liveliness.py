@@ -349,6 +349,15 @@ class LivelinessWatch:
         middleware reports that only after the lease of the participant."""
         return self._token.has_ended(writer)
 
+    def knows(self, writer: bytes) -> bool:
+        """Return whether the process of a writer, on any topic, has sent a message with its token."""
+        return self._token.knows(writer)
+
+    def tokens(self) -> frozenset[bytes]:
+        """Return the writers of the tokens of this node's name that exist and are not known to be gone."""
+        found = self._runtime.node.get_publishers_info_by_topic(self._token.topic)
+        return frozenset(one for one in (bytes(end.endpoint_gid) for end in found) if not self.is_gone(one))
+
     def is_gone(self, writer: bytes) -> bool:
         """Return whether a writer of this node, on any topic, belongs to a process that counts as gone: it has ended,
         was replaced, or is late for too long. A process that has not sent yet does not count as gone.
@@ -415,7 +424,7 @@ class _SeenToken:
     """
 
     def __init__(self, runtime: Runtime, topic: str) -> None:
-        self._topic = topic
+        self.topic = topic
         self.alive: bool | None = None
         self._unheard = False  # discovered, but it has sent nothing yet
         self.late_since: float | None = None
@@ -440,7 +449,7 @@ class _SeenToken:
         return ReceivedMessages(
             self._runtime.node,
             DiagnosticStatus,
-            self._topic,
+            self.topic,
             _qos(),
             self._receive,
             _STATUS_BYTES,
@@ -472,7 +481,7 @@ class _SeenToken:
             status = received.checked(DiagnosticStatus)
         except ValueError as error:
             logger = self._runtime.node.get_logger()
-            logger.error(f'{self._topic}: ignored: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS)
+            logger.error(f'{self.topic}: ignored: {one_line(str(error))}', throttle_duration_sec=COMPLAINT_SECONDS)
             return
         identity = _identity_of(status)
         if received.participant != UNKNOWN_WRITER:
@@ -566,7 +575,7 @@ class _SeenToken:
     def release(self) -> None:
         """Stop listening if no watcher is left and the token is not alive."""
         if not self.listeners and not self.alive:
-            self._runtime.forget(_key(self._topic))
+            self._runtime.forget(_key(self.topic))
             self._runtime.node.destroy_subscription(self._messages.subscription)
 
     def _review(self) -> None:

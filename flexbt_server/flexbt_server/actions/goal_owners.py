@@ -39,7 +39,8 @@ class GoalOwners:
         self._runtime = runtime
         self._peer_timeout = peer_timeout
         self._watches: dict[str, LivelinessWatch] = {}
-        self._goals: dict[str, dict[Hashable, tuple[OnOwnerGone, OnOwnerLate | None]]] = {}
+        self._goals: dict[str, dict[Hashable, tuple[OnOwnerGone, OnOwnerLate | None, frozenset[bytes]]]] = {}
+        """With the tokens of an owner that was not alive yet: it is one of the processes that hold them."""
         self._idle: dict[str, Timer] = {}  # the longest first
 
     def watch(self, owner: str, goal: Hashable, stop: OnOwnerGone, hold: OnOwnerLate | None = None) -> None:
@@ -61,8 +62,10 @@ class GoalOwners:
                 on_late=lambda _late: self._runtime.post(lambda: self._hold(owner)),
                 timeout=self._peer_timeout,
             )
-        self._goals.setdefault(owner, {})[goal] = (stop, hold)
-        if not self.sees(owner):
+        is_seen = self.sees(owner)
+        tokens = frozenset[bytes]() if is_seen else self._watches[owner].tokens()
+        self._goals.setdefault(owner, {})[goal] = stop, hold, tokens
+        if not is_seen:
             # The owner may be too new to be known, but a run must not continue for an owner that is not alive.
             self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal))
 
@@ -105,7 +108,7 @@ class GoalOwners:
     def _look_for(self, owner: str, goal: Hashable) -> None:
         found = self._goals.get(owner, {}).get(goal)
         if found is not None and not self.sees(owner):
-            stop, _ = found
+            stop, *_ = found
             stop(
                 f'{owner}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
                 'it has died, or it holds no liveliness token (leave owner empty if nobody needs to be alive)'
@@ -113,13 +116,21 @@ class GoalOwners:
 
     def _changed(self, owner: str, alive: bool) -> None:
         self._hold(owner)
-        if not alive:
-            for stop, _ in list(self._goals.get(owner, {}).values()):
+        for stop, _, tokens in list(self._goals.get(owner, {}).values()):
+            if not alive:
                 stop(f'{owner}, on whose behalf the tree ran, is gone: it has ended or died, or was late for too long')
+            elif self._has_successor(owner, tokens):
+                stop(f'{owner}, on whose behalf the tree ran, has died: another process has its name now')
+
+    def _has_successor(self, owner: str, tokens: frozenset[bytes]) -> bool:
+        """Return whether the owner that is alive is none of the processes that were there when its goal came."""
+        watch = self._watches[owner]
+        heard = {one for one in watch.tokens() if watch.knows(one)}
+        return bool(tokens and heard) and tokens.isdisjoint(heard)
 
     def _hold(self, owner: str) -> None:
         problem = self.problem(owner)
-        holds = [hold for _, hold in self._goals.get(owner, {}).values() if hold is not None]
+        holds = [hold for _, hold, _ in self._goals.get(owner, {}).values() if hold is not None]
         if problem and holds:
             self._runtime.node.get_logger().warning(f'trees are held: {problem}')
         for hold in holds:

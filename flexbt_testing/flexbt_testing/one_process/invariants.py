@@ -431,6 +431,7 @@ class _Robot:
                 due = max(due, self._trees_held_until + int(OWNER_SECONDS * SECOND))
             self._rest_by.append((SCHEDULER.now, due, f'{name} was killed'))
         if name == self._executive:
+            self._open.clear()
             self._crashes += 1
             file = self._observer.directory / f'{name.replace("/", ".")}.journal'
             self._journal = file.read_text(errors='replace').splitlines() if file.exists() else []
@@ -556,22 +557,23 @@ class _Robot:
             self._stop_at = None  # also if the executive hangs now, and takes it afterwards
         if process.held_up is not None or not process.name.endswith((_EXECUTIVE, 'stop_guard')):
             return
-        if process.name == self._executive and command.decision_id:
+        is_own = process.name == self._executive
+        if is_own and command.decision_id:
             self._answered_at = SCHEDULER.now
-        if process.name == self._executive and command.id not in self._results:
+        if is_own and process not in self._observer.leaving and command.id not in self._results:
             self._open.setdefault(command.id, (SCHEDULER.now, command))
-        if process.name == self._executive or command.kind == ExecutiveCommand.STOP:
+        if is_own or command.kind == ExecutiveCommand.STOP:
             self._arrived.setdefault(command.id, (process, SCHEDULER.now / SECOND))
         if command.kind != ExecutiveCommand.STOP or command.id in self._results:
             return
         last, when = self._last_stop
-        if process.name == self._executive and command.id != last and not self._observer.has_program:
+        if is_own and command.id != last and not self._observer.has_program:
             is_running = self._statuses and self._statuses[-1][1].state == ExecutiveStatus.RUNNING
             self._alone_until = self._due(1.0) if is_running and SCHEDULER.now - when > 5 * SECOND else 0
             self._last_stop = command.id, SCHEDULER.now
         if self._observer.has_program:  # which may send its next goal
             self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), 'a STOP has arrived'))
-        elif self._stop_at is None and (process.name == self._executive or command.id != last):
+        elif self._stop_at is None and (is_own or command.id != last):
             self._stop_at = self._due(STOP_SECONDS)
 
     def is_held(self, process: Process) -> None:
@@ -627,10 +629,8 @@ class _Robot:
         since, command = self._open[command_id]
         began = self._world.processes[self._executive].began + 2 * SECOND
         late = (SCHEDULER.now - max(since, began, self._awake_at, self._observer.failed_disk_at)) / SECOND
-        if late > DECIDED_SECONDS and command.executive_id in (
-            '',
-            *(one.executive_id for _, one in self._statuses[-1:]),
-        ):
+        present = self._statuses[-1][1].executive_id if self._statuses else ''
+        if late > DECIDED_SECONDS and command.executive_id in ('', present):
             kind = CommandKind(command.kind).name
             self._say(7, f'{kind} {command_id[:8]} has had no result for {late:.2f} s', command_id)
 

@@ -63,6 +63,11 @@ def test_a_stop_whose_executive_ends_at_once_stops_a_robot_that_a_program_drives
     assert run_one(Job(plan)).violations == []
 
 
+def test_a_goal_of_an_executive_that_is_killed_at_once_is_not_taken_for_one_of_the_next() -> None:
+    kill = Step(0.0, 'kill', 'onboard_executive', 0.5, 'goal 3')
+    assert run_one(Job(Plan(29, computing=0.0001, steps=(kill,)))).violations == []
+
+
 ALONE: dict[int, tuple[str, tuple[Step, ...]]] = {
     1: ('a call does not see that its server is gone', (Step(4.0, 'kill', 'bt_server', 5.0),)),
     2: ('a stop cancels late', STOP.steps),
