@@ -26,7 +26,7 @@ from flexbt_core.state_machine.model.userdata import Scope, UserData
 from flexbt_core.values.text import pluralize
 
 from .configuration import Configuration, Layout, StateSnapshotter
-from .model import START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System, servers_gone
+from .model import CONFIRMED, START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System, servers_gone
 from .state_models import (
     MachineEnvironment,
     ModelState,
@@ -40,7 +40,6 @@ from .state_models import (
 from .virtual_time import VirtualClock
 
 OUTCOME: Final = 'outcome'
-CONFIRMED: Final = 'cancel confirmed'
 IGNORED: Final = 'cancel ignored'
 APPROVE: Final = 'operator approves'
 CHOOSE: Final = 'operator chooses'

@@ -103,6 +103,8 @@ START: Final = 'start'
 TIMER: Final = 'time goes by'
 """The kind of label that advances the clock to the next deadline or timer."""
 
+CONFIRMED: Final = 'cancel confirmed'
+
 OPERATOR: Final = 'operator'
 """Prefix of the other kinds of labels that the operator causes."""
 

@@ -40,11 +40,10 @@ from .leaf_models import (
     tested_values,
 )
 from .leaf_skills import Facts
-from .model import START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System
+from .model import CONFIRMED, START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System
 from .virtual_time import VirtualClock
 
 RESULT: Final = 'result'
-CONFIRMED: Final = 'cancel confirmed'
 TICK: Final = 'tick'
 
 _MODELS: Final = (ModelAction, ModelGate, ModelInstant)

@@ -10,12 +10,11 @@ from typing import Any, Final
 
 import yaml
 
+from flexbt_core.skills.skill import LEVELS
 from flexbt_core.values.yaml_data import strict_yaml
 
 from .errors import SynthesisError
 from .from_strategy import MachinePart, MachineState, SynthesizedMachine
-
-LEVELS: Final = ('off', 'low', 'high', 'full')
 
 
 def is_code(value: Any) -> bool:

@@ -12,9 +12,9 @@ from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import NodeManifest
+from flexbt_core.skills.skill import LEVELS
 
 from . import palette
-from .machine_document import LEVELS
 from .project import Project, tree_places
 from .text import Span
 from .xml_document import XmlDocument

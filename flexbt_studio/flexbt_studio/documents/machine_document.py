@@ -23,14 +23,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final
 
+from flexbt_core.skills.skill import LEVELS
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import GestureError
 
 from .document import Document, Problem, gesture, need
 from .text import LINE_BREAK, Span, TextEdit
-
-LEVELS: Final = ('off', 'low', 'high', 'full')
-"""Levels of autonomy, by their numbers."""
 
 MAX_CHARACTERS: Final = 1_000_000
 """Maximum length of a text that is read."""

@@ -20,11 +20,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Final
 
+from flexbt_core.skills.skill import LEVELS
 from flexbt_core.values.text import short_repr
 from flexbt_studio.errors import GestureError
 
 from .document import gesture, need
-from .machine_document import LEVELS, Condition, Item, MachineDocument, State, Table, json_value
+from .machine_document import Condition, Item, MachineDocument, State, Table, json_value
 from .text import Span, TextEdit, applied
 
 _TOKENS: Final = re.compile(

@@ -17,12 +17,13 @@ from typing import Any, ClassVar, Final
 
 import yaml
 
+from flexbt_core.skills.skill import LEVELS
 from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import MAX_YAML_DEPTH, YamlError, construct_yaml
 from flexbt_studio.errors import GestureError
 
 from .document import gesture, need
-from .machine_document import CONTAINERS, LEVELS, Condition, Item, MachineDocument, State, Table, json_value
+from .machine_document import CONTAINERS, Condition, Item, MachineDocument, State, Table, json_value
 from .text import Span, TextEdit, applied
 
 _LOADER: Final[Any] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader

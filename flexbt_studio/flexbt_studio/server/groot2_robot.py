@@ -37,6 +37,7 @@ from flexbt_server.groot2.protocol import (
 from flexbt_studio.documents.project import MOST_BYTES
 from flexbt_studio.errors import StudioError
 
+from .jobs import Tell
 from .live import debugged
 
 PERIOD: Final = 0.1
@@ -56,7 +57,6 @@ _MAX_DEPTH: Final = 1000
 _ADDRESS: Final = re.compile(r'(?:(?P<host>[^:\s]+|\[[0-9a-fA-F:.%]+\]):)?(?P<port>\d{1,5})')
 _RESULTS: Final = ('SUCCESS', 'FAILURE', 'SKIPPED')
 
-Tell = Callable[[dict[str, Any]], None]
 Show = Callable[[str, str], Awaitable[None]]
 
 

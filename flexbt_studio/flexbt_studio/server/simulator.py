@@ -17,7 +17,7 @@ import shlex
 import shutil
 import signal
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -31,6 +31,7 @@ from flexbt_studio.documents.project import Project
 from flexbt_studio.errors import StudioError
 from flexbt_studio.tool_process import behavior_copy
 
+from .jobs import Tell
 from .live import LiveRobots
 
 if TYPE_CHECKING:
@@ -58,8 +59,6 @@ _PACKAGE: Final = 'flexbt_studio_run'
 """Package of the behavior that is run."""
 _GROUP: Final = 'flexbt.behaviors'
 _LAST_LINES: Final = 5
-
-Tell = Callable[[dict[str, Any]], None]
 
 
 def worlds(project: Project) -> dict[str, str]:

@@ -24,14 +24,13 @@ from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_tools.tree_checks.check import HOST_KEYS, lost_write
 from flexbt_tools.tree_checks.diagnostics import SHARED_RESOURCE, TOO_SHORT, Diagnostic
 from flexbt_tools.tree_checks.reachability import least_times
-from flexbt_tools.tree_checks.resources import tree_resources
+from flexbt_tools.tree_checks.resources import NO_SKILLS, tree_resources
 from flexbt_tools.trees.key_usage import EntryUsage, KeyUsage, NodePlace, lost_writes
 
 from .built_behavior import BuiltBehavior, TreeUse, UsedTrees, used_trees
 from .findings import KEY_CLASH, LOST_WRITE, OTHER_TREE, REFUSED, RULES, SKILL, UNREAD_KEY, UNWRITTEN_KEY, Finding
 from .machine_rules import machine_findings
 
-_NO_SKILLS: Final = SkillLibrary()
 _ORDER = {rule.name: index for index, rule in enumerate(RULES)}
 
 
@@ -39,7 +38,7 @@ def check_behavior(
     behavior: BuiltBehavior,
     files: Sequence[str],
     registry: NodeRegistry,
-    skills: SkillLibrary = _NO_SKILLS,
+    skills: SkillLibrary = NO_SKILLS,
     inputs: Sequence[str] = (),
 ) -> list[Finding]:
     """Return the findings for a behavior, errors first.

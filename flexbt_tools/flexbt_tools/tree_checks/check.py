@@ -35,17 +35,15 @@ from .diagnostics import (
     Diagnostic,
 )
 from .reachability import incompleteness, short_limits, unreachable_children
-from .resources import shared_resources
+from .resources import NO_SKILLS, shared_resources
 from .slips import copies, crossed_keys, mixed_up
-
-_NO_SKILLS: Final = SkillLibrary()
 
 HOST_KEYS: Final = ('goal', 'goals', 'number_recoveries', 'waypoint_statuses')
 """Keys that the BT server writes before it runs a tree, like Nav2."""
 
 
 def findings(
-    library: TreeLibrary, inputs: Collection[str], *, shared: bool, skills: SkillLibrary = _NO_SKILLS
+    library: TreeLibrary, inputs: Collection[str], *, shared: bool, skills: SkillLibrary = NO_SKILLS
 ) -> Iterator[Diagnostic]:
     """Yield all findings for the trees of a library.
 
@@ -225,7 +223,7 @@ def check_trees(
     inputs: Sequence[str] = (),
     *,
     shared: bool = False,
-    skills: SkillLibrary = _NO_SKILLS,
+    skills: SkillLibrary = NO_SKILLS,
     texts: Mapping[str, bytes] = MappingProxyType({}),
 ) -> list[Diagnostic]:
     """Return the findings for the files, in the order of files and places. ``texts`` replace the contents of files.

@@ -19,15 +19,15 @@ from .diagnostics import SHARED_RESOURCE, Diagnostic
 Resources = Mapping[str, str]
 """The required actuators, each with the user-visible name of one leaf that needs it."""
 
-_NO_SKILLS: Final = SkillLibrary()
+NO_SKILLS: Final = SkillLibrary()
 
 
-def tree_resources(library: TreeLibrary, skills: SkillLibrary = _NO_SKILLS) -> dict[TreeKey, Resources]:
+def tree_resources(library: TreeLibrary, skills: SkillLibrary = NO_SKILLS) -> dict[TreeKey, Resources]:
     """Return the actuators that each tree needs. ``skills`` that files declare replace those of the classes."""
     return {key: resources for key, resources, _ in _trees(library, skills)}
 
 
-def shared_resources(library: TreeLibrary, skills: SkillLibrary = _NO_SKILLS) -> Iterator[Diagnostic]:
+def shared_resources(library: TreeLibrary, skills: SkillLibrary = NO_SKILLS) -> Iterator[Diagnostic]:
     """Yield a finding for each pair of children that may run at once and need the same actuator."""
     for _, _, found in _trees(library, skills):
         yield from found
