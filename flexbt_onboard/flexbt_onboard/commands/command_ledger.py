@@ -62,8 +62,8 @@ class CommandHandling:
         """Return the fields of the command for the event log."""
         return {}
 
-    def apply(self, _command: ExecutiveCommand, _writer: bytes) -> bool:
-        """Apply a command. Return True if it has had its effect.
+    def apply(self, _command: ExecutiveCommand, _writer: bytes, _arrived: int) -> bool:
+        """Apply a command that :meth:`CommandLedger.receive` has got. Return True if it has had its effect.
 
         After False, :class:`CommandDecided`, :class:`RunBuilt` or :class:`RunRefused` follows.
 
@@ -114,8 +114,9 @@ class CommandLedger(RunReader):
             case RunRefused(request, reason):
                 self._post(partial(self._decide, request.command_id, reason))
 
-    def receive(self, command: ExecutiveCommand, writer: bytes = b'') -> None:
-        """Handle a command. The status reports its result. ``writer`` has sent it; b'' if unknown."""
+    def receive(self, command: ExecutiveCommand, writer: bytes = b'', arrived: int = 0) -> None:
+        """Handle a command. The status reports its result. ``writer`` has sent it; b'' if unknown. ``arrived`` is the
+        time of its arrival, ns since the epoch."""
         if not 0 < len(command.id) <= COMMAND_LENGTHS['id']:
             if command.kind != ExecutiveCommand.STOP:
                 self._ignore_nameless(command)
@@ -125,11 +126,11 @@ class CommandLedger(RunReader):
         excess = excess_of_command(command)
         if known is None and self._handling.is_addressed(command):
             if excess and command.kind == ExecutiveCommand.STOP:
-                self._admit(_bare_stop(command, excess), writer)
+                self._admit(_bare_stop(command, excess), writer, arrived)
             elif excess:
                 self._refuse_unkept(command, excess)
             else:
-                self._admit(command, writer)  # sending a status first would only delay the effect
+                self._admit(command, writer, arrived)  # sending a status first would only delay the effect
             return
         if excess:
             return
@@ -162,7 +163,7 @@ class CommandLedger(RunReader):
         operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
         self._settle(command.id, reason, {'id': command.id, 'operator': operator, 'kind': command.kind})
 
-    def _admit(self, command: ExecutiveCommand, writer: bytes) -> None:
+    def _admit(self, command: ExecutiveCommand, writer: bytes, arrived: int) -> None:
         command_id = str(command.id)
         of_writer = sum(isinstance(entry, _Open) and entry.writer == writer for entry in self._entries.values())
         self._entries[command_id] = _Open(command, writer)
@@ -172,7 +173,7 @@ class CommandLedger(RunReader):
                 raise CommandRefusedError(
                     f'{of_writer} commands wait for their effect already; the behavior is held up'
                 )
-            is_applied = self._handling.apply(command, writer)
+            is_applied = self._handling.apply(command, writer, arrived)
         except CommandRefusedError as error:
             self._decide(command_id, str(error))
         except Exception as error:

@@ -200,9 +200,9 @@ COMMAND_BYTES: Final = 2_000_000
 _PROCESSES: Final = 256
 _TELL_SECONDS: Final = 10.0
 
-OnCommand = Callable[[ExecutiveCommand, bytes], object]
-"""A receiver of a command and of the participant that sent it; b'' if the middleware does not report the
-participant."""
+OnCommand = Callable[[ExecutiveCommand, bytes, int], object]
+"""A receiver of a command, of the participant that sent it (b'' if the middleware does not report it), and of the time
+of its arrival, ns since the epoch."""
 
 
 class CommandIntake:
@@ -250,7 +250,7 @@ class CommandIntake:
             self._drop(topic, received, f'what it sends is not a command: {error}')
             return
         if topic == names.EXECUTIVE_COMMAND or command.kind == ExecutiveCommand.STOP:
-            self._on_command(command, received.participant)
+            self._on_command(command, received.participant, received.arrived)
         else:
             self._drop(topic, received, f'kind {command.kind} is not a STOP, and belongs on {names.EXECUTIVE_COMMAND}')
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 import uuid
 from collections.abc import Iterator
 from typing import Any
@@ -205,6 +206,23 @@ def test_a_stop_has_a_way_of_its_own_on_which_nothing_else_is_taken(
     bench.applied(STOP)
     assert bench.wait_idle() == 'preempted'
     assert dropped not in {result.command_id for status in bench.statuses for result in status.results}
+
+
+def test_what_a_stop_has_overtaken_starts_nothing(bench: LoopBench) -> None:
+    """A STOP is taken before other commands that wait, and a console sends again what was lost."""
+    is_held, may_go_on = threading.Event(), threading.Event()
+    bench.runtime.post(lambda: (is_held.set(), may_go_on.wait()))
+    is_held.wait()
+    start = bench.send(START, behavior='Test')
+    stop = bench.send(STOP)
+    may_go_on.set()
+    assert bench.result(stop).code == CommandResult.APPLIED
+    refused = bench.result(start)
+    assert (refused.code, 'was given after it' in refused.reason) == (CommandResult.REFUSED, True)
+    bench.applied(STOP, stamp=Time(sec=200))
+    assert 'was given after it' in bench.refused(START, behavior='Test', stamp=Time(sec=199))
+    assert bench.statuses[-1].state == ExecutiveStatus.IDLE and not bench.entered
+    bench.applied(START, behavior='Test', stamp=Time(sec=201))
 
 
 def test_commands_of_another_run_are_refused(bench: LoopBench) -> None:
@@ -498,7 +516,7 @@ def test_a_process_has_one_limit_however_many_participants_it_has() -> None:
         told: list[str] = []
         began = runtime.steady.now()
         runtime.call(
-            lambda: CommandIntake(runtime, lambda one, _: taken.append(one), lambda _, text: told.append(text))
+            lambda: CommandIntake(runtime, lambda one, *_: taken.append(one), lambda _, text: told.append(text))
         )
         with subprocess.Popen([sys.executable, '-c', MANY]) as child:
             try:
