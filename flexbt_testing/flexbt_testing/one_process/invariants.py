@@ -628,7 +628,8 @@ class _Robot:
         """Check that a command has not waited too long for its result, if it is for the present executive."""
         since, command = self._open[command_id]
         began = self._world.processes[self._executive].began + 2 * SECOND
-        late = (SCHEDULER.now - max(since, began, self._awake_at, self._observer.failed_disk_at)) / SECOND
+        returned = self._awake_at + 4 * SECOND  # what was said meanwhile comes first
+        late = (SCHEDULER.now - max(since, began, returned, self._observer.failed_disk_at)) / SECOND
         present = self._statuses[-1][1].executive_id if self._statuses else ''
         if late > DECIDED_SECONDS and command.executive_id in ('', present):
             kind = CommandKind(command.kind).name
