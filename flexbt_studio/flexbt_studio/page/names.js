@@ -31,9 +31,8 @@ export class Names {
 
   // Rename what stands at an offset of the open file. Whether it was done; null if it was left to the user, who did not.
   async rename({offset = this.place(), name = null} = {}) {
-    const {studio} = this, {file, link} = studio, watch = {change: []};
-    file.watches.add(watch);
-    try {
+    const {studio} = this, {file, link} = studio;
+    return file.watching(async (watch) => {
       await this.settled();
       const here = () => mapOffset(watch.change, offset), meant = await link.request('name', {file: file.name, offset: here()});
       const wanted = name ?? await ask(`Rename the ${KINDS[meant.kind] ?? meant.kind} ${meant.name}`, meant.name, 'It is renamed in all files of the project.');
@@ -48,9 +47,7 @@ export class Names {
         studio.told('A file was edited meanwhile: here are the edits again', 'warning');
         await this.settled();
       }
-    } finally {
-      file.watches.delete(watch);
-    }
+    });
   }
 
   settled() { return Promise.all([...this.studio.open.values()].map((one) => one.settled())); }

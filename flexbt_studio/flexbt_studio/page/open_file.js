@@ -204,28 +204,35 @@ export class OpenFile {
   // Carry out a gesture. make() is called when the graph is up to date, and returns [name, arguments] or null. Gestures are
   // carried out one after the other. The result is the change of the text, or null.
   gesture(make) {
-    const done = this.queue.then(async () => {
-      const watch = {change: []};
-      try {
-        await this.settled();
-        const wanted = make();
-        if (!wanted) return null;
-        this.watches.add(watch);
-        const [name, args] = wanted;
-        const edits = await this.link.request('gesture', {file: this.name, version: this.version, name, arguments: args});
-        const [, change] = transform(watch.change, fromEdits(edits));
-        if (change.length) this.buffer.apply(change, {name});
-        await this.settled();
-        return change;
-      } catch (refusal) {
-        this.on.told(refusal.message, 'error');
-        return null;
-      } finally {
-        this.watches.delete(watch);
-      }
+    this.queue = this.queue.then(async () => {
+      await this.settled();
+      const wanted = make();
+      if (!wanted) return null;
+      const [name, args] = wanted;
+      const change = await this.watching(async (watch) => watch.over(fromEdits(await this.link.request('gesture', {file: this.name, version: this.version, name, arguments: args}))));
+      if (change.length) this.buffer.apply(change, {name});
+      await this.settled();
+      return change;
+    }).catch((refusal) => { this.on.told(refusal.message, 'error'); return null; });
+    return this.queue;
+  }
+
+  // Do work(watch), and resolve to its result. watch.change is what has changed meanwhile, watch.over(change) a change of the text as
+  // it was before, for the text as it is then.
+  async watching(work) {
+    const watch = {change: [], over: (change) => transform(watch.change, change)[1]};
+    this.watches.add(watch);
+    try { return await work(watch); } finally { this.watches.delete(watch); }
+  }
+
+  // Let make(text) resolve to another text, or to null, and put that in the place of this one; what is edited meanwhile stays.
+  // Resolves to that text.
+  rewrite(name, make) {
+    return this.watching(async (watch) => {
+      const before = this.text, after = await make(before);
+      if (after !== null && after !== before) this.apply(watch.over(difference(before, after)), name, true);
+      return after;
     });
-    this.queue = done;
-    return done;
   }
 
   // Offsets of the graph in the text as it is now.

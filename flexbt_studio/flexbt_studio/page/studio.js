@@ -2,7 +2,7 @@
 // The studio: files, panes, selection, problems, saving, and the commands that keys, buttons and the command list share.
 
 import {Actions} from './actions.js';
-import {difference, mapOffset} from './changes.js';
+import {mapOffset} from './changes.js';
 import {choose} from './choice.js';
 import {Debugger} from './debugger.js';
 import {byId, html} from './elements.js';
@@ -136,11 +136,12 @@ class Studio {
     file.isOld = file.isChanged;
     this.showHead();
     if (file.isOld) { this.told(`${file.name} was changed on disk by another program`, 'warning'); return; }
-    const text = await this.link.request('take_disk', {file: file.name});
-    if (text === null) return;
-    file.saved = text;
-    if (text !== file.text) file.apply(difference(file.text, text), 'disk', true);
-    this.told(`${file.name} was changed on disk; this is its text now, and Undo takes it back`);
+    const text = await file.rewrite('disk', async () => {
+      const taken = await this.link.request('take_disk', {file: file.name});
+      if (taken !== null) file.saved = taken;
+      return taken;
+    });
+    if (text !== null) this.told(`${file.name} was changed on disk; this is its text now, and Undo takes it back`);
   }
 
   // Files.
@@ -470,9 +471,8 @@ class Studio {
   async resolve(file) {
     const {text, disk} = await this.link.request('on_disk', {file: file.name});
     if (text === file.text) { await this.save(disk); return; }
-    const chosen = await conflictSheet(file.name, file.text, text, this.pane.merge);
-    if (!chosen) { this.told(`${file.name} is not saved: it was changed on disk`, 'warning'); return; }
-    if (chosen.text !== file.text) file.apply(difference(file.text, chosen.text), 'merge', true);
+    const merged = await file.rewrite('merge', async (mine) => (await conflictSheet(file.name, mine, text, this.pane.merge))?.text ?? null);
+    if (merged === null) { this.told(`${file.name} is not saved: it was changed on disk`, 'warning'); return; }
     await this.save(disk);
   }
 

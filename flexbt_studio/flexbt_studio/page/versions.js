@@ -2,7 +2,7 @@
 // What has changed between two versions of a file: on the graph, as a list to step through, and in both texts. And a change that
 // is proposed, in hunks of which each is accepted or refused by itself.
 
-import {difference, fromEdits, hunks, inverse, placed, toEdits, transform} from './changes.js';
+import {fromEdits, hunks, inverse, placed, toEdits} from './changes.js';
 import {choose} from './choice.js';
 import {byId, html, svg} from './elements.js';
 import {Graph, shortened, widthOf} from './graph.js';
@@ -100,16 +100,14 @@ export async function compareVersions(studio) {
   const chosen = await choose(`Compare ${file.name} with`, [disk, ...all], {note: isText ? found : ''});
   if (!chosen) return;
   const before = chosen === disk ? (await link.request('on_disk', {file: file.name})).text : await link.request('text_at', {file: file.name, revision: chosen.revision, name: chosen.name});
-  const watch = {change: []}, after = file.text, place = html('div', {class: 'merge'});
-  file.watches.add(watch);
-  const made = studio.pane.merge?.(place, before, after);
-  const picture = await changePicture(link, file.name, before, after, (change) => made?.show(change.before, change.after));
-  const title = `${file.name}: since ${chosen === disk ? 'it was saved' : chosen.label}`, told = made ? 'Left: then. Right: now, which you can edit; the arrows take a part from then.' : 'Removed lines were there then; added lines are there now.';
-  const isTaken = await pictureSheet(title, picture, [html('p', {class: 'hint'}, told), made ? place : textDifference(before, after)], [['Close', null, 'primary'], ...(made ? [['Take the Right Side', true, '']] : [])]);
-  file.watches.delete(watch);
-  if (!isTaken || made.text() === after) return;
-  file.apply(transform(watch.change, difference(after, made.text()))[1], 'take back', true);
-  studio.told('The right side is the text now; Undo takes it back');
+  const taken = await file.rewrite('take back', async (after) => {
+    const place = html('div', {class: 'merge'}), made = studio.pane.merge?.(place, before, after);
+    const picture = await changePicture(link, file.name, before, after, (change) => made?.show(change.before, change.after));
+    const title = `${file.name}: since ${chosen === disk ? 'it was saved' : chosen.label}`, told = made ? 'Left: then. Right: now, which you can edit; the arrows take a part from then.' : 'Removed lines were there then; added lines are there now.';
+    const isTaken = await pictureSheet(title, picture, [html('p', {class: 'hint'}, told), made ? place : textDifference(before, after)], [['Close', null, 'primary'], ...(made ? [['Take the Right Side', true, '']] : [])]);
+    return isTaken && made.text() !== after ? made.text() : null;
+  });
+  if (taken !== null) studio.told('The right side is the text now; Undo takes it back');
 }
 
 // Show a text that is proposed for a file, or for a new one of this name. What is accepted is one edit. Resolves to whether it was.
@@ -147,17 +145,15 @@ export async function propose(studio, title, name, proposed, notes) {
 // same lines at the same time.
 async function accept(studio, file, chosen, change) {
   const edits = chosen.map((one) => placed(one, change, file.text)).filter(Boolean), lost = chosen.length - edits.length;
-  const before = file.text, made = fromEdits(edits), later = {change: []};
+  const before = file.text, made = fromEdits(edits);
   const refused = lost ? `; ${lost} refused: their lines have changed since` : '';
   if (!edits.length) { studio.told(`nothing was changed${refused}`, 'warning'); return; }
   file.apply(made, 'proposal', true);
-  file.watches.add(later);
-  await file.synced();
-  file.watches.delete(later);
+  const later = await file.watching(async (watch) => { await file.synced(); return watch; });
   let shift = 0;
   const ranges = edits.map(([start, end, text]) => { const range = [start + shift, start + shift + text.length]; shift += text.length - (end - start); return range; });
   if (toEdits(later.change).some(([start, end]) => ranges.some(([from, to]) => start <= to && from <= end))) {
-    file.apply(transform(later.change, inverse(before, made))[1], 'proposal', true);
+    file.apply(later.over(inverse(before, made)), 'proposal', true);
     studio.told('another page has changed the same lines at the same time; nothing of the proposal was taken', 'warning');
   } else studio.told(`${edits.length} of ${chosen.length} hunks accepted${refused}`, lost ? 'warning' : 'good');
 }

@@ -274,9 +274,12 @@ def test_two_pages_lose_nothing_of_each_other(
         assert (folder / 'main.xml').read_text() == TREE.replace('1.0', '7.0')
         page.chord(Keys.CONTROL, 's')
         page.until_sheet('changed on disk')
+        other.chord(Keys.CONTROL, Keys.END)
+        other.press('<!-- meanwhile -->')
+        page.until(lambda: page.shown_text == f'<!-- one -->{TREE}<!-- meanwhile -->')
         page.press(Keys.ENTER)
         page.until_told('main.xml saved')
-        assert (folder / 'main.xml').read_text() == f'<!-- one -->{TREE}'
+        assert (folder / 'main.xml').read_text() == f'<!-- one -->{TREE}<!-- meanwhile -->'
         other.until(lambda: not other.has_changes())
 
 
