@@ -211,7 +211,12 @@ def test_a_stop_has_a_way_of_its_own_on_which_nothing_else_is_taken(
 def test_what_a_stop_has_overtaken_starts_nothing(bench: LoopBench) -> None:
     """A STOP is taken before other commands that wait, and a console sends again what was lost."""
     is_held, may_go_on = threading.Event(), threading.Event()
-    bench.runtime.post(lambda: (is_held.set(), may_go_on.wait()))
+
+    def hold() -> None:
+        is_held.set()
+        may_go_on.wait()
+
+    bench.runtime.post(hold)
     is_held.wait()
     start = bench.send(START, behavior='Test')
     stop = bench.send(STOP)
