@@ -28,9 +28,10 @@ from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import one_line, pluralize
 from flexbt_core.values.text_files import version_of
 
+from .delivered import SEND_SECONDS
 from .escalation import Call, SeenRobot
 from .rules import AlertRules, Severity, load_rules, rule_text
-from .store import SEND_SECONDS, Store
+from .store import Store
 
 PERIOD: Final = 1.0
 """Time between two looks at the robots, s."""

@@ -20,7 +20,7 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_console.alerts.store import SEND_SECONDS, mark_delivered
+from flexbt_console.alerts.delivered import SEND_SECONDS, mark_delivered
 
 _ANSWER: Final = re.compile(r"error\s*[=:]\s*(\d{3})\b|\((\d{3}), b['\"]")
 _ERRNO: Final = re.compile(r'\[Errno (\d{1,3})\]')

@@ -16,31 +16,14 @@ from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from flexbt_console.errors import ConsoleError, RefusedError, UsageError
 from flexbt_core.values.text import one_line
 from flexbt_core.values.text_files import open_private
 
+from .delivered import SEND_SECONDS, connect
 from .escalation import Call, Escalation, Thing
-
-BUSY_SECONDS: Final = 2.0
-"""Time for which a write waits for another process, s."""
-
-SEND_SECONDS: Final = 30.0
-"""Time after which a process that sends ends itself, s."""
-
-_TABLE: Final = 'CREATE TABLE IF NOT EXISTS memory (kind TEXT, id INTEGER, value TEXT, PRIMARY KEY (kind, id))'
-
-
-def _connect(file: Path) -> sqlite3.Connection:
-    """Open the file; only its user may read a new one. Raises sqlite3.Error and OSError."""
-    if not file.exists():
-        os.close(open_private(file, os.O_RDWR | os.O_CREAT))
-    connection = sqlite3.connect(file, timeout=BUSY_SECONDS)
-    connection.execute('PRAGMA synchronous = EXTRA')
-    connection.execute(_TABLE)
-    return connection
 
 
 class Store:
@@ -74,7 +57,7 @@ class Store:
             self.memory = self._load()
 
     def _open(self) -> None:
-        self._connection = _connect(self.file)
+        self._connection = connect(self.file)
         rows = self._connection.execute("SELECT * FROM memory WHERE kind != 'acknowledgment'").fetchall()
         self._saved = {(kind, number): text for kind, number, text in rows}
 
@@ -140,16 +123,6 @@ class Store:
             os.pwrite(self.lock, f'{os.getpid():<20}'.encode(), 0)
 
 
-def mark_delivered(file: Path, calls: Iterable[int]) -> bool:
-    """Take delivered calls out of the file. Return whether that is on disk."""
-    try:
-        with closing(_connect(file)) as connection, connection:
-            connection.executemany("DELETE FROM memory WHERE kind = 'call' AND id = ?", [(one,) for one in calls])
-    except (sqlite3.Error, OSError):
-        return False
-    return True
-
-
 def acknowledge(file: Path, things: Sequence[int], operator: str) -> list[str]:
     """Acknowledge things, without any the only one, for the running program. Return what they are.
 
@@ -159,7 +132,7 @@ def acknowledge(file: Path, things: Sequence[int], operator: str) -> list[str]:
     if not file.exists():
         raise UsageError(f'{file}: there is no such file; --state names the one of "console alerts"')
     try:
-        with closing(_connect(file)) as connection, connection:
+        with closing(connect(file)) as connection, connection:
             rows = connection.execute("SELECT id, value FROM memory WHERE kind = 'thing'").fetchall()
             known = {number: Thing(**json.loads(text)) for number, text in rows}
             texts = {number: one_line(f'{number}  {one.robot}: {one.text}') for number, one in known.items()}

@@ -302,9 +302,10 @@ def _run_alerts(line: CommandLine) -> ExitCode:
     if not _is_installed('apprise'):
         raise UsageError('alerts need apprise, which calls people: install it (pip install apprise)')
     from flexbt_console.alerts.calling import Calling, check_lines, send_test
+    from flexbt_console.alerts.delivered import SEND_SECONDS
     from flexbt_console.alerts.escalation import SeenRobot, seen
     from flexbt_console.alerts.rules import load_rules
-    from flexbt_console.alerts.store import SEND_SECONDS, Store
+    from flexbt_console.alerts.store import Store
     from flexbt_console.ui.line.line_mode import found_robots, report_wait
     from flexbt_core.clock.clock import SteadyClock
 

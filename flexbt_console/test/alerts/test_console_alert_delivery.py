@@ -23,7 +23,7 @@ from typing import Any
 
 import pytest
 
-from flexbt_console.alerts import calling, store
+from flexbt_console.alerts import calling, delivered, store
 from flexbt_console.alerts.calling import BURST, MOST_LISTED, Calling, check_lines, send_test
 from flexbt_console.alerts.escalation import SeenNeed, SeenRobot
 from flexbt_console.alerts.store import Store, acknowledge
@@ -238,6 +238,8 @@ def test_a_service_that_fails_is_tried_again_and_holds_up_nobody(
     tmp_path: Path, programs: Callable[[Path], Program], service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(calling, 'SEND_SECONDS', 3.0)
+    for name in ('FIRST_PAUSE', 'LONGEST_PAUSE'):  # the others need not try often while one does not answer
+        monkeypatch.setattr(calling, name, 4.0)
     failing = {f'c{number}': Service() for number in range(len(FAILURES))}
     try:
         for one, act in zip(failing.values(), FAILURES.values(), strict=True):
@@ -271,9 +273,14 @@ def test_a_service_that_fails_is_tried_again_and_holds_up_nobody(
 
 
 def test_no_way_of_failing_tells_an_address(
-    tmp_path: Path, programs: Callable[[Path], Program], service: Service, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    programs: Callable[[Path], Program],
+    service: Service,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
-    """Addresses that lead nowhere, or that apprise does not know."""
+    """Addresses that lead nowhere, or that apprise does not know: each is tried once."""
+    monkeypatch.setattr(calling, 'FIRST_PAUSE', 2 * DEADLINE)
     with socket.socket() as closed:
         closed.bind(('127.0.0.1', 0))
         port = closed.getsockname()[1]
@@ -354,19 +361,18 @@ def test_a_full_disk_and_a_file_that_is_gone_are_told_and_calls_go_on(
 ) -> None:
     program = programs(write(tmp_path, RULE, anna=service.address))
     (pages,) = program.store._connection.execute('PRAGMA page_count').fetchone()
-    connect = store._connect
 
     def full(file: Path) -> sqlite3.Connection:
-        connection = connect(file)
+        connection = delivered.connect(file)
         connection.execute(f'PRAGMA max_page_count = {pages}')
         return connection
 
-    monkeypatch.setattr(store, '_connect', full)
+    monkeypatch.setattr(store, 'connect', full)
     program.store._open()
     program.robots = asks(*map(str, range(60)))
     program.run(lambda: service.got and program.is_idle())
     assert 'database or disk is full; calls go on' in str(program.log)
-    monkeypatch.setattr(store, '_connect', connect)
+    monkeypatch.setattr(store, 'connect', delivered.connect)
     program.run(lambda: 'is written again' in str(program.log))
     program.store.file.unlink()
     program.robots = asks(*map(str, range(59)))
