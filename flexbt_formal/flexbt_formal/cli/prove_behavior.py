@@ -23,15 +23,14 @@ from flexbt_formal.proofs.proof_report import Compared, ProgressLine
 from flexbt_formal.proofs.saved_test import File, Replay, requirement_texts
 from flexbt_tools.behaviors.built_behavior import BuiltBehavior, UsedTrees, machine_file, used_trees
 from flexbt_tools.cli import arguments
-from flexbt_tools.cli.behavior_tool import add_parameters, add_tree_files, built, parameters
+from flexbt_tools.cli.behavior_tool import add_behavior, add_tree_files, built, parameters
 from flexbt_tools.errors import ExitCode, UnfitError
 
 from . import proof_arguments
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml, .py, .py:CLASS) of one')
-    add_parameters(parser)
+    add_behavior(parser)
     add_tree_files(parser)
     arguments.add_list(parser, '--given', 'KEY', 'key that is set on the blackboards from outside')
     arguments.add_node_types(parser, allow_unknown=False)

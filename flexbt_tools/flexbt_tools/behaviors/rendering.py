@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Final
+from typing import Any, Final
 
 import yaml
 
@@ -47,7 +47,7 @@ def _autonomy(transition: Transition) -> str:
     return f'  [{AUTONOMY_NAMES[transition.autonomy]}]' if transition.autonomy > 0 else ''
 
 
-def structure_as_json(entry: StructureEntry) -> dict[str, object]:
+def structure_as_json(entry: StructureEntry) -> dict[str, Any]:
     """Return a node with the fields of flexbt_msgs/msg/StateStructure."""
     return {
         'path': entry.path,
@@ -94,17 +94,7 @@ def graph_of(
     }
     return machine_graph(
         [
-            DrawnState(
-                entry.path,
-                entry.kind.name.lower(),
-                entry.type_name,
-                entry.children,
-                entry.outcomes,
-                entry.targets,
-                entry.autonomy,
-                drawn.get(entry.path),
-                _why(entry.path, reasons),
-            )
+            DrawnState(**structure_as_json(entry), tree=drawn.get(entry.path), why=_why(entry.path, reasons))
             for entry in machine.structure()
         ]
     )

@@ -44,6 +44,12 @@ from .output import (
 )
 
 
+def add_behavior(parser: argparse.ArgumentParser) -> None:
+    """Add ``options.name``: a behavior; and ``options.parameters``."""
+    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml, .py, .py:CLASS) of one')
+    add_parameters(parser)
+
+
 def add_parameters(parser: argparse.ArgumentParser) -> None:
     """Add ``options.parameters``: values of the behavior's parameters."""
     parser.add_argument(
@@ -115,8 +121,7 @@ def run_check(options: argparse.Namespace) -> ExitCode:
 
 
 def add_show_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml, .py, .py:CLASS) of one')
-    add_parameters(parser)
+    add_behavior(parser)
     arguments.add_json(parser)
 
 
@@ -163,8 +168,7 @@ def run_skills(options: argparse.Namespace) -> ExitCode:
 
 
 def add_draw_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('name', metavar='NAME', help='installed behavior, or file (.yaml, .py, .py:CLASS) of one')
-    add_parameters(parser)
+    add_behavior(parser)
     add_picture_arguments(parser)
     parser.add_argument('--no-trees', action='store_true', help='draw only the state machine')
     parser.add_argument('--expand', action='store_true', help='draw sub-trees in place')
