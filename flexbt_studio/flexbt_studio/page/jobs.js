@@ -5,6 +5,7 @@ import {byId, html} from './elements.js';
 import {outcomePath} from './machine_drawing.js';
 import {placeOf, statusesAt} from './player.js';
 import {exportModels, Goals, importModels} from './proposals.js';
+import {remember, remembered} from './server_link.js';
 import {compareVersions} from './versions.js';
 
 const SHOWN = 100;  // lines of a dry run before and after the one that is shown
@@ -27,18 +28,18 @@ export const lineOf = (one) => `${one.time.toFixed(3).padStart(10)}  ${one.befor
 export const counted = (count, thing) => `${count} ${thing}${count === 1 ? '' : 's'}`;
 
 export class Jobs {
-  // studio has link, file, treeFiles, told, select, part, remembered and remember.
+  // studio has link, file, treeFiles, told, select, part and pathOf.
   constructor(studio, player) {
     Object.assign(this, {studio, player, waiting: new Map(), proofs: new Map(), changes: new Map(), runs: new Map(), decisions: new Map(), rows: [], coverage: new Map()});
     player.on.moved = (at) => this.showLines(player.owner, at);
-    this.isOnSave = studio.remembered('prove-on-save', true);
+    this.isOnSave = remembered('prove-on-save', true);
     const option = (id, text, isOn, set) => html('label', {}, html('input', {type: 'checkbox', id, checked: isOn, onchange: (event) => { set(event.target.checked); studio.graph.on.drawn(); this.show(); }}), ` ${text}`);
-    const field = (id, label, hint, name) => html('div', {}, html('label', {for: id}, label), html('textarea', {id, rows: 2, spellcheck: 'false', placeholder: hint, onchange: (event) => studio.remember(`${name}-${studio.file.name}`, event.target.value)}));
+    const field = (id, label, hint, name) => html('div', {}, html('label', {for: id}, label), html('textarea', {id, rows: 2, spellcheck: 'false', placeholder: hint, onchange: (event) => remember(`${name}-${studio.pathOf(studio.file)}`, event.target.value)}));
     const button = (id, text, act) => html('button', {type: 'button', id, onclick: act}, text);
     const section = (id, title, ...parts) => html('details', {id, name: 'job'}, html('summary', {}, title, html('span', {id: `${id}-state`, class: 'hint'})), ...parts);
     this.goals = new Goals(studio, this, section, button);
     byId('runs').append(
-      section('prove-job', 'Proof', html('div', {class: 'buttons'}, button('prove', 'Prove', () => this.prove()), option('prove-on-save', 'on each save', this.isOnSave, (isOn) => { this.isOnSave = isOn; studio.remember('prove-on-save', isOn); }), option('tint-never', 'tint what is never reached', this.tintsNever = true, (isOn) => { this.tintsNever = isOn; })),
+      section('prove-job', 'Proof', html('div', {class: 'buttons'}, button('prove', 'Prove', () => this.prove()), option('prove-on-save', 'on each save', this.isOnSave, (isOn) => { this.isOnSave = isOn; remember('prove-on-save', isOn); }), option('tint-never', 'tint what is never reached', this.tintsNever = true, (isOn) => { this.tintsNever = isOn; })),
         html('p', {id: 'proof-told', class: 'hint'}), html('ul', {id: 'proof-list', class: 'list'}), field('requirements', 'Requirements, one a line', 'never =FAILURE', 'require')),
       section('compare-job', 'What This Change Does', html('div', {class: 'buttons'}, button('compare', 'Compare with Disk', () => this.compare())), html('div', {id: 'compare-told'})),
       section('run-job', 'Dry Run', html('div', {class: 'buttons'}, html('select', {id: 'run-tree', 'aria-label': 'tree', onchange: () => { this.rowsOf = null; this.show(); }}), button('run', 'Run', () => this.dryRun()), button('copy-plan', 'Copy Plan', () => { navigator.clipboard?.writeText(this.plan()); studio.told('Plan copied: bt_tool run FILE --mock mocks.yaml does the same'); }), option('tint-dry', 'tint what no run has reached', this.tintsDry = false, (isOn) => { this.tintsDry = isOn; })),
@@ -134,7 +135,7 @@ export class Jobs {
   async prove(file = this.studio.file, isQuiet = false) {
     if (!file) return;
     if (!isQuiet) this.open('prove-job');
-    const text = file === this.studio.file ? byId('requirements').value : this.studio.remembered(`require-${file.name}`, '');
+    const text = file === this.studio.file ? byId('requirements').value : remembered(`require-${this.studio.pathOf(file)}`, '');
     const require = text.split('\n').map((line) => line.trim()).filter(Boolean);
     const read = async (entry) => {
       const [{proofs, findings}] = entry.event.result, places = await Promise.all(proofs.map((one) => this.placesOf(file, treeOf(one))));
@@ -276,11 +277,11 @@ export class Jobs {
   rowsKey(file, tree) { return `${file.name} ${file.viewVersion} ${tree}`; }
 
   async loadRows(file, tree) {
-    const key = this.rowsOf = this.rowsKey(file, tree), kept = this.studio.remembered(`mocks-${file.name}`, {});
+    const key = this.rowsOf = this.rowsKey(file, tree), kept = remembered(`mocks-${this.studio.pathOf(file)}`, {});
     const needs = await this.studio.link.request('mocks', {file: file.name, tree}).catch(() => []);
     if (this.rowsOf !== key) return;
     this.rows = needs.map((one) => ({...one, does: one.passes ? 'passes' : 'succeeds', n: 2, after: 0, ...(DOES[kept[one.run]?.does] ? kept[one.run] : {})})).map((one) => (one.instant || one.passes ? {...one, after: 0} : one));
-    const set = (row, part, value) => { row[part] = value; this.studio.remember(`mocks-${file.name}`, Object.fromEntries(this.rows.map(({run, does, n, after}) => [run, {does, n, after}]))); };
+    const set = (row, part, value) => { row[part] = value; remember(`mocks-${this.studio.pathOf(file)}`, Object.fromEntries(this.rows.map(({run, does, n, after}) => [run, {does, n, after}]))); };
     byId('mocks').replaceChildren(...this.rows.map((row) => {
       const number = html('input', {type: 'number', min: '1', max: '99', value: row.n, 'aria-label': `${row.run}: N`, hidden: !['recovers', 'nth'].includes(row.does), onchange: (event) => set(row, 'n', Math.max(1, Math.min(99, Math.round(Number(event.target.value)) || 1)))});
       const seconds = html('input', {type: 'number', min: '0', step: 'any', value: row.after, 'aria-label': `${row.run}: seconds`, title: 'how long it runs, s', hidden: row.instant || row.passes, onchange: (event) => set(row, 'after', Math.max(0, Number(event.target.value) || 0))});
@@ -324,8 +325,7 @@ export class Jobs {
     const {file} = this.studio;
     if (this.shown !== file?.name) {
       this.shown = file?.name;
-      byId('requirements').value = this.studio.remembered(`require-${file?.name}`, '');
-      byId('board').value = this.studio.remembered(`board-${file?.name}`, '');
+      for (const [id, name] of [['requirements', 'require'], ['board', 'board']]) byId(id).value = file ? remembered(`${name}-${this.studio.pathOf(file)}`, '') : '';
     }
     this.showProof(file, this.proofs.get(file?.name));
     byId('compare').disabled = byId('prove').disabled = !file;

@@ -19,6 +19,7 @@ import {panels} from './panels.js';
 import {plainPane} from './plain_text.js';
 import {Player} from './player.js';
 import {Recordings} from './recordings.js';
+import {remember, remembered} from './server_link.js';
 import {Refusal, SessionLink} from './session_link.js';
 import {codeSheet, conflictSheet, keySheet, sheet, shownKeys, unifiedDifference} from './sheets.js';
 import {Simulator} from './simulator.js';
@@ -27,8 +28,6 @@ import {drawTrees} from './tree_drawing.js';
 const PANES = ['files-pane', 'palette-pane', 'graph-pane', 'text-pane', 'form-pane', 'problems-pane', 'runs-pane'];
 const KEY = /\{(@?[A-Za-z_][\w./-]*)\}/g;
 
-const remembered = (key, usual) => { try { return JSON.parse(localStorage.getItem(`studio-${key}`)) ?? usual; } catch { return usual; } };
-const remember = (key, value) => { try { localStorage.setItem(`studio-${key}`, JSON.stringify(value)); } catch { /* not remembered */ } };
 const lowered = (one) => Object.assign(one, {kind: one.kind?.toLowerCase() ?? ''});
 
 class Studio {
@@ -49,7 +48,6 @@ class Studio {
       drop: (from, to, zone, what) => this.actions.drop(from, to, zone, what), zones: (from, to, what, end = null) => (this.file ? this.actions.zones(from, to, end) : []),
       drawn: () => { if (this.file) { this.player.paint(this.graph, this.file.name, this.jobs.tint(this.file)); this.debugger.paint(this.graph, this.file.name); } },
     });
-    Object.assign(this, {remembered, remember});
     this.player = new Player({follow: (file, path) => this.follow(file, path), paint: () => this.graph.on.drawn(), name: (file, path) => this.open.get(file)?.parts.get(path)?.title ?? path});
     this.jobs = new Jobs(this, this.player);
     this.live = new Live(this, this.player);
@@ -213,7 +211,7 @@ class Studio {
     for (const node of file.view.nodes ?? []) lowered(node);
     this.outline(file);
     if (file.folded === null) {
-      const saved = remembered(`folded-${file.name}`, null);
+      const saved = remembered(`folded-${this.pathOf(file)}`, null);
       file.folded = new Set(saved ?? (file.view.nodes ?? []).filter((node) => node.collapsed).map((node) => node.path));
     }
     // The selection stays at what begins where the selected part began, wherever that is in the graph now.
@@ -327,7 +325,9 @@ class Studio {
     this.told(`${part.title} ${file.folded.has(path) ? 'folded' : 'unfolded'}`);
   }
 
-  rememberFolded() { remember(`folded-${this.file.name}`, [...this.file.folded]); }
+  rememberFolded() { remember(`folded-${this.pathOf(this.file)}`, [...this.file.folded]); }
+  // What the browser remembers of a file is of this project.
+  pathOf(file) { return `${this.folder}/${file.name}`; }
 
   // Bring a node that runs into view, in another file, too; of a robot only in this one.
   async follow(name, path) {

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import subprocess
 import sys
 from functools import partial
@@ -215,6 +216,12 @@ def test_a_requirement_of_a_machine_is_proved_and_played(page: StudioPage, folde
         page.press(ESCAPE)
         page.driver.refresh()
         page.until(lambda: page.run('return document.getElementById("requirements").value') == 'never =finished')
+    # A file of the same name of another project, at the same address, has its own.
+    other = folder.with_name('other')
+    shutil.copytree(folder, other)
+    with served(other, None, port):
+        page.open(port, 'drive.yaml')
+        assert page.run('return document.getElementById("requirements").value') == ''
 
 
 def test_what_is_never_reached_is_tinted_and_folded_parts_show_what_is_in_them(page: StudioPage, folder: Path) -> None:

@@ -6,7 +6,7 @@ const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
 const REFUSED_WAIT_MS = 1000;  // the server is there: what it waits for is shown soon when it comes
 
-// What the browser remembers of the operator's page, if it does.
+// What the browser remembers of both pages, if it does.
 export const remembered = (key, usual) => { try { return JSON.parse(localStorage.getItem(`flexbt-${key}`)) ?? usual; } catch { return usual; } };
 export const remember = (key, value) => { try { localStorage.setItem(`flexbt-${key}`, JSON.stringify(value)); } catch { /* not beyond this page then */ } };
 
