@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A robot of real processes before a client of Nav2: the calls of nav2_simple_commander, made with plain rclpy.
+"""A robot before a client of Nav2: the calls of nav2_simple_commander, made with plain rclpy.
 
-The real nav2_simple_commander drives it as well, by its own example scripts, where it is installed or where
+One test has real processes; the others run in one process. The real nav2_simple_commander drives it as well, by its own example scripts, where it is installed or where
 FLEXBT_NAV2_SIMPLE_COMMANDER names the directory of its sources (with `nav2_simple_commander/` and
 `robot_navigator.py` below it).
 """
@@ -202,6 +202,7 @@ def test_to_a_pose_and_on_to_another_without_a_stop(commander: Commander, probe:
     wait_near(probe, 4.0)
 
 
+@pytest.mark.one_process
 def test_through_poses_and_to_a_pose_meanwhile(commander: Commander, probe: Probe) -> None:
     commander.go(NavigateThroughPoses.Goal(poses=[pose(2.0), pose(4.0), pose(7.0)]))
     commander.until(lambda: commander.feedback and commander.feedback.number_of_poses_remaining < 3, 'the first pose')
@@ -212,6 +213,7 @@ def test_through_poses_and_to_a_pose_meanwhile(commander: Commander, probe: Prob
     wait_near(probe, 7.0)
 
 
+@pytest.mark.one_process
 def test_waypoints_a_cancel_and_the_next_goal_at_once(commander: Commander, probe: Probe) -> None:
     commander.go(FollowWaypoints.Goal(poses=[pose(1.6), pose(2.4), pose(8.0)]))
     commander.until(lambda: commander.feedback and commander.feedback.current_waypoint == 2, 'the last waypoint')
@@ -223,12 +225,14 @@ def test_waypoints_a_cancel_and_the_next_goal_at_once(commander: Commander, prob
     wait_near(probe, 3.0)
 
 
+@pytest.mark.one_process
 def test_a_pose_outside_of_the_map_is_missed(commander: Commander) -> None:
     commander.go(FollowWaypoints.Goal(poses=[pose(1.4), pose(100.0), pose(2.0)]))
     result = commander.ended(GoalStatus.STATUS_ABORTED)
     assert [(missed.index, missed.error_code) for missed in result.missed_waypoints] == [(1, 204)]
 
 
+@pytest.mark.one_process
 def test_recoveries_that_are_needed_because_the_controller_fails(commander: Commander, probe: Probe) -> None:
     def fault(**fields: Any) -> None:
         response = commander.ask(SetFault, 'simulator/set_fault', fault='server_fails', **fields)
@@ -243,6 +247,7 @@ def test_recoveries_that_are_needed_because_the_controller_fails(commander: Comm
     wait_near(probe, 3.0)
 
 
+@pytest.mark.one_process
 def test_the_goal_tool_and_the_stop_of_an_operator(commander: Commander, probe: Probe) -> None:
     runs: list[TreeStatus] = []
     subscription = probe.console.call(
