@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import _thread
 import concurrent.futures.thread
-import itertools
 import os
 import queue
 import sys
@@ -100,70 +99,17 @@ class Lock:
         return f'a lock of {self._owner}' if self._owner else 'a free lock'
 
 
-class RLock(Lock):
-    """Stand-in for ``threading.RLock``."""
+class Thread(threading.Thread):
+    """Stand-in for ``threading.Thread``, which begins, and is waited for, as a task."""
 
-    __slots__ = ('_depth',)
-    _depth: int
-
-    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        if self._owner is SCHEDULER.current:
-            self._depth += 1
-            return True
-        is_acquired = Lock.acquire(self, blocking, timeout)
-        if is_acquired:
-            self._depth = 1
-        return is_acquired
-
-    __enter__ = acquire
-
-    def release(self, *_: object) -> None:
-        if self._owner is not SCHEDULER.current:
-            raise RuntimeError('cannot release un-acquired lock')
-        self._depth -= 1
-        if not self._depth:
-            Lock.release(self)
-
-    __exit__ = release
-
-    def _is_owned(self) -> bool:
-        return self._owner is SCHEDULER.current
-
-    def _release_save(self) -> int:
-        depth, self._depth = self._depth, 1
-        self.release()
-        return depth
-
-    def _acquire_restore(self, depth: int) -> None:
-        self.acquire()
-        self._depth = depth
-
-
-class Thread:
-    """Stand-in for ``threading.Thread``."""
-
-    _numbers = itertools.count(1)
-
-    def __init__(
-        self,
-        group: None = None,
-        target: Callable[..., object] | None = None,
-        name: str | None = None,
-        args: Any = (),
-        kwargs: Any = None,
-        *,
-        daemon: bool | None = None,
-    ) -> None:
-        self._target, self._args, self._kwargs = target, args, kwargs or {}
-        self.name = name or f'Thread-{next(Thread._numbers)}'
-        self.daemon = bool(daemon)
-        self._task: Task | None = None
+    _task: Task | None = None
 
     def start(self) -> None:
         if self._task is not None:
             raise RuntimeError('threads can only be started once')
         self._task = SCHEDULER.spawn(self._bootstrap, self.name)
         self._task.thread = self
+        self._ident = self._native_id = self._task.id
         SCHEDULER.yield_turn()  # as the real one, which returns when the thread has begun
 
     def _bootstrap(self) -> None:
@@ -173,13 +119,6 @@ class Thread:
             pass
         except BaseException:
             threading.excepthook(threading.ExceptHookArgs((*sys.exc_info(), self)))
-
-    def run(self) -> None:
-        try:
-            if self._target is not None:
-                self._target(*self._args, **self._kwargs)
-        finally:
-            del self._target, self._args, self._kwargs
 
     def is_alive(self) -> bool:
         return self._task is not None and not self._task.is_done and self._task.process.is_alive
@@ -195,32 +134,14 @@ class Thread:
             SCHEDULER.block(f'the end of {task}', _until(timeout))
             task.joining.remove(current)
 
-    @property
-    def ident(self) -> int | None:
-        return None if self._task is None else self._task.id
-
-    native_id = ident
-
-    def setDaemon(self, daemon: bool) -> None:
-        self.daemon = daemon
-
-    def getName(self) -> str:
-        return self.name
-
-    def setName(self, name: str) -> None:
-        self.name = name
-
-    def isDaemon(self) -> bool:
-        return self.daemon
-
     def __repr__(self) -> str:
         return f'<{type(self).__name__}({self.name})>'
 
 
 class _MainThread(Thread):
     def __init__(self, task: Task) -> None:
-        super().__init__(name=task.name)
-        self._task = task
+        super().__init__(name=task.name, daemon=False)
+        self._task, self._ident = task, task.id
 
 
 class Timer(Thread):
@@ -279,21 +200,21 @@ class Local:
             raise AttributeError(name) from None
 
 
-def current_thread() -> Any:
-    """Stand-in for ``threading.current_thread``."""
-    task = SCHEDULER.current
+def _thread_of(task: Task) -> Any:
     if task.thread is None:
         task.thread = _MainThread(task)
     return task.thread
 
 
+def current_thread() -> Any:
+    """Stand-in for ``threading.current_thread``."""
+    return _thread_of(SCHEDULER.current)
+
+
 def main_thread() -> Any:
     """Stand-in for ``threading.main_thread``: the first thread of the process that asks."""
     process = SCHEDULER.current.process
-    first = next((task for task in SCHEDULER.tasks if task.process is process), SCHEDULER.main)
-    if first.thread is None:
-        first.thread = _MainThread(first)
-    return first.thread
+    return _thread_of(next((task for task in SCHEDULER.tasks if task.process is process), SCHEDULER.main))
 
 
 def _enumerate() -> list[Any]:
@@ -331,7 +252,7 @@ def install() -> None:
         'Thread': Thread,
         'Lock': Lock,
         'Timer': Timer,
-        'RLock': RLock,
+        'RLock': threading._RLock,  # the one in Python, on the locks here
         '_allocate_lock': Lock,
         'local': Local,
         'current_thread': current_thread,
