@@ -14,6 +14,7 @@ from itertools import accumulate, pairwise
 from typing import Any, Final
 
 import yaml
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav2_msgs.action import (
     BackUp,
@@ -35,8 +36,9 @@ from flexbt_common.calls.goal_server import GoalFault, GoalServer, ServedGoal
 from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.values.message_fields import seconds_of
 from flexbt_msgs.srv import SetFault
-from flexbt_sim.messages import grid_message
+from flexbt_sim.messages import grid_message, pose_of, stamped
 from flexbt_sim.world import Pose
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
@@ -78,7 +80,7 @@ class AbstractRobot:
         self._serve(names.COMPUTE_PATH_THROUGH_POSES, ComputePathThroughPoses, self._plan)
         self._serve(names.SMOOTH_PATH, SmoothPath, self._smooth)
         self._serve(names.FOLLOW_PATH, FollowPath, self._follow)
-        self._serve(names.WAIT, Wait, lambda goal, result: self._end_in(_seconds(goal.request.time), goal, result))
+        self._serve(names.WAIT, Wait, lambda goal, result: self._end_in(seconds_of(goal.request.time), goal, result))
         for name, kind in _TASKS.items():
             self._serve(name, kind, partial(self._end_in, _TASK_SECONDS))
         for name in (names.CLEAR_GLOBAL_COSTMAP, names.CLEAR_LOCAL_COSTMAP):
@@ -110,7 +112,7 @@ class AbstractRobot:
     def _plan(self, goal: ServedGoal, result: Any) -> None:
         goals = [goal.request.goal] if hasattr(goal.request, 'goal') else goal.request.goals
         result.path.header.frame_id = 'map'
-        result.path.poses = [_message(self._now()), *getattr(goals, 'goals', goals)]
+        result.path.poses = [stamped(self._now(), 'map', Time()), *getattr(goals, 'goals', goals)]
         self._plans.publish(result.path)
         self._end_in(_PLAN_SECONDS, goal, result)
 
@@ -122,7 +124,7 @@ class AbstractRobot:
         if self._drive is not None:
             self._drive[0].abort(FollowPath.Result())
             self._halt(self._drive[0])
-        points = [self._pose, *(_pose(one) for one in goal.request.path.poses)]
+        points = [self._pose, *(pose_of(one.pose) for one in goal.request.path.poses)]
         self._drive = goal, points, self._runtime.steady.now()
 
         def arrive() -> None:
@@ -157,8 +159,7 @@ class AbstractRobot:
         self._runtime.post_in(_POSE_SECONDS, self._tell_again)
 
     def _tell_pose(self) -> None:
-        message = _message(self._now())
-        message.header.stamp = self._runtime.node.get_clock().now().to_msg()
+        message = stamped(self._now(), 'map', self._runtime.node.get_clock().now().to_msg())
         self._poses.publish(message)
         localized = PoseWithCovarianceStamped(header=message.header)
         localized.pose.pose = message.pose
@@ -190,25 +191,8 @@ class AbstractRobot:
         return response
 
 
-def _seconds(duration: Any) -> float:
-    return float(duration.sec + 1e-9 * duration.nanosec)
-
-
 def _length(points: list[Pose]) -> float:
     return sum(a.distance(b) for a, b in pairwise(points))
-
-
-def _pose(message: Any) -> Pose:
-    place, turn = message.pose.position, message.pose.orientation
-    return Pose(place.x, place.y, 2.0 * math.atan2(turn.z, turn.w))
-
-
-def _message(pose: Pose) -> Any:
-    message = PoseStamped()
-    message.header.frame_id = 'map'
-    message.pose.position.x, message.pose.position.y = pose.x, pose.y
-    message.pose.orientation.z, message.pose.orientation.w = math.sin(pose.yaw / 2.0), math.cos(pose.yaw / 2.0)
-    return message
 
 
 def run(map: OccupancyMap, pose: Pose, speed: float) -> int:

@@ -33,6 +33,7 @@ from simulation_interfaces.srv import DeleteEntity, SpawnEntity  # noqa: E402
 from flexbt_common import names  # noqa: E402
 from flexbt_common.files import resolve_file  # noqa: E402
 from flexbt_common.runtime.node_runtime import NodeRuntime  # noqa: E402
+from flexbt_common.values.message_fields import seconds_of  # noqa: E402
 from flexbt_console.commands.command_builder import CommandBuilder  # noqa: E402
 from flexbt_console.link.operator_link import ExecutiveLink  # noqa: E402
 from flexbt_console.mirror.command_tracker import CommandState  # noqa: E402
@@ -45,6 +46,7 @@ from flexbt_msgs.msg import BehaviorStructure, TreeStatus, TreeStructure  # noqa
 from flexbt_msgs.srv import SetFault  # noqa: E402
 from flexbt_onboard.link.event_stream import EventStream  # noqa: E402
 from flexbt_onboard.node import executive  # noqa: E402
+from flexbt_sim.messages import pose_of  # noqa: E402
 from flexbt_sim.world import Pose  # noqa: E402
 
 from .boundary import BOUNDARY  # noqa: E402
@@ -350,9 +352,7 @@ class Mission:
             node.create_subscription(kind, names.of_robot(self._own, name), read, qos)
 
     def _read_pose(self, message: Any) -> None:
-        stamp, place, turn = message.header.stamp, message.pose.position, message.pose.orientation
-        pose = Pose(place.x, place.y, 2.0 * math.atan2(turn.z, turn.w))
-        self.robot.add_pose(pose, stamp.sec + 1e-9 * stamp.nanosec)
+        self.robot.add_pose(pose_of(message.pose), seconds_of(message.header.stamp))
 
     def add_transition(self, behavior: str, path: str, outcome: str, reason: str) -> None:
         """Add a transition of the executive, at the moment at which it happens."""
