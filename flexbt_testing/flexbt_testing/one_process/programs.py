@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoints, PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any, Final
 
@@ -71,7 +71,10 @@ class Program:
         """
         if self.main is not None:
             return self.main
-        scripts = [one for one in entry_points(group='console_scripts') if one.dist and one.dist.name == self.package]
+        try:
+            scripts = distribution(self.package).entry_points.select(group='console_scripts')
+        except PackageNotFoundError:
+            scripts = EntryPoints()
         for script in scripts:
             if script.name == self.executable:
                 main: Callable[[], Any] = script.load()
