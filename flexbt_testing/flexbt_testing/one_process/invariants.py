@@ -399,7 +399,7 @@ class _Robot:
         self._awake_at = 0  # the executive hangs until then
         self._awake_by_run: dict[str, int] = {}  # when the executive had last hung, when it first showed the run
         self._trees_held_until = 0  # the BT server hangs until then
-        self._answered_at = -1  # an operator has decided something
+        self._wanted_at = -1  # an operator has decided something, or a program has sent a goal
         self._hung: dict[str, int] = {}  # when the last hang of each node began
         self._driven_at = 0
         """The last time at which the robot was at rest, an active state could drive it, or that was not known, ns."""
@@ -559,7 +559,7 @@ class _Robot:
             return
         is_own = process.name == self._executive
         if is_own and command.decision_id:
-            self._answered_at = SCHEDULER.now
+            self._wanted_at = SCHEDULER.now
         if is_own and process not in self._observer.leaving and command.id not in self._results:
             self._open.setdefault(command.id, (SCHEDULER.now, command))
         if is_own or command.kind == ExecutiveCommand.STOP:
@@ -583,6 +583,7 @@ class _Robot:
 
     def goes_on(self) -> None:
         """Note that a program sends its next goal, or a run begins: the STOP is over."""
+        self._wanted_at = SCHEDULER.now
         self._rest_by = [one for one in self._rest_by if 'STOP' not in one[2]]
 
     # -- regular checks
@@ -608,7 +609,7 @@ class _Robot:
         for node, soon in (('navigation', math.inf), ('bt_server', SEEN_SECONDS * SECOND)):
             if self._nodes[node] in replaced:
                 text = f'{self._nodes[node]} was killed'
-                again = self._answered_at if node == 'bt_server' else now
+                again = self._wanted_at if node == 'bt_server' else now
                 self._rest_by = [one for one in self._rest_by if one[2] != text or not 0 <= again - one[0] <= soon]
         for one in [one for one in self._rest_by if now > one[1]]:
             self._rest_by.remove(one)
