@@ -161,8 +161,11 @@ export class Debugger {
     this.studio.graph.on.drawn();
   }
 
-  // The places of a tree's nodes in the files, by their paths in a run; none if it is in no file.
-  async nodes(tree) { return this.live.places(tree)?.nodes ?? this.live.find(tree); }
+  // The places of a tree's nodes in the files, by their paths in a run; none if it is in no file. A file that cannot be used is told,
+  // and keeps no command from the robot.
+  async nodes(tree) {
+    return this.live.places(tree)?.nodes ?? await this.live.find(tree).catch((refusal) => { this.told(refusal.message, 'error'); return {}; });
+  }
 
   async show(place) { if (place) await this.studio.go(place[0], () => place[1]); else this.told('It is not in the files of this project', 'warning'); }
 

@@ -73,6 +73,12 @@ class Studio {
     line.textContent = text;
   }
 
+  // Put a text on the clipboard. Browsers give none to a page without HTTPS; then the text is shown.
+  async copyText(text, told) {
+    if (await navigator.clipboard?.writeText(text).then(() => true, () => false)) this.told(told);
+    else await sheet('The browser lets this page copy nothing: copy it here', [html('pre', {tabindex: '0'}, text)], [['Close', null, 'primary']]);
+  }
+
   // The server.
 
   connected(isOpen, text) {
@@ -188,7 +194,6 @@ class Studio {
       this.showFiles(this.files);
       this.viewed(file);
       this.found(file);
-      this.link.request('trees', {file: file.name}).then((trees) => { this.treeFiles = trees; this.palette.show(this.entries()); }).catch(() => {});
     }
     this.graph.focus();
   }
@@ -208,6 +213,7 @@ class Studio {
 
   viewed(file) {
     this.live.viewed();
+    this.learnTrees();
     for (const node of file.view.nodes ?? []) lowered(node);
     this.outline(file);
     if (file.folded === null) {
@@ -225,6 +231,16 @@ class Studio {
     if (file !== this.file) return;
     this.draw();
     this.flow.update();
+  }
+
+  // The trees of the project and what else can be added: asked for when a file is shown, and when an open file has others.
+  async learnTrees() {
+    const {file} = this, own = ({view: {trees = [], models = [], states = []}}) => [...[...trees, ...models].map((one) => one.id), ...states.map((one) => one.type)];
+    const known = [file?.name, ...[...this.open.values()].flatMap(own)].join('\n');
+    if (!file || known === this.learnt) return;
+    this.learnt = known;
+    this.treeFiles = await this.link.request('trees', {file: file.name}).catch(() => this.treeFiles);
+    this.palette.show(this.entries());
   }
 
   // What the graph has, by path: {path, kind, title, span, open, data, parent, children}.
@@ -499,7 +515,7 @@ class Studio {
       page('next_pane', 'Next pane', ['F6'], () => this.nextPane(1)), page('previous_pane', 'Previous pane', ['Shift+F6'], () => this.nextPane(-1)), page('keys', 'Keys of this place', ['?'], () => this.showKeys()),
       ...this.jobs.commands(page), ...this.live.commands(page), ...this.simulator.commands(page), ...this.recordings.commands(page), ...this.debugger.commands(),
       page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),
-      page('link', 'Copy a link to the selected item', null, () => { navigator.clipboard?.writeText(location.href.replace(/token=[^&]*&?/, '')); this.told('Link copied, without the token'); }), page('reset', 'Reset the panels', null, () => this.panels.reset()),
+      page('link', 'Copy a link to the selected item', null, () => this.copyText(location.href.replace(/token=[^&]*&?/, ''), 'Link copied, without the token')), page('reset', 'Reset the panels', null, () => this.panels.reset()),
     ];
   }
 

@@ -62,6 +62,12 @@ def changed_tabs(page: StudioPage) -> list[str]:
     return [str(one).strip('● ×') for one in page.run(script) if '●' in one]
 
 
+def sub_trees(page: StudioPage) -> list[str]:
+    """Return the trees that the palette offers."""
+    group = '#palette [aria-label^="subtree"] [role=option]'
+    return sorted(page.run(f'return [...document.querySelectorAll(`{group}`)].map((one) => one.textContent)'))
+
+
 def test_a_tree_is_renamed_in_all_files_and_taken_back_in_one_step(
     page: StudioPage, folder: Path, editor: Path | None
 ) -> None:
@@ -85,9 +91,11 @@ def test_a_tree_is_renamed_in_all_files_and_taken_back_in_one_step(
         page.until(lambda: changed_tabs(page) == ['main.xml', 'mission.yaml', 'count.xml'])
         page.until_selected('Main/0/0')
         assert 'test_count.py:1' in page.told
+        page.until(lambda: sub_trees(page) == ['Main', 'Total'])
         # The keys of the page and of the text editor take it back in all files, and do it again.
         page.chord(Keys.CONTROL, 'z')
         page.until(lambda: changed_tabs(page) == [] and page.shown_text.rstrip() == MAIN.rstrip())
+        page.until(lambda: sub_trees(page) == ['Count', 'Main'])
         page.write()
         page.chord(Keys.CONTROL, 'y')
         page.until(lambda: changed_tabs(page) == ['main.xml', 'mission.yaml', 'count.xml'])

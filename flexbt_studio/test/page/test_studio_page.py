@@ -415,6 +415,13 @@ def test_a_link_opens_the_node_and_an_idle_page_asks_nothing(page: StudioPage, f
         page.open(port, 'main.xml', '&node=Main/0/0/1')
         assert page.focused == 'Main/0/0/1'
         page.until_text('form', 'FollowPath')
+        # A page that is not of this computer has no clipboard without HTTPS.
+        page.run('Object.defineProperty(navigator, "clipboard", {value: undefined})')
+        page.chord(Keys.CONTROL, 'k')
+        page.until(lambda: page.run('return document.getElementById("choice").open'))
+        page.press('Copy a link', Keys.ENTER)
+        page.until_sheet('file=main.xml&node=Main%2F0%2F0%2F1')
+        assert 'token' not in page.text('sheet')
         page.open(port, 'main.xml', '&node=Main/7')
         page.until_told('no Main/7 now')
         page.until_text('problems', 'No problems found')
