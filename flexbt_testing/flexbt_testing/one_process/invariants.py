@@ -550,7 +550,7 @@ class _Robot:
             left = {what.removeprefix('leaves ').partition(' by ')[0] for what in told if what.startswith('leaves ')}
             known = left.union(one.path for one in status.active_states)
             position = next((line for line in reversed(self._journal) if '"position"' in line), '')
-            over = [f'{path}/' for path in known if f'"wanted":{{{{"{path}":' in position]
+            over = [f'{path}/' for path in known if f'"wanted":{{"{path}":' in position]
             known |= {path for path in shown if path.startswith(tuple(over))}  # it leaves a container
             if lost := shown - known:
                 self._say(8, f'{", ".join(sorted(lost))} was shown as active, and is unknown after the crash')
