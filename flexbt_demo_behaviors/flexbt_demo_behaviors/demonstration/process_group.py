@@ -105,15 +105,7 @@ class ProcessGroup:
 
         def launch() -> subprocess.Popen[bytes]:
             with log.open('ab') as output:
-                return subprocess.Popen(  # noqa: S603 - the command comes from the process table
-                    list(command),
-                    stdin=subprocess.DEVNULL,
-                    stdout=output,
-                    stderr=subprocess.STDOUT,
-                    env=None if environment is None else dict(environment),
-                    start_new_session=True,
-                    preexec_fn=_end_with_parent,
-                )
+                return _start(list(command), output.fileno(), environment)
 
         self._processes[name] = launch()
         watcher = threading.Thread(
@@ -190,6 +182,18 @@ class ProcessGroup:
                     return
                 respawns.append(now)
                 self._processes[name] = launch()
+
+
+def _start(words: list[str], log: int, environment: Mapping[str, str] | None) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(  # noqa: S603 - the command comes from the process table
+        words,
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=log,
+        env=None if environment is None else dict(environment),
+        start_new_session=True,
+        preexec_fn=_end_with_parent,
+    )
 
 
 def _signal(process: subprocess.Popen[bytes], number: signal.Signals) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,7 +46,7 @@ def launch(program: Program, arguments: Sequence[str], on_error: Callable[[BaseE
 class StartedProcess:
     """A process of an installed executable, with what :class:`flexbt_testing.system.processes.Stack` uses of Popen."""
 
-    def __init__(self, words: Sequence[str], _log: int, environment: object, _fifo: object, network: object) -> None:
+    def __init__(self, words: Sequence[str], _log: int, environment: object, fifo: object, network: object) -> None:
         """``words`` are the path of the executable, ``PREFIX/lib/PACKAGE/NAME``, and its arguments.
 
         Raises:
@@ -67,12 +68,12 @@ class StartedProcess:
         """Return the exit code, at the end.
 
         Raises:
-            TimeoutError: it did not end within ``timeout`` seconds.
+            subprocess.TimeoutExpired: it did not end within ``timeout`` seconds.
         """
         until = None if timeout is None else SCHEDULER.after(timeout)
         while (code := self.poll()) is None:
             if until is not None and SCHEDULER.now > until:
-                raise TimeoutError(f'{self._process} did not end within {timeout:g} s')
+                raise subprocess.TimeoutExpired(str(self._process), timeout or 0.0)
             SCHEDULER.sleep(_POLL_SECONDS)
         return code
 

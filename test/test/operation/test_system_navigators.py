@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A robot before a client of Nav2: the calls of nav2_simple_commander, made with plain rclpy.
 
-One test has real processes; the others run in one process. The real nav2_simple_commander drives it as well, by its own example scripts, where it is installed or where
-FLEXBT_NAV2_SIMPLE_COMMANDER names the directory of its sources (with `nav2_simple_commander/` and
-`robot_navigator.py` below it).
+One test has real processes; the others run in one process. The real nav2_simple_commander drives it as well, by its own
+example scripts, where it is installed or where FLEXBT_NAV2_SIMPLE_COMMANDER names the directory of its sources (with
+`nav2_simple_commander/` and `robot_navigator.py` below it).
 """
 
 from __future__ import annotations
