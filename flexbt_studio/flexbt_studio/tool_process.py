@@ -13,7 +13,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -37,13 +37,15 @@ _SKIPPED: Final = ('__pycache__', 'build', 'install', 'log', 'node_modules')
 class ToolCopy:
     """A copy of files for one process: the ``tool`` that is run in ``folder``, and its arguments ``words``.
 
-    ``nodes`` are the file and the path in its view of each node, by the path of the node in a run.
+    ``nodes`` are the file and the path in its view of each node, by the path of the node in a run. ``files`` are the
+    files of the project that the result is about: an edit of one makes it old.
     """
 
     folder: tempfile.TemporaryDirectory[str]
     tool: str
     words: list[str]
     nodes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    files: Sequence[str] = ()
 
     def shown(self, text: str) -> str:
         """Return a message of the tool without the name of the folder."""

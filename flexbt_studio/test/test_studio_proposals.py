@@ -359,3 +359,25 @@ def test_an_imported_palette_is_known_now_and_after_the_next_start(folder: Path)
         copy.folder.cleanup()
     (folder / 'binary.xml').write_bytes(b'<root><TreeNodesModel>\xff')
     assert proposals.palette_files(workbench.project) == ['palette.xml']
+
+
+def test_a_proof_is_about_all_files_that_it_reads(tmp_path: Path) -> None:
+    tree = '<root BTCPP_format="4" main_tree_to_execute="{0}"><BehaviorTree ID="{0}">{1}</BehaviorTree>{2}</root>'
+    other = '<BehaviorTree ID="Other"><SubTree ID="Far"/></BehaviorTree>'
+    (tmp_path / 'main.xml').write_text(tree.format('Main', '<AlwaysSuccess/>', other))
+    (tmp_path / 'far.xml').write_text(tree.format('Far', '<AlwaysSuccess/>', ''))
+    (tmp_path / 'unused.xml').write_text(tree.format('Unused', '<AlwaysSuccess/>', ''))
+    (tmp_path / 'palette.xml').write_text(FOREIGN.replace('BehaviorTree', 'Ignored'))
+    package = tmp_path / 'ws' / 'rounds'
+    package.mkdir(parents=True)
+    for name in ('__init__.py', 'helper.py'):
+        (package / name).write_text('')
+    (package / 'watch.py').write_text('class Watch:\n    pass\n')
+    workbench = Workbench(tmp_path)
+    for file, expected in (
+        ('main.xml', {'main.xml', 'far.xml', 'palette.xml'}),
+        ('ws/rounds/watch.py', {f'ws/rounds/{one}' for one in ('__init__.py', 'helper.py', 'watch.py')}),
+    ):
+        copy = workbench.job_copy('prove', file)
+        copy.folder.cleanup()
+        assert set(copy.files) == expected

@@ -81,7 +81,7 @@ export class Jobs {
     const refused = entry.event.result?.[0]?.findings?.length && !entry.event.result[0].proofs ? entry.event.result[0].findings : null;
     const state = refused ? 'failed' : entry.event.state;
     entry.message = refused ? refused.map((one) => `${one.line ? `${one.file}:${one.line}: ` : ''}${one.message}`).join('\n') : entry.event.message;
-    for (const [owner] of Object.values(entry.event.nodes ?? {})) entry.files.add(owner);
+    for (const name of entry.event.files ?? []) entry.files.add(name);
     if (state === 'done') await read(entry);
     if (entry.state !== 'running') return null;
     entry.state = state;

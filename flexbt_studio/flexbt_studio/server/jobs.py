@@ -52,6 +52,7 @@ class Jobs:
             'file': file,
             'version': version,
             'nodes': dict(copy.nodes),
+            'files': list(copy.files),
         }
         task = asyncio.create_task(self._run(event, copy))
         self._running[number] = task

@@ -94,7 +94,7 @@ def decide_copy(project: Project, recordings: Recordings, file: str, name: str) 
         folder.cleanup()
         raise StudioError(f'{name}: {error}') from error
     words = [word for one, installed in swaps.items() for word in ('--swap', installed, f'edited/{one}')]
-    return ToolCopy(folder, 'recorded', ['run.mcap', '--json', *words])
+    return ToolCopy(folder, 'recorded', ['run.mcap', '--json', *words], files=list(swaps))
 
 
 def installed_name(project: Project, file: str) -> str:

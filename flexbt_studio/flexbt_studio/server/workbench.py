@@ -114,7 +114,8 @@ class Workbench:
                 opened = self.project.open_files.get(one)
                 texts[f'before/{one}'] = self.project.text(one) if opened is None else opened.saved_text
                 words += ['--against', f'before/{one}']
-        for one in palette_files(self.project) if is_tree else ():
+        palettes = palette_files(self.project) if is_tree else []
+        for one in palettes:
             texts[one] = self.project.text(one)
             words += ['--models', one]
         if plan:
@@ -124,18 +125,21 @@ class Workbench:
         for flag, values in (('--require', require), ('--mock', mock), ('--set', set)):
             words += [word for value in values for word in (flag, str(value))]
         nodes = self._checker.nodes(file, tree) if is_tree else {}
-        return ToolCopy(new_folder(texts), 'bt_tool' if is_tree else 'behavior_tool', words, nodes)
+        tool = 'bt_tool' if is_tree else 'behavior_tool'
+        return ToolCopy(new_folder(texts), tool, words, nodes, [*files, *palettes])
 
     def _behavior_job(self, job: str, file: str, document: Document, require: Sequence[str]) -> ToolCopy:
         """Return the copy for a proof or comparison of a behavior in Python, the first one of its file."""
         name, texts, saved = behavior_copy(self.project, file)
+        above = file.removesuffix(name)  # the folders between that of the project and what was copied
+        files = [f'{above}{one}' for one in texts]
         behavior = document.view()['behavior']
         name += f':{behavior["class"]}' if behavior else ''
         words = ['prove', name, '--json', *(word for one in require for word in ('--require', str(one)))]
         if job == 'compare':
             texts = texts | {f'before/{one}': text for one, text in saved.items()}
             words += ['--against', f'before/{name}']
-        return ToolCopy(new_folder(texts), 'behavior_tool', words)
+        return ToolCopy(new_folder(texts), 'behavior_tool', words, files=files)
 
     def check_copy(self, file: str) -> tuple[int, str, ToolCopy]:
         """Return version, name and copy of a behavior in Python for its check. Raises StudioError."""

@@ -53,6 +53,11 @@ class StudioPage(Browser):
         self.until(lambda: self.selected)
         self.until(lambda: self.focused == self.selected)
 
+    def go(self, file: str) -> None:
+        """Show a file of the list."""
+        script = '[...document.querySelectorAll("#files button")].find((one) => one.textContent === arguments[0])'
+        self.run(f'{script}.click()', file)
+
     @property
     def selected(self) -> str:
         """Path of the selected item of the graph; '' if there is none."""

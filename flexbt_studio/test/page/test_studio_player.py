@@ -186,6 +186,23 @@ def test_a_proof_is_told_played_and_repeated_on_save(page: StudioPage, folder: P
         assert '(6 of 6 reached)' in page.text('proof')
 
 
+def test_an_edit_of_another_file_that_a_proof_has_read_makes_it_old(page: StudioPage, folder: Path) -> None:
+    tree = '<root BTCPP_format="4" main_tree_to_execute="{0}"><BehaviorTree ID="{0}">{1}</BehaviorTree>{2}</root>'
+    far = tree.format('Far', '<AlwaysSuccess/>', '')
+    other = '<BehaviorTree ID="Other"><SubTree ID="Far"/></BehaviorTree>'
+    (folder / 'far.xml').write_text(far)
+    (folder / 'two.xml').write_text(tree.format('Two', '<AlwaysSuccess/>', other))
+    with served(folder, None) as port:
+        page.open(port, 'two.xml')
+        page.press(F9)
+        page.until_text('proof', 'proved: nothing wrong (')
+        page.go('far.xml')
+        page.until(lambda: page.shown_text == far)
+        rewrite(page, far.replace('</root>', '<!-- changed --></root>'))
+        page.go('two.xml')
+        page.until_text('proof', 'not proved since the change')
+
+
 def test_an_edit_ends_a_proof_with_its_process(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'long.xml')

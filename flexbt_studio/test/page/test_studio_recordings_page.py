@@ -29,12 +29,6 @@ def shown(page: StudioPage) -> dict[str, str]:
     return found
 
 
-def go(page: StudioPage, file: str) -> None:
-    """Show a file of the list."""
-    script = '[...document.querySelectorAll("#files button")].find((one) => one.textContent === arguments[0]).click()'
-    page.run(script, file)
-
-
 def open_recording(page: StudioPage, name: str) -> None:
     page.run('document.getElementById("recordings-open").click()')
     page.until(lambda: page.focused == 'choice-field')
@@ -65,14 +59,14 @@ def test_a_recording_and_a_log_are_shown_on_the_graphs(page: StudioPage, tmp_pat
         page.press(LEFT)
         page.until(lambda: shown(page) == {'Drive/0': 'running', 'Drive/0/0': 'running'})
         page.until(lambda: 'lost' not in page.text('recordings-log'))
-        go(page, 'tour.yaml')
+        page.go('tour.yaml')
         page.until(lambda: shown(page) == {'/': 'running', '/Run': 'running'})
         page.run('document.querySelector("#player-lanes .timeline-body").focus()')
         page.press(END)
         page.until(lambda: shown(page) == {'/': 'running', '/Rest': 'running'})
         # What no run has reached is tinted, and nothing can be sent.
         page.run('document.getElementById("tint-dry").click()')
-        go(page, 'drive.xml')
+        page.go('drive.xml')
         page.until(lambda: shown(page).get('Drive/0/2') == 'never')
         assert '1 run reached 3 of 4 nodes' in page.text('run-told') or not visible('run-told')
         assert not visible('debug') and not visible('stop')
@@ -114,6 +108,6 @@ def test_a_recording_is_decided_again_by_the_open_file(page: StudioPage, tmp_pat
         page.until_text('told', 'Open a recording of a robot')
         open_recording(page, 'run.mcap')
         page.until_text('player-title', 'Recording run.mcap')
-        go(page, name)
+        page.go(name)
         page.run('document.getElementById("recordings-decide").click()')
         page.until_text('recordings-decided', 'no difference in')
