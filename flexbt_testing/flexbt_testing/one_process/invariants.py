@@ -12,6 +12,7 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +24,7 @@ from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_states import BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderState, OperatorInputState
 
 from .graph import DOMAIN
+from .programs import named
 from .scheduler import BOOT, SCHEDULER, SECOND, Process
 from .services import Client, _ServiceEnd
 from .topics import Sample, Subscription
@@ -127,8 +129,7 @@ class _Goal:
 def body_of(processes: Container[str], name: str) -> str:
     """Return the process that stands in for a simulator or a navigation, of the same robot or of all."""
     robot = name.rpartition('/')[0]
-    prefix = f'{robot}/' if robot else ''
-    return next(one for one in [*(f'{prefix}{body}' for body in _BODIES), *_BODIES] if one in processes)
+    return next(one for one in [*(named(robot, body) for body in _BODIES), *_BODIES] if one in processes)
 
 
 class Observer:
@@ -168,56 +169,25 @@ class Observer:
 
     def begin(self, mirrors: Sequence[Mirror]) -> None:
         """Check from now on; the mirrors are of the robots in order, the last one another one of the first robot."""
-        observer, arrive, send = self, Subscription.arrive, _ServiceEnd.send
         for robot, mirror in zip([*self._robots.values(), self._robots[self._world.namespace]], mirrors, strict=True):
             robot.mirrors.append(mirror)
             mirror.add_listener(lambda _change, robot=robot, mirror=mirror: robot.sees(mirror))  # type: ignore[misc]
-
-        def arrive_observed(subscription: Subscription, sample: Any) -> None:
-            if subscription.name.endswith(_COMMANDS) and subscription.process.is_alive and not sample.is_dead:
-                observer._robot(subscription.process).command_arrives(subscription.process, sample.message())
-                observer.passes('command')
-            arrive(subscription, sample)
-
-        def send_observed(end: _ServiceEnd, target: _ServiceEnd, message: Any, request_id: Any) -> None:
-            if '/_action/' in end.service:
-                observer._service(end, message, request_id)
-            send(end, target, message, request_id)
-
-        finish = ActionCall._finish
-
-        def finish_observed(call: ActionCall, *outcome: Any) -> None:
-            observer._given_up.setdefault(call.goal_id, (SCHEDULER.now, 'its call has ended'))
-            finish(call, *outcome)
-
-        ActionCall._finish = finish_observed  # type: ignore[method-assign, assignment]
-        Subscription.arrive = arrive_observed  # type: ignore[method-assign, assignment]
-        _ServiceEnd.send = send_observed  # type: ignore[method-assign, assignment]
-        DOMAIN.on_message = self._message
+        _observe(Subscription, 'arrive', self._arrives)
+        _observe(_ServiceEnd, 'send', self._service)
+        _observe(ActionCall, '_finish', self._gives_up)
         for kind in _STATES:
-            self._watch(kind)
+            _observe(kind, 'on_enter', partial(self._counts, kind.__name__, 1))
+            _observe(kind, 'on_exit', partial(self._counts, kind.__name__, -1))
+        DOMAIN.on_message = self._message
         SCHEDULER.spawn(self._look_often, 'the observer', SCHEDULER.main.process)
 
-    def _watch(self, kind: Any) -> None:
-        """Observe how states of a class are entered and left."""
-        enter, leave = kind.on_enter, kind.on_exit
-
-        def count(state: Any, change: int) -> None:
-            key = (SCHEDULER.current.process.pid, id(state))
-            depth = self.entered.get(key, ('', 0))[1] + change
-            self.entered[key] = (kind.__name__, depth)
-            if depth not in (0, 1):
-                self.say(5, f'a {kind.__name__} is {"entered twice" if depth > 0 else "left twice"}')
-
-        def on_enter(state: Any, userdata: Any) -> Any:
-            count(state, 1)
-            return enter(state, userdata)
-
-        def on_exit(state: Any, userdata: Any) -> Any:
-            count(state, -1)
-            return leave(state, userdata)
-
-        kind.on_enter, kind.on_exit = on_enter, on_exit
+    def _counts(self, name: str, change: int, state: Any, _userdata: Any) -> None:
+        """Count how often a state is entered and left."""
+        key = (SCHEDULER.current.process.pid, id(state))
+        depth = self.entered.get(key, ('', 0))[1] + change
+        self.entered[key] = (name, depth)
+        if depth not in (0, 1):
+            self.say(5, f'a {name} is {"entered twice" if depth > 0 else "left twice"}')
 
     def say(self, number: int, text: str, key: str = '') -> None:
         """Note a violation, each only once."""
@@ -296,9 +266,19 @@ class Observer:
                 self._goal_has(bytes(one.goal_info.goal_id.uuid), one.status)
         self._record(name, sample)
 
-    def _service(self, end: _ServiceEnd, message: Any, request_id: Any) -> None:
+    def _arrives(self, subscription: Subscription, sample: Any) -> None:
+        if subscription.name.endswith(_COMMANDS) and subscription.process.is_alive and not sample.is_dead:
+            self._robot(subscription.process).command_arrives(subscription.process, sample.message())
+            self.passes('command')
+
+    def _gives_up(self, call: ActionCall, *_outcome: Any) -> None:
+        self._given_up.setdefault(call.goal_id, (SCHEDULER.now, 'its call has ended'))
+
+    def _service(self, end: _ServiceEnd, _target: _ServiceEnd, message: Any, request_id: Any) -> None:
         """Read a request or a response of an action."""
         name: str = end.service
+        if '/_action/' not in name:
+            return
         if isinstance(end, Client) and name.endswith(('/send_goal', '/cancel_goal')):
             self.passes('goal' if name.endswith('/send_goal') else 'cancel')
         if name.endswith(('/send_goal', '/get_result')):
@@ -403,9 +383,8 @@ class _Robot:
         self._hung: dict[str, int] = {}  # when the last hang of each node began
         self._driven_at = 0
         """The last time at which the robot was at rest, an active state could drive it, or that was not known, ns."""
-        prefix = f'{self.namespace}/' if self.namespace else ''
-        self._executive = f'{prefix}{_EXECUTIVE}'
-        own = {node: f'{prefix}{node}' for node in _NODES}
+        self._executive = named(self.namespace, _EXECUTIVE)
+        own = {node: named(self.namespace, node) for node in _NODES}
         self._nodes = {
             node: name if name in world.processes else body_of(world.processes, name) for node, name in own.items()
         }
@@ -536,7 +515,7 @@ class _Robot:
             return  # a run that a program has started does not resume
         if SCHEDULER.now - self._observer.failed_disk_at < LIVE_SECONDS * SECOND:
             return  # operators were told that a crash would lose the run
-        who = f'{self.namespace}: executive' if self.namespace else 'executive'
+        who = f'{self._mission.label}executive'
         told = [one.what for one in self._world.events if one.who == who]  # the event log may have been lost
         has_ended = any(one['event'] in ('stopping', 'ended') for one in of_run) or any(
             '"end"' in line and crashed.run_id in line for line in self._journal
@@ -708,8 +687,7 @@ class _Robot:
             self._say(6, f'it is live, and shows {_told(status)}; {slack:.1f} s ago {_told(newest[1])}', 'old')
 
     def _say(self, number: int, text: str, key: str = '') -> None:
-        robot = f'{self.namespace}: ' if self.namespace else ''
-        self._observer.say(number, f'{robot}{text}', f'{robot}{key}' if key else '')
+        self._observer.say(number, f'{self._mission.label}{text}', f'{self._mission.label}{key}' if key else '')
 
     # -- the files
 
@@ -811,6 +789,18 @@ _STATES: Final = (BtExecuteGoalState, BtExecuteState, BtGetDataState, BtLoaderSt
 _WITH_TREE: Final = {'BtExecuteGoalState', 'BtExecuteState'}
 _STANDING: Final = {'BtGetDataState', 'BtLoaderState', 'OperatorInputState'}
 _COMMANDS: Final = (f'/{names.EXECUTIVE_COMMAND}', f'/{names.EXECUTIVE_STOP}')
+
+
+def _observe(owner: type[Any], name: str, see: Callable[..., object]) -> None:
+    """Call ``see`` with the arguments of each call of a method, before it."""
+    method = getattr(owner, name)
+
+    @wraps(method)
+    def observed(*arguments: Any) -> Any:
+        see(*arguments)
+        return method(*arguments)
+
+    setattr(owner, name, observed)
 
 
 def _told(status: ExecutiveStatus) -> str:

@@ -22,8 +22,9 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
+from unittest import mock
 
-from .world import Mission, World, _acting_as  # isort: skip - it prepares this interpreter
+from .world import Mission, World  # isort: skip - it prepares this interpreter
 
 import yaml
 from builtin_interfaces.msg import Time
@@ -53,7 +54,7 @@ from .forks import Fork, ForkError, fork_process
 from .graph import DOMAIN
 from .invariants import LONG_SECONDS, Observer, Violation, body_of
 from .mutations import Mutation
-from .programs import named_programs
+from .programs import named, named_programs
 from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, USES_THREADS, StuckWorldError, Task
 
 SECONDS: Final = 10.0
@@ -321,17 +322,16 @@ class Stage:
             for one in named_programs(world, Path(), Path(), motion)
         ]
         self.world = World(0, programs).__enter__()
-        with _acting_as(SCHEDULER.process('operator 2')):
+        with mock.patch.object(SCHEDULER.current, 'process', SCHEDULER.process('operator 2')):
             self.station = NodeRuntime('operator_2', args=[])
             mirror = Mirror(self.station.steady)
-            prefix = f'/{self.world.namespace}' if self.world.namespace else ''
-            pilot = _Operator('pilot', mirror, ExecutiveLink(self.station, mirror, 'pilot', prefix))
+            pilot = _Operator('pilot', mirror, ExecutiveLink(self.station, mirror, 'pilot', self.world._own))
         self.world.run_until(lambda _view: mirror.view().live and mirror.view().behaviors is not None, 30.0)
         self.operators = {
-            _named(name, 'engineer'): _Operator('engineer', mission.mirror, mission._link)
+            named(name, 'engineer'): _Operator('engineer', mission.mirror, mission._link)
             for name, mission in self.world.robots.items()
         }
-        self.operators[_named(self.world.namespace, 'pilot')] = pilot
+        self.operators[named(self.world.namespace, 'pilot')] = pilot
         gc.collect()
         gc.freeze()
 
@@ -343,10 +343,6 @@ class Stage:
             return Run(self, job).play()
 
         return self.world.fork(play)
-
-
-def _named(namespace: str, name: str) -> str:
-    return f'{namespace}/{name}' if namespace else name
 
 
 class Run:
@@ -429,7 +425,7 @@ class Run:
         if not plan.behavior:
             world.launch(f'flexbt_demo_behaviors/{_PROGRAM}')
         for name in world.robots:
-            engineer = self._operators[_named(name, 'engineer')]
+            engineer = self._operators[named(name, 'engineer')]
             if plan.behavior:
                 other = [('home', f'{name}_dock'), ('partner', 'beta' if name == 'alpha' else 'alpha')]
                 arguments = other if plan.behavior == 'Night Watch' else []
@@ -439,7 +435,7 @@ class Run:
         self._mend()
         world.run(plan.settle)
         for name, mission in world.robots.items():
-            self._check_usable(mission, self._operators[_named(name, 'engineer')])
+            self._check_usable(mission, self._operators[named(name, 'engineer')])
 
     def _await(self, step: Step, begin: float) -> None:
         """Do a step at its time after ``begin``, or after its moment."""
@@ -500,7 +496,7 @@ class Run:
                 return lambda: setattr(world.disk, 'delay', 0.0)
             case 'jump':
                 world.jump_clock(20.0 * (amount - 1.0))
-            case 'fail' if self._process(_named(robot, 'navigation'))[1].is_alive:
+            case 'fail' if self._process(named(robot, 'navigation'))[1].is_alive:
                 world.robots[robot].fail_goal(action, amount)
         return lambda: None
 
@@ -564,7 +560,7 @@ class Run:
     def _check_usable(self, mission: Mission, operator: _Operator) -> None:
         """Start a mission, drive, and stop it: everything must work again."""
         if mission is self._world:
-            self._operators[_named(mission.namespace, 'pilot')].act('release', 0.0)
+            self._operators[named(mission.namespace, 'pilot')].act('release', 0.0)
         mission.run_until(lambda view: bool(view.snapshot and view.snapshot.authority in ('', 'engineer')), 10.0)
         self._end_run(operator)
         self._say('a mission that must work')

@@ -52,7 +52,7 @@ class Program:
     @property
     def name(self) -> str:
         """Name in the world, with the namespace before it."""
-        return f'{self.namespace}/{self.executable}' if self.namespace else self.executable
+        return named(self.namespace, self.executable)
 
     def arguments(self) -> list[str]:
         """Return the ROS arguments of the process."""
@@ -82,6 +82,11 @@ class Program:
         known = [script.name for script in scripts]
         remedy = did_you_mean(self.executable, known) if known else '; is it installed, and sourced?'
         raise LookupError(f'package {self.package} has no executable {self.executable!r} in Python{remedy}')
+
+
+def named(namespace: str, name: str) -> str:
+    """Return the name of a process, or of an operator, of one of several robots."""
+    return f'{namespace}/{name}' if namespace else name
 
 
 def _yaml(value: Any) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import _thread
 import concurrent.futures.thread
+import importlib
 import os
 import queue
 import sys
@@ -161,45 +162,6 @@ class Timer(Thread):
         self.finished.set()
 
 
-class Local:
-    """Stand-in for ``threading.local``: attributes of the current task."""
-
-    def __new__(cls, *args: Any, **kwargs: Any) -> Local:
-        made = object.__new__(cls)
-        object.__setattr__(made, '_local_arguments', (args, kwargs))
-        object.__setattr__(made, '_local_values', {})
-        object.__setattr__(made, '_local_is_made', False)
-        return made
-
-    def _values(self) -> dict[str, Any]:
-        values: dict[Task, dict[str, Any]] = object.__getattribute__(self, '_local_values')
-        found = values.get(SCHEDULER.current)
-        if found is None:
-            for done in [task for task in values if task.is_done]:
-                del values[done]
-            found = values[SCHEDULER.current] = {}
-            if object.__getattribute__(self, '_local_is_made'):  # for the first task, Python calls __init__
-                args, kwargs = object.__getattribute__(self, '_local_arguments')
-                type(self).__init__(self, *args, **kwargs)
-            object.__setattr__(self, '_local_is_made', True)
-        return found
-
-    def __getattribute__(self, name: str) -> Any:
-        if name.startswith('__') or name == '_values':
-            return object.__getattribute__(self, name)
-        values = object.__getattribute__(self, '_values')()
-        return values[name] if name in values else object.__getattribute__(self, name)
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        self._values()[name] = value
-
-    def __delattr__(self, name: str) -> None:
-        try:
-            del self._values()[name]
-        except KeyError:
-            raise AttributeError(name) from None
-
-
 def _thread_of(task: Task) -> Any:
     if task.thread is None:
         task.thread = _MainThread(task)
@@ -254,7 +216,6 @@ def install() -> None:
         'Timer': Timer,
         'RLock': threading._RLock,  # the one in Python, on the locks here
         '_allocate_lock': Lock,
-        'local': Local,
         'current_thread': current_thread,
         'main_thread': main_thread,
         'get_ident': lambda: SCHEDULER.current.id,
@@ -263,6 +224,7 @@ def install() -> None:
         'active_count': lambda: len(_enumerate()),
     }.items():
         setattr(threading, name, stand_in)
+    threading.local = importlib.import_module('_threading_local').local  # the one in Python, by current_thread
     wall, wall_ns = _look(lambda: SCHEDULER.wall / SECOND), _look(lambda: SCHEDULER.wall)
     steady, steady_ns = _look(lambda: SCHEDULER.now / SECOND), _look(lambda: SCHEDULER.now)
     for name, value in {

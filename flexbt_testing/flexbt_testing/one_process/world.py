@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
+from unittest import mock
 
 from . import rclpy_globals
 from .graph import DOMAIN
@@ -113,6 +114,8 @@ class Mission:
 
     def __init__(self, world: World, namespace: str) -> None:
         self.namespace = namespace
+        self.label = f'{namespace}: ' if namespace else ''
+        """What begins each line about one of several robots."""
         self.states: list[str] = []
         """The active states that the operator has seen, in order, several at a time joined by a comma."""
         self.transitions: list[tuple[str, str]] = []
@@ -125,13 +128,12 @@ class Mission:
 
     def tell(self, text: str) -> None:
         """Add a line to what the report of a failed test says."""
-        who = f'{self.namespace}: ' if self.namespace else ''
-        self._world.story.append(f'{self._world.now:8.2f} s  {who}{text}')
+        self._world.story.append(f'{self._world.now:8.2f} s  {self.label}{text}')
 
     def open(self, station: NodeRuntime, observer: NodeRuntime, operator: str) -> None:
         """Join the robot, as an operator and as an observer whom no link separates from it."""
         self.mirror = Mirror(station.steady)
-        self._link = ExecutiveLink(station, self.mirror, operator, f'/{self.namespace}' if self.namespace else '')
+        self._link = ExecutiveLink(station, self.mirror, operator, self._own)
         self._make = CommandBuilder(operator)
         self.mirror.add_listener(self._on_change)
         observer.call(lambda: self._observe(observer.node))
@@ -366,15 +368,14 @@ class Mission:
             self._add_event('executive', what)
 
     def _add_event(self, who: str, what: str) -> None:
-        robot = f'{self.namespace}: ' if self.namespace else ''
-        self._world.events.append(Event(self._world.now, f'{robot}{who}', what))
+        self._world.events.append(Event(self._world.now, f'{self.label}{who}', what))
 
     def end(self) -> str:
         """Return where the run and the robot are now, as one line."""
         run = self.outcome or f'in {", ".join(self.view.active_paths) or "no state"}'
-        pose, robot = self.robot.pose, f'{self.namespace}: ' if self.namespace else ''
+        pose = self.robot.pose
         place = f'({pose.x:.2f}, {pose.y:.2f})' if pose else 'an unknown place'
-        return f'{robot}{run}; the robot at {place}, {self.robot.length:.2f} m driven'
+        return f'{self.label}{run}; the robot at {place}, {self.robot.length:.2f} m driven'
 
     def _read_tree(self, message: Any) -> None:
         if (message.run_id, message.number) not in self._trees:
@@ -445,8 +446,8 @@ class World(Mission):
             self._directory = os.open(self._folder, os.O_RDONLY)
             stack.callback(os.close, self._directory)
             self.home = home = Path(f'/proc/self/fd/{self._directory}')  # by which each fork finds files of its own
-            variables = {'HOME': home, 'ROS_HOME': home / 'ros', 'ROS_LOG_DIR': home / 'log'}
-            stack.enter_context(_environment(**variables, AMENT_PREFIX_PATH=os.environ.get('AMENT_PREFIX_PATH', '')))
+            variables = {'HOME': str(home), 'ROS_HOME': f'{home}/ros', 'ROS_LOG_DIR': f'{home}/log'}
+            stack.enter_context(mock.patch.dict(os.environ, variables))
             stack.callback(BOUNDARY.open)
             BOUNDARY.close_around([self.home, self._folder, *self._writable])
             stack.callback(setattr, World, 'current', None)
@@ -457,7 +458,7 @@ class World(Mission):
                 self.launch(name)
             self.observer = NodeRuntime('observer', args=[])
             stack.callback(self.observer.close)
-            with _acting_as(SCHEDULER.process(OPERATOR)):
+            with mock.patch.object(SCHEDULER.current, 'process', SCHEDULER.process(OPERATOR)):
                 self._station = NodeRuntime('operator', args=[])
                 stack.callback(self._station.close)
                 for mission in self.robots.values():
@@ -755,20 +756,6 @@ setattr(executive, 'EventStream', _ToldEvents)  # noqa: B010 - a name that it ha
 
 
 @contextmanager
-def _environment(**variables: Path | str) -> Iterator[None]:
-    """Set environment variables, for a time."""
-    before = {name: os.environ.get(name) for name in variables}
-    os.environ.update({name: str(value) for name, value in variables.items()})
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            os.environ.pop(name, None)
-            if value is not None:
-                os.environ[name] = value
-
-
-@contextmanager
 def _collected_by_the_world() -> Iterator[None]:
     """Let a task collect the garbage of this world, and leave all that is older alone."""
 
@@ -787,13 +774,3 @@ def _collected_by_the_world() -> Iterator[None]:
         gc.unfreeze()
         if was_enabled:
             gc.enable()
-
-
-@contextmanager
-def _acting_as(process: Process) -> Iterator[None]:
-    """Make the current task one of another process."""
-    before, SCHEDULER.current.process = SCHEDULER.current.process, process
-    try:
-        yield
-    finally:
-        SCHEDULER.current.process = before
