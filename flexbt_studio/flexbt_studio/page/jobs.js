@@ -46,6 +46,12 @@ export class Jobs {
         html('div', {id: 'mocks'}), field('board', 'Blackboard, one KEY: VALUE a line', 'speed: 0.5', 'board'), html('p', {id: 'run-told', class: 'hint'}), html('ol', {id: 'run-lines', class: 'list mono'})), this.goals.section);
     for (const one of byId('runs').querySelectorAll('details')) one.addEventListener('toggle', () => this.show());
     byId('proof').addEventListener('click', () => (this.proofs.has(studio.file?.name) ? this.open('prove-job') : this.prove()));
+    byId('requirements').addEventListener('change', () => {  // a proof of others is old
+      const entry = this.proofs.get(studio.file?.name);
+      if (!entry || String(entry.more.require) === String(this.required(entry.file))) return;
+      if (entry.state === 'running') this.cancel(entry); else entry.state = 'old';
+      this.show();
+    });
     byId('proof-cancel').addEventListener('click', () => this.cancel(this.proofs.get(studio.file.name)));
   }
 
@@ -64,7 +70,7 @@ export class Jobs {
   async start(entries, job, file, more, read = () => {}) {
     if (file.language === 'python' && !await this.studio.allowCode()) return null;
     this.cancel(entries.get(file.name));
-    const entry = {job, file, state: 'running', number: null, files: new Set([file.name])};
+    const entry = {job, file, more, state: 'running', number: null, files: new Set([file.name])};
     entries.set(file.name, entry);
     this.show();
     try {
@@ -132,11 +138,16 @@ export class Jobs {
 
   saved(file) { if (this.isOnSave && (file.language !== 'python' || this.studio.runsCode)) this.prove(file, true); }
 
+  // The requirements of a file, one a line.
+  required(file) {
+    const text = file === this.studio.file ? byId('requirements').value : remembered(`require-${this.studio.pathOf(file)}`, '');
+    return text.split('\n').map((line) => line.trim()).filter(Boolean);
+  }
+
   async prove(file = this.studio.file, isQuiet = false) {
     if (!file) return;
     if (!isQuiet) this.open('prove-job');
-    const text = file === this.studio.file ? byId('requirements').value : remembered(`require-${this.studio.pathOf(file)}`, '');
-    const require = text.split('\n').map((line) => line.trim()).filter(Boolean);
+    const require = this.required(file);
     const read = async (entry) => {
       const [{proofs, findings}] = entry.event.result, places = await Promise.all(proofs.map((one) => this.placesOf(file, treeOf(one))));
       // One sub-tree may be used by several trees: never reached is what none of them reaches.

@@ -231,6 +231,9 @@ def test_a_requirement_of_a_machine_is_proved_and_played(page: StudioPage, folde
         page.until_text('player-count', '2 of')
         page.until(lambda: shown(page) == {'/': 'running', '/Drive': 'running', '/Drive/Go': 'running'})
         page.press(ESCAPE)
+        set_field(page, 'requirements', 'never =other')
+        page.until_text('proof', 'not proved since the change')
+        set_field(page, 'requirements', 'never =finished')
         page.driver.refresh()
         page.until(lambda: page.run('return document.getElementById("requirements").value') == 'never =finished')
     # A file of the same name of another project, at the same address, has its own.
