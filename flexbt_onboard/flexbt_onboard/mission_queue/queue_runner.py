@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 from flexbt_common.calls.goal_server import GoalAdmission
@@ -24,7 +23,7 @@ from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.persistence.queue_entries import Change, EndedRun, QueueEntry
 from flexbt_onboard.persistence.run_journal import RunJournal
-from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused, RunRequested
+from flexbt_onboard.runs.run_events import RunOver, RunRequested
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 from .conditions import StartConditions, check_options
@@ -41,14 +40,14 @@ SHOWN_TEXT: Final = 200
 
 
 class QueueRunner(RunReader):
-    """The runner of the mission queue. Used on the executor thread, except :meth:`read`.
+    """The runner of the mission queue. Used on the executor thread, as the events that it reads.
 
     It takes an entry only while no run is active or interrupted, and the journal can be written: the run of an entry is
     journaled before its first state is entered. ``journal_problem`` returns why the journal cannot be written, and
     ``changed`` is called when operators have to see something new.
     """
 
-    reads = (RunRequested, RunRefused, BehaviorEnded)
+    reads = (RunRequested, RunOver)
 
     def __init__(
         self,
@@ -73,7 +72,6 @@ class QueueRunner(RunReader):
         self._journal = journal
         self._command_id: str | None = None
         self._queue = Queue(journal.state.queue, self._write)
-        self._is_active = False  # a run was requested, and its end was not read yet
         self._waits: dict[int, str] = {}
         self._started: float | None = None
         self._timer: Timer | None = None
@@ -167,14 +165,11 @@ class QueueRunner(RunReader):
 
     def read(self, event: RunEvent) -> None:
         match event:
-            case RunRequested(request):  # on the executor thread
-                self._is_active = True
+            case RunRequested(request):
                 self._queue.running, self._started = request.queue_entry, self._now()
                 self._after_change()
-            case RunRefused(_, reason):
-                self._runtime.post(partial(self._ended, '', reason, is_forced=False))
-            case BehaviorEnded(outcome, message, _, is_forced):
-                self._runtime.post(partial(self._ended, outcome, message, is_forced=is_forced))
+            case RunOver(end):
+                self._ended(end.outcome, end.message, is_forced=end.is_forced)
 
     def consider(self) -> None:
         """Start the next entry if one can start. Call it after any change that may allow a start."""
@@ -203,7 +198,7 @@ class QueueRunner(RunReader):
             return 'the queue is held'
         if self._admission.refusal:
             return self._admission.refusal
-        if self._is_active:
+        if self._runs.run is not None:
             return 'a behavior runs'
         if self._runs.interrupted is not None:
             return 'a run was interrupted; resume or abort it'
@@ -219,7 +214,6 @@ class QueueRunner(RunReader):
             self._ended('', str(error), is_forced=False)
 
     def _ended(self, outcome: str, message: str, *, is_forced: bool) -> None:
-        self._is_active = False
         interrupted = self._runs.interrupted
         if interrupted is not None:  # it was to be resumed, and still waits for that
             self._queue.running = interrupted.queue_entry
@@ -227,7 +221,7 @@ class QueueRunner(RunReader):
             self._settle(EndedRun(self._queue.running, outcome, message, is_forced))
         elif self._queue.state.entries and (outcome == ERROR or is_forced):
             self.hold(f'a run ended by {outcome!r}' + (f': {message}' if message else ''))
-        # Another turn of the executor: others have to read the end of this run before the next one starts.
+        # Another turn of the executor: all others have to read the end of this run before the next one starts.
         self._runtime.post(self._after_change)
 
     def _settle(self, end: EndedRun) -> None:

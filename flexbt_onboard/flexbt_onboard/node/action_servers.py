@@ -27,7 +27,7 @@ from flexbt_onboard.behaviors.behavior_library import BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import run_request
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.runs.behavior_run import BehaviorRun
-from flexbt_onboard.runs.run_events import BehaviorEnded, RunRefused, StatusSent
+from flexbt_onboard.runs.run_events import BehaviorEnded, RunOver, RunRefused, StatusSent
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 ExecuteBehaviorResult = ExecuteBehavior.Result
@@ -46,7 +46,7 @@ class _Goal:
 
 
 class BehaviorActionServer(RunReader):
-    """The server of ExecuteBehavior. Used on the executor thread, except :meth:`read`.
+    """The server of ExecuteBehavior. Used on the executor thread, except :meth:`read`, which ignores other events.
 
     It accepts every goal. A goal whose behavior cannot start ends as FAILURE with the reason, for example because the
     executive runs another behavior. The run is stopped when the goal is canceled, and when its client is gone.
@@ -73,10 +73,8 @@ class BehaviorActionServer(RunReader):
 
     def read(self, event: RunEvent) -> None:
         match event:
-            case RunRefused():
-                self._runtime.post(partial(self._refused, event.reason))
-            case BehaviorEnded():
-                self._runtime.post(partial(self._ended, event))
+            case RunOver(end):
+                self._ended(end)
             case StatusSent():
                 self._refresh()
 
@@ -128,17 +126,16 @@ class BehaviorActionServer(RunReader):
         goal.run = self._runs.start(request)
         self._goal = goal
 
-    def _refused(self, reason: str) -> None:
+    def _ended(self, end: BehaviorEnded | RunRefused) -> None:
         goal = self._goal
-        if goal is not None:
-            is_stopped = goal.run is not None and goal.run.snapshot.is_stopping
-            code = ExecuteBehaviorResult.CANCELED if is_stopped else ExecuteBehaviorResult.FAILURE
-            self._finish(goal, ExecuteBehaviorResult(code=code, message=reason))
-
-    def _ended(self, end: BehaviorEnded) -> None:
-        goal = self._goal
-        if goal is not None:
+        if goal is None:
+            return
+        if isinstance(end, BehaviorEnded):
             self._finish(goal, _result(end, goal.served.request.output_encoding))
+            return
+        is_stopped = goal.run is not None and goal.run.snapshot.is_stopping
+        code = ExecuteBehaviorResult.CANCELED if is_stopped else ExecuteBehaviorResult.FAILURE
+        self._finish(goal, ExecuteBehaviorResult(code=code, message=end.message))
 
     def _cancel(self, served: ServedGoal) -> None:
         goal = self._goal

@@ -52,6 +52,7 @@ from flexbt_onboard.runs.run_events import (
     RunAnnounced,
     RunBuilt,
     RunMoved,
+    RunOver,
     RunReady,
     RunRequested,
     RunShown,
@@ -74,7 +75,7 @@ SHUTDOWN_SECONDS: Final = 1.2
 """Maximum time that the end of the process waits for a running behavior to halt, s."""
 
 
-_SHOWN: Final = (RunRequested, RunMoved, RunReady, RunShown, ViolationFound, StopRequested, StopAwaited)
+_SHOWN: Final = (RunRequested, RunMoved, RunReady, RunShown, RunOver, ViolationFound, StopRequested, StopAwaited)
 """Events of runs that change the status."""
 
 

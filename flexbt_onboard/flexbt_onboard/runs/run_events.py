@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from flexbt_core.monitors.monitoring import violation_text
 from flexbt_core.monitors.properties import Violation
@@ -58,10 +58,12 @@ class RunBuilt(RunEvent):
 
 @dataclass(slots=True)
 class RunRefused(RunEvent):
-    """The event that a run could not start. It is the last event of the run."""
+    """The event that a run could not start. It is the last event of the run, which has no outcome."""
 
     request: RunRequest
-    reason: str
+    message: str
+    outcome: ClassVar[str] = ''
+    is_forced: ClassVar[bool] = False
 
 
 class RunAnnounced(RunEvent):
@@ -132,6 +134,16 @@ class BehaviorEnded(RunEvent):
     is_forced: bool = False
 
 
+@dataclass(slots=True)
+class RunOver(RunEvent):
+    """The event that a run has ended, was refused or was aborted, and another one can start. On the executor thread.
+
+    Its readers have read it before another run starts.
+    """
+
+    end: BehaviorEnded | RunRefused
+
+
 class RunShown(RunEvent):
     """The event that the shown run, or the autonomy level for the next run, has changed. On the executor thread."""
 
@@ -186,7 +198,7 @@ class RunRecorder(RunReader):
             case RunStarted(_, active):
                 for path in active:
                     self._event('entered', path=path)
-            case RunRefused(_, reason):
+            case RunRefused(message=reason):
                 self._event('refused', behavior=self._behavior, why=reason)
                 report.log(Severity.ERROR.value, f'behavior {self._behavior!r} cannot start: {reason}', run_id=run_id)
             case SkillsDeclared(skills):

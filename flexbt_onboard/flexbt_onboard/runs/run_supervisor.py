@@ -29,6 +29,7 @@ from .run_events import (
     BehaviorEnded,
     RunBuilt,
     RunMoved,
+    RunOver,
     RunRecorder,
     RunRefused,
     RunRequested,
@@ -171,8 +172,7 @@ class RunSupervisor(RunReader):
         recorder = RunRecorder(interrupted.run_id, interrupted.behavior, self._journal, self._report)
         end = BehaviorEnded(PREEMPTED, why, {})
         recorder.read(end)
-        self._tell(end)
-        self._show_last(interrupted.run_id, interrupted.behavior, PREEMPTED, why)
+        self._show_end(interrupted.run_id, interrupted.behavior, end)
 
     def read(self, event: RunEvent) -> None:
         match event:
@@ -180,10 +180,8 @@ class RunSupervisor(RunReader):
                 self._runtime.post(self._watch_over)
             case StopRequested(run_id):
                 self._runtime.post(partial(self._stopping, run_id))
-            case RunRefused(_, reason):
-                self._runtime.post(partial(self._ended, '', reason))  # no outcome, since the behavior did not run
-            case BehaviorEnded(outcome, message):
-                self._runtime.post(partial(self._ended, outcome, message))
+            case RunRefused() | BehaviorEnded():
+                self._runtime.post(partial(self._ended, event))
 
     def _tell(self, event: RunEvent) -> None:
         for reader in self.readers:
@@ -197,18 +195,19 @@ class RunSupervisor(RunReader):
         if self.run is not None and self.run.run_id == run_id:
             self._stops.stopping(self.run)
 
-    def _ended(self, outcome: str, message: str) -> None:
+    def _ended(self, end: BehaviorEnded | RunRefused) -> None:
         assert self.run is not None  # no other run starts before this one has ended
         last, self.run = self.run.snapshot, None
         self._report.run_id = ''
         self._operators.watch_over(None)
         self._journal.set_next_autonomy(last.autonomy)
         self._last = replace(self._last, autonomy=last.autonomy)
-        self._show_last(last.run_id, last.behavior, outcome, message)
+        self._show_end(last.run_id, last.behavior, end)
 
-    def _show_last(self, run_id: str, behavior: str, outcome: str, message: str) -> None:
-        self._last = LastRun(self._last.autonomy, run_id, behavior, outcome, sanitize_for_message(message, LONG_TEXT))
-        self._tell(RunShown())
+    def _show_end(self, run_id: str, behavior: str, end: BehaviorEnded | RunRefused) -> None:
+        message = sanitize_for_message(end.message, LONG_TEXT)
+        self._last = LastRun(self._last.autonomy, run_id, behavior, end.outcome, message)
+        self._tell(RunOver(end))
 
 
 # The reaction of a run to the absence of operators, as its behavior requests.

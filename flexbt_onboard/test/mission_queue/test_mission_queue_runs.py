@@ -17,15 +17,23 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState
 
+from flexbt_common.values import queue_options
+from flexbt_common.values.queue_options import OnFailure
+from flexbt_core.clock.clock import ManualClock
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.events import RunEvent, RunReader
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_core.values.places import Place
 from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, CommandResult, ExecutiveStatus, QueueOptions
 from flexbt_msgs.msg import ExecutiveCommand as C
+from flexbt_onboard.behaviors.run_building import RunRequest
 from flexbt_onboard.mission_queue import queue_runner
 from flexbt_onboard.mission_queue.mission_queue import ENTRIES, QUEUE_SIZE
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.persistence.journal import Journal
+from flexbt_onboard.persistence.queue_entries import QueueEntry, QueueState
+from flexbt_onboard.runs.run_events import BehaviorEnded
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -228,6 +236,56 @@ def test_a_behavior_started_by_hand_goes_first_and_holds_the_queue_if_it_is_told
     bench.start('Gate', hold_queue=True)
     bench.wait_held("with the start of 'Gate'")
     assert bench.numbers() == [again]
+
+
+class StartAtEnd(RunReader):
+    """Call ``start`` at the end of the run, when the executive can start another one, before further readers read."""
+
+    def __init__(self, bench: ExecutiveBench, start: Callable[[], object]) -> None:
+        self._bench = bench
+        self._start = start
+
+    def read(self, event: RunEvent) -> None:
+        if isinstance(event, BehaviorEnded):
+            runs, call = self._bench.executive.runs, self._bench.runtime.call
+            runs.readers.remove(self)
+            wait_until(lambda: call(lambda: runs.run) is None, 'the end of the run')
+            call(self._start)
+
+
+def test_an_entry_runs_once_although_a_start_comes_at_once_after_its_end(bench: QueueBench) -> None:
+    runs, gate = bench.executive.runs, RunRequest(bench.executive.library.entries['Gate'], (), (), 3)
+    later = bench.add('Work', not_before=LATER)
+    runs.readers.insert(0, StartAtEnd(bench, lambda: runs.start(gate)))
+    bench.applied(C.QUEUE_ADD, behavior='Work', autonomy=3, run_id='', queue_options=[QueueOptions(on_failure=HOLD)])
+    bench.wait_active('/Only')
+    bench.wait_entries(later)
+    bench.wait_for_text(later, 'a behavior runs')
+    Gate.outcome = 'finished'
+    bench.wait_for_text(later, 'not before')
+    assert Work.ran == 1
+
+
+def test_an_interrupted_entry_is_held_although_a_start_comes_with_its_abort(tmp_path: Path) -> None:
+    entry = QueueEntry(1, 'Work', queue_options.QueueOptions(on_failure=OnFailure.DROP))
+    begin = {'run': 'old', 'behavior': 'Work', 'by': '', 'autonomy': 3, 'arguments': [], 'inputs': [], 'entry': 1}
+    journal = Journal(tmp_path / 'onboard_executive.journal', lambda _: None, ManualClock())
+    journal.append(queue=QueueState({1: entry}, last_entry=1).since(QueueState()))
+    journal.append(begin=begin)
+    journal.close()
+    bench = QueueBench(*BEHAVIORS, parameters=parameters_of(tmp_path))
+    runs, gate = bench.executive.runs, RunRequest(bench.executive.library.entries['Gate'], (), (), 3)
+
+    def abort_and_start() -> None:
+        assert runs.interrupted is not None
+        runs.abort(runs.interrupted, 'aborted')
+        runs.start(gate)
+
+    bench.runtime.call(abort_and_start)
+    bench.wait_active('/Only')
+    bench.wait_held("entry 1 ended by 'preempted'")
+    assert bench.numbers() == [1]
+    bench.close()
 
 
 def test_conditions_of_battery_and_place(bench: QueueBench) -> None:

@@ -14,10 +14,12 @@ from rclpy.action import ActionClient
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.events import RunEvent, RunReader
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.runs.run_events import BehaviorEnded
 from flexbt_testing.nodes.executive_bench import ExecutiveBench
 from flexbt_testing.waiting import wait_until
 
@@ -197,3 +199,31 @@ def test_a_run_whose_client_is_gone_is_stopped(bench: ExecutiveBench, client: Cl
     client.runtime.close()
     assert bench.wait_idle() == 'preempted'
     assert 'client' in bench.status.message
+
+
+class GoalAtEnd(RunReader):
+    """Send a goal at the end of a run, when another one can start, before further readers have read the end."""
+
+    def __init__(self, bench: ExecutiveBench, client: Client) -> None:
+        self._bench = bench
+        self._client = client
+
+    def read(self, event: RunEvent) -> None:
+        if isinstance(event, BehaviorEnded):
+            runs, call = self._bench.executive.runs, self._bench.runtime.call
+            runs.readers.remove(self)
+            wait_until(lambda: call(lambda: runs.run) is None, 'the end of the run')
+            self._client.send(-1)
+            wait_until(lambda: call(lambda: runs.run) is not None, 'the next run')
+
+
+def test_a_goal_that_comes_at_the_end_of_another_run_has_its_own_result(bench: ExecutiveBench, client: Client) -> None:
+    other = Client()
+    bench.executive.runs.readers.insert(0, GoalAtEnd(bench, client))
+    other.send(21)
+    assert other.result()[1].outcome == 'finished'
+    bench.wait_active('/Twice')
+    assert not client.results
+    client.cancel()
+    assert client.result()[0] == GoalStatus.STATUS_CANCELED
+    other.runtime.close()

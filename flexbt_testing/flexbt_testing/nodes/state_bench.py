@@ -67,7 +67,7 @@ class Run(RunReader):
                 self.structure = event.structure
                 self.behavior_run.announce()
             case RunRefused():
-                self.refusal = event.reason
+                self.refusal = event.message
             case BehaviorEnded():
                 self.message, self.outputs, self.outcome = event.message, event.outputs, event.outcome
             case RunMoved() | RunShown() | RunReady() | RunAnnounced() | StopRequested() | StopAwaited():
