@@ -195,9 +195,7 @@ def _length(points: list[Pose]) -> float:
     return sum(a.distance(b) for a, b in pairwise(points))
 
 
-def run(map: OccupancyMap, pose: Pose, speed: float) -> int:
-    """Run the node, as the main function of a process of the world. Return its exit code."""
+def run(kind: Callable[..., AbstractRobot], **how: Any) -> int:
+    """Run the node of a robot that ``kind`` makes, as the main function of a process. Return its exit code."""
     arguments = SCHEDULER.current.process.arguments
-    return run_node(
-        names.NAVIGATION, lambda runtime: runtime.call(partial(AbstractRobot, runtime, map, pose, speed)), arguments
-    )
+    return run_node(names.NAVIGATION, lambda runtime: runtime.call(partial(kind, runtime, **how)), arguments)

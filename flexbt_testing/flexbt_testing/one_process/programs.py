@@ -198,7 +198,7 @@ def _abstract(programs: Sequence[Program]) -> Iterator[Program]:
             if start is None:
                 first = next(iter(load_places(Path(program.parameters['places'])).values()))
                 start = Pose(first.x, first.y, first.yaw)
-            run = partial(abstract_robot.run, map, start, SPEED)
+            run = partial(abstract_robot.run, abstract_robot.AbstractRobot, map=map, pose=start, speed=SPEED)
             yield Program('', 'abstract_robot', namespace=program.namespace, main=run)
         if program not in bodies:
             rest = {name: value for name, value in program.parameters.items() if name != 'use_sim_time'}

@@ -31,7 +31,7 @@ import yaml
 from flexbt_common import names
 from flexbt_common.calls.goal_server import ServedGoal
 from flexbt_common.errors import ResourceError
-from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
+from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.limits import deserialize
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.errors import ConsoleError, UsageError
@@ -42,7 +42,7 @@ from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveStatus, T
 from flexbt_sim.messages import map_of, pose_of
 from flexbt_sim.world import Pose
 
-from .abstract_robot import AbstractRobot
+from .abstract_robot import AbstractRobot, run
 from .programs import Program, robot_programs
 from .scheduler import SCHEDULER, SECOND
 from .what_if import Comparison, Course, Event, compare, executive_event, tree_event
@@ -147,15 +147,10 @@ class Recording:
         file = folder / 'places.yaml'
         file.write_text(yaml.safe_dump(known))
         map = map_of(self._by_topic[names.MAP][-1][1])
-
-        def run() -> int:
-            arguments = SCHEDULER.current.process.arguments
-            make = partial(RecordedRobot, recording=self, map=map, pose=self.poses[0][1], speed=1.0)
-            return run_node(names.NAVIGATION, lambda runtime: runtime.call(partial(make, runtime)), arguments)
-
+        main = partial(run, RecordedRobot, recording=self, map=map, pose=self.poses[0][1], speed=1.0)
         fed = [one for one in robot_programs(str(file) if known else '') if one.package in _FED]
         real = [replace(one, parameters={**one.parameters, 'use_sim_time': False}) for one in fed]
-        return [Program('', 'abstract_robot', main=run), *real]
+        return [Program('', 'abstract_robot', main=main), *real]
 
     def answer(self, kind: str, now: float) -> Answer:
         """Return what a server has answered to a goal of about this time; without end, if there was none.
