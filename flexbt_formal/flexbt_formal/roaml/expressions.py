@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import Any, Final, NamedTuple
 
 from lark import Token, Tree
@@ -313,13 +313,10 @@ def compiled(expression: Expression, resolve: Resolver) -> Evaluated:
     return function
 
 
-def constant(expression: Expression, names: Mapping[str, Any] | None = None) -> Any:
-    """Return the value of an expression without names, or with these ``names``. Raises ExpressionError."""
-    known = dict(names or {})
+def constant(expression: Expression) -> Any:
+    """Return the value of an expression without names. Raises ExpressionError."""
 
     def resolve(parts: tuple[str, ...]) -> str:
-        if parts[0] in known and len(parts) == 1:
-            return repr(known[parts[0]])
         raise ExpressionError(f'{".".join(parts)} is not known here: only literals are allowed')
 
     try:
