@@ -27,11 +27,14 @@ _PRESSURE: Final = Path('/proc/pressure/cpu')
 _STATISTICS: Final = Path('/proc/stat')
 
 
-def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadline: float = DEADLINE) -> Any:
+def wait_until(
+    condition: Callable[[], Any], what: Any = 'the condition', deadline: float = DEADLINE, every: float = 0.0
+) -> Any:
     """Poll the condition for up to ``deadline`` seconds, and return its first true value.
 
     A condition that has taken long to come true is polled less often: the measured time is accurate to one percent, and
     the waiting thread leaves the processors to the awaited one. So is one that takes long to ask, such as a command.
+    ``every`` is the least time between two looks, s, for a condition that makes others work.
 
     An IndexError counts as false, so a condition may look at the last message before any has arrived.
 
@@ -49,7 +52,7 @@ def wait_until(condition: Callable[[], Any], what: Any = 'the condition', deadli
         now = time.monotonic()
         waited = now - start
         assert waited < deadline, f'not within {deadline:g} s: {what() if callable(what) else what}'
-        pause.wait(max(min(max(0.01 * waited, _SHORTEST_PAUSE), _LONGEST_PAUSE), now - asked))
+        pause.wait(max(min(max(0.01 * waited, _SHORTEST_PAUSE), _LONGEST_PAUSE), now - asked, every))
 
 
 def uncontended_time() -> float:

@@ -10,6 +10,7 @@ import os
 import random
 import re
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -55,9 +56,14 @@ from flexbt_console.recording.run_file import RECORDING, read_run
 from flexbt_console.recording.topics import TOPICS, full_definition
 from flexbt_core.clock.clock import ManualClock
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveEvents, ExecutiveLog, ExecutiveStatus, PeerStatus
+from flexbt_testing.system.fork_server import ForkedProcess
+from flexbt_testing.system.python_processes import logged_python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 SECOND = 10**9
+HEARTBEAT = 0.2
+"""Time between two statuses of the robot, s: the black box records each."""
+BLACK_BOX = 'flexbt_console.recording.black_box'
 LOG, TEXT = names.EXECUTIVE_STATUS, 'chatter'
 
 
@@ -133,10 +139,10 @@ class Robot:
             )
         )
         self.peers: list[PeerStatus] = []
-        self.processes: list[subprocess.Popen[bytes]] = []
+        self.processes: list[ForkedProcess | subprocess.Popen[bytes]] = []
         self.process = self.start_box()
 
-    def start_box(self) -> subprocess.Popen[bytes]:
+    def start_box(self) -> ForkedProcess | subprocess.Popen[bytes]:
         """Return a black box that has begun to record."""
         parameters = [
             f'incidents:={self.incidents}',
@@ -148,10 +154,8 @@ class Robot:
         space = ['-r', f'__ns:={self.runtime.node.get_namespace()}']
         self.said = self._ring.parent / f'said_{len(self.processes)}.log'
         with self.said.open('wb') as output:
-            self.process = subprocess.Popen(
-                [sys.executable, '-m', 'flexbt_console.recording.black_box', '--ros-args', *space, *words],
-                stderr=output,
-            )
+            arguments = ['-m', BLACK_BOX, '--ros-args', *space, *words]
+            self.process = logged_python_process(arguments, output.fileno(), [BLACK_BOX])
         self.processes.append(self.process)
         node = self.runtime.node
         wait_until(lambda: node.count_subscribers(f'{node.get_namespace()}/{names.MAP}') > 0, 'the black box')
@@ -219,7 +223,7 @@ def until_incident(robot: Robot, kind: str, *texts: str, doing: Callable[[], obj
         doing()
         return robot.has(kind, *texts)
 
-    wait_until(look, f'an incident {kind} with {texts}', 2 * DEADLINE)
+    wait_until(look, f'an incident {kind} with {texts}', 2 * DEADLINE, HEARTBEAT)
 
 
 def test_each_kind_of_thing_that_goes_wrong_is_in_an_incident(robot: Robot) -> None:
@@ -275,7 +279,7 @@ def test_an_incident_has_the_parameters_of_the_nodes_that_answer(robot: Robot) -
         assert all(one.keys() <= {own} for one in found)
         return any(one.get(own, {}).get('use_sim_time') is False for one in found)
 
-    wait_until(has_them, 'the parameters', 2 * DEADLINE)
+    wait_until(has_them, 'the parameters', 2 * DEADLINE, HEARTBEAT)
 
 
 def test_an_aborted_goal_and_a_silent_executive(robot: Robot) -> None:
@@ -293,7 +297,7 @@ def test_an_aborted_goal_and_a_silent_executive(robot: Robot) -> None:
         other.publish(GoalStatusArray(status_list=[GoalStatus(goal_info=info, status=GoalStatus.STATUS_ABORTED)]))
 
     until_incident(robot, 'goal', '/wait has aborted a goal', doing=abort)
-    wait_until(lambda: robot.has('link', 'the executive is silent or gone'), 'the silence', 2 * DEADLINE)
+    wait_until(lambda: robot.has('link', 'the executive is silent or gone'), 'the silence', 2 * DEADLINE, HEARTBEAT)
     robot.runtime.call(server.destroy)
 
 
@@ -330,7 +334,7 @@ def test_a_black_box_that_ends_in_order_was_not_killed(robot: Robot) -> None:
     wait_until(lambda: paths.get_subscription_count() > 0, 'the black box')
     paths.publish(plan)
     assert paths.wait_for_all_acked(Duration(seconds=DEADLINE))
-    robot.process.terminate()
+    robot.process.send_signal(signal.SIGTERM)
     assert robot.process.wait() == 0
     until_incident(robot, 'fault', 'it burns')
     recorded = next(robot.incidents.glob(f'*/{RECORDING}'))

@@ -44,6 +44,8 @@ MODULES: Final[Mapping[str, str]] = {
     'bt_server': 'flexbt_server.bt_server',
     'onboard_executive': 'flexbt_onboard.node.onboard_executive',
     'stop_guard': 'flexbt_onboard.node.stop_guard',
+    'recorder': 'flexbt_console.recording.recorder',
+    'black_box': 'flexbt_console.recording.black_box',
 }
 """Modules of the robot's executables that tests start often."""
 

@@ -13,6 +13,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,9 @@ from flexbt_testing.waiting import wait_until
 DEADLINE = 600.0
 PASSING = ('stop', 'battery', 'key', 'goal')
 """What leaves nothing behind: if the black box was dead then, it knows nothing of it."""
+
+LOOK = 0.2
+"""Time between two looks at all incidents, s: each is read."""
 
 LATE_SECONDS = 5.0
 """Time before which something was told that is dated by another clock, s."""
@@ -299,7 +303,7 @@ def forget(robot: Robot, happening: Happening) -> None:
     """Have a black box that tells this again: another one, if this one has told it lately."""
     if told(robot, happening, time.time() - SAME_SECONDS):
         robot.begin_anew()
-    wait_until(lambda: not told(robot, happening, time.time() - LATE_SECONDS), 'what is told again', DEADLINE)
+    wait_until(lambda: not told(robot, happening, time.time() - LATE_SECONDS), 'what is told again', DEADLINE, LOOK)
 
 
 def test_whatever_goes_wrong_is_told_though_the_black_box_is_killed(robot: Robot) -> None:
@@ -320,7 +324,7 @@ def test_whatever_goes_wrong_is_told_though_the_black_box_is_killed(robot: Robot
                     happening.mend()
                     attack = None
                     continue
-            wait_until(lambda one=happening, at=since: told(robot, one, at), f'an incident of {happening}', DEADLINE)  # type: ignore[misc]
+            wait_until(partial(told, robot, happening, since), f'an incident of {happening}', DEADLINE, LOOK)
             happening.mend()
             break
     robot.end_box()

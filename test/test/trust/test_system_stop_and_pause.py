@@ -94,7 +94,12 @@ def test_a_stop_while_the_bt_server_hangs(stack: Stack, probe: Probe) -> None:
 
 
 @pytest.mark.parametrize(
-    ('process', 'thread'), [('bt_server', 'executor'), ('onboard_executive', 'executor'), ('onboard_executive', 'run')]
+    ('process', 'thread'),
+    [
+        ('bt_server', 'executor'),
+        pytest.param('onboard_executive', 'executor', marks=pytest.mark.one_process),
+        pytest.param('onboard_executive', 'run', marks=pytest.mark.one_process),
+    ],
 )
 def test_a_stop_while_one_thread_hangs(stack: Stack, probe: Probe, process: str, thread: str) -> None:
     """For longer than others wait for its process: when it goes on, nothing of what was stopped does."""
@@ -206,6 +211,7 @@ def test_the_server_of_a_paused_robot_is_killed(stack: Stack, probe: Probe) -> N
     assert probe.moved_stamp == where
 
 
+@pytest.mark.one_process
 def test_a_state_that_is_left_while_its_server_hangs(stack: Stack, probe: Probe) -> None:
     """The run goes on after some seconds, and says what it does not know; what was left moves nothing any more."""
     stack.send_signal('bt_server', signal.SIGSTOP)
