@@ -148,10 +148,9 @@ class Observer:
         """False if the disk has not kept all events."""
         self.cut_since = SCHEDULER.now
         self.linked_at = 0  # the last time at which the link of the operators was bad
-        self.frozen_until = 0  # a simulator hangs until then
+        self.hung: dict[str, tuple[int, int]] = {}  # begin and end of the last hang of each process
         self.entered: dict[tuple[int, int], tuple[str, int]] = {}  # by process and state: class, and whether it is in
-        self.leaving: set[Process] = set()
-        self.died: dict[Process, int] = {}
+        self.died: dict[Process, int] = {}  # or told to end
         self.has_program = has_program
         self.directory = directory
         self._world = world
@@ -159,7 +158,6 @@ class Observer:
         self._goals: dict[bytes, _Goal] = {}
         self._asked: dict[tuple[int, int], bytes] = {}
         self._given_up: dict[bytes, tuple[int, str]] = {}  # goals: since when nobody waits for their end, and why
-        self._awake_at: dict[Process, int] = {}  # the end of the last hang of a process
         self._told: set[tuple[int, str]] = set()
         self.awaited: defaultdict[str, list[Callable[[], object]]] = defaultdict(list)
         """What is done at moments; see :class:`~.nemesis_run.Step`."""
@@ -225,23 +223,24 @@ class Observer:
     def killed(self, name: str) -> None:
         """Note that a process is killed or told to end."""
         self.faulted_at = max(self.faulted_at, SCHEDULER.now)
-        self.leaving.add(self._world.processes[name])
         self.died[self._world.processes[name]] = SCHEDULER.now
         for robot in self._affected(name):
             robot.killed(name)
 
     def hangs(self, name: str, seconds: float) -> None:
         """Note that a process is stopped for a time, s."""
-        self.faulted_at = max(self.faulted_at, SCHEDULER.after(seconds))
-        process = self._world.processes[name]
-        self._awake_at[process] = SCHEDULER.after(seconds)
-        if name.endswith(_BODIES):
-            self.frozen_until = SCHEDULER.after(seconds)
+        process, end = self._world.processes[name], SCHEDULER.after(seconds)
+        self.faulted_at = max(self.faulted_at, end)
+        self.hung[name] = SCHEDULER.now, end
         if name.endswith('bt_server') and seconds > LONG_SECONDS:
             for key in [key for key, goal in self._goals.items() if goal.server is process]:
-                self._given_up.setdefault(key, (SCHEDULER.after(seconds), f'{process} was out of reach for long'))
+                self._given_up.setdefault(key, (end, f'{process} was out of reach for long'))
         for robot in self._affected(name):
             robot.hangs(name, seconds)
+
+    def awake_at(self, name: str) -> int:
+        """Return when the last hang of a process ends."""
+        return self.hung.get(name, (0, 0))[1]
 
     # -- what is published
 
@@ -324,7 +323,7 @@ class Observer:
             if died is not None and SCHEDULER.now - max(died, self.faulted_at) > ORPHAN_SECONDS * SECOND:
                 self.say(1, f'a goal of {goal.action} goes on after {goal.client} has died', goal.action)
             since, why = self._given_up.get(key, (SCHEDULER.now, ''))
-            awake = (self._awake_at.get(one, 0) for one in (goal.server, goal.client))
+            awake = (self.awake_at(one.name) for one in (goal.server, goal.client))
             if SCHEDULER.now - max(since, self.failed_disk_at, *awake) > GIVEN_UP_SECONDS * SECOND:
                 self.say(1, f'a goal of {goal.action} goes on, and {why}', f'{goal.action} {why}')
 
@@ -376,11 +375,8 @@ class _Robot:
         """Lines of the journal at the latest crash: it may have the end of a run that was not told yet."""
         self._shown: dict[Mirror, list[str]] = {}  # the executives that a mirror has shown
         self._crashes = 0
-        self._awake_at = 0  # the executive hangs until then
         self._awake_by_run: dict[str, int] = {}  # when the executive had last hung, when it first showed the run
-        self._trees_held_until = 0  # the BT server hangs until then
         self._wanted_at = -1  # an operator has decided something, or a program has sent a goal
-        self._hung: dict[str, int] = {}  # when the last hang of each node began
         self._driven_at = 0
         """The last time at which the robot was at rest, an active state could drive it, or that was not known, ns."""
         self._executive = named(self.namespace, _EXECUTIVE)
@@ -399,7 +395,12 @@ class _Robot:
 
     def _due(self, seconds: float) -> int:
         """Return the time some seconds after now, or after the end of the simulator's hang."""
-        return max(SCHEDULER.now, self._observer.frozen_until) + int(seconds * SECOND)
+        return max(SCHEDULER.now, self._observer.awake_at(self._nodes['simulator'])) + int(seconds * SECOND)
+
+    @property
+    def _awake_at(self) -> int:
+        """When the last hang of the executive ends."""
+        return self._observer.awake_at(self._executive)
 
     # -- what the faults announce
 
@@ -407,7 +408,7 @@ class _Robot:
         if name.rpartition('/')[2] in self._movers:
             due = self._due(OWNER_SECONDS)
             if name == self._executive:  # a BT server that hangs stops its trees later
-                due = max(due, self._trees_held_until + int(OWNER_SECONDS * SECOND))
+                due = max(due, self._observer.awake_at(self._nodes['bt_server']) + int(OWNER_SECONDS * SECOND))
             self._rest_by.append((SCHEDULER.now, due, f'{name} was killed'))
         if name == self._executive:
             self._open.clear()
@@ -423,17 +424,12 @@ class _Robot:
         node = name.rpartition('/')[2]
         if node in self._movers and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
             self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS), f'{name} hangs'))
-        if node == 'bt_server':
-            self._trees_held_until, more = SCHEDULER.after(seconds), int(seconds * SECOND)
-            dead = f'{self._executive} was killed'
-            self._rest_by = [(begin, end + more * (text == dead), text) for begin, end, text in self._rest_by]
-        self._hung |= {one: SCHEDULER.now for one, process in self._nodes.items() if process == name}
-        if name == self._executive:
-            self._awake_at = SCHEDULER.after(seconds)
+        more, dead = int(seconds * SECOND), f'{self._executive} was killed'
         if name == self._nodes['simulator']:  # count no time during which it does not run
-            more = int(seconds * SECOND)
             self._stop_at = None if self._stop_at is None else self._stop_at + more
             self._rest_by = [(begin, end + more, text) for begin, end, text in self._rest_by]
+        elif node == 'bt_server':
+            self._rest_by = [(begin, end + more * (text == dead), text) for begin, end, text in self._rest_by]
 
     # -- what is published
 
@@ -481,7 +477,8 @@ class _Robot:
             since = max(since, self._awake_at, began, self._world.processes[self._nodes[name]].began)
             past = SCHEDULER.now - since
             hangs = self._world.processes[self._nodes[name]].held_up is not None and alive.get(name)
-            hung = (SCHEDULER.now - max(self._hung.get(name, 0), self._awake_at, began)) / SECOND
+            hung_at, _ = self._observer.hung.get(self._nodes[name], (0, 0))
+            hung = (SCHEDULER.now - max(hung_at, self._awake_at, began)) / SECOND
             if hangs and hung > HUNG_SECONDS:
                 self._say(13, f'{name} hangs for {hung:.1f} s, and is shown as alive', f'{name} hangs')
             if past > PEER_SECONDS * SECOND and name in alive and alive[name] != is_there:
@@ -542,7 +539,7 @@ class _Robot:
         is_own = process.name == self._executive
         if is_own and command.decision_id:
             self._wanted_at = SCHEDULER.now
-        if is_own and process not in self._observer.leaving and command.id not in self._results:
+        if is_own and process not in self._observer.died and command.id not in self._results:
             self._open.setdefault(command.id, (SCHEDULER.now, command))
         if is_own or command.kind == ExecutiveCommand.STOP:
             self._arrived.setdefault(command.id, (process, SCHEDULER.now / SECOND))
@@ -638,7 +635,7 @@ class _Robot:
         """Note since when each node has been there, or has not."""
         for name, (was_there, _) in self._since.items():
             process = self._world.processes[self._nodes[name]]
-            is_there = process.is_alive and process.held_up is None and process not in self._observer.leaving
+            is_there = process.is_alive and process.held_up is None and process not in self._observer.died
             if process.held_up is not None:
                 self._since[name] = is_there, SCHEDULER.now + 10 * SECOND
             elif was_there is not is_there:
