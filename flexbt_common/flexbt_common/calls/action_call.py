@@ -27,9 +27,11 @@ from __future__ import annotations
 
 import math
 import uuid
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import Any, Final
 
 from action_msgs.msg import GoalInfo, GoalStatusArray
@@ -120,7 +122,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         self._cancel_timeout: float | None = None
         self._cancel_waits = False
         self._cancel_repeat = _CANCEL_REPEAT[0]
-        self._result_futures: list[Any] = []
+        self._asked: list[Future] = []  # requests for the result, or to cancel, some of which may never be answered
         self._result_asked = 0.0
         self._result_repeat = _RESULT_REPEAT[0]
         self._ended_seen: float | None = None
@@ -174,7 +176,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             return
         self._sent = True
         self._link.listeners[self.goal_id] = GoalListener(self._on_status, self._feedback)
-        future.add_done_callback(self._goal_answered)
+        future.add_done_callback(partial(_goal_answered, weakref.ref(self), self._link, self._goal_id))
         self._after('accept', self._accept_timeout, self._not_accepted)
         self._after('watch', WATCH_SECONDS, self._await_acceptance)
 
@@ -184,7 +186,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         # The server may still have the goal: its answer may be late or lost.
         asked, answer = self._runtime.steady.now(), self._link.cancel(self._goal_id)
         if self._cancel_requested and self._cancel_timeout is None:
-            answer.add_done_callback(lambda future: self._early_cancel_answered(future, asked))
+            self._when_answered(answer, lambda future: self._early_cancel_answered(future, asked))
             self._after('accept', self._next_cancel(), self._not_accepted)
             return
         self._finish(
@@ -205,7 +207,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
     def _early_cancel_answered(self, future: Any, asked: float) -> None:
         """Handle the answer to a cancel that was sent at the time ``asked``, before the acceptance was known."""
         response = future.result()
-        if self.done or self.accepted or response is None:
+        if self.accepted or response is None:
             return
         if response.return_code != CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID:
             self._accepted_unheard()
@@ -216,17 +218,11 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             self._drop('accept')
             self._after('accept', _CANCEL_REPEAT[0], self._not_accepted)
 
-    def _goal_answered(self, future: Any) -> None:
-        response = future.result()
-        if response is None:
-            return
-        if self.done:
-            if response.accepted:
-                self._link.cancel(self._goal_id)  # no caller waits for this goal any more
-            return
+    def goal_answered(self, is_accepted: bool) -> None:
+        """Handle the server's answer to the goal of a call that is not done; for :func:`_goal_answered`."""
         if self.accepted:
             return  # the list of goals was faster
-        if not response.accepted:
+        if not is_accepted:
             self._finish(GoalStatus.REJECTED, f'{self._link} rejected the goal; is its node active?')
             return
         self._on_acceptance()
@@ -253,13 +249,15 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
 
     def _ask_for_result(self) -> None:
         self._result_asked = self._runtime.steady.now()
-        future = self._link.ask_for_result(self._goal_id)
-        self._result_futures.append(future)
-        future.add_done_callback(self._result_arrived)
+        self._when_answered(self._link.ask_for_result(self._goal_id), self._result_arrived)
+
+    def _when_answered(self, future: Future, handle: Callable[[Any], None]) -> None:
+        """Call ``handle`` with the future when it is answered before the end of this call."""
+        self._asked = [one for one in self._asked if not one.done()]
+        self._asked.append(future)
+        future.add_done_callback(lambda done: None if self.done or done.cancelled() else handle(done))
 
     def _result_arrived(self, future: Any) -> None:
-        if self.done or future.cancelled():
-            return
         response = future.result()
         if response is None:
             return
@@ -299,7 +297,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             if was_gone or is_late or is_due:
                 self._ask_for_result()
             if was_gone and self._cancel_requested:
-                self._link.cancel(self._goal_id).add_done_callback(self._cancel_answered)
+                self._when_answered(self._link.cancel(self._goal_id), self._cancel_answered)
         self._after('watch', WATCH_SECONDS, self._watch)
 
     def _lose(self, reason: str) -> None:
@@ -342,7 +340,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
 
     def _repeat_cancel(self) -> None:
         if not self.done:
-            self._link.cancel(self._goal_id).add_done_callback(self._cancel_answered)
+            self._when_answered(self._link.cancel(self._goal_id), self._cancel_answered)
             self._after('repeat', self._next_cancel(), self._repeat_cancel)
 
     def _next_cancel(self) -> float:
@@ -352,9 +350,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
 
     def _cancel_answered(self, future: Any) -> None:
         response = future.result()
-        if self.done or response is None:
-            return
-        if response.return_code in _CANCEL_TOO_LATE:
+        if response is not None and response.return_code in _CANCEL_TOO_LATE:
             self._ask_for_result()  # the answer to the first request may be late or lost
 
     def _not_canceled(self) -> None:
@@ -376,11 +372,21 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         if self.done:
             return
         self._link.listeners.pop(self.goal_id, None)
-        if status is GoalStatus.LOST:
-            for future in self._result_futures:
-                future.cancel()  # removes it from rclpy's table
-        self._result_futures.clear()
+        for future in self._asked:
+            future.cancel()  # removes it from rclpy's table
+        self._asked.clear()
         self._end(GoalOutcome(status, result, reason))
+
+
+def _goal_answered(known: weakref.ref[ActionCall], link: ActionServerLink, goal_id: UUID, future: Any) -> None:
+    """Handle the server's answer to a goal, which may never come and so does not keep the call."""
+    response, call = future.result(), known()
+    if response is None:
+        return
+    if call is not None and not call.done:
+        call.goal_answered(response.accepted)
+    elif response.accepted:
+        link.cancel(goal_id)  # no caller waits for this goal any more
 
 
 # The connections of a node to action servers.

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import threading
 import time
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -243,6 +245,31 @@ class DeafServer(ForgetfulServer):
     async def _execute_cancel_request(self, request_header_and_message: Any) -> None: ...
 
 
+def test_a_request_that_is_never_answered_does_not_keep_its_caller(link: ActionServerLink) -> None:
+    """A tree that tries again and again, at a server that hangs, would keep the goal of each attempt."""
+    done = Done()
+    with NodeRuntime.open('server') as runtime:
+        ScriptedActionServer(runtime, Wait, 'wait', server_class=DeafServer)
+        kept = weakref.ref(call(link, done, accept_timeout=0.1))
+        assert done.wait().status is GoalStatus.TIMEOUT
+        wait_until(lambda: gc.collect() >= 0 and kept() is None, 'the end of the caller')
+
+
+def test_a_result_that_never_arrives_does_not_keep_its_caller(
+    link: ActionServerLink, server: ScriptedActionServer
+) -> None:
+    server.on_cancel = lambda _handle: CancelResponse.REJECT
+    done, accepted = Done(), threading.Event()
+    kept = weakref.ref(call(link, done, on_accepted=accepted.set))
+    assert accepted.wait(DEADLINE)
+    running = kept()
+    assert running is not None
+    running.cancel(timeout=0.1)
+    del running
+    assert done.wait().status is GoalStatus.TIMEOUT
+    wait_until(lambda: gc.collect() >= 0 and kept() is None, 'the end of the caller')
+
+
 @pytest.mark.parametrize('server_class', [ForgetfulServer, DeafServer])
 def test_a_goal_whose_request_was_lost_ends_when_it_was_canceled(
     link: ActionServerLink, server_class: Any, monkeypatch: pytest.MonkeyPatch
@@ -396,7 +423,7 @@ def test_a_lost_result_is_asked_for_again(
 def test_an_acceptance_whose_answer_is_lost_counts(
     link: ActionServerLink, server: ScriptedActionServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ActionCall, '_goal_answered', lambda self, future: None)
+    monkeypatch.setattr(ActionCall, 'goal_answered', lambda self, is_accepted: None)
     done = Done()
     call(link, done)
     server.end(0)
