@@ -111,7 +111,7 @@ class TreeGoals:
     def _come_back(self, hang: str, seconds: float) -> None:
         """Stop all goals after a stop of ``peer_timeout`` or more: other nodes count the process as gone by then."""
         if seconds >= self._parameters.peer_timeout:
-            self._stop_goals(f'{hang}: who waited for the tree has given it up')
+            self.stop_each(f'{hang}: who waited for the tree has given it up')
         self._runtime.post_in(RETURN_SECONDS, self._go_on)
 
     def _go_on(self) -> None:
@@ -125,9 +125,11 @@ class TreeGoals:
     def _reason_to_hold(self, goal: TreeGoal) -> str:
         return self._returned or self.owners.problem(goal.owner)
 
-    def _stop_goals(self, reason: str, halting: float | None = None) -> None:
+    def stop_each(self, reason: str, kind: type[TreeGoal] | None = None, within: float | None = None) -> None:
+        """Stop the goals of a kind, by default all, also those whose trees are not read yet; see :meth:`stop`."""
         for goal in list(self._goals.values()):
-            self.stop(goal, reason, halting)
+            if kind is None or isinstance(goal, kind):
+                self.stop(goal, reason, within)
 
     def wake(self, blackboard: str) -> None:
         """Tick the trees that run on a blackboard, since a client has changed its entries."""
@@ -141,7 +143,7 @@ class TreeGoals:
         """
 
         halting = min(self._parameters.cancel_timeout, within - _REPORT_SECONDS)
-        self._runtime.call(lambda: self._stop_goals(reason, halting))
+        self._runtime.call(lambda: self.stop_each(reason, within=halting))
         return self._no_goals.wait(within)
 
     def control(

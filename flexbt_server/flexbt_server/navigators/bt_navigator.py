@@ -130,8 +130,7 @@ class Navigators:
             return
         self._wait_no_longer()
         self.admission.close('is inactive')
-        for goal in [*self._at_work, *(goal for goal, *_ in self._waiting)]:
-            self.goals.stop(goal, 'bt_navigator was deactivated')
+        self.goals.stop_each('bt_navigator was deactivated', NavigatorGoal)
 
     def _wait_for_servers(self, *, patient: bool) -> None:
         nodes = (node for tree in self._default_trees for node in tree.nodes())

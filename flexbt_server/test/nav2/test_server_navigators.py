@@ -501,6 +501,18 @@ def test_the_lifecycle_of_bt_navigator(driving: Front) -> None:
     ended(driving.to(3.0))
 
 
+def test_a_goal_whose_tree_is_still_read_does_not_drive_after_bt_navigator_was_deactivated(front: Front) -> None:
+    manager = LifecycleClient(front.world.client.runtime, names.BT_NAVIGATOR)
+    may_read, served = threading.Event(), front.world.server.goals
+    front.world.server._reader.submit(may_read.wait, 'a slow disk')
+    goal = front.to(1.0)
+    wait_until(lambda: not served._no_goals.is_set(), 'the goal')
+    assert manager.change('deactivate')
+    may_read.set()
+    ended(goal, GoalStatus.ABORTED, 'deactivated')
+    assert not front.follow.goals
+
+
 def test_bt_navigator_is_active_when_the_servers_of_the_default_tree_are_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
