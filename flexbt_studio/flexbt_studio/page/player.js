@@ -115,8 +115,9 @@ export class Player {
     this.moments.push(moment);
     const old = this.hasPast ? this.moments.length - 1 : this.moments.findIndex((one) => one.time >= moment.time - RING_S);
     this.moments.splice(0, old);
+    const isGone = old > this.at;
     this.at = Math.max(0, this.at - old);
-    if (wasAtEnd || old > this.at) this.go(wasAtEnd ? Infinity : 0); else this.showLine();
+    if (wasAtEnd || isGone) this.go(wasAtEnd ? Infinity : 0); else this.showLine();
   }
 
   end() {

@@ -186,6 +186,27 @@ def test_a_proof_is_told_played_and_repeated_on_save(page: StudioPage, folder: P
         assert '(6 of 6 reached)' in page.text('proof')
 
 
+MOMENTS = """
+const {Player} = await import('./player.js');
+const player = new Player({follow() {}, paint() {}, name: () => ''});
+const moment = (time) => ({title: '', lines: [], time, statuses: () => new Map()});
+player.play('', [0, 1, 2, 3, 4, 5, 6, 7, 8, 9].map(moment), {isLive: true, owner: {}});
+const shown = [];
+for (const [at, later] of [[8, 306], [0, 400]]) {
+  player.go(at);
+  player.push(moment(later));
+  shown.push(player.moments[player.at].time);
+}
+return shown;
+"""
+
+
+def test_who_looks_at_an_earlier_moment_goes_on_to_do_so(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        assert page.run(MOMENTS) == [8, 306], 'of a moment that is gone, the first that is kept'
+
+
 def test_an_edit_of_another_file_that_a_proof_has_read_makes_it_old(page: StudioPage, folder: Path) -> None:
     tree = '<root BTCPP_format="4" main_tree_to_execute="{0}"><BehaviorTree ID="{0}">{1}</BehaviorTree>{2}</root>'
     far = tree.format('Far', '<AlwaysSuccess/>', '')
