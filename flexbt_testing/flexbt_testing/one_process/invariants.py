@@ -424,6 +424,8 @@ class _Robot:
         node = name.rpartition('/')[2]
         if node in self._movers and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
             self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS), f'{name} hangs'))
+        if name == self._executive:
+            self._open.clear()  # it does not hear what is too old when it continues
         more, dead = int(seconds * SECOND), f'{self._executive} was killed'
         if name == self._nodes['simulator']:  # count no time during which it does not run
             self._stop_at = None if self._stop_at is None else self._stop_at + more
@@ -447,7 +449,7 @@ class _Robot:
             self._say(6, f'status {status.sequence} follows {before.sequence}')
         if before is not None and not (before.active_states or status.active_states):
             is_same = before.state == status.state == ExecutiveStatus.RUNNING and before.run_id == status.run_id
-            since = max(self._statuses[-2][0], self._awake_at)
+            since = max(self._statuses[-2][0], self._awake_at, self._observer.failed_disk_at)
             if is_same and SCHEDULER.now - since > SHOWN_SECONDS * SECOND:
                 self._say(11, f'run {status.run_id} is shown as running, without a state')
         ran = before is not None and before.state in (ExecutiveStatus.RUNNING, ExecutiveStatus.PAUSED)
@@ -496,6 +498,7 @@ class _Robot:
             if earlier.state != ExecutiveStatus.RUNNING or earlier.run_id != status.run_id:
                 return
             waiting &= {one.path for one in earlier.active_states if not one.paused}
+            waiting -= {one.path for one in earlier.decisions}
             if when < since:
                 break
         for path in waiting:
