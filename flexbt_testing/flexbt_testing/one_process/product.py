@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -91,20 +92,15 @@ class _Taker:
         return _Taken(sample, arrived, limit)
 
 
+@dataclass(eq=False, slots=True)
 class _Record:
     """An entity of an executor: how it is taken, and when it is waited for."""
 
-    __slots__ = ('is_awaited', 'rank', 'take', 'wait_set', 'what')
-
-    def __init__(
-        self,
-        rank: tuple[int, int],
-        take: Any,
-        what: Any,
-        is_awaited: Callable[[], bool] | None = None,
-        wait_set: WaitSet | None = None,
-    ) -> None:
-        self.rank, self.take, self.what, self.is_awaited, self.wait_set = rank, take, what, is_awaited, wait_set
+    rank: tuple[int, int]
+    take: Any
+    what: Any
+    is_awaited: Callable[[], bool] | None = None
+    wait_set: WaitSet | None = None
 
 
 class ReadyEntities:

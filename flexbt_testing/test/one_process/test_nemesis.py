@@ -100,6 +100,37 @@ def test_each_invariant_finds_a_mutation_that_no_other_finds() -> None:
     assert found == {name: {number} for number, (name, _) in ALONE.items()}
 
 
+_HANG = Step(2.5, 'hang', 'bt_server', 7.0)
+_PROGRAM = Plan(1, world='nav2_robot', behavior='', seconds=5.0)
+RARE: dict[str, tuple[Plan, set[int]]] = {
+    'a call leaves no cancel to a server that is late': (
+        Plan(1, settle=7.0, steps=(_HANG,), answers=((0.3, 0.3),)),
+        {1},
+    ),
+    'trees go on after a long hang': (replace(_PROGRAM, settle=7.0, steps=(_HANG,)), {1}),
+    'a goal that is replaced does not end': (
+        replace(_PROGRAM, steps=(Step(3.0, 'goal_pose', 'engineer', 0.5),)),
+        {1, 9},
+    ),
+    'a command is decided before it has its effect': (
+        Plan(1, seconds=4.0, steps=(Step(3.0, 'pause', 'engineer', 0.0),)),
+        {7},
+    ),
+    'a console does not begin anew with a new executive': (
+        Plan(1, seconds=4.0, steps=(Step(2.0, 'kill', 'onboard_executive', 0.3),)),
+        {10},
+    ),
+}
+"""Mutations that few seeds find, each with a plan that shows it, and the invariants that it breaks."""
+
+
+def test_mutations_that_few_seeds_find_are_found_by_plans_made_for_them() -> None:
+    jobs = [Job(plan, _mutation(name)) for name, (plan, _) in RARE.items()]
+    found = {job.mutation.name: outcome.broken for job, outcome in run_all(jobs, at_once=2) if job.mutation}
+    assert found == {name: broken for name, (_, broken) in RARE.items()}
+    assert [outcome.violations for _, outcome in run_all([replace(job, mutation=None) for job in jobs])] == [[]] * 5
+
+
 def test_a_mutation_that_runs_differently_is_found_by_running_it_twice() -> None:
     job = Job(Plan(0, steps=nemesis._RESTART), next(one for one in MUTATIONS if '(12)' in one.name))
     assert run_one(job).violations == []
