@@ -52,9 +52,10 @@ class LifecycleSubnode:
         namespace, _, own_name = names.of_robot(host.get_namespace(), name).rpartition('/')
         self._runtime = runtime
         self._on_set: dict[str, Callable[[Any], object]] = {}
+        self._is_closed = False
         self._node = _Subnode(
             own_name,
-            lambda is_active: runtime.call(lambda: on_change(is_active)),
+            lambda is_active: self._call_while_open(lambda: on_change(is_active)),
             is_ready,
             namespace=namespace,
             context=host.context,
@@ -84,7 +85,8 @@ class LifecycleSubnode:
         self._on_set[name] = on_set
 
     def close(self) -> None:
-        """Remove the node from the graph."""
+        """Remove the node from the graph. What requests have changed and nobody was told is not told any more."""
+        self._is_closed = True
         self._runtime.node.remove_post_set_parameters_callback(self._follow_clock)
         self._thread.remove(self._node)
         self._runtime.nodes.remove(self._node)
@@ -112,7 +114,10 @@ class LifecycleSubnode:
                 if parameter.name in self._on_set:
                     self._on_set[parameter.name](parameter.value)
 
-        self._runtime.call(tell)
+        self._call_while_open(tell)
+
+    def _call_while_open(self, fn: Callable[[], object]) -> None:
+        self._runtime.call(lambda: None if self._is_closed else fn())
 
 
 class _SubnodesThread:

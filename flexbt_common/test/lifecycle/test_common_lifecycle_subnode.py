@@ -7,6 +7,8 @@ import threading
 from functools import partial
 from typing import Any
 
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -39,6 +41,24 @@ def test_a_manager_takes_it_through_its_states() -> None:
             assert manager.state() == state
         assert told == [False, True, False]
         assert not part.is_active
+
+
+def test_a_transition_that_comes_while_it_is_closed_is_not_told() -> None:
+    """Otherwise a part that was closed would begin to work again."""
+    told: list[bool] = []
+    may_close = threading.Event()
+    with NodeRuntime.open('host') as host, NodeRuntime.open('manager') as runtime:
+        part = host.call(lambda: LifecycleSubnode(host, 'amcl', told.append))
+        client = runtime.call(lambda: runtime.node.create_client(ChangeState, '/amcl/change_state'))
+        wait_until(lambda: runtime.call(client.service_is_ready), 'the part')
+        host.post(may_close.wait)
+        host.post(part.close)
+        request = ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE))
+        runtime.call(lambda: client.call_async(request))
+        wait_until(lambda: not part.is_active, 'the transition')
+        may_close.set()
+        host.call(lambda: None)
+    assert not told
 
 
 def test_it_is_a_node_as_long_as_it_is_there() -> None:
