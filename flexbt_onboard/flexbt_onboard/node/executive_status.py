@@ -227,8 +227,8 @@ class ShownStatus(StatusPublisher):
             self._is_outdated = True
             self._publish(self._picture)
         else:
-            self._is_waiting = True
             picture = self._sources.picture()
+            self._is_waiting = True
             self.show(lambda: self._show(picture))
         self._sources.runs.status_sent()
 

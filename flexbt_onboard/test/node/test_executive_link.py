@@ -55,6 +55,7 @@ from flexbt_msgs.msg import (
 from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.link.status_publisher import BURST, MAXIMUM_RATE, StatusPublisher
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters, declare_parameters
+from flexbt_onboard.node.executive_status import StatusPicture, StatusSources
 from flexbt_onboard.runs import behavior_run
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
@@ -91,6 +92,23 @@ def make_bench() -> Iterator[Callable[..., ExecutiveBench]]:
 
 
 Make = Callable[..., ExecutiveBench]
+
+
+def test_a_status_that_cannot_be_made_is_followed_by_the_next(
+    make_bench: Callable[..., ExecutiveBench], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make_bench()
+    picture, failures = StatusSources.picture, ['broken']
+
+    def fail_once(self: StatusSources) -> StatusPicture:
+        if failures:
+            raise RuntimeError(failures.pop())
+        return picture(self)
+
+    monkeypatch.setattr(StatusSources, 'picture', fail_once)
+    wait_until(lambda: not failures, 'the fault')
+    bench.applied(ExecutiveCommand.AUTONOMY, autonomy=1)
+    bench.wait_for(lambda status: status.autonomy == 1, 'what came after the fault')
 
 
 def test_the_heartbeat_comes_within_the_period_that_it_promises(make_bench: Make) -> None:
