@@ -21,7 +21,7 @@ from flexbt_server.errors import BreakpointError
 from flexbt_server.runs.tree_debugger import DebuggedRun, NodesOfTree, TreeDebugger, blackboard_writes
 from flexbt_server.trees.tree_store import TreeStore
 
-from .tree_goals import RunningTree, TreeGoals
+from .tree_goals import MESSAGE_LIMIT, RunningTree, TreeGoals
 
 Request = ControlTree.Request
 
@@ -63,10 +63,17 @@ class ControlServer:
         try:
             check_limits(request)
             response.message = await self._obey(request, response)
-        except FlexbtError as error:
-            response.message = sanitize_for_message(str(error))
+        except Exception as error:
+            response.message = self._reason_of(error)
         response.success = not response.message
         return response
+
+    def _reason_of(self, error: Exception) -> str:
+        """Return why a request has failed. The client gets a fault of the server too, which is reported."""
+        if isinstance(error, FlexbtError):
+            return sanitize_for_message(str(error))
+        self._runtime.report_fault(error, f'a request to {names.CONTROL_TREE} or {names.GET_TREE_BLACKBOARD}')
+        return sanitize_for_message(f'fault in the BT server: {error!r}', MESSAGE_LIMIT)
 
     async def _obey(self, request: Any, response: Any) -> str:
         """Execute the command. Return '' when it has taken effect, otherwise the reason why not.
@@ -152,21 +159,20 @@ class ControlServer:
         return NodesOfTree.of_definition(await self._read(lambda: self._store.find(named)))
 
     async def _read(self, read: Callable[[], Any]) -> Any:
-        """Return what ``read`` returns on the thread that reads files. Raises its FlexbtError."""
+        """Return what ``read`` returns on the thread that reads files. Raises its exception."""
         done = Future(executor=self._runtime.node.executor)
 
         def work() -> None:
             try:
                 found = read()
-            except FlexbtError as error:
-                found = error
-            self._runtime.post(lambda: done.set_result(found))
+            except Exception as error:
+                fault = error
+                self._runtime.post(lambda: done.set_exception(fault))
+            else:
+                self._runtime.post(lambda: done.set_result(found))
 
         self._reader.submit(work, 'a tree was not read for a breakpoint')
-        found = await done
-        if isinstance(found, FlexbtError):
-            raise found
-        return found
+        return await done
 
     def _tree_to_clear(self, request: Any) -> str:
         trees = self._debugger.trees()
@@ -194,8 +200,8 @@ class ControlServer:
                 response.message = f'there is no entry {short_repr(missing[0])}{did_you_mean(missing[0], keys)}'
             elif len(entries) > MOST_ENTRIES:
                 response.message = f'there are {len(entries)} entries; name keys: {MOST_ENTRIES} are shown at most'
-        except FlexbtError as error:
-            response.message = sanitize_for_message(str(error))
+        except Exception as error:
+            response.message = self._reason_of(error)
         response.success = not response.message
         return response
 

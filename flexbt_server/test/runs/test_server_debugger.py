@@ -378,3 +378,19 @@ def test_a_flood_and_long_fields_leave_the_server_and_its_breakpoints_as_they_ar
     assert answers.count('') == 97 and 'clear one first' in answers[-1]
     assert debugger.ask(Request.CLEAR, behavior_tree='Many') == ''
     wait_until(lambda: len(debugger.points) == 3)
+
+
+def test_a_fault_of_the_server_is_told_to_the_client(
+    world: ServerWorld, debugger: Debugger, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    control = world.server.control
+
+    def fail(_name: str) -> Any:
+        raise OSError('scripted')
+
+    monkeypatch.setattr(control._store, 'find', fail)
+    told = debugger.ask(Request.BREAK, 'leaf', behavior_tree='Any')
+    assert 'fault in the BT server: OSError' in told, told
+    monkeypatch.setattr(control._goals.running, 'find', fail)
+    told = debugger.blackboard().message
+    assert 'fault in the BT server: OSError' in told, told
