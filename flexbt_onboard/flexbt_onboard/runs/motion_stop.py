@@ -75,7 +75,8 @@ _FRONT_SECONDS: Final = 0.2
 held, zero velocity is commanded meanwhile."""
 
 _LEAST_SECONDS: Final = 1.0
-"""Minimum time for which zero velocity is commanded, s. It is commanded again if the robot moves later."""
+"""Minimum time for which zero velocity is commanded, s. It is commanded again if the robot moves later, and all the
+time while nobody knows where it is."""
 
 _BEGINS: Final = frozenset((GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING))
 _GOES_ON: Final = _BEGINS | {GoalStatus.STATUS_CANCELING}
@@ -200,7 +201,7 @@ class MotionStop:
 
     def _act(self) -> None:
         self._timer = self._runtime.post_in(_PERIOD, self._act)
-        if self._moves() or self._runtime.steady.now() < self._zero_until:
+        if self._may_move() or self._runtime.steady.now() < self._zero_until:
             self._command_zero()
         if self._round % _CANCEL_PERIODS == 0:
             self._cancel_all_of(self.servers())
@@ -279,9 +280,10 @@ class MotionStop:
             self._services.link(CancelGoal, service), CancelGoal.Request(), on_done=answered
         )
 
-    def _moves(self) -> bool:
+    def _may_move(self) -> bool:
+        """Return whether the robot moves, or nobody knows where it is."""
         pose, now = self._pose.latest().pose, self._runtime.steady.now()
-        if _differ(self._seen, pose):
+        if self._pose.problem() or _differ(self._seen, pose):
             self._seen, self._seen_at = pose, now
         return now - self._seen_at < _REST_SECONDS
 
@@ -303,9 +305,10 @@ def _status_topic(action: str) -> str:
 
 
 def _differ(one: Pose, other: Pose) -> bool:
+    """Return whether two poses differ by more than noise, or one is not a number."""
     a, b = one.position, other.position
     turned = abs(math.remainder(_yaw(one) - _yaw(other), math.tau))
-    return math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) > _REST_METRES or turned > _REST_RADIANS
+    return not (math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) <= _REST_METRES and turned <= _REST_RADIANS)
 
 
 def _yaw(pose: Pose) -> float:

@@ -83,9 +83,9 @@ def publisher_of(runtime: NodeRuntime, topic: str, name: str) -> bytes:
     return bytes(found.endpoint_gid)
 
 
-def pose_of(pose: PoseStamped) -> Any:
+def pose_of(pose: PoseStamped, problem: str = '') -> Any:
     """Return the source of a pose: a new message each time."""
-    return SimpleNamespace(latest=lambda: copy.deepcopy(pose))
+    return SimpleNamespace(latest=lambda: copy.deepcopy(pose), problem=lambda: problem)
 
 
 AT_REST: Any = pose_of(PoseStamped())
@@ -148,6 +148,23 @@ def test_the_robot_is_stopped_until_it_stands_still_and_whenever_it_moves(robot:
         pose.pose.position.x += 1.0
         silence(robot)
         assert len(robot.commands) == count
+
+
+@pytest.mark.parametrize(
+    ('x', 'problem'), [(math.nan, ''), (0.0, 'nobody publishes pose any more')], ids=['not a number', 'nobody']
+)
+def test_a_robot_that_is_nobody_knows_where_is_not_at_rest(robot: Robot, x: float, problem: str) -> None:
+    pose = PoseStamped()
+    pose.pose.position.x = x
+    with NodeRuntime.open('executive') as runtime:
+        source = pose_of(pose, problem)
+        stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), source, MotionParameters()))
+        wait_until(lambda: runtime.call(lambda: runtime.node.count_subscribers(names.CMD_VEL)), 'the robot')
+        runtime.call(stop.hold)
+        until = runtime.steady.now() + 2.0 * motion_stop._LEAST_SECONDS
+        wait_until(lambda: runtime.steady.now() > until, 'the time for which each robot is stopped, twice')
+        count = len(robot.commands)
+        wait_until(lambda: len(robot.commands) > count, 'zero velocity, since it may move')
 
 
 def test_a_robot_that_drives_by_stamped_velocities_is_stopped_by_them() -> None:

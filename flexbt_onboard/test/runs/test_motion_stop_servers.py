@@ -21,7 +21,7 @@ from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.waiting import wait_until
 
-AT_REST: Any = SimpleNamespace(latest=PoseStamped)
+AT_REST: Any = SimpleNamespace(latest=PoseStamped, problem=str)
 
 
 class Bench:
