@@ -78,7 +78,14 @@ class CommandTracker:
         self._commands: OrderedDict[str, TrackedCommand] = OrderedDict()
 
     def give(self, command: OperatorCommand, now: float, timeout: float, label: str = '') -> TrackedCommand:
-        """Queue a command; :meth:`due` returns it. The default label is the kind of the command."""
+        """Queue a command; :meth:`due` returns it. The default label is the kind of the command.
+
+        A STOP ends the wait of those before it: sent again, they might move the robot after it.
+        """
+        if command.kind is CommandKind.STOP:
+            for older in self.pending():
+                if not _is_stop(older):
+                    self._settle(older, CommandState.TIMEOUT, 'a STOP was given after it: it is not sent again', now)
         label = label or command.kind.name.lower()
         tracked = TrackedCommand(command, label, now, now + timeout, next_send=now)
         self._commands[command.id] = tracked

@@ -88,6 +88,20 @@ def test_an_answer_is_final() -> None:
     assert state(mirror, 'a') is CommandState.APPLIED
 
 
+def test_what_was_given_before_a_stop_is_not_sent_after_it() -> None:
+    clock, mirror = linked()
+    for id, kind in (('start', CommandKind.START), ('stop', CommandKind.STOP), ('note', CommandKind.NOTE)):
+        mirror.give(command(id, kind), 100.0)
+    sent = set()
+    while clock.now() < 20.0:
+        sent |= {one.id for one in mirror.due_commands(True)}
+        clock.advance(0.5)
+    assert sent == {'stop', 'note'}
+    assert state(mirror, 'start') is CommandState.TIMEOUT
+    mirror.receive_snapshot(answers(2, ('start', ResultCode.APPLIED, '')))  # it had been sent all the same
+    assert state(mirror, 'start') is CommandState.APPLIED
+
+
 def test_a_restarted_executive_does_not_get_the_old_command() -> None:
     """The executive that was killed may have applied it: another start must not repeat it."""
     clock, mirror = linked()

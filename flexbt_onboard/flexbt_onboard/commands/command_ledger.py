@@ -8,6 +8,7 @@ status. After a restart of the executive, the journal provides earlier decisions
 
 from __future__ import annotations
 
+import math
 import time
 import uuid
 from collections import OrderedDict
@@ -62,7 +63,7 @@ class CommandHandling:
         """Return the fields of the command for the event log."""
         return {}
 
-    def apply(self, _command: ExecutiveCommand, _writer: bytes, _arrived: int) -> bool:
+    def apply(self, _command: ExecutiveCommand, _writer: bytes, _arrived: float) -> bool:
         """Apply a command that :meth:`CommandLedger.receive` has got. Return True if it has had its effect.
 
         After False, :class:`CommandDecided`, :class:`RunBuilt` or :class:`RunRefused` follows.
@@ -114,9 +115,9 @@ class CommandLedger(RunReader):
             case RunRefused(request, reason):
                 self._post(partial(self._decide, request.command_id, reason))
 
-    def receive(self, command: ExecutiveCommand, writer: bytes = b'', arrived: int = 0) -> None:
+    def receive(self, command: ExecutiveCommand, writer: bytes = b'', arrived: float = math.inf) -> None:
         """Handle a command. The status reports its result. ``writer`` has sent it; b'' if unknown. ``arrived`` is the
-        time of its arrival, ns since the epoch."""
+        time of its arrival on the steady clock, s; infinity if unknown."""
         if not 0 < len(command.id) <= COMMAND_LENGTHS['id']:
             if command.kind != ExecutiveCommand.STOP:
                 self._ignore_nameless(command)
@@ -163,7 +164,7 @@ class CommandLedger(RunReader):
         operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
         self._settle(command.id, reason, {'id': command.id, 'operator': operator, 'kind': command.kind})
 
-    def _admit(self, command: ExecutiveCommand, writer: bytes, arrived: int) -> None:
+    def _admit(self, command: ExecutiveCommand, writer: bytes, arrived: float) -> None:
         command_id = str(command.id)
         of_writer = sum(isinstance(entry, _Open) and entry.writer == writer for entry in self._entries.values())
         self._entries[command_id] = _Open(command, writer)

@@ -8,11 +8,10 @@ To add a command, add a constant and its fields to flexbt_msgs/msg/ExecutiveComm
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from flexbt_common.values.message_fields import options_of, seconds_of
 from flexbt_common.values.queue_options import QueueOptions
@@ -40,10 +39,6 @@ from .input_requests import InputRequests
 LOGGED: Final = 1000
 """Maximum characters of a value of a command in the event log."""
 
-
-OVERTAKEN_SECONDS: Final = 10.0
-"""Time after a STOP within which commands that came before it are refused, s. A STOP is taken before the others that
-wait, and a console may send an older one again."""
 
 _WITH_AUTONOMY: Final = (
     ExecutiveCommand.START,
@@ -87,15 +82,6 @@ class CommandDefinition:
     def kind(self) -> int:
         """Value of the constant."""
         return int(getattr(ExecutiveCommand, self.name))
-
-
-class _Stop(NamedTuple):
-    """A STOP, its writer, when it arrived (ns since the epoch), and when it was taken (steady clock, s)."""
-
-    command: ExecutiveCommand
-    writer: bytes
-    arrived: int
-    taken: float
 
 
 def _of_machine(name: str, command: Callable[..., str | None], *fields: str) -> CommandDefinition:
@@ -172,7 +158,7 @@ class CommandRegistry(CommandHandling):
         self.authority = authority
         self._input_requests = input_requests
         self._report = report
-        self._newest_stop = _Stop(ExecutiveCommand(), b'', 0, -math.inf)
+        self._stopped_at = -math.inf  # when the newest STOP arrived
 
     def is_addressed(self, command: ExecutiveCommand) -> bool:
         if command.executive_id in ('', self._executive_id):
@@ -184,7 +170,7 @@ class CommandRegistry(CommandHandling):
         known = self._commands.get(command.kind)
         return command_fields(command, known.name if known is not None else f'kind {command.kind}')
 
-    def apply(self, command: ExecutiveCommand, writer: bytes, arrived: int) -> bool:
+    def apply(self, command: ExecutiveCommand, writer: bytes, arrived: float) -> bool:
         known = self._commands.get(command.kind)
         if known is None:
             raise CommandRefusedError(f'kind {command.kind} is not supported by this version')
@@ -196,18 +182,10 @@ class CommandRegistry(CommandHandling):
             raise CommandRefusedError(f'{known.name} must name {" and ".join(missing)}')
         self._check_run(known.run, command)
         if command.kind == ExecutiveCommand.STOP:
-            self._newest_stop = _Stop(command, writer, arrived, time.monotonic())
-        elif known.needs_authority:
-            self._check_not_overtaken(command, writer, arrived)
+            self._stopped_at = arrived
+        elif known.needs_authority and arrived < self._stopped_at:  # a STOP is taken before other commands that wait
+            raise CommandRefusedError('a STOP has arrived after it; give it again if it is meant')
         return not known.apply(self, command)
-
-    def _check_not_overtaken(self, command: ExecutiveCommand, writer: bytes, arrived: int) -> None:
-        """Check that no STOP was given after the command. Raise CommandRefusedError otherwise."""
-        stop = self._newest_stop
-        has_one_clock = bool(writer) and writer == stop.writer
-        is_older = has_one_clock and 0.0 < seconds_of(command.stamp) < seconds_of(stop.command.stamp)
-        if (is_older or arrived < stop.arrived) and time.monotonic() < stop.taken + OVERTAKEN_SECONDS:
-            raise CommandRefusedError(f'a STOP of {_operator(stop.command)} was given after it; give it again if meant')
 
     def _check_run(self, needed: RunRequirement, command: ExecutiveCommand) -> None:
         """Check that the command names the run that it requires. Raise CommandRefusedError if not."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -200,9 +201,9 @@ COMMAND_BYTES: Final = 2_000_000
 _PROCESSES: Final = 256
 _TELL_SECONDS: Final = 10.0
 
-OnCommand = Callable[[ExecutiveCommand, bytes, int], object]
+OnCommand = Callable[[ExecutiveCommand, bytes, float], object]
 """A receiver of a command, of the participant that sent it (b'' if the middleware does not report it), and of the time
-of its arrival, ns since the epoch."""
+of its arrival on the steady clock, s."""
 
 
 class CommandIntake:
@@ -250,7 +251,8 @@ class CommandIntake:
             self._drop(topic, received, f'what it sends is not a command: {error}')
             return
         if topic == names.EXECUTIVE_COMMAND or command.kind == ExecutiveCommand.STOP:
-            self._on_command(command, received.participant, received.arrived)
+            waited = max(0.0, time.time() - received.arrived * 1e-9)
+            self._on_command(command, received.participant, self._runtime.steady.now() - waited)
         else:
             self._drop(topic, received, f'kind {command.kind} is not a STOP, and belongs on {names.EXECUTIVE_COMMAND}')
 

@@ -147,7 +147,7 @@ class StopGuard:
         """True while the guard waits for an executive to apply a STOP. From any thread."""
         return bool(self._open)
 
-    def _on_stop(self, stop: ExecutiveCommand, _writer: bytes, _arrived: int) -> None:
+    def _on_stop(self, stop: ExecutiveCommand, _writer: bytes, _arrived: float) -> None:
         """Handle a STOP of an operator: a new one, a resend, or one that the guard has repeated itself."""
         stop_id = str(stop.id)
         if not 0 < len(stop_id) <= COMMAND_LENGTHS['id']:

@@ -60,7 +60,7 @@ class Books(CommandHandling):
     def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
         return {}
 
-    def apply(self, command: ExecutiveCommand, writer: bytes, arrived: int) -> bool:
+    def apply(self, command: ExecutiveCommand, writer: bytes, arrived: float) -> bool:
         if command.kind == ExecutiveCommand.REPEAT:
             raise CommandRefusedError('no')
         if command.kind == ExecutiveCommand.LOCK:
