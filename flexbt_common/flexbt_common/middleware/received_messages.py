@@ -344,7 +344,7 @@ class LatestMessage:
 
     Create and close it on the executor thread. While ``is_awaited()``, by default never, the executor takes each
     message and calls ``on_message``; otherwise messages stay in the middleware until one is requested. Messages larger
-    than MOST_BYTES are dropped.
+    than MOST_BYTES are dropped, and so are bytes that are not such a message.
     """
 
     def __init__(
@@ -376,8 +376,20 @@ class LatestMessage:
         if newest is None:
             return None
         if made is None or made[0] is not newest:
-            made = self._made = (newest, deserialize(newest, self._type))
+            made = self._made = (newest, self._deserialized(newest, None if made is None else made[1]))
         return made[1]
+
+    def _deserialized(self, data: bytes, before: Any | None) -> Any | None:
+        """Return the message of these bytes, or the one before if they are none."""
+        try:
+            return deserialize(data, self._type)
+        except Exception as error:  # an error of rclpy
+            self._node.get_logger().error(
+                f'{self._subscription.topic_name}: {len(data)} bytes that are not a {self._type.__name__} are ignored; '
+                f'is their sender built from other definitions? {error}',
+                throttle_duration_sec=COMPLAINT_SECONDS,
+            )
+            return before
 
     def close(self) -> None:
         """Close the subscription."""

@@ -18,6 +18,7 @@ from flexbt_common.middleware import received_messages
 from flexbt_common.middleware.fastdds import can_ignore, ignore_each_other, ignore_participant
 from flexbt_common.middleware.received_messages import (
     UNKNOWN_WRITER,
+    LatestMessage,
     Received,
     ReceivedMessages,
     reports_writers,
@@ -257,3 +258,20 @@ def test_what_takes_long_leaves_most_of_the_executors_time_to_others_and_loses_n
         wait_until(lambda: len(taken) == count, lambda: f'{len(taken)} of {count} messages')
         between = [after - before for before, after in itertools.pairwise(taken)]
         assert all(one >= 0.1 + Pace.RESTS * 0.1 - Pace.BURST_SECONDS - 0.01 for one in between), between
+
+
+def test_the_newest_message_is_the_one_before_a_message_that_is_none() -> None:
+    """A stop of the robot asks for its newest pose, whatever else comes on that topic."""
+    with NodeRuntime.open('receiver') as runtime:
+        latest = runtime.call(lambda: LatestMessage(runtime.node, String, TOPIC, QOS))
+        sender = Sender('sender')
+        cut = b'\0\1\0\0\x64\0\0\0a\0'  # a text of 100 characters that ends after one
+        sender.publisher.publish(cut)
+        sender.publisher.publish(String(data='good'))
+        wait_until(lambda: latest.message == String(data='good'), lambda: f'the good one; {latest.message}')
+        sender.publisher.publish(cut)
+        wait_until(lambda: (latest.message, latest._newest)[1] == cut, 'the next bad one')
+        assert latest.message == String(data='good')
+        sender.publisher.publish(String(data='better'))
+        wait_until(lambda: latest.message == String(data='better'), 'the next good one')
+        sender.runtime.close()
