@@ -168,10 +168,20 @@ class TransformListener:
 
 
 def take_transforms(buffer: TransformBuffer, message: Any, *, is_static: bool) -> None:
-    """Add the transforms of a tf2_msgs/TFMessage to a buffer. Raises TransformError at the first invalid one."""
+    """Add the valid transforms of a tf2_msgs/TFMessage to a buffer.
+
+    Raises:
+        TransformError: the first one that is not valid. The others were added, as by tf2.
+    """
+    invalid: TransformError | None = None
     for stamped in message.transforms:
         parent, frame, stamp = stamped.header.frame_id, stamped.child_frame_id, stamped.header.stamp
-        buffer.set(parent, frame, _rigid_of(stamped.transform), seconds_of(stamp), is_static=is_static)
+        try:
+            buffer.set(parent, frame, _rigid_of(stamped.transform), seconds_of(stamp), is_static=is_static)
+        except TransformError as error:
+            invalid = invalid or error
+    if invalid is not None:
+        raise invalid
 
 
 def transformed(pose: Pose, transform: Rigid) -> Pose:

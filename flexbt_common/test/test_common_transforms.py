@@ -19,7 +19,7 @@ from flexbt_common import names
 from flexbt_common.errors import TransformError
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.transform_buffer import HISTORY, Rigid, TransformBuffer
-from flexbt_common.transform_listener import TransformListener
+from flexbt_common.transform_listener import TransformListener, take_transforms
 from flexbt_testing.waiting import wait_until
 
 numbers = st.floats(-100.0, 100.0)
@@ -259,6 +259,20 @@ def test_what_never_becomes_known_is_an_error_after_its_time(runtime: NodeRuntim
     told = ask(runtime, goal('gripper'), 0.05)
     wait_until(lambda: told)
     assert isinstance(told[0], TransformError) and "'gripper' is not known" in str(told[0])
+
+
+def test_a_wrong_transform_does_not_take_the_others_of_its_message_with_it() -> None:
+    """A broadcaster of static transforms sends all of them in one message."""
+    buffer = TransformBuffer()
+    message = TFMessage(transforms=[TransformStamped(), TransformStamped(), TransformStamped()])
+    for one, frame in zip(message.transforms, ('camera', 'laser', 'gripper'), strict=True):
+        one.header.frame_id, one.child_frame_id = 'base_link', frame
+    message.transforms[0].transform.rotation.w = 0.0  # of length 0, as of a tool that has filled in nothing
+    message.transforms[1].transform.translation.x = 0.5
+    with pytest.raises(TransformError, match='camera'):
+        take_transforms(buffer, message, is_static=True)
+    assert buffer.lookup('base_link', 'laser').translation[0] == 0.5
+    assert buffer.frames == ('base_link', 'gripper', 'laser')
 
 
 def test_a_broadcaster_that_sends_nonsense_does_no_harm(runtime: NodeRuntime) -> None:
