@@ -212,17 +212,19 @@ class Synthesizer:
 
     def _finish(self, search: RunningSearch, message: SearchMessage | None, why: str) -> None:
         """Store the machine. Runs on the thread of the search, so that a slow disk delays nothing else."""
-        answer = _answer(message, why, search)
         gone: list[str] = []
         problem = ''
-        if answer.verdict is SynthesisVerdict.MADE and search.request.is_kept:
-            try:
+        try:
+            answer = _answer(message, why, search)
+            if answer.verdict is SynthesisVerdict.MADE and search.request.is_kept:
                 in_use = self._runtime.call(lambda: self._add(search.name, answer.machine))
                 gone = self._store.keep(search.name, answer.machine, in_use)
-            except OnboardError as error:
-                answer = SynthesisAnswer(SynthesisVerdict.WRONG, str(error))
-            except (OSError, RuntimeError) as error:
-                problem = f'behavior {search.name!r} will not outlast the executive: {error}'
+        except OnboardError as error:
+            answer = SynthesisAnswer(SynthesisVerdict.WRONG, str(error))
+        except (OSError, RuntimeError) as error:
+            problem = f'behavior {search.name!r} will not outlast the executive: {error}'
+        except Exception as error:  # otherwise no other search could begin
+            answer = SynthesisAnswer(SynthesisVerdict.FAULT, f'fault of the search: {error!r}')
         self._runtime.post(lambda: self._end(search, answer, gone, problem))
 
     def _add(self, name: str, machine: str) -> set[str]:
@@ -361,6 +363,8 @@ class SearchProcess:
             answer, why = self._searched()
         except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: no thread is left for the timer
             why = f'the search cannot be run: {error}'
+        except Exception as error:
+            why = f'fault of the search: {error!r}'
         if self._is_canceled:
             answer, why = None, ''
         self._on_end(answer, why)

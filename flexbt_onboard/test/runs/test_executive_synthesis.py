@@ -25,6 +25,7 @@ from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.behaviors.machine_store import MOST_MACHINES, MachineStore
+from flexbt_onboard.node import synthesizer
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.node.synthesizer import SearchProcess
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
@@ -125,6 +126,21 @@ def test_a_behavior_is_made_while_another_runs_and_taken_by_switch(bench: Synthe
     assert refused.code == Result.UNREALIZABLE
     assert "  - precondition 'grind' of brew (capabilities:11)" in refused.explanation
     assert 'never' not in dict(bench.names)
+
+
+@pytest.mark.parametrize(
+    'line',
+    ['{"code": "perhaps"}', '5', '{"code": "made", "machine": "machine: ["}'],
+    ids=['a verdict of another version', 'no object', 'a machine that is none'],
+)
+def test_a_search_that_answers_nonsense_ends_with_a_fault_and_another_one_may_follow(
+    bench: SynthesisBench, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    monkeypatch.setattr(synthesizer, '_installed_command', lambda: [sys.executable, '-c', f'print({line!r})'])
+    for _ in range(2):
+        made = bench.made(capabilities=COFFEE, goals=['brew'])
+        assert made.code == Result.ERROR, made.message
+        assert 'fault' in made.message
 
 
 def test_what_was_made_is_there_after_a_restart(tmp_path: Path) -> None:
