@@ -40,7 +40,7 @@ class _Goal:
     """The goal whose behavior is running."""
 
     served: ServedGoal
-    run: BehaviorRun | None = None
+    run: BehaviorRun
     shown: list[str] = field(default_factory=list)
     had_client: bool = False
 
@@ -81,7 +81,7 @@ class BehaviorActionServer(RunReader):
     def _refresh(self) -> None:
         """Send feedback if the active states have changed, and stop the run if the client is gone."""
         goal = self._goal
-        if goal is None or goal.run is None:
+        if goal is None:
             return
         paths = [leaf.path for leaf in goal.run.snapshot.active]
         if paths != goal.shown:
@@ -93,9 +93,18 @@ class BehaviorActionServer(RunReader):
             goal.run.stop('the client of the goal is gone')
 
     def _serve(self, served: ServedGoal) -> None:
-        goal = _Goal(served)
+        wanted = served.request
         try:
-            self._start(goal)
+            request = run_request(
+                self._library,
+                wanted.behavior,
+                [(argument.name, argument.value) for argument in wanted.arguments],
+                wanted.inputs,
+                wanted.autonomy,
+                f'action {names.EXECUTE_BEHAVIOR}',
+                is_durable=False,  # after a crash, the client no longer waits for the result
+            )
+            self._goal = _Goal(served, self._runs.start(request))
         except CommandRefusedError as error:
             served.abort(_refused_behavior(str(error)))
 
@@ -106,26 +115,6 @@ class BehaviorActionServer(RunReader):
         else:
             goal.served.canceled(result)  # whatever result the canceled run had
 
-    def _start(self, goal: _Goal) -> None:
-        """Start the behavior of a goal.
-
-        Raises:
-            CommandRefusedError: the behavior cannot be started.
-        """
-        wanted = goal.served.request
-        request = run_request(
-            self._library,
-            wanted.behavior,
-            [(argument.name, argument.value) for argument in wanted.arguments],
-            wanted.inputs,
-            wanted.autonomy,
-            f'action {names.EXECUTE_BEHAVIOR}',
-            is_durable=False,  # after a crash, the client no longer waits for the result
-        )
-
-        goal.run = self._runs.start(request)
-        self._goal = goal
-
     def _ended(self, end: BehaviorEnded | RunRefused) -> None:
         goal = self._goal
         if goal is None:
@@ -133,13 +122,13 @@ class BehaviorActionServer(RunReader):
         if isinstance(end, BehaviorEnded):
             self._finish(goal, _result(end, goal.served.request.output_encoding))
             return
-        is_stopped = goal.run is not None and goal.run.snapshot.is_stopping
+        is_stopped = goal.run.snapshot.is_stopping
         code = ExecuteBehaviorResult.CANCELED if is_stopped else ExecuteBehaviorResult.FAILURE
         self._finish(goal, ExecuteBehaviorResult(code=code, message=end.message))
 
     def _cancel(self, served: ServedGoal) -> None:
         goal = self._goal
-        if goal is not None and goal.run is not None and goal.served is served:
+        if goal is not None and goal.served is served:
             goal.run.stop('the goal was canceled')
 
 
