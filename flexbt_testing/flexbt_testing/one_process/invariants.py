@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall
+from flexbt_console.mirror.command_tracker import LONGEST_RESEND
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import CommandKind
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
@@ -393,9 +394,13 @@ class _Robot:
         """True if the executive has shown last that it is idle."""
         return bool(self._statuses) and self._statuses[-1][1].state == ExecutiveStatus.IDLE
 
-    def _due(self, seconds: float) -> int:
-        """Return the time some seconds after now, or after the end of the simulator's hang."""
-        return max(SCHEDULER.now, self._observer.awake_at(self._nodes['simulator'])) + int(seconds * SECOND)
+    def _due(self, seconds: float, who: str = '') -> int:
+        """Return the time some seconds after now, or after the end of the hang of those who have to act on it.
+
+        A BT server that hangs stops the trees of its owner, the executive, later.
+        """
+        nodes = ('simulator', 'bt_server') if who == self._executive else ('simulator',)
+        return max(SCHEDULER.now, *(self._observer.awake_at(self._nodes[one]) for one in nodes)) + int(seconds * SECOND)
 
     @property
     def _awake_at(self) -> int:
@@ -406,10 +411,7 @@ class _Robot:
 
     def killed(self, name: str) -> None:
         if name.rpartition('/')[2] in self._movers:
-            due = self._due(OWNER_SECONDS)
-            if name == self._executive:  # a BT server that hangs stops its trees later
-                due = max(due, self._observer.awake_at(self._nodes['bt_server']) + int(OWNER_SECONDS * SECOND))
-            self._rest_by.append((SCHEDULER.now, due, f'{name} was killed'))
+            self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS, name), f'{name} was killed'))
         if name == self._executive:
             self._open.clear()
             self._crashes += 1
@@ -423,15 +425,18 @@ class _Robot:
     def hangs(self, name: str, seconds: float) -> None:
         node = name.rpartition('/')[2]
         if node in self._movers and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
-            self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS), f'{name} hangs'))
+            self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS, name), f'{name} hangs'))
         if name == self._executive:
-            self._open.clear()  # it does not hear what is too old when it continues
-        more, dead = int(seconds * SECOND), f'{self._executive} was killed'
+            for command in self._open if seconds > LONGEST_RESEND else ():  # too old when it continues
+                self._arrived.pop(command)
+            self._open.clear()
+        more = int(seconds * SECOND)
         if name == self._nodes['simulator']:  # count no time during which it does not run
             self._stop_at = None if self._stop_at is None else self._stop_at + more
             self._rest_by = [(begin, end + more, text) for begin, end, text in self._rest_by]
         elif node == 'bt_server':
-            self._rest_by = [(begin, end + more * (text == dead), text) for begin, end, text in self._rest_by]
+            of_owner = f'{self._executive} '
+            self._rest_by = [(a, b + more * text.startswith(of_owner), text) for a, b, text in self._rest_by]
 
     # -- what is published
 
