@@ -18,6 +18,7 @@ from flexbt_msgs.msg import QueueOptions as QueueOptionsMessage
 from .queue_options import OnFailure, QueueOptions
 
 _SECOND = 1_000_000_000
+_MOST_SECONDS: Final = 2.0**31 - 0.5  # half a second for rounding
 
 
 def seconds_of(message: Any) -> float:
@@ -37,7 +38,13 @@ def time_of_nanoseconds(nanoseconds: int) -> Time:
 
 
 def duration_message(seconds: float) -> Duration:
-    """Return a length of time, s."""
+    """Return a length of time, s.
+
+    Raises:
+        ValueError: it is no number, or more seconds than a Duration counts.
+    """
+    if not abs(seconds) < _MOST_SECONDS:
+        raise ValueError(f'{seconds:g} s are no length of time for a message, which has less than {_MOST_SECONDS:g} s')
     whole, rest = divmod(round(seconds * 1e9), _SECOND)
     return Duration(sec=whole, nanosec=rest)
 

@@ -254,8 +254,6 @@ class Wait(RecoveryLeaf):
 
     def make_goal(self) -> Any:
         seconds = float(self.get_input('wait_duration'))
-        if not math.isfinite(seconds):
-            raise ValueError(f'wait_duration has to be a number of seconds, not {seconds}')
         if seconds < 0.0:
             self.host.warn_once(f'[{self.path}] is to wait for {seconds} s; it waits for {-seconds} s')
             seconds = -seconds

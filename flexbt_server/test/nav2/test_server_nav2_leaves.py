@@ -227,6 +227,15 @@ def test_teleoperation_that_is_given_up(world: ServerWorld, is_recovery: str, co
     assert entry(world, 'code') == 731
 
 
+@pytest.mark.parametrize('seconds', ['3e9', '1e300', 'inf', 'nan'])
+@pytest.mark.parametrize('leaf', ['<Spin time_allowance="{}"/>', '<Wait wait_duration="{}"/>'])
+def test_a_time_that_no_message_can_have_is_a_failure_with_its_reason(
+    world: ServerWorld, leaf: str, seconds: str
+) -> None:
+    result = run(world, leaf.format(seconds), Result.FAILURE)
+    assert f'{float(seconds):g} s' in result.message, result.message
+
+
 def test_follow_object(world: ServerWorld) -> None:
     succeeds_with(world, names.FOLLOW_OBJECT, FollowObject.Result(total_elapsed_time=Duration(sec=8)))
     run(world, '<FollowObject tracked_frame="person" max_duration="1.5" total_elapsed_time="{time}"/>')
