@@ -107,7 +107,7 @@ export class Flow {
   paint() {
     const {graph} = this.on;
     graph.picture.querySelectorAll('.flow-mark, .flow-way').forEach((one) => one.remove());
-    graph.picture.querySelectorAll('[aria-description]').forEach((one) => one.removeAttribute('aria-description'));
+    for (const item of graph.items) graph.describe(item, 'keys', '');
     const one = this.isShown && this.rows?.find((row) => row.key === this.chosen);
     if (!one) return;
     const ends = new Map();
@@ -133,7 +133,7 @@ export class Flow {
       const mark = svg('g', {class: 'flow-mark'}, svg('title', {}, `${[...roles].join(' and ')} ${one.key}`));
       mark.append(isWriter ? svg('rect', {x: left - 11, y: top + height / 2 - 10, width: 22, height: 20}) : svg('circle', {cx: left, cy: top + height / 2, r: 11}), svg('text', {x: left, y: top + height / 2 + 4, 'text-anchor': 'middle'}, word));
       item.element.append(mark);
-      item.element.setAttribute('aria-description', `${[...roles].join(' and ')} key ${one.key}`);
+      graph.describe(item, 'keys', `${[...roles].join(' and ')} key ${one.key}`);
     }
     ways.append(
       svg('defs', {}, svg('marker', {id: 'flow-arrow', viewBox: '0 0 8 8', refX: 7, refY: 4, markerWidth: 7, markerHeight: 7, orient: 'auto-start-reverse'}, svg('path', {d: 'M0 0L8 4L0 8z'}))),

@@ -91,6 +91,13 @@ export class Graph {
     }
   }
 
+  // What is spoken of an item besides its label: its status, and what others that paint on it say.
+  describe(item, by, text) {
+    item.spoken = {status: '', ...item.spoken, [by]: text};
+    const spoken = Object.values(item.spoken).filter(Boolean).join(' · ');
+    if (spoken) item.element.setAttribute('aria-description', spoken); else item.element.removeAttribute('aria-description');
+  }
+
   mark(path) {
     this.byPath.get(this.selected)?.element.setAttribute('tabindex', '-1');
     this.byPath.get(this.selected)?.element.setAttribute('aria-selected', 'false');

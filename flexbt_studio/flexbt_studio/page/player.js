@@ -242,8 +242,8 @@ export class Player {
       const {element, box: [x, y]} = item;
       element.querySelector(':scope > .run-status')?.remove();
       element.classList.remove(...[...element.classList].filter((one) => one.startsWith('st-')));
-      if (!text) { element.removeAttribute('aria-description'); continue; }
-      element.setAttribute('aria-description', text.replace(/[▶✓✗»■∅•] ?/gu, ''));
+      graph.describe(item, 'status', text.replace(/[▶✓✗»■∅•] ?/gu, ''));
+      if (!text) continue;
       if (status) element.classList.add(`st-${status.toLowerCase()}`);
       element.append(svg('g', {class: 'run-status'}, svg('rect', {x: x + 10, y: y - 10, width: widthOf(text, FONT) + 12, height: 17, rx: 4}), svg('text', {x: x + 16, y: y + 2.5}, text)));
     }

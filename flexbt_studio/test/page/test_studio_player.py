@@ -88,6 +88,10 @@ _STATUSES = (
     'return Object.fromEntries([...document.querySelectorAll("#picture [data-path]")].flatMap((one) => '
     '[...one.classList].filter((name) => name.startsWith("st-")).map((name) => [one.dataset.path, name.slice(3)])))'
 )
+_SPOKEN = (
+    'return Object.fromEntries([...document.querySelectorAll("#picture [aria-description]")].map((one) => '
+    '[one.dataset.path, one.getAttribute("aria-description")]))'
+)
 
 
 @pytest.fixture
@@ -326,6 +330,25 @@ def test_a_dry_run_is_that_of_the_tool_and_its_time_is_a_line(page: StudioPage, 
         set_field(page, 'board', '[wrong')
         page.press(F10)
         page.until_text('run-told', 'mocks.yaml')
+
+
+def test_statuses_and_the_use_of_a_key_are_spoken_together(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        page.press(F10)
+        page.until(lambda: page.focused == 'player-line')
+        page.press(END)
+        statuses = page.run(_SPOKEN)
+        assert statuses['Inspect/0/0/0'] == 'SUCCESS'
+        page.click('Inspect/0/0/0')
+        page.press('k')
+        page.until(lambda: 'goal' in page.text('flow'))
+        assert page.run(_SPOKEN) == statuses
+        page.press(DOWN)
+        page.until(lambda: page.run(_SPOKEN) == statuses | {'Inspect/0/0/0': 'SUCCESS · reads key goal'})
+        page.click('Inspect/0/0/0')
+        page.press('k')
+        assert page.run(_SPOKEN) == statuses
 
 
 def test_a_comparison_tells_what_a_change_does(page: StudioPage, folder: Path) -> None:
