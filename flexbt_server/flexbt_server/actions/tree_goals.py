@@ -261,9 +261,9 @@ class TreeGoals:
         events.add(_GoalReader(self._runtime, self, running))  # last: all else is sent before the result
         run.hold(self._reason_to_hold(goal))
         self._runtime.default_context.open()  # a leaf may have shut it down
-        run.start()
         self.running.add(running)
         self._schedule_feedback(running)
+        run.start()
 
     def note(self, running: RunningTree, event: RunAdopted | OfferRefused | RunEnded) -> None:
         """Handle the end of a run, or the adoption or refusal of a client that was offered to it."""

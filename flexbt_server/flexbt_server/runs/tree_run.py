@@ -113,8 +113,12 @@ class TreeRun(Generic[Client]):
         self._thread = threading.Thread(target=self._run, name=f'tree {self.key.id}', daemon=True)
 
     def start(self) -> None:
-        """Start ticking."""
-        self._thread.start()
+        """Start ticking. The run ends as ERROR if the computer has no thread left."""
+        try:
+            self._thread.start()
+        except RuntimeError as error:
+            why = f'the tree cannot run: {error}; end something that runs on this computer, or raise its limits'
+            self._end(RunOutcome(BtExecute.Result.ERROR, why))
 
     def stop(self, client: Client, reason: str, within: float | None = None) -> None:
         """Halt the tree; it ends as CANCELED. From any thread. The first reason and the earliest deadline count.

@@ -335,6 +335,7 @@ def test_a_machine_without_threads_refuses_the_goal_and_goes_on(
     for _ in range(2):
         result = world.client.execute().result
         assert result.code == Result.ERROR and "can't start new thread" in result.message
+        assert not world.server.control._debugger._runs  # what reads the events of the run has its end
     monkeypatch.undo()
     assert world.client.execute().result.code == Result.SUCCESS
 
