@@ -156,6 +156,9 @@ MOST_BYTES: Final = 4_000_000
 
 MESSAGE_BYTES: Final = 32_000_000
 
+_FARTHEST: Final = 1e9
+"""Coordinate, m, from which a point is nowhere, like one that is not a number. Those of a float32 end, too."""
+
 _PATH: Final = 'nav_msgs/msg/Path'
 
 
@@ -215,7 +218,7 @@ class RobotPlan:
         frame, points = '', list[tuple[float, float]]()
         try:
             frame, points = path_points(path, MOST_POINTS) if path else ('', [])
-            if not all(math.isfinite(x) and math.isfinite(y) for x, y in points):
+            if not all(abs(x) < _FARTHEST and abs(y) < _FARTHEST for x, y in points):
                 points, problem = [], 'a point that is nowhere'
         except ValueError as error:
             problem = str(error)
