@@ -153,7 +153,7 @@ class ClockHealth:
         if self._timer is not None:
             self._timer.cancel()
         node = self._runtime.node
-        if node.count_publishers(names.CLOCK) < 2:
+        if node.count_publishers(names.CLOCK) < 2 or not self._clock.ros_time_is_active:
             self._several = ''
             self._judge()
             return
@@ -191,6 +191,8 @@ class ClockHealth:
     # -- reports ----------------------------------------------------------------------------------------------------
 
     def _judge(self) -> None:
+        if not self._clock.ros_time_is_active:
+            return  # it has no problem since that change
         found: dict[str, str] = {}
         now = self._runtime.steady.now()
         if self._several:

@@ -136,6 +136,24 @@ def test_time_that_is_simulated_from_some_moment_on_is_watched_from_then(simulat
     assert not health_of(simulator).problem
 
 
+@pytest.mark.skipif(not reports_writers(), reason='rclpy as it is does not tell writers')
+def test_who_publishes_the_time_is_nothing_to_a_node_whose_time_is_not_simulated_any_more(
+    robot: NodeRuntime, simulator: NodeRuntime
+) -> None:
+    health = health_of(robot)
+    publish(simulator, running)
+    with NodeRuntime.open('bag') as bag:
+        publish(bag, lambda number: Time(sec=9000 + number))
+        wait_until(lambda: '2 publishers of /clock' in health.problem, lambda: health.problem)
+        problems: list[str] = []
+        robot.call(lambda: robot.node.set_parameters([Parameter('use_sim_time', value=False)]))
+        wait_until(lambda: not health.problem, lambda: health.problem)
+        robot.call(lambda: health.add_listener(lambda: problems.append(health.problem)))
+        until = robot.steady.now() + 2.0 * (clock_watch.STILL_SECONDS + clock_watch.LISTEN_SECONDS)
+        wait_until(lambda: robot.steady.now() > until, 'the time for another look')
+        assert not problems
+
+
 def test_a_problem_that_comes_and_goes_is_reported_once(robot: NodeRuntime, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clock_watch, 'SHOWN_SECONDS', 3600.0)
     reports: list[str] = []
