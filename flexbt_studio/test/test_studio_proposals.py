@@ -94,7 +94,7 @@ def folder(tmp_path: Path) -> Path:
 
 async def result_of(page: Page, **arguments: Any) -> dict[str, Any]:
     """Return the event of the end of a job."""
-    number = await page.ask('start_job', file='', version=0, **arguments)
+    number = (await page.ask('start_job', file='', version=0, **arguments))['number']
     return await page.event('job', number=number)
 
 
@@ -128,7 +128,7 @@ def test_why_there_is_no_plan_is_told_with_its_place(folder: Path) -> None:
             ({**mission, 'source': 'goals/wrong.yaml'}, 'goals/wrong.yaml:2 '),
             ({'job': 'synthesize', 'source': 'goals/fetch.yaml', 'goal': 'grasp & !grasp'}, 'grasp'),
         ]
-        numbers = [await page.ask('start_job', file='', version=0, **arguments) for arguments, _ in asked]
+        numbers = [(await page.ask('start_job', file='', version=0, **arguments))['number'] for arguments, _ in asked]
         for number, (_, told) in zip(numbers, asked, strict=True):
             event = await page.event('job', number=number)
             found = [f'{one["file"]}:{one["line"]} {one["message"]}' for one in event['result'][0]['findings']]
@@ -160,7 +160,7 @@ def test_a_synthesized_machine_takes_the_place_of_the_machine_and_leaves_the_res
 
 def test_a_tool_that_is_killed_is_told_and_the_next_one_runs(folder: Path) -> None:
     async def story(page: Page) -> None:
-        number = await page.ask('start_job', file='', version=0, job='plan', source='goals/mission.yaml')
+        number = (await page.ask('start_job', file='', version=0, job='plan', source='goals/mission.yaml'))['number']
         children = Path(f'/proc/self/task/{os.getpid()}/children')
         while not (found := [int(one) for one in children.read_text().split() if b'plan' in _words(int(one))]):
             await asyncio.sleep(0.01)

@@ -97,7 +97,7 @@ def test_a_recording_is_decided_again_by_a_tree_as_it_is_edited(tmp_path: Path) 
     (tmp_path / 'other.xml').write_text(TREE)
 
     async def decide(page: Page, version: int, file: str = name, recording: str = 'run.mcap') -> dict[str, Any]:
-        number = await page.ask('start_job', job='decide', file=file, version=version, recording=recording)
+        number = (await page.ask('start_job', job='decide', file=file, version=version, recording=recording))['number']
         ended: dict[str, Any] = await page.event('job', number=number)
         return ended
 

@@ -201,7 +201,7 @@ def test_a_proof_has_steps_at_nodes_and_a_cancelled_one_leaves_no_process(folder
     async def story(page: Page) -> None:
         await page.ask('open', file='main.xml')
         asked = {'file': 'main.xml', 'version': 1, 'require': ['never =FAILURE']}
-        number = await page.ask('start_job', job='prove', **asked)
+        number = (await page.ask('start_job', job='prove', **asked))['number']
         done = await page.event('job', number=number)
         assert done['state'] == 'done', done
         (found,) = [one for one in done['result'][0]['proofs'][0]['wrong'] if one['property'] == 'REQUIREMENT']
@@ -210,15 +210,15 @@ def test_a_proof_has_steps_at_nodes_and_a_cancelled_one_leaves_no_process(folder
             ('main.xml', 'Main/0')
         ] == 'FAILURE'
         assert ['more/other.xml', 'Other/0'] in done['nodes'].values()
-        number = await page.ask('start_job', job='run', file='main.xml', version=1, mock=['*=FAILURE'])
+        number = (await page.ask('start_job', job='run', file='main.xml', version=1, mock=['*=FAILURE']))['number']
         ran = await page.event('job', number=number)
         assert ran['result'][-1]['result'] == 'FAILURE' and ran['result'][0]['path'] in ran['nodes']
-        number = await page.ask('start_job', job='prove', **asked)
+        number = (await page.ask('start_job', job='prove', **asked))['number']
         await page.ask('cancel_job', number=number)
         assert (await page.event('job', number=number))['state'] == 'canceled'
         assert children('flexbt_tools') == []
         # Also while its process is being started, and at the end of the page that has started it.
-        numbers = [await page.ask('start_job', job='prove', **asked) for _ in range(3)]
+        numbers = [(await page.ask('start_job', job='prove', **asked))['number'] for _ in range(3)]
         await page.ask('cancel_job', number=numbers[0])
         while not children('flexbt_tools'):
             await asyncio.sleep(0)
@@ -253,13 +253,13 @@ def test_a_comparison_tells_whether_an_edit_changes_what_the_tree_does(folder: P
         await page.ask('open', file='main.xml')
         spin = TREE.index('        <Spin/>\n')
         await page.ask('edit', file='main.xml', version=1, edits=[[spin, spin, '        <!-- turn -->\n']])
-        number = await page.ask('start_job', job='compare', file='main.xml', version=2)
+        number = (await page.ask('start_job', job='compare', file='main.xml', version=2))['number']
         same = await page.event('job', number=number)
         assert not any(one['differences'] for one in same['result'][0]['comparisons']), same
         await page.ask('gesture', file='main.xml', version=2, name='remove', arguments={'node': 'Main/0/0/1'})
         edits = await page.ask('gesture', file='main.xml', version=2, name='remove', arguments={'node': 'Main/0/0/1'})
         await page.ask('edit', file='main.xml', version=2, edits=edits)
-        number = await page.ask('start_job', job='compare', file='main.xml', version=3)
+        number = (await page.ask('start_job', job='compare', file='main.xml', version=3))['number']
         other = await page.event('job', number=number)
         assert any(one['differences'] for one in other['result'][0]['comparisons']), other
 

@@ -77,7 +77,8 @@ export class Jobs {
       await file.settled();
       if (entry.state !== 'running') return null;
       entry.version = file.version;
-      entry.number = await this.studio.link.request('start_job', {job, file: file.name, version: entry.version, ...more});
+      const {number, files} = await this.studio.link.request('start_job', {job, file: file.name, version: entry.version, ...more});
+      Object.assign(entry, {number, files: new Set([file.name, ...files])});
       if (entry.state !== 'running') this.studio.link.request('cancel_job', {number: entry.number}).catch(() => {});  // it was cancelled meanwhile
       else entry.event = await new Promise((done) => this.waiting.set(entry.number, done));
     } catch (refusal) {
@@ -87,7 +88,6 @@ export class Jobs {
     const refused = entry.event.result?.[0]?.findings?.length && !entry.event.result[0].proofs ? entry.event.result[0].findings : null;
     const state = refused ? 'failed' : entry.event.state;
     entry.message = refused ? refused.map((one) => `${one.line ? `${one.file}:${one.line}: ` : ''}${one.message}`).join('\n') : entry.event.message;
-    for (const name of entry.event.files ?? []) entry.files.add(name);
     if (state === 'done') await read(entry);
     if (entry.state !== 'running') return null;
     entry.state = state;
@@ -108,14 +108,15 @@ export class Jobs {
   }
 
   // A text has changed: what was found out about it is old, and what is being found out would be.
-  edited(file) {
+  edited(name) {
+    const concerns = (entry) => entry.files.has(name) || (entry.state === 'running' && entry.number === null);  // or it is not known yet
     for (const entries of [this.proofs, this.changes, this.runs, this.decisions]) {
       for (const entry of [...entries.values()]) {
-        if (entry.state === 'running') this.cancel(entry);
-        else if (entry.files.has(file.name)) entry.state = 'old';
+        if (!concerns(entry)) continue;
+        if (entry.state === 'running') this.cancel(entry); else entry.state = 'old';
       }
     }
-    if (this.player.owner?.files?.has(file.name)) { this.player.end(); this.studio.told('The text has changed since; run it again to play it', 'warning'); }
+    if (this.player.owner?.files?.has(name)) { this.player.end(); this.studio.told('The text has changed since; run it again to play it', 'warning'); }
     this.show();
   }
 

@@ -172,7 +172,7 @@ class Studio {
   added(model) {
     const buffer = this.pane.buffer(model.text, model.file, model.language);
     const file = new OpenFile(this.link, model, buffer, {
-      changed: (one) => { this.jobs.edited(one); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
+      changed: (one) => { this.jobs.edited(one.name); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
     });
     this.open.set(model.file, file);
     return file;

@@ -36,10 +36,10 @@ class Jobs:
             task.cancel()
         await asyncio.gather(*self._running.values(), return_exceptions=True)
 
-    def start(self, job: str, file: str, version: int, copy: ToolCopy) -> int:
-        """Start a job, and return its number. An event ``job`` follows with its ``state``: done, failed or canceled.
+    def start(self, job: str, file: str, version: int, copy: ToolCopy) -> dict[str, Any]:
+        """Start a job, and return its number and the files that it is about.
 
-        Raises StudioError if too many run.
+        An event ``job`` follows with its ``state``: done, failed or canceled. Raises StudioError if too many run.
         """
         if len(self._running) >= MOST_JOBS:
             copy.folder.cleanup()
@@ -52,12 +52,11 @@ class Jobs:
             'file': file,
             'version': version,
             'nodes': dict(copy.nodes),
-            'files': list(copy.files),
         }
         task = asyncio.create_task(self._run(event, copy))
         self._running[number] = task
         task.add_done_callback(lambda _: self._running.pop(number, None))
-        return number
+        return {'number': number, 'files': list(copy.files)}
 
     def cancel(self, number: int) -> None:
         """End a job. One that has ended stays as it is."""

@@ -170,7 +170,7 @@ class Sessions:
         if 'result' in answer:
             self._follow(page, method, arguments, answer['result'])
 
-    async def _start_job(self, page: Page, arguments: dict[str, Any]) -> int:
+    async def _start_job(self, page: Page, arguments: dict[str, Any]) -> dict[str, Any]:
         try:
             job, file, version = arguments['job'], arguments['file'], arguments['version']
             if str(file).endswith('.py') and not page.runs_code:
@@ -194,8 +194,9 @@ class Sessions:
         workbench, path, apart = self._workbench, self._workbench.project.path, asyncio.to_thread
         match method, arguments:
             case 'start_job', _:
-                page.jobs.append(number := await self._start_job(page, arguments))
-                return number
+                started = await self._start_job(page, arguments)
+                page.jobs.append(started['number'])
+                return started
             case 'cancel_job', _:
                 return self._jobs.cancel(arguments.get('number', 0))
             case 'allow_code', _:

@@ -245,6 +245,25 @@ def test_an_edit_ends_a_proof_with_its_process(page: StudioPage, folder: Path) -
         page.until(lambda: children() == [])
 
 
+def test_an_edit_ends_the_proofs_that_read_the_file_and_no_others(page: StudioPage, folder: Path) -> None:
+    far = '<root BTCPP_format="4"><BehaviorTree ID="Far"><AlwaysSuccess/></BehaviorTree></root>'
+    long = LONG.replace('</Parallel>', '<SubTree ID="Far"/></Parallel>')
+    (folder / 'far.xml').write_text(far)
+    (folder / 'long.xml').write_text(long)
+    with served(folder, None) as port:
+        page.open(port, 'long.xml')
+        page.press(F9)
+        page.until(lambda: len(children()) == 1)
+        for file, text, is_read in (('never.xml', NEVER, False), ('far.xml', far, True)):
+            page.go(file)
+            page.until(lambda: page.shown_text == text)  # noqa: B023
+            rewrite(page, text + '<!-- more -->')
+            page.go('long.xml')
+            page.until(lambda: page.shown_text == long)
+            assert (page.text('proof') == 'Prove') is is_read
+        page.until(lambda: children() == [])
+
+
 def test_a_requirement_of_a_machine_is_proved_and_played(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'drive.yaml')
