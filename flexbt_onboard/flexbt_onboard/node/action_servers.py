@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls.goal_server import GoalAdmission, GoalServer, ServedGoal
+from flexbt_common.middleware.implementation import has_participants
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.entries import Encoding, to_entry
 from flexbt_common.values.message_fields import time_message
@@ -34,22 +35,27 @@ ExecuteBehaviorResult = ExecuteBehavior.Result
 
 _GOAL_SERVICE: Final = f'{names.EXECUTE_BEHAVIOR}/_action/send_goal'
 
+DISCOVERY_SECONDS: Final = 5.0
+"""Time after a goal in which its client may be discovered, s: the middleware may deliver the goal earlier."""
+
 
 @dataclass(eq=False)
 class _Goal:
-    """The goal whose behavior is running."""
+    """The goal whose behavior is running. Its client is one of ``clients``, which were found until ``found_by``."""
 
     served: ServedGoal
     run: BehaviorRun
+    found_by: float
     shown: list[str] = field(default_factory=list)
-    had_client: bool = False
+    clients: set[bytes] = field(default_factory=set)
 
 
 class BehaviorActionServer(RunReader):
     """The server of ExecuteBehavior. Used on the executor thread, except :meth:`read`, which ignores other events.
 
     It accepts every goal. A goal whose behavior cannot start ends as FAILURE with the reason, for example because the
-    executive runs another behavior. The run is stopped when the goal is canceled, and when its client is gone.
+    executive runs another behavior. The run is stopped when the goal is canceled, and when its client is gone, or all
+    that were there with it.
     """
 
     def __init__(
@@ -87,10 +93,19 @@ class BehaviorActionServer(RunReader):
         if paths != goal.shown:
             goal.shown = paths
             goal.served.publish_feedback(ExecuteBehavior.Feedback(active_states=paths))
-        if self._node.count_clients(_GOAL_SERVICE):
-            goal.had_client = True
-        elif goal.had_client:
+        there = self._clients()
+        if goal.clients and goal.clients.isdisjoint(there):
             goal.run.stop('the client of the goal is gone')
+        elif self._runtime.steady.now() < goal.found_by:
+            goal.clients |= there
+
+    def _clients(self) -> set[bytes]:
+        """Return the identifiers of the clients, or one for all of them with a middleware that is not DDS."""
+        if not has_participants():
+            return {b''} if self._node.count_clients(_GOAL_SERVICE) else set()
+        requests = f'rq{self._node.resolve_service_name(_GOAL_SERVICE)}Request'
+        ends = self._node.get_publishers_info_by_topic(requests, no_mangle=True)
+        return {bytes(end.endpoint_gid) for end in ends}
 
     def _serve(self, served: ServedGoal) -> None:
         wanted = served.request
@@ -104,7 +119,7 @@ class BehaviorActionServer(RunReader):
                 f'action {names.EXECUTE_BEHAVIOR}',
                 is_durable=False,  # after a crash, the client no longer waits for the result
             )
-            self._goal = _Goal(served, self._runs.start(request))
+            self._goal = _Goal(served, self._runs.start(request), self._runtime.steady.now() + DISCOVERY_SECONDS)
         except CommandRefusedError as error:
             served.abort(_refused_behavior(str(error)))
 

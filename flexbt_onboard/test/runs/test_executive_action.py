@@ -19,6 +19,7 @@ from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
+from flexbt_onboard.node import action_servers
 from flexbt_onboard.runs.run_events import BehaviorEnded
 from flexbt_testing.nodes.executive_bench import ExecutiveBench
 from flexbt_testing.waiting import wait_until
@@ -199,6 +200,24 @@ def test_a_run_whose_client_is_gone_is_stopped(bench: ExecutiveBench, client: Cl
     client.runtime.close()
     assert bench.wait_idle() == 'preempted'
     assert 'client' in bench.status.message
+
+
+def test_a_client_that_has_come_since_does_not_stand_in_for_the_one_that_is_gone(
+    bench: ExecutiveBench, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a program that was killed, and is started again before the middleware misses it."""
+    monkeypatch.setattr(action_servers, 'DISCOVERY_SECONDS', 1.0)
+    first = Client()
+    client.runtime.close()
+    first.send(-1)
+    bench.wait_active('/Twice')
+    until = bench.runtime.steady.now() + 2.0 * action_servers.DISCOVERY_SECONDS
+    wait_until(lambda: bench.runtime.steady.now() > until, 'the time for the discovery of clients')
+    next_one = Client()
+    first.runtime.close()
+    assert bench.wait_idle() == 'preempted'
+    assert 'client' in bench.status.message
+    next_one.runtime.close()
 
 
 class GoalAtEnd(RunReader):
