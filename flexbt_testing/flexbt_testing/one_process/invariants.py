@@ -492,7 +492,9 @@ class _Robot:
                 self._say(13, f'{name} is {"there" if is_there else "dead"} and shown {alive[name]}', name)
             if past > PEER_SECONDS * SECOND and not is_there and name == 'bt_server':
                 self._check_trees(status, since)
-            if past > 2.0 * PEER_SECONDS * SECOND and is_there and alive.get(name) and name not in ready:
+            has_clock, clocked_at = self._since.get('simulator', (True, 0))  # without it no node is ready
+            unready = SCHEDULER.now - max(since, clocked_at) > 2.0 * PEER_SECONDS * SECOND and name not in ready
+            if unready and has_clock and is_there and alive.get(name):
                 self._say(13, f'{name} is there, and not shown as ready', f'{name} ready')
 
     def _check_trees(self, status: ExecutiveStatus, since: int) -> None:
