@@ -14,6 +14,7 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from flexbt_common.errors import TopicTypeError
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
 from flexbt_common.values.templates import Expression
@@ -181,7 +182,7 @@ class _SharedPublisher:
         """Return the publisher of a topic, created on first use. From any thread.
 
         Raises:
-            ValueError: no topic can have that name.
+            ValueError: no topic can have that name, or the topic has another type.
         """
 
         def find() -> _SharedPublisher:
@@ -190,6 +191,8 @@ class _SharedPublisher:
 
         try:
             return runtime.call(find)
+        except TopicTypeError as error:
+            raise ValueError(str(error)) from error
         except InvalidTopicNameException as error:
             raise ValueError(f'no topic can be called {topic!r}: {error}') from error
 

@@ -15,6 +15,7 @@ from rclpy.action.server import RCLError
 from rclpy.exceptions import InvalidTopicNameException
 from rclpy.qos import QoSProfile
 
+from flexbt_common.errors import TopicTypeError
 from flexbt_common.middleware.received_messages import LatestMessage
 from flexbt_common.runtime.node_runtime import Runtime, qos_misfit
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
@@ -111,7 +112,7 @@ class TopicCaches:
         """Return the cache of a topic, and subscribe on first use. From any thread.
 
         Raises:
-            ValueError: the name is not valid for a topic.
+            ValueError: the name is not valid for a topic, or the topic has another type.
         """
         return self._runtime.call(lambda: self._cache(topic))
 
@@ -132,5 +133,7 @@ class TopicCaches:
         try:
             key = (self._runtime.node.resolve_topic_name(name), message_type, str(profile))
             return self._caches.get(key, lambda: TopicCache(self._runtime, message_type, name, profile))
+        except TopicTypeError as error:
+            raise ValueError(str(error)) from error
         except (RCLError, InvalidTopicNameException) as error:
             raise ValueError(f'no topic can be called {name!r}: {error}') from error

@@ -203,6 +203,17 @@ def test_a_topic_without_messages_fails_in_time(world: ServerWorld) -> None:
     assert (result.code, 'no message on silent within 0.01 s' in result.message) == (Result.FAILURE, True)
 
 
+@pytest.mark.dds('the middleware refuses a second type of a topic')
+@pytest.mark.parametrize('leaf', ['ReadTopic', 'Publish'])
+def test_a_topic_that_has_another_type_is_a_failure_with_its_reason(world: ServerWorld, leaf: str) -> None:
+    faults: list[BaseException] = []
+    world.server_runtime.on_fault(faults.append)
+    result = run(world, f'<{leaf} type="std_msgs/msg/String" topic_name="pose"/>', 'wrong')
+    assert result.code == Result.FAILURE, result.message
+    assert 'has the type geometry_msgs/msg/PoseStamped' in result.message
+    assert not faults
+
+
 def test_a_condition_on_a_topic(world: ServerWorld) -> None:
     runtime = world.navigation_runtime
     publisher = runtime.call(lambda: runtime.node.create_publisher(BatteryState, 'cell', 10))
