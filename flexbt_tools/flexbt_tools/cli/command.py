@@ -12,7 +12,7 @@ import json
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Final
 
 from flexbt_common.command_line import SuggestingArgumentParser, run_program
@@ -47,7 +47,7 @@ def run_command(
 
     Reject a command of flexbt_formal if that package is not installed.
     """
-    words = sys.argv[1:] if words is None else words
+    words = sys.argv[1:] if words is None else list(words)
     added = {point.name: point for point in entry_points(group=ENTRY_POINTS)}
     available: list[ToolCommand] = []
     missing: list[str] = []
@@ -55,8 +55,7 @@ def run_command(
         if command.run is not None:
             available.append(command)
         elif point := added.get(f'{program}.{command.name}'):
-            module = point.load()
-            available.append(replace(command, add_arguments=module.add_arguments, run=module.run))
+            available.append(_loaded(command, point) if words[:1] == [command.name] else command)
         else:
             missing.append(command.name)
 
@@ -78,6 +77,11 @@ def run_command(
     return run_program(program, run)
 
 
+def _loaded(command: ToolCommand, point: EntryPoint) -> ToolCommand:
+    module = point.load()
+    return replace(command, add_arguments=module.add_arguments, run=module.run)
+
+
 def _parser(
     program: str, description: str, commands: Sequence[ToolCommand], exit_codes: Sequence[tuple[str, str]]
 ) -> argparse.ArgumentParser:
@@ -90,9 +94,9 @@ def _parser(
     )
     subparsers = parser.add_subparsers(metavar='COMMAND', required=True)
     for command in commands:
-        assert command.add_arguments is not None
         summary = command.summary
         added = subparsers.add_parser(command.name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
-        command.add_arguments(added)
+        if command.add_arguments is not None:  # or it is of another package, and not the one that is run
+            command.add_arguments(added)
         added.set_defaults(run=command.run)
     return parser

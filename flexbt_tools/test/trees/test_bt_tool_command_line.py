@@ -32,6 +32,14 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
+LOADED = """
+import sys
+from flexbt_tools.cli.bt_tool import main
+main(sys.argv[1:])
+print('\\n'.join(sys.modules))
+"""
+
+
 def write(directory: Path, tree: str) -> str:
     file = directory / 'tree.xml'
     file.write_text(document(f'Main: {tree}'), encoding='utf-8')
@@ -61,6 +69,13 @@ def test_it_works_where_there_is_no_ros(tmp_path: Path) -> None:
     models.write_text(tool('model').out)
     clean = without_ros('check', '--models', str(models), tree).stderr
     assert re.fullmatch(f'{note}1 file: no problems found\n', clean), clean
+
+
+def test_commands_of_another_package_are_loaded_only_to_be_run(tmp_path: Path) -> None:
+    command = [sys.executable, '-c', LOADED, 'show', write(tmp_path, '<AlwaysSuccess/>')]
+    loaded = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout.splitlines()
+    assert 'flexbt_tools.cli.bt_tool' in loaded
+    assert not [name for name in loaded if name.startswith('flexbt_formal.cli')]
 
 
 def test_an_include_from_a_package_needs_ros(tmp_path: Path) -> None:
