@@ -26,6 +26,9 @@ OnOwnerGone = Callable[[str], None]
 OnOwnerLate = Callable[[], None]
 """Called when a goal must be held, or may continue: see :meth:`GoalOwners.problem`."""
 
+_Watched = tuple[OnOwnerGone, OnOwnerLate | None, frozenset[bytes]]
+"""With the tokens of an owner that was not alive yet: it is one of the processes that hold them."""
+
 MOST_IDLE: Final = 50
 """Maximum number of owners without goals that stay watched for OWNER_SECONDS, since they may soon send the next
 goal."""
@@ -39,8 +42,7 @@ class GoalOwners:
         self._runtime = runtime
         self._peer_timeout = peer_timeout
         self._watches: dict[str, LivelinessWatch] = {}
-        self._goals: dict[str, dict[Hashable, tuple[OnOwnerGone, OnOwnerLate | None, frozenset[bytes]]]] = {}
-        """With the tokens of an owner that was not alive yet: it is one of the processes that hold them."""
+        self._goals: dict[str, dict[Hashable, _Watched]] = {}
         self._idle: dict[str, Timer] = {}  # the longest first
 
     def watch(self, owner: str, goal: Hashable, stop: OnOwnerGone, hold: OnOwnerLate | None = None) -> None:
@@ -64,10 +66,10 @@ class GoalOwners:
             )
         is_seen = self.sees(owner)
         tokens = frozenset[bytes]() if is_seen else self._watches[owner].tokens()
-        self._goals.setdefault(owner, {})[goal] = stop, hold, tokens
+        watched = self._goals.setdefault(owner, {})[goal] = stop, hold, tokens
         if not is_seen:
             # The owner may be too new to be known, but a run must not continue for an owner that is not alive.
-            self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal))
+            self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal, watched))
 
     def release(self, owner: str, goal: Hashable) -> None:
         """Stop watching the owner of a goal that has ended."""
@@ -105,10 +107,9 @@ class GoalOwners:
                 f'the owner {owner!r} is not a node name; give one, such as /robot1/executive, or leave owner empty'
             ) from error
 
-    def _look_for(self, owner: str, goal: Hashable) -> None:
-        found = self._goals.get(owner, {}).get(goal)
-        if found is not None and not self.sees(owner):
-            stop, *_ = found
+    def _look_for(self, owner: str, goal: Hashable, watched: _Watched) -> None:
+        if self._goals.get(owner, {}).get(goal) is watched and not self.sees(owner):
+            stop, *_ = watched
             stop(
                 f'{owner}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
                 'it has died, or it holds no liveliness token (leave owner empty if nobody needs to be alive)'

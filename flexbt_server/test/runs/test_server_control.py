@@ -8,6 +8,7 @@ import re
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute, BtGetData
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
+from flexbt_server.actions.goal_owners import OWNER_SECONDS, GoalOwners
 from flexbt_testing.behavior_trees.faulty_leaves import Held
 from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.server_world import ServerWorld, install_nodes, open_server_world, pose_stamped
@@ -500,3 +502,18 @@ def test_commands_goals_and_cancels_at_random_are_all_answered(
     while not all(goal.ended for goal in goals):
         operator.ask(RESUME)
     assert {goal.result.code for goal in goals if goal.wait().result} <= {Result.SUCCESS, Result.CANCELED}
+
+
+def test_an_owner_that_is_not_seen_has_its_whole_time_with_each_pause() -> None:
+    ended: list[float] = []
+    with NodeRuntime.open('bt_server') as runtime:
+        owners, steady = runtime.call(lambda: GoalOwners(runtime, 5.0)), runtime.steady
+        watch = partial(owners.watch, '/nobody', 'the tree', lambda _why: ended.append(steady.now()))
+        runtime.call(watch)
+        runtime.call(lambda: owners.release('/nobody', 'the tree'))
+        half = steady.now() + OWNER_SECONDS / 2.0
+        wait_until(lambda: steady.now() > half, 'half of its time')
+        again = steady.now()
+        runtime.call(watch)
+        wait_until(lambda: ended, 'the end of the pause')
+        assert ended[0] >= again + OWNER_SECONDS
