@@ -107,16 +107,16 @@ export class Jobs {
     this.show();
   }
 
-  // A text has changed: what was found out about it is old, and what is being found out would be.
-  edited(name) {
-    const concerns = (entry) => entry.files.has(name) || (entry.state === 'running' && entry.number === null);  // or it is not known yet
+  // A text has changed, or only that on disk (isSaved): what was found out about it is old, and what is being found out would be.
+  edited(name, isSaved = false) {
+    const concerns = (entry) => (!isSaved || entry.job === 'compare') && (entry.files?.has(name) || (entry.state === 'running' && entry.number === null));  // or it is not known yet
     for (const entries of [this.proofs, this.changes, this.runs, this.decisions]) {
       for (const entry of [...entries.values()]) {
         if (!concerns(entry)) continue;
         if (entry.state === 'running') this.cancel(entry); else entry.state = 'old';
       }
     }
-    if (this.player.owner?.files?.has(name)) { this.player.end(); this.studio.told('The text has changed since; run it again to play it', 'warning'); }
+    if (this.player.owner && concerns(this.player.owner)) { this.player.end(); this.studio.told('What was played is about an older text; run it again to play it', 'warning'); }
     this.show();
   }
 
@@ -137,7 +137,10 @@ export class Jobs {
 
   // Proofs.
 
-  saved(file) { if (this.isOnSave && (file.language !== 'python' || this.studio.runsCode)) this.prove(file, true); }
+  saved(file) {
+    this.edited(file.name, true);
+    if (this.isOnSave && (file.language !== 'python' || this.studio.runsCode)) this.prove(file, true);
+  }
 
   // The requirements of a file, one a line.
   required(file) {
@@ -209,7 +212,7 @@ export class Jobs {
   // What is known about the change of a file, for a sheet or the panel. played() is called before a way is played.
   difference(file, played = () => {}) {
     const entry = this.changes.get(file.name), told = (text, tone = null) => html('p', {class: tone}, text);
-    if (!entry || entry.state === 'old') return [told(entry ? 'The text has changed since the comparison.' : 'Not compared yet.', 'hint')];
+    if (!entry || entry.state === 'old') return [told(entry ? 'The text, or that on disk, has changed since the comparison.' : 'Not compared yet.', 'hint')];
     if (entry.state === 'running') return [told('comparing with what is on disk…'), html('button', {type: 'button', onclick: () => this.cancel(entry)}, 'Cancel')];
     if (entry.state === 'failed') return [told(`cannot be compared: ${entry.message}`, 'warning')];
     return entry.event.result[0].comparisons.flatMap((one) => [

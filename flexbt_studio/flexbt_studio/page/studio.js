@@ -126,7 +126,8 @@ class Studio {
     }
   }
 
-  async filesChanged({what, by, saved}, file) {
+  async filesChanged({file: name, what, by, saved}, file) {
+    if (by !== this.page && ['save', 'take_disk'].includes(what)) this.jobs.edited(name, true);
     if (file && by !== this.page) {
       if (what === 'take_disk') { file.saved = saved; this.showHead(); }
       if (what === 'close') file.recover(true);

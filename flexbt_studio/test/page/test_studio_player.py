@@ -370,7 +370,9 @@ def test_statuses_and_the_use_of_a_key_are_spoken_together(page: StudioPage, fol
         assert page.run(_SPOKEN) == statuses
 
 
-def test_a_comparison_tells_what_a_change_does(page: StudioPage, folder: Path) -> None:
+def test_a_comparison_tells_what_a_change_does_until_it_is_saved(
+    page: StudioPage, other: StudioPage, folder: Path
+) -> None:
     with served(folder, None) as port:
         page.open(port, 'inspect.xml')
         page.click('Inspect/0/0')
@@ -395,6 +397,14 @@ def test_a_comparison_tells_what_a_change_does(page: StudioPage, folder: Path) -
         page.press(END)
         page.until_text('player-told', '✗ on disk: ComputePathToPose begins')
         assert shown(page) == {'Inspect/0': 'running', 'Inspect/0/0': 'running', 'Inspect/0/0/0': 'running'}
+        other.open(port, 'inspect.xml')
+        other.chord(CONTROL, 's')  # of the change of the other page
+        page.until_text('compare-told', 'that on disk, has changed')
+        assert shown(page) == {}
+        page.chord(SHIFT, F9)
+        page.until_text('compare-told', 'behaves the same')
+        page.chord(CONTROL, 's')
+        page.until_text('compare-told', 'that on disk, has changed')
 
 
 def choose(page: StudioPage, node: str) -> None:
