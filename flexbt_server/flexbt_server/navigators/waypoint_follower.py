@@ -29,6 +29,10 @@ MOST_MISSED: Final = 1000
 """Maximum number of missed waypoints in a result; it has the last ones. A goal may have billions of loops."""
 
 
+_MAY_DRIVE: Final = (GoalStatus.ABORTED, GoalStatus.LOST, GoalStatus.TIMEOUT)
+"""Ends of a canceled goal after which its robot may not be at rest."""
+
+
 class WaypointFollower:
     """The server of FollowWaypoints. On the executor thread."""
 
@@ -131,7 +135,9 @@ class _Tour:
         )
 
     def _arrived(self, outcome: GoalOutcome) -> None:
-        if self._is_canceled:
+        if self._is_canceled and outcome.status in _MAY_DRIVE:
+            self._end(self.served.abort, f'the goal was canceled, and the robot may still drive: {outcome.reason}')
+        elif self._is_canceled:
             self._end(self.served.canceled)
         elif outcome.status is GoalStatus.SUCCEEDED:
             self._reached = True

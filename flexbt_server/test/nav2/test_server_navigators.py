@@ -16,6 +16,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav2_msgs.action import FollowWaypoints, NavigateThroughPoses, NavigateToPose, SmoothPath
 from nav2_msgs.msg import BehaviorTreeLog
+from rclpy.action import CancelResponse
 from rclpy.duration import Duration
 from std_msgs.msg import Empty, String
 from tf2_msgs.msg import TFMessage
@@ -673,6 +674,18 @@ def test_newer_waypoints_take_over_and_a_cancel_stops_the_robot(driving: Front) 
     second.call.cancel(DEADLINE)
     assert second.wait().status is GoalStatus.CANCELED
     assert driving.follow.statuses[len(driving.follow.goals) - 1] == 'canceled'
+
+
+def test_waypoints_are_not_told_as_canceled_while_the_robot_may_drive() -> None:
+    with open_front(cancel_timeout=0.5) as front:
+        front.navigation.hold.add(names.FOLLOW_PATH)
+        front.follow.on_cancel = lambda _handle: CancelResponse.REJECT
+        goal = front.waypoints(1.0)
+        front.drives_to(1.0)
+        goal.cancel()
+        ended(goal, GoalStatus.ABORTED, 'canceled', code=FollowWaypoints.Result.UNKNOWN)
+        front.follow.on_cancel = None
+        wait_until(lambda: not front.follow.running, 'the end of the drive')
 
 
 @pytest.mark.parametrize('stops', [True, False])
