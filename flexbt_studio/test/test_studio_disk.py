@@ -39,6 +39,19 @@ def test_pages_are_told_and_one_takes_the_text_of_the_other_program(file: Path) 
     with_pages(file.parent, story, 2)
 
 
+def test_pages_are_told_when_files_appear_and_vanish(file: Path) -> None:
+    async def story(page: Page) -> None:
+        assert [one['file'] for one in (await page.ask('hello'))['files']] == ['main.xml']
+        (file.parent / 'added.xml').write_text(TREE)
+        await page.event('files_changed', what='disk')
+        assert [one['file'] for one in await page.ask('files')] == ['added.xml', 'main.xml']
+        file.unlink()
+        await page.event('files_changed', what='disk')
+        assert [one['file'] for one in await page.ask('files')] == ['added.xml']
+
+    with_pages(file.parent, story)
+
+
 def test_a_page_that_opens_a_file_is_told_what_was_told_before(file: Path) -> None:
     async def story(one: Page, other: Page) -> None:
         await one.ask('open', file='main.xml')

@@ -53,7 +53,9 @@ MACHINE_SECONDS: Final = 10.0
 MOST_PROGRAMS: Final = 8
 """Maximum number of programs that are watched by Groot2's protocol."""
 WATCH_SECONDS: Final = 1.0
-"""Time between two looks at the files that are open, and at the users of the pages, s."""
+"""Time between two looks at the files, and at the users of the pages, s."""
+LIST_RESTS: Final = 20.0
+"""Times as long as the list of files took, until it is made again: a great folder is looked through less often."""
 CHECK_SECONDS: Final = 0.08
 """Time without an edit after which a file is checked, s."""
 
@@ -359,13 +361,21 @@ class Sessions:
             self.tell(event)
 
     async def _look_about(self) -> None:
-        """Tell the pages about open files that other programs write, and end those whose users were removed."""
+        """Tell the pages about files that other programs write, and end those whose users were removed."""
+        clock = asyncio.get_running_loop().time
+        known, due = await self._work(self._workbench.project.files), 0.0
         while True:
             await asyncio.sleep(WATCH_SECONDS)
             for page in [one for one in self._pages if not one.admitted()]:
                 page.end(WSCloseCode.POLICY_VIOLATION, b'the user was removed')
             for file in await self._work(self._workbench.project.disk_changes):
                 self.tell({'event': 'disk', 'file': file})
+            if self._pages and (began := clock()) >= due:
+                files = await self._work(self._workbench.project.files)
+                due = clock() + LIST_RESTS * (clock() - began)
+                if files != known:
+                    self.tell({'event': 'files_changed', 'file': '', 'what': 'disk', 'by': 0})
+                known = files
 
     def _check_soon(self, file: str) -> None:
         running = self._checks.pop(file, None)

@@ -176,3 +176,5 @@ def test_a_file_that_another_program_writes(page: StudioPage, folder: Path, edit
         page.until(lambda: 'wait_time: 4.0' in page.shown_text and not page.has_changes())
         assert page.run('return document.getElementById("on-disk").hidden')
         assert 'wait_time: 4.0' in file.read_text()
+        (folder / 'added.yaml').write_text(MACHINE)
+        page.until_text('files', 'added.yaml')
