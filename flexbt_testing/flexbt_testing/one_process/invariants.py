@@ -599,7 +599,10 @@ class _Robot:
             if self._nodes[node] in replaced:
                 text = f'{self._nodes[node]} was killed'
                 again = self._wanted_at if node == 'bt_server' else now
-                self._rest_by = [one for one in self._rest_by if one[2] != text or not 0 <= again - one[0] <= soon]
+                seen = self._observer.awake_at(self._nodes['simulator'])  # its robot moves on as it continues
+                self._rest_by = [
+                    one for one in self._rest_by if one[2] != text or not one[0] <= again <= max(one[0], seen) + soon
+                ]
         for one in [one for one in self._rest_by if now > one[1]]:
             self._rest_by.remove(one)
             number = 2 if 'STOP' in one[2] else 3
@@ -619,7 +622,8 @@ class _Robot:
         since, command = self._open[command_id]
         began = self._world.processes[self._executive].began + 2 * SECOND
         returned = self._awake_at + 4 * SECOND  # what was said meanwhile comes first
-        late = (SCHEDULER.now - max(since, began, returned, self._observer.failed_disk_at)) / SECOND
+        synced = self._observer.failed_disk_at + SECOND  # by when a sync has ended that was slow
+        late = (SCHEDULER.now - max(since, began, returned, synced)) / SECOND
         present = self._statuses[-1][1].executive_id if self._statuses else ''
         if late > DECIDED_SECONDS and command.executive_id in ('', present):
             kind = CommandKind(command.kind).name
