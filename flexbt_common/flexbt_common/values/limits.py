@@ -93,6 +93,7 @@ LIMITS: Final[Mapping[str, int]] = {
     'flexbt_msgs/ExecutiveEvent.reason': 2_000,
     'flexbt_msgs/ExecutiveEvent.operator_id': 2_000,
     'flexbt_msgs/ExecutiveEvent.command': 2_000,
+    'flexbt_msgs/ExecutiveEvent.decision_id': 2_000,
     'flexbt_msgs/ExecutiveEvent.text': 2_000,
     'flexbt_msgs/ExecutiveLog.path': 100_000,
     'flexbt_msgs/ExecutiveLog.text': 2 * LONG_TEXT,

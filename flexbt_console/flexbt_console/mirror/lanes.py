@@ -103,10 +103,8 @@ class Lanes:
         self._entered: dict[str, float] = {}
         self._left: dict[str, float] = {}
         """When a state was left the last time, on the executive's clock; its status may be older."""
-        self._kinds: dict[str, DecisionKind] = {}
-        """What a state asked the last time."""
-        self._answers: deque[tuple[float, str]] = deque(maxlen=20)
-        """Answers of operators whose decision has not ended yet: when, and the word for its entry."""
+        self._asked: OrderedDict[str, tuple[LaneEntry, DecisionKind]] = OrderedDict()
+        """The newest decisions, by identifier."""
         self._ran = ''
         self._places: Mapping[str, FramedPose] = {}
         self._runs: OrderedDict[str, _Run] = OrderedDict()
@@ -191,9 +189,7 @@ class Lanes:
     def _only(self, lane: Lane, wanted: Mapping[str, Callable[[], LaneEntry]]) -> None:
         """Let exactly these entries of a lane go on, by what tells them apart."""
         for one in [one for one in self._open if one[0] is lane and one[1] not in wanted]:
-            self._end(entry := self._open.pop(one))
-            if lane is Lane.DECISIONS:
-                self._explain(entry)
+            self._end(self._open.pop(one))
         for name, make in wanted.items():
             if (lane, name) not in self._open:
                 self._open[lane, name] = make()
@@ -214,7 +210,6 @@ class Lanes:
             entry.begin, entry.text = self._heard, f'nothing heard for {self._now - self._heard:.0f} s'
         self._heard = self._now
         self._follow_states(snapshot)
-        self._kinds.update({one.path: one.kind for one in snapshot.decisions})
         self._only(
             Lane.DECISIONS,
             {
@@ -227,6 +222,10 @@ class Lanes:
                 for one in snapshot.decisions
             },
         )
+        for asked in snapshot.decisions:
+            self._asked[asked.id] = self._open[Lane.DECISIONS, asked.id], asked.kind
+        while len(self._asked) > MOST_ENTRIES:
+            self._asked.popitem(last=False)
         goals = [(one.path, one.progress.goal) for one in snapshot.active_states if one.progress is not None]
         self._only(
             Lane.GOALS,
@@ -312,32 +311,16 @@ class Lanes:
     def _take_command(self, event: ExecutiveEvent) -> None:
         who = one_line(event.operator, 60)
         target = '' if event.command in ANSWERS or event.command == 'STOP' else event.target
-        decision = self._of(Lane.DECISIONS, event.path) if event.path else None
-        is_answer = decision is not None and self._kinds.get(event.path) is DecisionKind.CHOICE
-        command = 'answer' if is_answer else event.command.lower().replace('_', ' ')  # which is FORCE, by the protocol
+        asked, kind = self._asked.get(event.decision_id, (self._of(Lane.DECISIONS, event.path), None))
+        is_choice = kind is DecisionKind.CHOICE and event.command == 'FORCE'  # so it is answered, by the protocol
+        command = 'answer' if is_choice else event.command.lower().replace('_', ' ')
         what = ' '.join(one for one in (command, event.outcome, target) if one)
         word = 'applied' if event.applied else 'refused'
         text = '  '.join(one for one in (what, word, event.path, event.text, event.reason, who) if one)
         self._happened(Lane.COMMANDS, who, what, word, '' if event.applied else 'error', text)
-        if not event.applied or event.command not in ANSWERS:
-            return
-        if decision is not None:
-            decision.word, decision.tone = f'{one_line(event.outcome, 60)} by {who}', 'good'
-            self._changed(decision)
-        elif not event.path:
-            self._answers.append((self._now, f'{ANSWERS[event.command]} by {who}'))
-            ended = [one for one in self._lanes[Lane.DECISIONS] if not one.word and self._is_recent(one, LATE_SECONDS)]
-            for one in ended:
-                self._explain(one)
-
-    def _explain(self, decision: LaneEntry) -> None:
-        """Tell by whom a decision that has ended was answered, if that is known: its command may come before or after
-        its end, and does not name it."""
-        while self._answers and not decision.word:
-            at, word = self._answers.popleft()
-            if self._now - at <= LATE_SECONDS:
-                decision.word, decision.tone = word, 'good'
-                self._changed(decision)
+        if event.applied and event.command in ANSWERS and asked is not None:
+            asked.word, asked.tone = f'{one_line(event.outcome, 60) or ANSWERS[event.command]} by {who}', 'good'
+            self._changed(asked)
 
     def _of(self, lane: Lane, path: str) -> LaneEntry | None:
         """Return the latest entry of a path, if its end is not explained yet, and not long ago."""

@@ -519,8 +519,8 @@ class ExecutiveEvent:
     """A transition, or the result of a command.
 
     Transition: ``path`` was left by ``outcome`` to ``target``, for this ``reason``. Command: ``command`` is the name of
-    its kind, ``target`` its behavior, operator or level of autonomy, ``reason`` why it was refused, ``text`` a remark
-    or the operator's reason.
+    its kind, ``decision_id`` what it answers, ``target`` its behavior, operator or level of autonomy, ``reason`` why it
+    was refused, ``text`` a remark or the operator's reason.
     """
 
     executive_id: str
@@ -532,6 +532,7 @@ class ExecutiveEvent:
     reason: str = ''
     operator: str = ''
     command: str = ''
+    decision_id: str = ''
     applied: bool = True
     text: str = ''
     run_id: str = ''

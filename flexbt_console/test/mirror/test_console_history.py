@@ -208,7 +208,7 @@ def test_an_outcome_that_a_state_asked_for_is_an_answer(kind: DecisionKind, said
     active = {'state': ExecutiveState.RUNNING, 'run_id': 'r1', 'active_states': (ActiveState('/Ask'),)}
     robot.snapshot(**active, decisions=(Decision('d1', kind, '/Ask', 'again'),))
     skip = ExecutiveEvent(
-        'e', 1, EventKind.COMMAND, '/Ask', 'skip', operator='ann', command='FORCE', applied=True, run_id='r1'
+        'e', 1, EventKind.COMMAND, '/Ask', 'skip', operator='ann', command='FORCE', decision_id='d1', run_id='r1'
     )
     for step in (robot.snapshot, lambda: robot.mirror.receive_events([skip]))[:: 1 if status_first else -1]:
         robot.clock.advance(0.2)
@@ -216,6 +216,27 @@ def test_an_outcome_that_a_state_asked_for_is_an_answer(kind: DecisionKind, said
     words = {one.lane: (one.label, one.word) for one in lanes.since()}
     assert words[Lane.COMMANDS] == (f'{said} skip', 'applied')
     assert words[Lane.DECISIONS][1] == 'skip by ann'
+
+
+@pytest.mark.parametrize('status_first', [False, True])
+def test_each_decision_has_its_own_answer(status_first: bool) -> None:
+    robot = Robot(0)
+    lanes = Lanes(robot.mirror)
+    active = {'state': ExecutiveState.RUNNING, 'run_id': 'r1', 'active_states': (ActiveState('/A'), ActiveState('/B'))}
+    decisions = tuple(Decision(f'd{path}', DecisionKind.TRANSITION, path, 'done') for path in ('/A', '/B', '/C'))
+    robot.snapshot(**active, decisions=decisions)
+    answers = [
+        ExecutiveEvent('e', 1, EventKind.COMMAND, operator='bob', command='CONFIRM', decision_id='d/B', run_id='r1'),
+        ExecutiveEvent('e', 2, EventKind.COMMAND, operator='ann', command='CONFIRM', decision_id='d/A', run_id='r1'),
+        ExecutiveEvent(
+            'e', 3, EventKind.COMMAND, operator='eve', command='CONFIRM', decision_id='of before', run_id='r1'
+        ),
+    ]
+    for step in (robot.snapshot, lambda: robot.mirror.receive_events(answers))[:: 1 if status_first else -1]:
+        robot.clock.advance(0.2)
+        step()
+    words = {one.key: one.word for one in lanes.since() if one.lane is Lane.DECISIONS}
+    assert words == {'/A': 'confirmed by ann', '/B': 'confirmed by bob', '/C': ''}
 
 
 def test_a_goal_has_the_name_of_a_place_of_its_own_frame() -> None:

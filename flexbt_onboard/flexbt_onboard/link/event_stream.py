@@ -93,6 +93,7 @@ def _message(stamp: Time, event: str, fields: Mapping[str, Any]) -> ExecutiveEve
         kind=ExecutiveEvent.COMMAND,
         operator_id=text('operator'),
         command=text('command') or f'kind {text("kind")}',
+        decision_id=text('decision'),
         applied=fields['effect'] == 'applied',
         reason=text('why'),
         target=text('behavior') or text('grantee') or text('autonomy') or text('of'),

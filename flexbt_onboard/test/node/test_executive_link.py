@@ -283,7 +283,7 @@ def test_a_late_console_gets_the_latest_transitions_and_the_commands_of_all_oper
     bench.wait_active('/A')
     for path in ('/A', '/B', '/A'):
         bench.applied(ExecutiveCommand.FORCE, path=path, outcome='on', operator_id='ann')
-    bench.applied(ExecutiveCommand.NOTE, text='all is well', operator_id='ann')
+    bench.applied(ExecutiveCommand.NOTE, text='all is well', operator_id='ann', decision_id='input-7')
     bench.refused(ExecutiveCommand.FORCE, path='/A', outcome='off', operator_id='ann')
     with NodeRuntime.open('late_console') as late:
         batches: list[ExecutiveEvents] = []
@@ -306,7 +306,8 @@ def test_a_late_console_gets_the_latest_transitions_and_the_commands_of_all_oper
             ('ann', 'FORCE', False),
         ]
         assert [event.target for event in commands] == ['Test', '', '', '', 'Test', '']  # where no path tells it
-        assert commands[-2].text == 'all is well' and 'not active' in commands[-1].reason
+        assert (commands[-2].text, commands[-2].decision_id) == ('all is well', 'input-7')
+        assert 'not active' in commands[-1].reason
 
 
 def test_peers_are_shown_and_their_changes_are_told(make_bench: Make) -> None:
