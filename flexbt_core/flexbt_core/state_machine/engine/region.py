@@ -189,13 +189,13 @@ class Region:
     def _left_by(self, child: RegionChild, outcome: str) -> str:
         """Return the path of the outermost node that is left when the child is left by an outcome."""
         path, container = child.path, self.container
-        after = container.outcome_after(child, outcome)
+        after = container.outcome_after(child, outcome, with_halting=True)
         while after is not None:
             path = container.path
             if container.region is None:
                 break
             outer = container.region.container
-            container, after = outer, outer.outcome_after(container, after)
+            container, after = outer, outer.outcome_after(container, after, with_halting=True)
         return path
 
     def _leave_child(self, child: RegionChild, outcome: str | None) -> None:
@@ -385,10 +385,13 @@ class ContainerRun:
 
     # -- transitions and the end -------------------------------------------------------------------------------------
 
-    def outcome_after(self, child: RegionChild, outcome: str) -> str | None:
-        """Return the outcome by which this container ends when a child is left by an outcome; None if it continues."""
+    def outcome_after(self, child: RegionChild, outcome: str, *, with_halting: bool = False) -> str | None:
+        """Return the outcome by which this container ends when a child is left by an outcome; None if it continues.
+        ``with_halting``: the other children that were left and are halting have ended, too."""
         if self.definition.kind is StateKind.CONCURRENCY:
-            return self.definition.outcome_of({**self.ended, child.definition.label: outcome})
+            others = [region.child for region in self.regions if with_halting and region.is_leaving]
+            left = {one.definition.label: one.outcome for one in others if one is not None and one.outcome is not None}
+            return self.definition.outcome_of({**self.ended, **left, child.definition.label: outcome})
         return child.definition.transitions[outcome].outcome
 
     def child_has_ended(self, child: RegionChild, outcome: str, ends: str | None) -> None:

@@ -360,20 +360,22 @@ class Model:
 
     def _top_left_by(self, seat: Seat, outcome: str) -> str:
         """Return what is left when the seat is: perhaps what is around it as well."""
-        path, around, after = seat.occupant.path, seat.outer, self._after(seat, outcome)
+        path, around, after = seat.occupant.path, seat.outer, self._after(seat, outcome, with_left=True)
         while around is not None and isinstance(after, str):
             path = around.occupant.path
-            after = self._after(around, after) if around.outer is not None else None
+            after = self._after(around, after, with_left=True) if around.outer is not None else None
             around = around.outer
         return path
 
-    def _after(self, seat: Seat, outcome: str) -> RandomNode | str | None:
-        """Return the result of leaving by an outcome: a sibling, the outcome of what is around it, or nothing."""
+    def _after(self, seat: Seat, outcome: str, *, with_left: bool = False) -> RandomNode | str | None:
+        """Return the result of leaving by an outcome: a sibling, the outcome of what is around it, or nothing.
+        ``with_left``: what was left beside it, and has not halted, has ended, too."""
         around = seat.outer
         assert around is not None
         if around.occupant.kind is not StateKind.CONCURRENCY:
             return seat.occupant.ways[outcome]
-        ended = around.ended | {seat.occupant.path: outcome}
+        left = [one for one in around.inner if with_left and one.phase == 'left' and one.wish is not None]
+        ended = around.ended | {one.occupant.path: one.wish for one in left} | {seat.occupant.path: outcome}
         for result, children in around.occupant.conditions:
             if all(ended.get(child.path) == wanted for child, wanted in children):
                 return result

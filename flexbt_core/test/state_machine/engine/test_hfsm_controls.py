@@ -199,6 +199,23 @@ def test_a_child_whose_end_would_end_a_concurrency_container_is_held_back_by_a_l
     assert bench.outcome == 'ended'
 
 
+def test_a_lock_holds_back_the_last_child_also_while_another_that_has_ended_still_halts() -> None:
+    braking = ['braking']
+    one, other = Scripted(do={'halting': lambda *_: next(iter(braking), None)}), Scripted()
+    children = Child('A', one), Child('B', other), Child('C', Scripted())
+    bench = Bench(machine(*children, conditions=[('ended', [('A', 'done'), ('B', 'done')])]))
+    bench.lock('/C')
+    for state in (one, other):
+        state.end('done')
+        bench.settle()
+    braking.clear()
+    one.wake()
+    bench.settle()
+    assert bench.active == ('/B', '/C')
+    bench.unlock('/C')
+    assert bench.outcome == 'ended'
+
+
 def test_locks_and_breakpoints_of_what_there_is_not_are_refused() -> None:
     _, bench = subject()
     for command in (bench.lock, bench.set_breakpoint):
