@@ -12,7 +12,7 @@ around it takes the same three steps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from typing import TypeAlias
 
 from flexbt_core.state_machine.model.autonomy import UNDECLARED, Decision, DecisionKind
@@ -311,9 +311,11 @@ class ContainerRun:
         """Enter the machine. It has no callbacks, so ``is_resumed`` makes no difference."""
         self.begin(self.new_scope(parent))
 
-    def new_scope(self, parent: Scope) -> Scope:
-        """Return the userdata for one visit of the machine."""
-        return Scope(self.definition.defaults, parent, self._inputs, self._outputs)
+    def new_scope(self, parent: Scope, restored: Collection[str] = ()) -> Scope:
+        """Return the userdata for one visit of the machine. Keys in ``restored`` get values of an earlier visit, so
+        their defaults are not written, neither here nor as outputs to the parent."""
+        defaults = {key: value for key, value in self.definition.defaults.items() if key not in restored}
+        return Scope(defaults, parent, self._inputs, self._outputs)
 
     def begin(self, scope: Scope) -> None:
         """Begin a visit from the start, with ``scope`` as the userdata of the machine.

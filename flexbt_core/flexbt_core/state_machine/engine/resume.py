@@ -251,7 +251,7 @@ class _Restoring:
                 child.take_priority()
         elif isinstance(child, ContainerRun):
             region.child = child
-            self.machine(child, child.new_scope(machine.scope))
+            self.machine(child, child.new_scope(machine.scope, position.userdata.get(child.path, ())))
         elif child.path in self._staying:
             region.child = self._stay(machine, child)
         elif outcome is not None:

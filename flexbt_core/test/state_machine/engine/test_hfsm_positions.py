@@ -72,6 +72,21 @@ def test_a_run_goes_on_with_its_userdata_and_settings_and_tells_the_state_so() -
     assert position_of(after.run) == position
 
 
+@pytest.mark.parametrize('is_switched', [False, True])
+def test_what_was_written_to_an_output_is_not_replaced_by_its_default(is_switched: bool) -> None:
+    def made() -> OperatableStateMachine:
+        write = Scripted(outcome='done', output_keys=['x'], do={'on_exit': lambda _, data: setattr(data, 'x', 7)})
+        inner = line(write, Scripted(), output_keys=['x'], defaults={'x': 0})
+        return machine(Child('M', inner, {'ended': 'ended'}, {}, {'x': 'result'}), output_keys=['result'])
+
+    bench = Bench(made())
+    if is_switched:
+        assert bench.switch(made()) is None
+    else:
+        bench = Bench(made(), at=through_json(position_of(bench.run)))
+    assert bench.run.userdata_of_machines() == {'/': {'result': 7}, '/M': {'x': 7}}
+
+
 def test_what_was_done_and_waited_for_the_operator_is_not_done_again() -> None:
     def made() -> OperatableStateMachine:
         return nested(Scripted(outcome='done'), 'A/B', {'done': Autonomy.Full})
