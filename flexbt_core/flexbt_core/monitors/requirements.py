@@ -336,10 +336,10 @@ class Requirements:
                     self._tell(one, one.event, f'{one.then} has not come {one.seconds:g} s after {one.event}')
                 if one.times is not None:
                     self.counts[name] = min(self.counts.get(name, 0) + 1, one.times)
-            elif one.seconds is None:
+            if event == one.event and one.seconds is None:
                 if one.times is None or self.counts.get(name, 0) < one.times:
                     self.met.add(name)
-            elif name not in self.due:
+            elif event == one.event and one.seconds is not None and name not in self.due:
                 self.due[name] = self._now() + one.seconds
 
     def _tell(self, requirement: Requirement, where: str, what: str) -> None:

@@ -297,6 +297,19 @@ def test_a_pause_does_not_lengthen_the_time_in_which_something_may_happen_so_oft
     assert len(found) == 1
 
 
+def test_what_has_to_come_again_and_again_has_its_time_anew_each_time() -> None:
+    found: list[Violation] = []
+    now = [0.0]
+    watched = Requirements([Within('beat', 'beat', 5.0)], lambda: now[0], found.append)
+    for now[0] in (0.0, 4.0, 8.0):
+        watched.event('beat')
+        watched.rests(False)
+    assert not found and watched.next_due() == 13.0
+    now[0] = 13.0
+    watched.rests(False)
+    assert len(found) == 1
+
+
 def test_attempts_of_a_run_that_is_resumed_are_not_owed_again() -> None:
     found: list[Violation] = []
     watched = Requirements([Within('one > FAILURE', 'one', times=2)], lambda: 0.0, found.append)
