@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from flexbt_core.state_machine.engine.events import (
@@ -24,7 +24,15 @@ from flexbt_core.state_machine.engine.events import (
 )
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Decision
-from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, MachineDefinition, StateDefinition, is_inside
+from flexbt_core.state_machine.model.definition import (
+    ERROR,
+    PREEMPTED,
+    ROOT_PATH,
+    MachineDefinition,
+    StateDefinition,
+    StateKind,
+    is_inside,
+)
 from flexbt_core.state_machine.model.event_state import state_skill
 
 from .properties import Property, Violation, shared_actuators
@@ -60,7 +68,7 @@ class MachineMonitor(RunReader):
         self._is_ending = False
         self._outcome: str | None = None
         self._machine: MachineDefinition | None = None
-        self._containers: frozenset[str] = frozenset()
+        self._containers: Mapping[str, tuple[str, ...]] = {}
 
     @property
     def not_left(self) -> list[str]:
@@ -91,6 +99,8 @@ class MachineMonitor(RunReader):
             self._visits.resume(event.active)
             self._approvals.resume(event.approved)
             self.requirements.resume()
+        elif self._has_requirements:
+            self._machine_entered(ROOT_PATH)
         if self.requirements.are_about_parts:
             self.requirements.check_parts(machine_parts(self._run.definition))
 
@@ -110,12 +120,15 @@ class MachineMonitor(RunReader):
         if (wrong := self._visits.passed_on(path)) is not None:
             self._found(wrong)
         self._holders.discard(path)
-        if self._has_requirements and event.outcome:
+        if not self._has_requirements:
+            return
+        if event.outcome:
             left = f'{path} > {event.outcome}'
             self.requirements.follows(left, target)
             self.requirements.event(left)
-            if (target.startswith('=') and path.count('/') == 1) or self._is_container(target):
-                self.requirements.event(target)  # states have their own event on entry
+            if target.startswith('=') and path.count('/') == 1:
+                self.requirements.event(target)
+        self._machine_entered(target)
 
     def _exited(self, event: StateExited) -> None:
         if (wrong := self._visits.exited(event.path)) is not None:
@@ -169,12 +182,25 @@ class MachineMonitor(RunReader):
         if outcome not in (PREEMPTED, ERROR):
             self.requirements.ended()
 
-    def _is_container(self, path: str) -> bool:
+    def _machine_entered(self, path: str) -> None:
+        """Check the entry of a machine, and of the machines that it begins with; states have their own event."""
         machine = self._run.definition
         if machine is not self._machine:
             self._machine = machine
-            self._containers = frozenset(one.path for one in machine.nodes() if isinstance(one, MachineDefinition))
-        return path in self._containers
+            containers = (one for one in machine.nodes() if isinstance(one, MachineDefinition))
+            self._containers = {one.path: tuple(_entered_with(one)) for one in containers}
+        for entered in self._containers.get(path, ()):
+            self.requirements.event(entered)
+
+
+def _entered_with(machine: MachineDefinition) -> Iterator[str]:
+    """Yield the paths of a machine, without the root, and of the machines in it that are entered together with it."""
+    if machine.path != ROOT_PATH:
+        yield machine.path
+    for label, child in machine.children.items():
+        is_entered = machine.kind is StateKind.CONCURRENCY or label == machine.initial
+        if is_entered and isinstance(child, MachineDefinition):
+            yield from _entered_with(child)
 
 
 # The visits of states: each is entered, and left once, before its successor is entered.

@@ -179,6 +179,7 @@ REQUIREMENTS: list[tuple[Requirement, list[tuple[str, str]], str]] = [
     (Before('/B', '/B > done'), [('/A', 'done')], '/B comes without /B > done'),
     (After('/A > done', ('=ended',)), [('/A', 'done')], '/B follows /A > done'),
     (Within('/A > done', '/A'), [('/A', 'done'), ('/B', 'failed')], 'it ends, and /A has not come'),
+    (Within('/A', '/A'), [('/A', 'done'), ('/B', 'done'), ('/A', 'failed')], 'it ends, and /A has not come'),
 ]
 
 
@@ -190,6 +191,22 @@ def test_a_requirement_is_watched(required: Requirement, way: list[tuple[str, st
     assert not watched.found
     watched.end(*way[-1])
     assert [one.text.partition(';')[0][: len(text)] for one in watched.found] == [text]
+
+
+def test_each_entry_of_a_machine_is_an_event() -> None:
+    """Also of one that is entered as a part of another, beside others, or again."""
+    first = machine(Child('B', machine(Child('C', Scripted(), {'done': 'ended'})), {'ended': 'ended'}))
+    other = machine(
+        Child('E', machine(Child('F', Scripted(), {'done': 'ended'}))), conditions=[('ended', [('E', 'ended')])]
+    )
+    made = machine(Child('A', first, {'ended': 'D'}), Child('D', other, {'ended': 'A'}), outcomes=['ended'])
+    watched = Watched(made, [Never(path) for path in ('/A', '/A/B', '/D', '/D/E')])
+    assert [one.where for one in watched.found] == ['/A', '/A/B']
+    watched.end('/A/B/C', 'done')
+    assert [one.where for one in watched.found[2:]] == ['/D', '/D/E']
+    watched.run.command('', operator_commands.repeat, '/D')
+    watched.run.step()
+    assert [one.where for one in watched.found[4:]] == ['/D', '/D/E']
 
 
 def test_states_that_are_to_be_apart_are_watched() -> None:
