@@ -16,7 +16,7 @@ from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
 from flexbt_core.values.text_files import read_text
 from flexbt_core.values.yaml_data import load_yaml
-from flexbt_navigation.controller.motions import STOP, Motion, TurnLimits, Velocity
+from flexbt_navigation.controller.motions import STOP, Motion, TurnLimits, Velocity, collides
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import DockError, NavigationError
 from flexbt_sim.world.models import StationModel
@@ -441,15 +441,21 @@ def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, sp
         NavigationError: FAILED_TO_CONTROL.
     """
     turn = wrap(staging.yaw - pose.yaw)
-    if _is_at(staging, pose, limits, backward=True):
-        if abs(turn) < limits.angular_tolerance or limits.law.turning_radius:
-            return None
-        return Velocity(0.0, math.copysign(TurnLimits().speed(turn), turn))
+    way = staging._replace(yaw=wrap(staging.yaw - limits.staging_yaw_offset))  # straight off the dock
+    is_there = _is_at(way, pose, limits, backward=True)
+    if is_there and (abs(turn) < limits.angular_tolerance or limits.law.turning_radius):
+        return None
     if spent > limits.approach_seconds:
         raise NavigationError('FAILED_TO_CONTROL', f'the staging pose is not reached within {spent:.1f} s')
-    if _collides(costmap, pose, staging, limits, backward=True, apart_from=pose):
+    if is_there:
+        velocity = Velocity(0.0, math.copysign(TurnLimits().speed(turn), turn))
+        seconds = min(limits.projection_seconds, turn / velocity.angular)
+        if seconds and collides(costmap, pose, velocity, seconds):
+            raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is beside the robot, which has to turn')
+        return velocity
+    if _collides(costmap, pose, way, limits, backward=True, apart_from=pose):
         raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is on the way back from the dock')
-    return velocity_to(staging, pose, limits.law, backward=True)
+    return velocity_to(way, pose, limits.law, backward=True)
 
 
 def _ahead(target: Pose, pose: Pose) -> float:

@@ -30,7 +30,7 @@ from flexbt_navigation.docking.motions import (
 )
 from flexbt_navigation.errors import DockError, NavigationError
 from flexbt_sim.errors import WorldError
-from flexbt_sim.world import MODELS, OccupancyMap, Pose, RobotModel, wrap
+from flexbt_sim.world import MODELS, OccupancyMap, Pose, RobotModel, box, wrap
 from flexbt_testing.worlds import drawn
 
 OPEN = drawn(*['.' * 120] * 120)
@@ -248,6 +248,40 @@ def test_what_takes_too_long_is_given_up() -> None:
     senses = Senses(lambda: True, lambda: DOCK)  # it says that it is charged wherever it is
     endless = UndockMotion(senses, PLAIN, stuck.costmap, charges=True, seconds=10.0)
     assert stuck.run.go(endless).code == 'FAILED_TO_CONTROL'
+
+
+def test_a_robot_that_cannot_turn_at_the_staging_pose_gives_up() -> None:
+    station = Station(WALLED, DOCK, works=False)
+    motion = station.docking(DockingLimits(charge_seconds=0.1, approach_seconds=10.0))
+    now = 0.0
+    while motion.state is not DockState.RETRY:
+        motion.step(DOCK, now)
+        now += 0.1
+    began = now
+    with pytest.raises(NavigationError, match='not reached') as raised:
+        while now < began + 60.0:
+            motion.step(STAGING._replace(yaw=1.0), now)
+            now += 0.1
+    assert raised.value.code == 'FAILED_TO_CONTROL'
+
+
+@pytest.mark.parametrize('offset', [-1.5, 1.6, 3.1])
+def test_a_robot_is_off_the_dock_before_it_turns_to_the_heading_of_the_staging_pose(offset: float) -> None:
+    station = Station(WALLED, DOCK)
+    done = station.run.go(station.undocking(DockingLimits(staging_yaw_offset=offset)))
+    assert (done.code, done.touched) == ('', False)
+    assert done.robot.pose.distance(DOCK) == pytest.approx(0.7, abs=0.1)
+    assert abs(wrap(done.robot.pose.yaw - offset)) < 0.2
+    turned = [pose for pose in done.poses if abs(pose.yaw) > 0.1]
+    assert min(pose.distance(DOCK) for pose in turned) > 0.6
+
+
+def test_a_robot_that_is_no_circle_does_not_turn_into_a_wall_at_the_staging_pose() -> None:
+    corridor = drawn(*['.' * 120] * 50, '#' * 120, *['.' * 120] * 14, '#' * 120, *['.' * 120] * 54)
+    """Walls at y = 2.7 and 3.45 m."""
+    station = Station(corridor, Pose(3.0, 3.1, 0.0), model=replace(MODEL, footprint=box(0.9, 0.3)))
+    done = station.run.go(station.undocking(DockingLimits(staging_yaw_offset=1.5)))
+    assert (done.code, done.touched) == ('FAILED_TO_CONTROL', False)
 
 
 @pytest.mark.parametrize('follow', [lambda pose, now: Velocity(0.0, 0.1), lambda pose, now: _fails()])
