@@ -84,8 +84,8 @@ class PoseWatch:
 class RobotInterface:
     """The robot as the servers use it. Executor thread only.
 
-    Each callback of ``on_pose`` is called for each new pose, with the pose and its time, s; ``on_map()`` for each new
-    map.
+    Each callback of ``on_pose`` is called for each new pose, with the pose and its time, s, on a clock that is never
+    set back; ``on_map()`` for each new map.
     """
 
     def __init__(
@@ -102,7 +102,8 @@ class RobotInterface:
         self.on_pose: list[Callable[[Pose, float], None]] = []
         self.on_map: Callable[[], None] = lambda: None
         self._pose: Pose | None = None
-        self._pose_heard = self._taken = -math.inf
+        self._pose_heard = self._taken = self._stamp = -math.inf
+        self._set_back = 0.0
         self._was_gone = False
         self._is_moving = False
         self._map: OccupancyMap | None = None
@@ -230,10 +231,12 @@ class RobotInterface:
         self._is_moving = self._pose != before
         stamp = seconds_of(message.header.stamp)
         self.costmaps.add_pose(stamp, self._pose)
+        self._set_back += max(0.0, self._stamp - stamp)
+        self._stamp = stamp
         self._tell_waiting()
-        pose = self._pose
+        pose, now = self._pose, stamp + self._set_back
         for tell in tuple(self.on_pose):
-            tell(pose, stamp)
+            tell(pose, now)
 
     def _receive_map(self, grid: OccupancyGrid) -> None:
         try:

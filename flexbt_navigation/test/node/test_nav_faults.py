@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
+from simulation_interfaces.srv import ResetSimulation
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
@@ -30,6 +31,7 @@ from flexbt_testing.nodes.sim_world import (
     line,
     open_navigation,
     open_probe,
+    open_sim_world,
     open_simulator,
     without_faults,
 )
@@ -106,6 +108,17 @@ def test_a_robot_that_is_lost_fails_what_drives_it_and_is_used_again_when_it_is_
             Simulator(simulator)  # its time starts again at 0
             assert early.wait().status is GoalStatus.SUCCEEDED
             assert probe.send(names.WAIT, time=duration_message(0.5)).wait().status is GoalStatus.SUCCEEDED
+
+
+def test_a_robot_drives_on_when_simulated_time_begins_again() -> None:
+    with open_sim_world() as probe:
+        probe.later(100.0)
+        goal = probe.follow(line(DOCK, (4.0, 4.45)))
+        probe.wait_driving()
+        request = ResetSimulation.Request(scope=ResetSimulation.Request.SCOPE_TIME)
+        probe.ask(ResetSimulation, 'simulator/reset_simulation', request)
+        assert goal.wait().status is GoalStatus.SUCCEEDED
+        assert probe.now.time < 50.0
 
 
 def test_a_thread_that_was_held_up_does_not_take_what_it_has_not_read_for_silence(
