@@ -577,7 +577,7 @@ class PathFollower(Motion):
         near = self._costmap.known_distance(pose.x, pose.y) / limits.proximity_distance
         speed = min(top, max(limits.curve_speed, top * min(1.0, 1.0 / bend if bend else 1.0, near)))
         if self._left < limits.approach_distance:
-            speed = max(limits.approach_speed, speed * self._left / limits.approach_distance)
+            speed = min(speed, max(limits.approach_speed, speed * self._left / limits.approach_distance))
         if limits.turning_radius and abs(speed * curvature) > limits.angular_speed:
             speed = limits.angular_speed / abs(curvature)  # the bend stays as wide as it is
         angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))

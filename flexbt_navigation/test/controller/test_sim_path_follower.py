@@ -377,6 +377,14 @@ def test_a_turn_at_the_goal_is_progress() -> None:
         assert motion.step(Pose(1.0, 1.0, 0.0), number * PERIOD) is not None
 
 
+def test_a_limit_of_the_speed_holds_up_to_the_goal() -> None:
+    motion = follower(line((1.0, 1.0), (1.4, 1.0)))
+    motion.speed_limit = 0.03
+    done = run(OPEN, Pose(1.0, 1.0, 0.0), motion)
+    assert done.code == ''
+    assert max(command.linear for command in done.commands) == 0.03
+
+
 RATES = st.floats(-0.03, 0.03)
 """Of a drift, m/s and rad/s: much more than an odometry has."""
 
