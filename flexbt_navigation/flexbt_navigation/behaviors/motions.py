@@ -28,6 +28,9 @@ from flexbt_sim.world.plane.geometry import Pose, drive, wrap
 SPIN_LIMITS: Final = TurnLimits(minimum=0.4, maximum=1.0, acceleration=3.2)
 """Nav2's min_rotational_vel, max_rotational_vel and rotational_acc_lim."""
 
+MOST_COMMAND: Final = 10.0
+"""Maximum of an operator's command, m/s and rad/s: collisions are looked for all along its way."""
+
 TELEOP_PROJECTION: Final = 1.0
 """Time for which assisted_teleop looks ahead, s: Nav2's projection_time."""
 
@@ -147,7 +150,7 @@ class AssistedTeleopMotion(_TimedMotion):
         self._check_time(now)
         if self._is_done:
             return None
-        command = self._command()
+        command = Velocity(*(max(-MOST_COMMAND, min(MOST_COMMAND, part)) for part in self._command()))
         if command == STOP:
             return STOP
         return slowed(self._costmap, pose, command, TELEOP_PROJECTION)

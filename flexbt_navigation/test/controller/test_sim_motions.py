@@ -47,6 +47,24 @@ def costs(world: OccupancyMap) -> Costmap:
     return Costmap(world, Inflation())
 
 
+def test_a_command_of_an_operator_is_bounded_before_its_way_is_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[Pose] = []
+
+    def overlap(_costmap: Costmap, pose: Pose) -> float:
+        looked.append(pose)
+        assert len(looked) < 10_000
+        return 0.0
+
+    monkeypatch.setattr(Costmap, 'overlap', overlap)
+    costmap = Costmap(OPEN, Inflation.of(box(0.5, 0.3)))
+    for command, bounded in (((0.0, 1e9), (0.0, 10.0)), ((0.0, -1e300), (0.0, -10.0)), ((1e300, 0.0), (10.0, 0.0))):
+        looked.clear()
+        teleop = AssistedTeleopMotion(lambda: Velocity(*command), 0.0, costmap)  # noqa: B023 - called here
+        velocity = teleop.step(CENTRE, 0.0)
+        assert velocity is not None
+        assert all(abs(part) <= abs(most) for part, most in zip(velocity, bounded, strict=True))
+
+
 @settings(deadline=None, max_examples=20)
 @given(st.floats(-15.0, 15.0), st.integers(0, 3))
 def test_a_spin_turns_by_its_angle_on_the_spot(angle: float, late: int) -> None:
