@@ -22,6 +22,8 @@ from flexbt_sim.world.plane.geometry import Point, Pose, wrap
 
 from .graph import RouteEdge, RouteGraph, RouteNode, number, speed_limit
 
+Places = NDArray[numpy.float64]
+
 CELLS_AT_A_TIME: Final = 1_000_000
 """Number of cells per block; larger blocks are no faster and use more memory."""
 
@@ -38,6 +40,9 @@ def greatest_costs(
     """Return, for each of many lines, N x 2, m, its greatest cost and whether it is on the map."""
     world = costmap.world
     begin, end = (numpy.stack(world.grid_position(*points.T), axis=1) for points in (starts, ends))
+    # Of a line that is much longer than the map, look at its part there: nodes may be thousands of kilometres away.
+    is_far = numpy.hypot(*(end - begin).T) > 2.0 * (world.height + world.width)
+    begin[is_far], end[is_far] = _clipped(begin[is_far], end[is_far], (world.height, world.width))
     counts = numpy.maximum(1, numpy.ceil(2.0 * numpy.hypot(*(end - begin).T))).astype(int)
     greatest, is_on_map = numpy.zeros(len(counts)), numpy.ones(len(counts), bool)
     pieces = numpy.flatnonzero(numpy.diff(numpy.cumsum(counts + 1) // CELLS_AT_A_TIME)) + 1
@@ -55,7 +60,18 @@ def greatest_costs(
         costs[inside] = costmap.costs[rows[inside], columns[inside]]
         greatest[lines] = numpy.maximum.reduceat(costs, first)
         is_on_map[lines] = numpy.logical_and.reduceat(inside, first)
-    return greatest, is_on_map
+    return greatest, is_on_map & ~is_far
+
+
+def _clipped(begin: Places, end: Places, size: tuple[int, int]) -> tuple[Places, Places]:
+    """Return the ends of the parts of lines, N x 2, in cells, that are on a grid; a point beside it for a line that
+    does not meet it."""
+    way = numpy.where(end == begin, 1e-300, end - begin)
+    crossed = numpy.sort([-begin / way, (numpy.array(size) - begin) / way], axis=0)
+    first = numpy.clip(crossed[0].max(axis=1), 0.0, 1.0)[:, None]
+    last = numpy.clip(crossed[1].min(axis=1), -1.0, 1.0)[:, None]
+    meets = first <= last
+    return numpy.where(meets, begin + first * way, -1.0), numpy.where(meets, begin + last * way, -1.0)
 
 
 def closest_point(place: Point, start: Point, end: Point) -> Point:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import tracemalloc
 from dataclasses import replace
 from itertools import pairwise, product
 from typing import Any
@@ -238,6 +239,25 @@ def test_costs_of_many_lines_are_those_of_each(lines: list[tuple[float, ...]], m
     )
     assert greatest.tolist() == [costs.max(initial=0) for costs, _ in each]
     assert is_on_map.tolist() == [inside for _, inside in each]
+
+
+def test_of_a_line_across_the_world_the_part_on_the_map_is_looked_at() -> None:
+    """A graph in coordinates of another place has such lines to the robot."""
+    tracemalloc.start()
+    try:
+        for start, end, greatest in (
+            ((1.0, 5.0), (1e5, 5.0), 254.0),
+            ((-1e5, 5.0), (1e5, 5.0), 254.0),
+            ((1.0, 1.0), (1e5, 1.0), 0.0),
+            ((3.02, 9e4), (3.02, -9e4), 254.0),
+            ((-1e5, 9.0), (1e5, 9.0), 0.0),
+            ((1e5, 5.0), (2e5, 5.0), 0.0),
+        ):
+            assert greatest_cost(WALL, start, end) == (greatest, False)
+            assert greatest_cost(WALL, end, start) == (greatest, False)
+        assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_speed_limit_is_a_part_or_percent() -> None:
