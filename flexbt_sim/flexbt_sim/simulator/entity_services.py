@@ -46,6 +46,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import short_repr
 from flexbt_sim.errors import SimulationError, WorldError
 from flexbt_sim.messages import pose_message, pose_of
+from flexbt_sim.world.models import RobotModel
 from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, box, compose, gap
 from flexbt_sim.world.plane.space import Body
 from flexbt_sim.world.robot import Robot
@@ -118,8 +119,8 @@ class EntityServices:
         described, model, own_pose = self._described(request, pose)
         name = self._free_name(request.name or described, request.allow_renaming)
         namespace = request.entity_namespace
-        if namespace:
-            self._check_namespace(namespace)
+        if namespace or isinstance(model, RobotModel):
+            self._check_namespace(namespace or name)
         try:
             with simulator.lock:
                 entity = simulator.world.add(name, model, pose or own_pose)

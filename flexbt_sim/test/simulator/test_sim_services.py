@@ -238,6 +238,17 @@ def test_a_robot_comes_and_goes_with_its_topics(bench: Bench) -> None:
     assert bench.ask(DeleteEntity, 'delete_entity', entity='gamma').result.result == Result.RESULT_NOT_FOUND
 
 
+def test_no_two_robots_are_in_one_namespace(bench: Bench) -> None:
+    """Else each command would drive both."""
+    placed = pose((5.0, 3.0))
+    first = bench.spawn('robots: {gamma: {}}', entity_namespace='delta', initial_pose=placed)
+    assert first.result.result == Result.RESULT_OK, first.result.error_message
+    second = bench.spawn('robots: {delta: {}}', initial_pose=pose((5.0, 5.0)))
+    assert second.result.result == SpawnEntity.Response.NAMESPACE_INVALID
+    thing = bench.spawn('obstacles: {delta: {pose: [5, 5, 0]}}')
+    assert thing.result.result == Result.RESULT_OK, thing.result.error_message
+
+
 @pytest.mark.parametrize(
     ('text', 'fields', 'code', 'says'),
     [
