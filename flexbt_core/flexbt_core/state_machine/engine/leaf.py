@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 import traceback
 from collections.abc import Callable, Iterable
 from enum import Enum
@@ -72,7 +73,9 @@ class LeafRun:
         self._engine.wake()
 
     def wake_at(self, time: float) -> None:
-        """Execute the state also at ``time``, in s of its clock."""
+        """Execute the state also at ``time``, in s of its clock. Raises StateError if that is NaN."""
+        if math.isnan(time):
+            raise StateError(f'{self.path}: a state cannot be woken at the time nan; give seconds of its clock')
         if time not in self._wake_times:
             heapq.heappush(self._wake_times, time)
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any
 
@@ -46,6 +47,13 @@ def test_transitions_leave_no_timers_behind() -> None:
     assert bench.clock.next_timer() is None
     bench.stop()
     assert bench.clock.next_timer() is None
+
+
+def test_a_state_that_wants_to_be_woken_at_no_time_has_a_fault_and_the_run_goes_on() -> None:
+    state = Scripted('failed', do={'execute': lambda state, _: state.wake_at(math.nan)})
+    bench = Bench(machine(Child('A', state, {'failed': 'B'}), Child('B', Scripted(), {'done': 'ended'})))
+    assert (bench.active, bench.run.next_wake) == (('/B',), None)
+    assert '/A: a state cannot be woken at the time nan' in bench.faults[0][1]
 
 
 @pytest.mark.parametrize('rate', [0.5, 4.0, 8.0])
