@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -246,6 +247,16 @@ def test_speed_controller_follows_the_speed(velocity: float, period: float) -> N
     assert calls[5:] == ['0S', '9R']
     tree.halt()
     assert tree.next_wake is None
+
+
+def test_speed_controller_goes_on_after_a_speed_that_is_no_number() -> None:
+    clock = ManualClock()
+    tree, calls = beside(f'<BySpeed min_rate="0.5" max_rate="2" max_speed="1">{step("S")}</BySpeed>', clock)
+    tree.tick_once()
+    for Robot.velocity, now, due in ((math.nan, 0.5, 2.5), (1.0, 2.5, 3.0)):
+        clock.set(now)
+        tree.tick_once()
+        assert (calls.count('0S'), tree.next_wake) == (2 if now < 1.0 else 3, due)
 
 
 def test_speed_controller_begins_anew_when_the_goal_changes_and_ticks_a_child_that_runs() -> None:

@@ -215,6 +215,8 @@ class SpeedController(Decorator):
         least: float = self.get_input('min_speed')
         most: float = self.get_input('max_speed')
         speed = self.speed()
+        if math.isnan(speed):  # of a broken odometry; the period would never end
+            speed = 0.0
         share = (speed - least) / (most - least) if most > least else float(speed >= most)
         return max(min(slow + share * (fast - slow), fast), slow)
 
