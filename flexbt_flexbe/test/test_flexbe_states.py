@@ -18,7 +18,7 @@ from flexbt_common.values.value_types import resolve_type
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_flexbe import EventState as FlexbeState
-from flexbt_flexbe import Logger, ProxySubscriberCached, states
+from flexbt_flexbe import Logger, OperatableStateMachine, ProxySubscriberCached, states
 from flexbt_flexbe.states import (
     BtGetDataState,
     BtSetDataState,
@@ -208,6 +208,26 @@ class TestTelling:
 
     def test_user_data(self, bench: StateBench) -> None:
         assert outcome_of(bench, lambda: UserdataState({'a': [1]})) == ('done', {'a': [1]})
+
+    def test_what_others_do_with_the_data_is_not_in_what_is_written_the_next_time(self, bench: StateBench) -> None:
+        seen: list[Any] = []
+
+        class Filling(FlexbeState):
+            def execute(self, userdata: Any) -> str:
+                userdata.data.append(1)
+                seen.append(list(userdata.data))
+                return 'done' if len(seen) == 2 else 'again'
+
+        def machine() -> OperatableStateMachine:
+            made = OperatableStateMachine(outcomes=['finished'])
+            with made:
+                OperatableStateMachine.add('Begin', UserdataState([]), {'done': 'Fill'})
+                fill = Filling(outcomes=['again', 'done'], io_keys=['data'])
+                OperatableStateMachine.add('Fill', fill, {'again': 'Begin', 'done': 'finished'})
+            return made
+
+        assert bench.run(machine).wait() == 'finished'
+        assert seen == [[1], [1]]
 
     def test_wait_takes_its_time(self, bench: StateBench) -> None:
         begin = bench.runtime.clock.now()

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import inspect
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
@@ -106,7 +108,7 @@ class UserdataState(EventState):
 
     -- data         object      The value
 
-    #> data                     The value.
+    #> data                     A copy of the value; the value itself if it cannot be copied.
 
     <= done                     The value was written.
     """
@@ -118,7 +120,10 @@ class UserdataState(EventState):
         self._data = data
 
     def execute(self, userdata: UserData) -> str:
-        userdata['data'] = self._data
+        value = self._data
+        with contextlib.suppress(Exception):  # code of the value
+            value = copy.deepcopy(value)
+        userdata['data'] = value
         return 'done'
 
 
