@@ -412,6 +412,47 @@ class TestActions:
         assert run(bench, steps).wait() == 'done'
         assert steps.seen == [False, ['Node'], 'ok']
 
+    def test_feedback_on_a_goal_that_another_has_replaced_is_not_that_of_the_new_one(self, bench: StateBench) -> None:
+        async def script(goal_handle: Any) -> Any:
+            name = goal_handle.request.behavior_tree
+            goal_handle.publish_feedback(BtExecute.Feedback(active_nodes=[name]))
+            if name == 'old':
+                await released
+                goal_handle.publish_feedback(BtExecute.Feedback(active_nodes=['late']))
+                goal_handle.abort()
+                server.resolve(gone)
+            else:
+                await gone
+                goal_handle.publish_feedback(BtExecute.Feedback(active_nodes=['last']))
+                goal_handle.succeed()
+            return GOOD
+
+        class Replacing(Steps):
+            topic = 'work'
+
+            def start(self, state: Script) -> None:
+                self.client = ProxyActionClient({self.topic: BtExecute})
+
+            def enter(self, state: Script) -> None:
+                self.client.send_goal(self.topic, Goal(behavior_tree='old'))
+
+            def execute(self, state: Script) -> str | None:
+                if self.client.has_feedback(self.topic):
+                    feedback = self.client.get_feedback(self.topic, clear=True).feedback
+                    self.seen += feedback.active_nodes
+                    if self.seen == ['old']:
+                        self.client.cancel(self.topic)
+                        self.client.send_goal(self.topic, Goal(behavior_tree='new'))
+                    elif self.seen == ['old', 'new']:
+                        server.resolve(released)
+                return 'done' if self.client.has_result(self.topic) else None
+
+        server = bench.serve(BtExecute, 'work', lambda handle: script(handle))
+        released, gone = server.future(), server.future()
+        steps = Replacing()
+        assert run(bench, steps).wait() == 'done'
+        assert steps.seen[:2] == ['old', 'new'] and 'late' not in steps.seen
+
     def test_two_states_with_the_same_action_have_goals_of_their_own(self, bench: StateBench) -> None:
         """In FlexBE the second overwrites the result of the first."""
 

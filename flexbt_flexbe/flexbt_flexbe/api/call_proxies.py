@@ -41,6 +41,8 @@ class _Client:
     made_at: float
     listeners: Listeners = field(default_factory=Listeners)
     call: ActionCall | None = None
+    sent: object = None
+    """Identity of the last goal."""
     feedback: Any = None
     is_removed: bool = False
 
@@ -133,10 +135,12 @@ class ProxyActionClient(RunProxy):
         client.feedback = None
         client.is_removed = False
         client.listeners.note_caller()
+        sent = client.sent = object()
 
         def keep_feedback(feedback: Any) -> None:
-            client.feedback = client.link.server_type.Impl.FeedbackMessage(feedback=feedback)
-            client.listeners.wake()
+            if client.sent is sent:  # a goal that was replaced goes on until its cancel takes effect
+                client.feedback = client.link.server_type.Impl.FeedbackMessage(feedback=feedback)
+                client.listeners.wake()
 
         client.call = ActionCall(
             client.link,
