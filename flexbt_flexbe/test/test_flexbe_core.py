@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from flexbt_core.clock.clock import ManualClock
 from flexbt_core.state_machine.engine.operator_commands import set_autonomy
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_flexbe import (
@@ -24,6 +26,7 @@ from flexbt_flexbe import (
     PriorityContainer,
     UserData,
 )
+from flexbt_flexbe.api import logger
 from flexbt_flexbe.states import WaitState
 from flexbt_testing.nodes.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
@@ -371,6 +374,15 @@ class TestExceptions:
 
 
 class TestLogger:
+    def test_lines_that_are_never_the_same_do_not_fill_the_memory(self) -> None:
+        clock = ManualClock()
+        run: Any = SimpleNamespace(services=SimpleNamespace(runtime=SimpleNamespace(steady=clock)))
+        throttle = logger._Throttle(run)
+        for number in range(3 * logger.MOST_THROTTLED):
+            assert throttle.is_due(number, 60.0)
+        assert not throttle.is_due(3 * logger.MOST_THROTTLED - 1, 60.0)
+        assert len(throttle._said) == logger.MOST_THROTTLED
+
     def test_lines_name_the_state_and_keep_percent_signs(self, bench: StateBench) -> None:
         def work(state: Traced, userdata: Any) -> str:
             Logger.loginfo('100 % of %s')

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final, TypeVar
 
@@ -13,19 +14,25 @@ from flexbt_onboard.link.console_link import log_to_node
 
 from .event_state import RosAccess
 
+MOST_THROTTLED: Final = 1024
+"""Number of throttled lines of a run whose times are kept: lines with a number in them are always new."""
+
 
 class _Throttle:
     """The times at which the lines of a run were last logged."""
 
     def __init__(self, run: RunContext) -> None:
         self._steady = run.services.runtime.steady
-        self._said: dict[object, float] = {}
+        self._said: OrderedDict[object, float] = OrderedDict()
 
     def is_due(self, key: object, period: float) -> bool:
         now = self._steady.now()
         is_due = now - self._said.get(key, -period) >= period
         if is_due:
             self._said[key] = now
+            self._said.move_to_end(key)
+            if len(self._said) > MOST_THROTTLED:
+                self._said.popitem(last=False)
         return is_due
 
 
