@@ -65,7 +65,7 @@ def _exports_behaviors(package_xml: Path) -> bool:
         with open(package_xml, 'rb', opener=open_regular) as content:
             text = content.read()
         return EXPORT.encode() in text and ElementTree.fromstring(text).find(f'export/{EXPORT}') is not None  # noqa: S314
-    except (OSError, ElementTree.ParseError):
+    except (OSError, ElementTree.ParseError, ValueError, LookupError):  # the last two for encodings
         return False
 
 

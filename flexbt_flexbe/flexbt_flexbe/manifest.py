@@ -52,7 +52,7 @@ def read_manifest(file: Path) -> FlexbeManifest:
         with open(file, 'rb', opener=open_regular) as content:
             root = ElementTree.parse(content).getroot()  # noqa: S314
         return _read(file, root)
-    except (OSError, ElementTree.ParseError, OnboardError, ValueError) as error:
+    except (OSError, ElementTree.ParseError, OnboardError, ValueError, LookupError) as error:
         raise FlexbeManifestError(f'{file}: {error}') from None
 
 

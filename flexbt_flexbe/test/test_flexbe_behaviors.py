@@ -210,6 +210,8 @@ def test_nothing_is_set_twice(package: Installed) -> None:
     ('text', 'words'),
     [
         ('<behavior name="Bad">', 'no element found'),
+        ('<?xml version="1.0" encoding="utf-88"?><behavior name="Bad"/>', 'unknown encoding'),
+        ('<?xml version="1.0" encoding="gbk"?><behavior name="Bad"/>', 'encoding'),
         ('<behaviour name="Bad"/>', 'not a manifest'),
         ('<behavior name=""><executable package_path="a.b" class="C"/></behavior>', 'not a manifest'),
         ('<behavior name="Bad"><executable package_path="a" class="C"/></behavior>', 'package_path'),
@@ -253,6 +255,14 @@ def test_a_manifest_that_cannot_be_used_is_listed_with_the_reason(package: Insta
     (bad,) = [entry for entry in package.entries().values() if entry.error]
     assert words.replace('{p}', package.name) in bad.error
     assert set(package.entries()) >= {'Patrol', 'Greet'}, 'the others continue working'
+
+
+@pytest.mark.parametrize('encoding', ['utf-88', 'gbk'])
+def test_a_package_whose_encoding_is_not_known_does_not_hide_the_others(package: Installed, encoding: str) -> None:
+    write_package(package.prefix, 'of_others', manifests={}, sources={})
+    other = package.prefix / 'share' / 'of_others' / 'package.xml'
+    other.write_text(f'<?xml version="1.0" encoding="{encoding}"?>{other.read_text()}')
+    assert set(package.entries()) == {'Patrol', 'Greet'}
 
 
 def test_a_manifest_that_is_a_pipe_is_not_waited_for(package: Installed) -> None:
