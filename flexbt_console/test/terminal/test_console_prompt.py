@@ -382,6 +382,31 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
     assert [entry.autonomy for entry in link.sent] == [3, 3]
 
 
+def test_what_waits_for_the_link_is_not_sent_after_a_stop() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    link = Loopback(
+        mirror, lambda command: ExecutiveSnapshot('e', 1, results=(CommandResult(command.id, ResultCode.APPLIED),))
+    )
+    screen = io.StringIO()
+
+    async def operate() -> None:
+        output = PlainTextOutput(screen)
+        with create_pipe_input() as keys, create_app_session(input=keys, output=output):
+            prompt = Prompt(station(mirror, link, clock), clock, input=keys, output=output)
+            running = asyncio.create_task(prompt.run())
+            for line, answer in (('autonomy high', 'autonomy high: waiting'), ('stop', 'stop: applied')):
+                keys.send_text(f'{line}\r')
+                while answer not in screen.getvalue():
+                    await asyncio.sleep(0.01)
+            keys.send_text('quit\r')
+            await running
+
+    asyncio.run(asyncio.wait_for(operate(), DEADLINE))
+    assert [entry.kind for entry in link.sent] == [CommandKind.STOP]
+    assert 'autonomy high: canceled; nothing was sent' in screen.getvalue()
+
+
 @pytest.mark.parametrize('keys_to_quit', ['\x04', '\x03\x03\x04', 'half a line\x03quit\r', 'quit\r'])
 def test_quitting_sends_nothing(keys_to_quit: str) -> None:
     mirror = Mirror(ManualClock())

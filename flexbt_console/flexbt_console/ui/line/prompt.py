@@ -29,6 +29,7 @@ from flexbt_console.commands.completion import candidates
 from flexbt_console.commands.spec import Reading
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import CommandKind, OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import fold
 from flexbt_console.present.events import SETTLE_SECONDS, Follower
@@ -199,10 +200,14 @@ class Prompt:
 
     def _clear(self, text: str) -> None:
         """Discard the typed line, as Ctrl-C does in a shell."""
-        for held in self._held:
-            self._print(_warned([f'{one_line(held.text)}: canceled; nothing was sent']))
         if not text.strip() and not self._held:
             self._print([f'Ctrl-C clears the line. "quit" leaves: {self._station.leaving}. "stop" stops the robot.'])
+        self._cancel_held()
+
+    def _cancel_held(self) -> None:
+        """Discard the lines that wait for a live link."""
+        for held in self._held:
+            self._print(_warned([f'{one_line(held.text)}: canceled; nothing was sent']))
         self._held.clear()
 
     def _do(self, text: str, bound: Bound) -> bool:
@@ -218,7 +223,9 @@ class Prompt:
         except ConsoleError as error:
             self._print(_warned(escape_lines(str(error))))
         else:
-            if isinstance(done, Reading):
+            if isinstance(done, OperatorCommand) and done.kind is CommandKind.STOP:
+                self._cancel_held()  # after a STOP they might move the robot
+            elif isinstance(done, Reading):
                 self._print(done.text)
             elif isinstance(done, RobotRequest):
                 asking = threading.Thread(target=self._ask, args=(text.split()[0], done), name='ask', daemon=True)
