@@ -1298,8 +1298,10 @@ class FakeRobots(FleetLink):
         for name, robot in self.robots.items():
             self.fleet.add(name, robot.mirror)
 
-    def select(self, name: str) -> tuple[Mirror, Any]:
+    def robot(self, name: str) -> tuple[Mirror, Any]:
         return self.robots[name].mirror, self.robots[name].link
+
+    select = robot
 
 
 def test_of_several_robots_the_one_that_waits_is_found_gone_to_and_answered_alone() -> None:
@@ -1332,6 +1334,25 @@ def test_of_several_robots_the_one_that_waits_is_found_gone_to_and_answered_alon
         assert '/robot00' in text_of(app).splitlines()[0]
 
     on_screen(own, steps, robots=robots)
+
+
+def test_a_robot_of_the_list_is_stopped_though_the_node_is_too_busy_to_go_to_it() -> None:
+    robots = FakeRobots(2)
+    own, other = robots.robots.values()
+
+    def select(name: str) -> Any:
+        raise TimeoutError('the executor of node console did not get to it')
+
+    robots.select = select  # type: ignore[method-assign]
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('o', 'down', 'f8')
+        await seen(own, pilot)
+        assert (own.link.kinds, other.link.kinds) == ([], [CommandKind.STOP])
+        assert 'did not get to it' in text_of(app)
+
+    on_screen(own, steps, robots=robots)
+    other.show()  # nobody listens any more, and nothing is wrong with that
 
 
 def test_a_command_without_an_answer_is_seen_and_so_is_an_answer_that_is_late() -> None:

@@ -53,6 +53,7 @@ from .textual_app import OrderedApp, TerminalDriver, image_widget
 
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
+    from flexbt_console.link.operator_link import ExecutiveLink
     from flexbt_console.recording.player import RunPlayer
 
     from .textual_app import ImageWidget
@@ -187,7 +188,7 @@ class OperatorScreen(OrderedApp):
         """Follow the mirror."""
         self._follow(self._station.mirror)
         if self._robots is not None:
-            self._robots.fleet.add_listener(lambda: self._wake() if isinstance(self.screen, Overview) else None)
+            self._robots.fleet.add_listener(self._fleet_changed)
         if self._replay is not None:
             self.set_interval(PLAY_SECONDS, self.guarded(self._play_on))
             self.tell(['Press ? for the keys. This is a recording: nothing is sent.'])
@@ -320,6 +321,10 @@ class OperatorScreen(OrderedApp):
         if mirror is self._station.mirror and (change in _BESIDE_VIEW or _timeless(mirror.view()) != self._drawn):
             self._wake()
 
+    def _fleet_changed(self) -> None:
+        if any(isinstance(one, Overview) for one in self.screen_stack[-1:]):  # which is empty at the end
+            self._wake()
+
     def _look_again(self) -> None:
         if self._ageing is not None:
             self._ageing.cancel()
@@ -352,7 +357,9 @@ class OperatorScreen(OrderedApp):
         if isinstance(self.screen, Overview) and action == 'stop':
             name = self.screen.chosen  # stop the robot under the cursor, and show the effect
             self.pop_screen()
-            self.switch(name)
+            if name != self._panes.robot:
+                self._stop_and_show(name)
+                return
         view = self._view()
         if action == 'stop' and self._stopped:
             mirror, command_id = self._stopped.popleft()
@@ -382,6 +389,19 @@ class OperatorScreen(OrderedApp):
             entries = [Entry(line, (line, line.partition(' ')[2])) for line in written]
             self.open(ChoiceList(key.help, entries), lambda number: self.do(written[number]))
         self._wake()
+
+    def _stop_and_show(self, name: str) -> None:
+        """Stop another robot, and then go to it: that waits for the node, which may be busy."""
+        assert self._robots is not None
+        if self._stopped:  # the robot that was on the screen when the key was read
+            self._session.follow(*self._stopped.popleft())
+        mirror, link = _found(self._robots.robot, name)
+        view = mirror.view()
+        meaning = self._session.interpret('stop', view, Bound(None))
+        sent = replace(self._station, mirror=mirror, link=link).carry_out(meaning, view)
+        assert isinstance(sent, OperatorCommand)
+        self._session.follow(mirror, sent.id)
+        self.switch(name)
 
     def action_replay(self, move: str) -> None:
         """Move on the time line of the recording."""
@@ -571,10 +591,7 @@ class OperatorScreen(OrderedApp):
         """Switch to another robot: all panes show it, and all commands go to it."""
         if self._robots is None or name == self._panes.robot:
             return
-        try:
-            mirror, link = self._robots.select(name)
-        except KeyError:
-            raise RefusedError(f'{one_line(name)} was dropped from the list: it has been gone for long') from None
+        mirror, link = _found(self._robots.select, name)
         self._session.turn_to(replace(self._station, mirror=mirror, link=link))
         self._panes.robot = name
         self._turned_to = ''
@@ -695,6 +712,14 @@ class OperatorScreen(OrderedApp):
             self._is_quitting = True
             raise RefusedError(f'Press q again to quit: {self._station.leaving}. Esc to stay')
         self.exit()
+
+
+def _found(find: Callable[[str], tuple[Mirror, ExecutiveLink]], name: str) -> tuple[Mirror, ExecutiveLink]:
+    """Return what ``find`` knows of a robot. Raises RefusedError if the robot is not known any more."""
+    try:
+        return find(name)
+    except KeyError:
+        raise RefusedError(f'{one_line(name)} was dropped from the list: it has been gone for long') from None
 
 
 def _shown(view: View) -> Bound:
