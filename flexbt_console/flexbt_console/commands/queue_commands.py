@@ -41,6 +41,9 @@ NO_CONDITION: Final = 'none'
 
 _UNITS: Final = {'s': 1.0, 'm': 60.0, 'h': 3600.0, 'd': 86_400.0}
 _NEAR: Final = 1.0
+_FARTHEST: Final = 1e6
+_LATEST: Final = 2.0**31 - 1.0
+"""Greatest distance (m), and latest time (s) that a message has room for."""
 
 
 def duration(text: str) -> float:
@@ -99,14 +102,17 @@ def _changes(name: str, value: str, now: float) -> dict[str, Any]:
     if name == 'time':
         return {'window': value}  # the robot checks it
     if name == 'after':
-        return {'not_before': now + duration(value[1:]) if value.startswith('+') else _moment(value)}
+        moment = now + duration(value[1:]) if value.startswith('+') else _moment(value)
+        if not 0.0 <= moment < _LATEST:
+            raise UsageError(f'{short_repr(value)}: expected a time from 1970 to 2037')
+        return {'not_before': moment}
     place, colon, metres = value.partition(':')
     try:
         distance = float(metres) if colon else _NEAR
     except ValueError:
         distance = math.nan
-    if not (place and 0.0 < distance < math.inf):
-        raise UsageError(f'{short_repr(value)}: expected PLACE or PLACE:METRES')
+    if not (place and 0.0 < distance < _FARTHEST):
+        raise UsageError(f'{short_repr(value)}: expected PLACE or PLACE:METRES, less than {_FARTHEST:g} m')
     return {'place': place, 'distance': distance}
 
 

@@ -16,9 +16,12 @@ from hypothesis import strategies as st
 from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
+from flexbt_console.commands import registry
 from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.command_line import parse
 from flexbt_console.commands.operator_values import full_namespace, load_places, start_input, value_text
 from flexbt_console.errors import RefusedError, UsageError
+from flexbt_console.link.messages import command_message
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.records import (
     ActiveState,
@@ -57,6 +60,27 @@ BEHAVIORS = (
     Behavior('Legs', parameters=(BehaviorParameter('legs', 'list', '[]'), BehaviorParameter('stops', 'dict', '{}'))),
     Behavior('Broken', error='no tree'),
 )
+
+
+@pytest.mark.parametrize(
+    'when', ['after=9999-12-31T23:59', 'after=1900-01-01T00:00', 'after=+11000d', 'near=kitchen:1e300', 'near=hall:1e7']
+)
+def test_what_no_message_has_room_for_is_no_condition_of_the_queue(when: str) -> None:
+    now = view()
+    assert now.snapshot is not None
+    shown = replace(now, snapshot=replace(now.snapshot, stamp=1.7e9))
+    line = parse(['queue', 'add', 'Drive', '--when', when])
+    with pytest.raises(UsageError, match='expected'):
+        registry.build(line, shown, CommandBuilder('ann'))
+
+
+@pytest.mark.parametrize('when', ['after=2037-12-31T23:59', 'after=1970-01-03T00:00', 'after=+3000d', 'near=hall:9e5'])
+def test_a_condition_of_the_queue_can_be_sent(when: str) -> None:
+    now = view()
+    assert now.snapshot is not None
+    shown = replace(now, snapshot=replace(now.snapshot, stamp=1.7e9))
+    command = registry.build(parse(['queue', 'add', 'Drive', '--when', when]), shown, CommandBuilder('ann'))
+    assert len(command_message(command, 0.0).queue_options) == 1
 
 
 def view(*decisions: Decision, active: tuple[str, ...] = ('/Nav/Plan',), autonomy: int = 1) -> View:
