@@ -170,7 +170,7 @@ class Lanes:
         if before is not None and entry.word != word:  # it has ended otherwise: that is another entry
             entry.end = before
             self._changed(entry)
-            del self._latest[entry.lane, entry.key]
+            self._latest.pop((entry.lane, entry.key), None)
             entry = self._add(entry.lane, entry.key, entry.label, text=entry.text)
             entry.begin = began
         elif before is not None:

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_console.mirror import history as history_module
+from flexbt_console.mirror import lanes as lanes_module
 from flexbt_console.mirror.history import History
 from flexbt_console.mirror.lanes import MOST_ENTRIES, Lane, LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror, Transit
@@ -237,6 +238,26 @@ def test_each_decision_has_its_own_answer(status_first: bool) -> None:
         step()
     words = {one.key: one.word for one in lanes.since() if one.lane is Lane.DECISIONS}
     assert words == {'/A': 'confirmed by ann', '/B': 'confirmed by bob', '/C': ''}
+
+
+def test_a_node_that_has_gone_on_for_long_may_end_otherwise_than_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lanes_module, 'MOST_ENTRIES', 2)
+    robot = Robot(1)
+    lanes = Lanes(robot.mirror)
+    robot.snapshot()
+    robot.mirror.receive_tree_structure(TreeNodes('x', 'Main', NODES, 0.0))
+
+    def tell(sequence: int, status: MirroredStatus) -> None:
+        robot.mirror.receive_tree_status(
+            TreeReport('x', sequence, [MirroredStatus.RUNNING, status], [], 0.0, False, False)
+        )
+
+    for sequence, status in enumerate((MirroredStatus.RUNNING, MirroredStatus.SUCCESS, MirroredStatus.RUNNING), 1):
+        tell(sequence, status)
+    for number in range(9):  # more than are remembered
+        robot.mirror.receive_log(LogLine('e', number, LogSeverity.WARN, 'text', f'/{number}'))
+    tell(4, MirroredStatus.FAILURE)
+    assert [one.word for one in lanes.since() if one.label == 'Go'] == ['success', 'failure']
 
 
 def test_a_goal_has_the_name_of_a_place_of_its_own_frame() -> None:
