@@ -189,7 +189,7 @@ class SurroundingsFeed:
         cells = message.data.tobytes()
         origin = info.origin.position
         is_somewhere = is_length(origin.x) and is_length(origin.y) and 0.0 < info.resolution <= MOST_RESOLUTION
-        if info.width * info.height != len(cells) or len(cells) > MOST_CELLS or not is_somewhere:
+        if info.width * info.height != len(cells) or not 0 < len(cells) <= MOST_CELLS or not is_somewhere:
             raise ValueError(
                 f'a map of {info.width} x {info.height} cells of {info.resolution:g} m from ({origin.x:g}, '
                 f'{origin.y:g}) on, with {len(cells)} values; at most {MOST_CELLS} of at most {MOST_RESOLUTION:g} m '

@@ -320,5 +320,14 @@ def test_what_is_nowhere_is_not_on_the_map(number: float, has_map: bool) -> None
         json.loads(encode_json(parts_of(view, 'ann')))
 
 
+def test_a_map_without_cells_is_none() -> None:
+    """Nobody could draw it."""
+    known, grid = mirror.Mirror(ManualClock()), OccupancyGrid()
+    grid.info.resolution = 0.05
+    with pytest.raises(ValueError, match='a map of 0 x 0 cells'):
+        SurroundingsFeed(known).receivers[names.MAP](grid)
+    assert known.view().surroundings.map is None
+
+
 def _places(*poses: PoseStamped) -> msg.PlaceList:
     return msg.PlaceList(places=[msg.Place(name=str(number), pose=pose) for number, pose in enumerate(poses)])
