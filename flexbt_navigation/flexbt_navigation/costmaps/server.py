@@ -115,6 +115,9 @@ MOST_RESET_DISTANCE: Final = 1e6
 POSES: Final = 200
 """Poses that are kept: what a lidar saw is placed by the pose at that time."""
 
+SCANS: Final = 50
+"""Scans that wait for a pose at least as new: as many as in a message filter of Nav2."""
+
 GREATEST_STEP: Final = 0.5
 """Farther apart, m, two poses are not on one way: the robot was put somewhere else."""
 
@@ -155,7 +158,7 @@ class CostmapServer:
         self._robot_pose = robot_pose
         self._kept: dict[str, _Kept] = {}
         self._poses: deque[tuple[float, Pose]] = deque(maxlen=POSES)
-        self._scan: LaserScan | None = None
+        self._scans: deque[LaserScan] = deque(maxlen=SCANS)
         self._unplaced_since = math.inf
         self._observation: tuple[float, Observation, Pose] | None = None
         self._frames = TransformBuffer()
@@ -248,7 +251,9 @@ class CostmapServer:
         except (FlexbtError, ValueError) as error:
             self._complain(error)
             return
-        self._scan = scan
+        if self._scans and seconds_of(scan.header.stamp) <= seconds_of(self._scans[-1].header.stamp):
+            self._scans.clear()  # time was set back
+        self._scans.append(scan)
         self._observe()
 
     def _receive_frames(self, message: TFMessage) -> None:
@@ -263,16 +268,16 @@ class CostmapServer:
         self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
 
     def _observe(self) -> None:
-        """Add a scan once the frame of the lidar and a pose at least as new are known: they arrive on different
-        topics."""
-        scan = self._scan
-        if scan is None or not self._poses or not self._kept:
+        """Add the newest scan for which the frame of the lidar and a pose at least as new are known: they arrive on
+        different topics."""
+        scan = None
+        newest = self._poses[-1][0] if self._kept and self._poses else -math.inf
+        while self._scans and seconds_of(self._scans[0].header.stamp) <= newest:
+            scan = self._scans.popleft()
+        if scan is None:
             return
         time = seconds_of(scan.header.stamp)
         after = bisect_left(self._poses, time, key=lambda known: known[0])
-        if after == len(self._poses):
-            return
-        self._scan = None
         if after == 0 and self._poses[0][0] > time:
             return  # the scan is from before the robot was put there
         robot = _between(self._poses[max(0, after - 1)], self._poses[after], time)
@@ -282,7 +287,7 @@ class CostmapServer:
             now = self._runtime.steady.now()
             self._unplaced_since = min(self._unplaced_since, now)
             if error.is_early and now - self._unplaced_since < LIDAR_FRAME_SECONDS:
-                self._scan = scan
+                self._scans.appendleft(scan)
             else:
                 self._complain(error)
             return

@@ -6,6 +6,7 @@ from __future__ import annotations
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,6 +23,7 @@ from flexbt_navigation import robot_interface
 from flexbt_navigation.node import Navigation
 from flexbt_navigation.robot_interface import PoseWatch
 from flexbt_sim.simulator.node import Simulator
+from flexbt_sim.simulator.parameters import built_in_map
 from flexbt_sim.world import DriveModel
 from flexbt_testing.nodes.sim_world import (
     DOCK,
@@ -38,6 +40,13 @@ from flexbt_testing.nodes.sim_world import (
 from flexbt_testing.waiting import DEADLINE, contended_time, uncontended_time, wait_until
 
 EAST = (11.2, 4.45)
+CRATE = f"""
+map: {built_in_map()}
+robots: {{turtle: {{pose: [3.0, 3.95, 0]}}}}
+obstacles: {{crate: {{pose: [8.0, 3.95, 0], shape: [0.4, 0.4]}}}}
+faults: [{{entity: turtle, fault: messages_late, parameters: {{topic: pose, delay: 0.5}}}}]
+"""
+
 BRAKING = DriveModel().linear_speed / DriveModel().linear_acceleration
 
 
@@ -119,6 +128,15 @@ def test_a_robot_drives_on_when_simulated_time_begins_again() -> None:
         probe.ask(ResetSimulation, 'simulator/reset_simulation', request)
         assert goal.wait().status is GoalStatus.SUCCEEDED
         assert probe.now.time < 50.0
+
+
+def test_a_robot_whose_poses_are_older_than_its_scans_sees_what_is_in_its_way(tmp_path: Path) -> None:
+    file = tmp_path / 'crate.yaml'
+    file.write_text(CRATE)
+    with open_sim_world(FAST | {'world': str(file), 'robot_namespaces': False}) as probe:
+        path = line((3.0, 3.95), (11.2, 3.95))
+        aborted(probe.follow(path), FollowPath.Result.PATIENCE_EXCEEDED)
+        assert 7.0 < probe.wait_at_rest().x < 7.8 - 0.22
 
 
 def test_a_thread_that_was_held_up_does_not_take_what_it_has_not_read_for_silence(
