@@ -237,6 +237,8 @@ class SimulatorCore:
                 topics.restart(world.robots[name])
             self._tell_scene()
         self.pacer.forget_drivers()
+        for map_server in self._map_servers.values():
+            map_server.restart(world.map)
         for robot in world.robots.values():
             if robot.name not in self._robots:
                 self._connect_robot(robot, self.parameters.namespace_of(robot.name))

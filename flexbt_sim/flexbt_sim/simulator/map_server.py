@@ -56,6 +56,11 @@ class MapServer:
         if world is not None:
             self._publish(world)
 
+    def restart(self, world: OccupancyMap | None) -> None:
+        """Publish the map of a new world, unless it is the one that was published last."""
+        if world is not None and grid_message(world, self._frame, time_message(0.0)) != self._grid:
+            self._publish(world)
+
     def close(self) -> None:
         """Destroy the topic and the services."""
         self._part.close()

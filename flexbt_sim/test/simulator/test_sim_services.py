@@ -431,6 +431,17 @@ def test_a_reset_takes_back_what_its_scope_says(bench: Bench) -> None:
     assert reset(64) == Result.RESULT_FEATURE_UNSUPPORTED
 
 
+def test_a_reset_brings_the_map_of_the_file_back(bench: Bench) -> None:
+    maps = bench.listen(OccupancyGrid, '/beta/map', names.transient_local_qos())
+    wait_until(lambda: maps)
+    first, rooms = maps[-1], built_in_map()
+    bench.ask_other(LoadMap, '/beta/map_server/load_map', map_url=f'file://{rooms}')
+    wait_until(lambda: maps[-1] != first)
+    assert bench.ask(ResetSimulation, 'reset_simulation').result.result == Result.RESULT_OK
+    wait_until(lambda: maps[-1] == first)
+    assert bench.ask_other(GetMap, '/beta/map_server/map').map == first
+
+
 def test_a_reset_reads_the_file_again(bench: Bench) -> None:
     file = bench.simulator.parameters.source
     scans = bench.listen(LaserScan, '/alpha/scan')
