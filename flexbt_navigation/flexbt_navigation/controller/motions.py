@@ -88,6 +88,9 @@ class Motion(ABC):
         """Continue on another costmap, after a change of the map."""
         self._costmap = costmap
 
+    def limit_speed(self, limit: float) -> None:  # noqa: B027 - most motions have a speed of their own
+        """Obey a limit of the speed, m/s, if the motion follows a path."""
+
 
 @dataclass(frozen=True)
 class Steering:

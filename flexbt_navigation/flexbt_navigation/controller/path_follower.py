@@ -394,6 +394,10 @@ class PathFollower(Motion):
         """m/s, of the topic of that name."""
         self.distance_to_goal = self._left = sum(leg.track.length for leg in self._legs)
 
+    def limit_speed(self, limit: float) -> None:
+        """See :class:`Motion`."""
+        self.speed_limit = limit
+
     @property
     def speed(self) -> float:
         """Commanded speed, m/s."""

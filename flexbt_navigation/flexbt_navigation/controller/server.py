@@ -84,6 +84,7 @@ class MotionArbiter:
         self._asked = self._newest = 0
         self.monitor: Callable[[Pose, Velocity], Velocity] = lambda _pose, command: command
         self._is_held = False
+        self.speed_limit = math.inf
         robot.on_pose.append(self._on_pose)
         robot.on_map = self._on_map
 
@@ -107,6 +108,12 @@ class MotionArbiter:
             self.end(TAKEN_OVER, stop=not rolling)
         self.running = newer
         self._watch = self.robot.watch_pose(self.end)
+
+    def limit_speed(self, limit: float) -> None:
+        """Limit the speed of motions that follow a path, m/s, from now on."""
+        self.speed_limit = limit
+        if self.running is not None:
+            self.running.motion.limit_speed(limit)
 
     def hold(self, is_held: bool) -> None:
         """Stop the robot, and let no motion drive until the hold is over. Motions are not ended."""
@@ -234,7 +241,6 @@ class ControllerServer:
         self._runtime = runtime
         self._parameters = parameters
         self._arbiter = arbiter
-        self._speed_limit = math.inf
         MotionServer(
             runtime,
             arbiter,
@@ -255,7 +261,7 @@ class ControllerServer:
         before = running.motion if running is not None and isinstance(running.motion, PathFollower) else None
         drift = robot.map_frame.drift(request.path.header)
         follower = PathFollower(path, robot.costmaps.local, parameters.follower, before, drift)
-        follower.speed_limit = self._speed_limit
+        follower.limit_speed(self._arbiter.speed_limit)
         return follower
 
     def _limit_speed(self, message: SpeedLimit) -> None:
@@ -268,10 +274,7 @@ class ControllerServer:
             )
             return
         share = self._parameters.follower.speed / 100.0 if message.percentage else 1.0
-        self._speed_limit = limit * share or math.inf
-        running = self._arbiter.running
-        if running is not None and isinstance(running.motion, PathFollower):
-            running.motion.speed_limit = self._speed_limit
+        self._arbiter.limit_speed(limit * share or math.inf)
 
     def _feedback(self, motion: PathFollower) -> FollowPath.Feedback:
         robot = self._arbiter.robot

@@ -288,6 +288,11 @@ class StagingMotion(Motion):
         if self._follow is not None:
             self._follow.update(costmap)
 
+    def limit_speed(self, limit: float) -> None:
+        """See :class:`Motion`."""
+        if self._follow is not None:
+            self._follow.limit_speed(limit)
+
 
 class DockMotion(Motion):
     """A drive from the staging pose onto a dock, including the wait for the charge. After a failure, it goes back and

@@ -260,6 +260,11 @@ class DockGoal(Motion):
         if self._motion is not None:
             self._motion.update(costmap)
 
+    def limit_speed(self, limit: float) -> None:
+        """See :class:`Motion`."""
+        if self._staging is not None:
+            self._staging.limit_speed(limit)
+
     def _on_end(self, end: GoalEnd, seconds: float = 0.0) -> None:
         self._stop.set()  # so that the next goal does not wait for an obsolete search
         if end.succeeded:
@@ -303,6 +308,7 @@ class DockGoal(Motion):
         if not self._goal.active:
             return
         follower = PathFollower(path, robot.costmaps.local, server.controller.follower)
+        follower.limit_speed(server.arbiter.speed_limit)
         if self._staging is None:
             self._staging = StagingMotion(follower, limited(self._goal.request.max_staging_time), self._stage_again)
             self._drive(self._staging)

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 from nav2_msgs.action import DockRobot, UndockRobot
+from nav2_msgs.msg import SpeedLimit
 from nav2_msgs.srv import ReloadDockDatabase
 from sensor_msgs.msg import BatteryState
 
@@ -18,6 +20,7 @@ from flexbt_common.calls.action_call import GoalStatus
 from flexbt_sim.simulator.parameters import built_in_map
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.sim_world import RobotProbe, aborted, open_sim_world, pose
+from flexbt_testing.waiting import wait_until
 
 Result, Feedback = DockRobot.Result, DockRobot.Feedback
 
@@ -136,6 +139,33 @@ def test_where_nothing_charges_docking_is_tried_again_and_fails(world: RobotProb
     assert left.wait().status is GoalStatus.SUCCEEDED
     assert world.wait_at_rest().distance((9.0, 4.45)) == pytest.approx(0.7, abs=0.12)
     aborted(undock(world, dock_type='x'), UndockRobot.Result.DOCK_NOT_VALID)
+
+
+def test_a_limit_of_the_speed_holds_on_the_way_to_the_staging_pose(world: RobotProbe) -> None:
+    world.place((2.0, 4.45, 0.0))
+    node = world.runtime.node
+    limits = world.runtime.call(lambda: node.create_publisher(SpeedLimit, names.SPEED_LIMIT, 1))
+    wait_until(limits.get_subscription_count)
+
+    def drives_at(speed: float) -> bool:
+        return bool(world.commands[-1][0] == pytest.approx(speed))
+
+    goal = dock(world)
+    world.wait_driving(0.25)
+    limits.publish(SpeedLimit(speed_limit=0.15))
+    wait_until(partial(drives_at, 0.15))
+    goal.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+    world.wait_at_rest()
+    before = len(world.commands)
+    goal = dock(world)
+    world.wait_driving(0.14)
+    assert max(linear for linear, _ in world.commands[before:]) == pytest.approx(0.15)
+    limits.publish(SpeedLimit())
+    wait_until(partial(drives_at, 0.26))
+    goal.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+    world.runtime.call(lambda: node.destroy_publisher(limits))
 
 
 def test_docking_is_canceled_and_taken_over_at_any_time(world: RobotProbe) -> None:
