@@ -168,6 +168,9 @@ JOIN_DISTANCE: Final = 0.25
 YIELD_TIME: Final = 60.0
 """Time for which the robot gives way to others before it is nearer to the goal, s."""
 
+TURNED: Final = 0.1
+"""Turn at the goal, rad, that is progress."""
+
 HELD_UP: Final = 0.5
 """Time, s, from one check to the next that counts as driven at most, unless poses come more rarely: ten periods of a
 controller."""
@@ -287,6 +290,7 @@ class ProgressChecker:
     def __init__(self, limits: FollowerLimits) -> None:
         self._limits = limits
         self._mark: Pose | None = None
+        self._turns = False
         self._checked = -math.inf
         self._shortest = math.inf
         self._driven = self._yielded = 0.0
@@ -295,7 +299,8 @@ class ProgressChecker:
     def check(self, pose: Pose, now: float, turning: bool, left: float, yielding: bool) -> None:
         """``left``: m to the goal; ``yielding``: gives way to others since the last check.
 
-        Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress, too.
+        Raises NavigationError FAILED_TO_MAKE_PROGRESS. A turn at the goal is progress, too: its begin, and each
+        ``TURNED``.
         """
         passed, self._checked = now - self._checked, now
         if left < self._least - self._limits.progress_distance:
@@ -305,7 +310,13 @@ class ProgressChecker:
             raise NavigationError(
                 'FAILED_TO_MAKE_PROGRESS', f'gave way to others for {YIELD_TIME:g} s and is no nearer to the goal'
             )
-        if self._mark is None or turning or self._mark.distance(pose) >= self._limits.progress_distance:
+        begins, self._turns, mark = turning and not self._turns, turning, self._mark
+        if (
+            mark is None
+            or begins
+            or (turning and abs(wrap(pose.yaw - mark.yaw)) >= TURNED)
+            or mark.distance(pose) >= self._limits.progress_distance
+        ):
             self._mark, self._driven = pose, 0.0
         else:
             self._driven += min(passed, HELD_UP if self._shortest == math.inf else max(HELD_UP, 2.0 * self._shortest))

@@ -374,7 +374,16 @@ def test_where_poses_come_once_a_second_it_is_told_in_time_too() -> None:
 def test_a_turn_at_the_goal_is_progress() -> None:
     motion = follower([Pose(1.0, 1.0, 3.0)])
     for number in range(1000):
-        assert motion.step(Pose(1.0, 1.0, 0.0), number * PERIOD) is not None
+        assert motion.step(Pose(1.0, 1.0, 0.0005 * number), number * PERIOD) is not None
+
+
+def test_a_robot_that_cannot_turn_at_the_goal_makes_no_progress() -> None:
+    motion = follower([Pose(1.0, 1.0, 3.0)])
+    with pytest.raises(NavigationError) as raised:
+        for number in range(1000):
+            motion.step(Pose(1.0, 1.0, 0.0), number * PERIOD)
+    assert raised.value.code == 'FAILED_TO_MAKE_PROGRESS'
+    assert number * PERIOD > FOLLOWER.progress_time
 
 
 def test_a_limit_of_the_speed_holds_up_to_the_goal() -> None:
