@@ -342,7 +342,7 @@ class BlackBox:
 
     def _write(self, one: _Open) -> None:
         """Write what is known now, so that the incident outlives this process."""
-        files = tuple(map(str, self._ring.files()))
+        files = tuple(map(str, self._ring.files(one.request.since)))  # those of an earlier incident may be held
         self._ring.hold(one.file.name, frozenset(files))
         one.request = replace(one.request, segments=files)
         try:

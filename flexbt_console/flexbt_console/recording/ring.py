@@ -115,10 +115,12 @@ class Ring:
                 for message in kept:
                     self._write(topic, *message)
 
-    def files(self) -> list[Path]:
-        """Return the files, oldest first; the last one may be that which is being written."""
+    def files(self, since: float = 0.0) -> list[Path]:
+        """Return the files that have anything later than ``since``, s since the epoch, oldest first: held ones may be much
+        older. The last one may be that which is being written."""
         with self._lock:
-            return self._files()
+            files = self._files()
+        return [one for one, ends in zip(files, _ends(files), strict=True) if ends >= since * 1e9]
 
     def hold(self, holder: str, files: frozenset[str]) -> None:
         """Keep files, whatever their age, until they are released: held by nobody."""
@@ -174,12 +176,16 @@ class Ring:
         held = frozenset().union(*self._held.values())
         oldest, left = self._now_ns() - int(self._seconds * 1e9), float(self._most)
         files = [one for one in self._files() if one != self._current]
-        for number, one in reversed(list(enumerate(files))):
+        for one, ends in reversed(list(zip(files, _ends(files), strict=True))):
             left -= _size(one)
-            ends = int(files[number + 1].stem) if number + 1 < len(files) else math.inf
             if str(one) not in held and (ends < oldest or left < 0):
                 with contextlib.suppress(OSError):
                     one.unlink()
+
+
+def _ends(files: list[Path]) -> list[float]:
+    """Return when each file ends, ns since the epoch: when the next one begins."""
+    return [*(int(one.stem) for one in files[1:]), math.inf][: len(files)]
 
 
 def _size(file: Path) -> int:

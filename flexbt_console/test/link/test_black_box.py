@@ -104,6 +104,19 @@ def test_the_ring_has_all_of_the_last_seconds_and_what_was_latched(
     assert len(got) == len(set(got)), 'nothing twice'
 
 
+def test_what_is_held_for_an_earlier_incident_is_not_in_a_later_one(tmp_path: Path) -> None:
+    """It may be of another version, and held until its own incident can be made."""
+    now = [10**18]
+    ring = filled_ring(tmp_path / 'robot', now)
+    for number in range(3):
+        ring.add(TEXT, serialize_message(String(data=str(number))), now[0], now[0])
+        ring.hold(str(number), frozenset(map(str, ring.files())))
+        now[0] += 100 * SECOND
+        ring.roll()
+    assert len(ring.files()) == 4
+    assert [int(one.stem) for one in ring.files(now[0] / 1e9 - 8.0)] == [now[0] - 100 * SECOND, now[0]]
+
+
 def test_the_ring_is_bounded_and_one_for_each_robot(tmp_path: Path) -> None:
     now = [10**18]
     ring = filled_ring(tmp_path / 'robot', now, seconds=3600.0, size=2_000_000)
