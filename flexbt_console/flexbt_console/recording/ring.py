@@ -116,8 +116,8 @@ class Ring:
                     self._write(topic, *message)
 
     def files(self, since: float = 0.0) -> list[Path]:
-        """Return the files that have anything later than ``since``, s since the epoch, oldest first: held ones may be much
-        older. The last one may be that which is being written."""
+        """Return the files that have anything later than ``since``, s since the epoch, oldest first: held ones may be
+        much older. The last one may be that which is being written."""
         with self._lock:
             files = self._files()
         return [one for one, ends in zip(files, _ends(files), strict=True) if ends >= since * 1e9]
