@@ -277,6 +277,7 @@ class BlackBox:
         self, runtime: NodeRuntime, settings: Settings, ring: Ring, tell_ready: Callable[[bool], None]
     ) -> None:
         self._runtime, self._settings, self._ring = runtime, settings, ring
+        self._robot = runtime.node.get_namespace().strip('/')
         self._open: _Open | None = None
         self._told: OrderedDict[tuple[str, str], float] = OrderedDict()
         self._wake = threading.Condition()
@@ -291,8 +292,8 @@ class BlackBox:
                 known += Request.read(file).occurrences
         ahead = time.time() - runtime.steady.now()
         for one in sorted(known, key=lambda one: one.time):
-            self._told[one.kind, one.text] = one.time - ahead
-        killed_for = time.time() - ring.left[-1].stat().st_mtime if ring.left else math.inf
+            self._told[one.kind, one.text] = min(one.time - ahead, runtime.steady.now())  # the clock may have been set
+        killed_for = abs(time.time() - ring.left[-1].stat().st_mtime) if ring.left else math.inf  # it may have been set
         was_killed = killed_for < KILLED_SECONDS
         self._detector = Detector(runtime, settings, self.report, ring, killed_for if was_killed else 0.0)
         self._recorder = Recorder(runtime, ring, tell_ready, sys.maxsize, self._detector.take)
@@ -319,7 +320,7 @@ class BlackBox:
         self._runtime.node.get_logger().warning(f'incident: {kind}: {text}')
         if self._open is None:
             request = Request(
-                robot=self._runtime.node.get_namespace().strip('/'),
+                robot=self._robot,
                 occurrences=(occurrence,),
                 segments=(),
                 target=str(self._settings.incidents),
@@ -352,8 +353,7 @@ class BlackBox:
 
     def _incidents(self) -> list[Incident]:
         """Return the incidents of this robot, newest first: several may share the directory."""
-        robot = self._runtime.node.get_namespace().strip('/')
-        return [one for one in incidents_in(self._settings.incidents) if one.robot == robot]
+        return [one for one in incidents_in(self._settings.incidents) if one.robot == self._robot]
 
     def _tell_incidents(self) -> None:
         """Publish the newest incidents of the last day. On the thread that makes them: the disk may be slow."""
@@ -420,7 +420,7 @@ class BlackBox:
                 if not self._waiting:
                     continue
                 file = self._waiting[0]
-            made = subprocess.run([*_MAKE, str(file)], capture_output=True, text=True)  # noqa: S603
+            made = _made(file)
             with self._wake:
                 if made.returncode == 0 or not file.exists():  # or it was given up meanwhile
                     if made.returncode == 0:
@@ -434,6 +434,7 @@ class BlackBox:
                     f'{one_line(made.stderr, 300) or f"exit code {made.returncode}"}',
                     throttle_duration_sec=60.0,
                 )
+                self._waiting.rotate(-1)  # one that never can be made keeps no other one waiting
                 self._wake.wait_for(lambda: self._is_closed, _RETRY_SECONDS)
 
     # What is kept besides the topics of a recorder.
@@ -510,6 +511,14 @@ def _shortened(value: Any) -> Any:
     if isinstance(value, (bool, int, float)):
         return value if not isinstance(value, float) or math.isfinite(value) else str(value)
     return one_line(value, 1000) if isinstance(value, str) else [_shortened(one) for one in list(value or [])[:200]]
+
+
+def _made(file: Path) -> subprocess.CompletedProcess[str]:
+    """Let a process make an incident. One that cannot be started now has failed."""
+    try:
+        return subprocess.run([*_MAKE, str(file)], capture_output=True, text=True)  # noqa: S603
+    except OSError as error:
+        return subprocess.CompletedProcess(_MAKE, 1, '', f'no process could be started: {error}')
 
 
 _MAKE: Final = ['nice', sys.executable, '-P', '-m', 'flexbt_console.recording.incidents']

@@ -144,9 +144,11 @@ def incidents_in(directory: Path) -> list[Incident]:
     """Return the complete incidents in a directory, newest first; none if it is missing. Damaged ones are left out."""
     found = []
     for facts in directory.glob(f'*/{FACTS}'):
-        with contextlib.suppress(OSError, ValueError, TypeError, KeyError, IndexError):
+        with contextlib.suppress(OSError, ValueError, TypeError, KeyError, IndexError, RecursionError):
             known = load_json(facts.read_text(encoding='utf-8'))
-            happened = tuple(Occurrence(**one) for one in known['occurrences'])
+            happened = tuple(
+                Occurrence(float(one['time']), str(one['kind']), str(one['text'])) for one in known['occurrences']
+            )
             if not facts.parent.name.startswith(_PART):
                 found.append((happened[0].time, Incident(facts.parent, str(known['robot']), happened)))
     return [one for _, one in sorted(found, key=lambda pair: pair[0], reverse=True)]

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,7 +40,8 @@ from flexbt_common import names
 from flexbt_common.middleware.received_messages import Received
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.errors import UsageError
-from flexbt_console.recording.black_box import COMES_SECONDS, Detector, Settings
+from flexbt_console.recording import black_box
+from flexbt_console.recording.black_box import COMES_SECONDS, SAME_SECONDS, BlackBox, Detector, Settings
 from flexbt_console.recording.incidents import (
     FACTS,
     PAGE,
@@ -488,6 +490,72 @@ def test_an_incident_is_whole_or_not_there(tmp_path: Path) -> None:
     assert 'STOP by `ann` &lt;b&gt;&amp;amp;&lt;/b&gt;' in page and '<b>' not in page
     assert (found.folder / 'records' / 'executive.jsonl').exists()
     assert make(request) == found.folder, 'one that is there stays as it is'
+
+
+@contextlib.contextmanager
+def box(folder: Path) -> Iterator[tuple[NodeRuntime, BlackBox]]:
+    """Yield a black box in this process, and its runtime."""
+    with NodeRuntime.open('black_box', namespace=f'box{os.getpid()}') as runtime:
+        known = replace(Settings(), after=0.1, goals=False, ring=folder / 'ring', incidents=folder / 'incidents')
+        ring = Ring(known.ring, known.seconds, known.ring_size)
+        made = runtime.call(lambda: BlackBox(runtime, known, ring, lambda is_ready: None))
+        try:
+            yield runtime, made
+        finally:
+            made.close()
+
+
+def test_what_cannot_be_made_keeps_no_later_incident_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A request that another version wrote, a time at which no process can be started, and damaged facts."""
+    monkeypatch.setattr(black_box, '_RETRY_SECONDS', 0.05)
+    run, started = subprocess.run, list[bool]()
+
+    def run_later(*arguments: Any, **options: Any) -> Any:
+        started.append(True)
+        if len(started) == 1:
+            raise OSError(11, 'Resource temporarily unavailable')
+        return run(*arguments, **options)
+
+    monkeypatch.setattr(subprocess, 'run', run_later)
+    (tmp_path / 'ring').mkdir()
+    (tmp_path / 'ring' / '1.request.json').write_text('{"written": "by another version"}')
+    wrong: list[dict[str, Any]] = [{'time': '?', 'kind': 'stop'}, {'time': None}, {'time': 1e300}]
+    for number, damaged in enumerate(wrong):
+        folder = tmp_path / 'incidents' / f'{number}'
+        folder.mkdir(parents=True)
+        one = {'kind': 'key', 'text': None, **damaged}
+        (folder / FACTS).write_text(json.dumps({'robot': 'r', 'occurrences': [one]}))
+    (tmp_path / 'incidents' / '9').mkdir()
+    whole = {'robot': 'r', 'occurrences': [{'time': 1e9, 'kind': 'key', 'text': 'whole'}]}
+    (tmp_path / 'incidents' / '9' / FACTS).write_text(json.dumps(whole))
+    with box(tmp_path) as (runtime, made):
+        runtime.call(lambda: made.report('key', 'this one', runtime.steady.now()))
+
+        def is_there() -> bool:
+            return 'this one' in [one.first.text for one in incidents_in(tmp_path / 'incidents')]
+
+        wait_until(is_there, 'the incident')
+        assert len(started) >= 2
+
+
+def test_a_clock_that_was_set_back_hides_nothing(tmp_path: Path) -> None:
+    ahead = 3600.0
+    folder = tmp_path / 'incidents' / '1'
+    folder.mkdir(parents=True)
+    before = {'time': time.time() + ahead, 'kind': 'stop', 'text': 'STOP by bob'}
+    with box(tmp_path) as (runtime, made):
+        robot = runtime.node.get_namespace().strip('/')
+    (folder / FACTS).write_text(json.dumps({'robot': robot, 'occurrences': [before]}))
+    ring = filled_ring(tmp_path / 'ring', [time.time_ns()])
+    ring.add(TEXT, serialize_message(String(data='before')), 0, 0)
+    killed(ring)
+    for file in ring.files():
+        os.utime(file, (time.time() + ahead, time.time() + ahead))
+    with box(tmp_path) as (runtime, made):
+        assert made._detector._since <= runtime.steady.now()
+        later = runtime.steady.now() + 2.0 * SAME_SECONDS
+        runtime.call(lambda: made.report('stop', 'STOP by bob', later))
+        wait_until(lambda: len(incidents_in(tmp_path / 'incidents')) == 2, 'another incident')
 
 
 SLOW_MAKER = """
