@@ -17,6 +17,9 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.validate_full_topic_name import validate_full_topic_name
+
 from flexbt_common import names
 from flexbt_common.lifecycle.presence import PresenceToken
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, guid_prefix_of
@@ -136,7 +139,15 @@ class FleetLink:
         return self.robot(name)
 
     def _look(self) -> None:
-        began = self._runtime.steady.now()
+        began, pause = self._runtime.steady.now(), LOOK_SECONDS
+        try:
+            pause = NEXT_SECONDS if self._join_found() else LOOK_SECONDS
+        finally:  # whatever one robot does, the others are looked for
+            now = self._runtime.steady.now()
+            self._runtime.call_near(max(began + pause, now + (now - began) / LOOK_SHARE), LOOK_TOLERANCE, self._look)
+
+    def _join_found(self) -> bool:
+        """Join some of the robots that are there; return whether others are still to be joined."""
         found = self._found()
         self._note_gone(found)
         listed = {*self.fleet.names}
@@ -153,18 +164,18 @@ class FleetLink:
             joined += 1
         is_growing = bool(waiting) and joined == JOINED_AT_ONCE
         self.fleet.note_left_out(len(waiting), is_growing=is_growing)
-        now = self._runtime.steady.now()
-        pause = NEXT_SECONDS if is_growing else LOOK_SECONDS
-        self._runtime.call_near(max(began + pause, now + (now - began) / LOOK_SHARE), LOOK_TOLERANCE, self._look)
+        return is_growing
 
     def _found(self) -> set[str]:
         """Return the names of the robots whose status has a publisher, and update ``_owners``."""
         node = self._runtime.node
         owners = {}
         for topic, types in node.get_topic_names_and_types():
-            if not topic.endswith(_ENDING) or _STATUS_TYPE not in types or node.count_publishers(topic) == 0:
-                continue
             name = topic.removesuffix(_ENDING) or '/'
+            if not topic.endswith(_ENDING) or _STATUS_TYPE not in types or not _is_possible(name):
+                continue
+            if node.count_publishers(topic) == 0:
+                continue
             owner = None if name in self._joined else self._owners.get(name)
             if owner is None:  # look joined robots up again: their publisher may have changed
                 endpoints = node.get_publishers_info_by_topic(topic)
@@ -218,3 +229,12 @@ class FleetLink:
 
     def _list(self, name: str) -> None:
         self.fleet.add(name, (self._joined.get(name) or self._join(name)).mirror)
+
+
+def _is_possible(name: str) -> bool:
+    """Return whether ROS allows the topics of a robot in this namespace: a program of another kind may publish a status
+    under any name, and one that is too long has room for some topics only."""
+    try:
+        return bool(validate_full_topic_name(names.of_robot(name, names.INCIDENTS)))  # the longest one
+    except InvalidTopicNameException:
+        return False

@@ -92,6 +92,37 @@ def test_a_process_with_many_names_keeps_no_other_robot_out_and_is_forgotten(
         assert not robot.received
 
 
+def test_a_namespace_with_no_room_for_the_topics_of_a_robot_keeps_no_other_one_out(executives: Any) -> None:
+    with NodeRuntime.open('console') as runtime, NodeRuntime.open('forger') as forger:
+        length = 247 - len(f'//{names.EXECUTIVE_STATUS}')  # which is what ROS allows
+        topic = f'/{"x" * length}/{names.EXECUTIVE_STATUS}'
+        node, qos = forger.node, names.transient_local_qos()
+        forger.call(lambda: node.create_publisher(ExecutiveStatus, topic, qos))
+        wait_until(lambda: runtime.node.count_publishers(topic) > 0, 'the status under a long name')
+        robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann')
+        executives('robot')
+        wait_until(lambda: '/robot' in robots.fleet.names, 'the robot')
+
+
+def test_one_fault_of_a_look_for_robots_does_not_end_the_looks(
+    executives: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with NodeRuntime.open('console') as runtime:
+        robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann')
+        join, failed = robots._join, threading.Event()
+
+        def join_later(name: str) -> ExecutiveLink:
+            if not failed.is_set():
+                failed.set()
+                raise RuntimeError('no endpoint is left')
+            return join(name)
+
+        monkeypatch.setattr(robots, '_join', join_later)
+        executives('robot')
+        wait_until(lambda: '/robot' in robots.fleet.names, 'the robot')
+        assert failed.is_set()
+
+
 def test_of_a_robot_that_nobody_has_opened_only_the_status_is_heard(executives: Any) -> None:
     executives('robot').do(lambda: None)
     with NodeRuntime.open('console') as runtime:
