@@ -336,8 +336,9 @@ export class Actions {
   }
 
   // Remove an include, or the model of a node type, of this file.
-  async removeListed(gesture, title, key, rows) {
-    const chosen = (await choose(title, rows.map((one) => ({label: one[key]}))))?.label;
+  async removeListed(gesture, title, key, listed) {
+    await this.file.settled();
+    const chosen = (await choose(title, (this.file.view[listed] ?? []).map((one) => ({label: one[key]}))))?.label;
     if (chosen) await this.run(() => [gesture, {[key]: chosen}], () => this.now()?.path, `${chosen} removed`);
   }
 
