@@ -105,6 +105,10 @@ class CommandTracker:
         """Return the commands that wait for an answer, oldest first."""
         return tuple(c for c in self._commands.values() if c.state is CommandState.PENDING)
 
+    def has_stop_since(self, time: float) -> bool:
+        """Return whether a STOP was given since then."""
+        return any(_is_stop(tracked) and tracked.given >= time for tracked in self._commands.values())
+
     def passed_over(self) -> frozenset[str]:
         """Return the identifiers of unanswered stops that the executive on display did not receive.
 

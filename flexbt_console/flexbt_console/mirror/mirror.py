@@ -403,6 +403,11 @@ class Mirror:
         with self._lock:
             return self._on_clock(self._commands.next_due(reachable))
 
+    def has_stop_since(self, time: float) -> bool:
+        """Return whether a STOP was given here since a time, see :meth:`now`."""
+        with self._lock:
+            return self._commands.has_stop_since(time)
+
     def passed_over_stops(self) -> frozenset[str]:
         """Return the identifiers of unanswered stops that the executive on display did not receive."""
         with self._lock:

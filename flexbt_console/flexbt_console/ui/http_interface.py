@@ -29,8 +29,9 @@ from flexbt_common.files import INCIDENTS, USER_DIRECTORY, home_path
 from flexbt_console.commands.command_line import check, parse
 from flexbt_console.commands.registry import COMMANDS, role_for
 from flexbt_console.commands.spec import CommandLine, CommandSpec, Option, Send
-from flexbt_console.errors import ConsoleError, ExitCode, UsageError
+from flexbt_console.errors import ConsoleError, ExitCode, RefusedError, UsageError
 from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import CommandKind
 from flexbt_console.present.events import Follower
 from flexbt_console.present.json_form import encode_json, failure_json, robots_json, status_json
 from flexbt_console.recording.incidents import files_in, incident_named, incidents_in
@@ -112,6 +113,7 @@ class _Performance(LineMode):
     def __init__(self, line: CommandLine, station: Station, link: Any, identifier: str) -> None:
         super().__init__(line, station, link, SteadyClock())
         self._identifier = identifier
+        self._begun = station.mirror.now()
         self.value: Any = None
 
     def tell(self, value: Any, text: list[str], prefix: str = '') -> None:
@@ -123,7 +125,10 @@ class _Performance(LineMode):
         return nullcontext()
 
     def identified(self, meaning: Meaning) -> Meaning:
-        """See :meth:`LineMode.identified`."""
+        """See :meth:`LineMode.identified`. Raises RefusedError: a STOP was given while this waited for a live link."""
+        is_stop = meaning.command is not None and meaning.command.kind is CommandKind.STOP
+        if meaning.command is not None and not is_stop and self._mirror.has_stop_since(self._begun):
+            raise RefusedError('a STOP was given while this waited for the robot; nothing was sent')
         if meaning.command is None or not self._identifier:
             return meaning
         return replace(meaning, command=replace(meaning.command, id=self._identifier))
@@ -257,7 +262,8 @@ class HttpInterface:
             answer = _problem(HTTPStatus.UNAUTHORIZED, 'send "Authorization: Bearer TOKEN" with the token of a user')
             answer.headers['WWW-Authenticate'] = 'Bearer'
             return answer
-        is_stop = request.path.endswith('/commands/stop')  # whose number is limited by its places
+        # The number of stops is limited by their places.
+        is_stop = request.method == 'POST' and request.path.endswith('/commands/stop')
         if not is_stop and not self._rates.allows(user.name.encode() or source.encode()):
             return _problem(HTTPStatus.TOO_MANY_REQUESTS, f'more than {RATE:g} requests a second')
         request['user'], request['share'] = user, user.name or source

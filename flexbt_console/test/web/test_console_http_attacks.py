@@ -18,10 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from aiohttp import ClientSession, WSCloseCode
+from aiohttp import ClientSession, WSCloseCode, web
+from aiohttp.test_utils import make_mocked_request
 from http_support import CERTIFICATE, ROBOT, Client, Site, console, served
 
-from flexbt_console.ui.http_interface import BODY_BYTES, MOST_AT_ONCE
+from flexbt_console.ui.http_interface import BODY_BYTES, BURST, MOST_AT_ONCE, RATE, HttpInterface
+from flexbt_console.ui.web.access import Access
+from flexbt_core.clock.rates import SenderRates
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_testing.nodes.scripted_executive import ScriptedExecutive
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -394,6 +397,27 @@ def test_a_certificate_that_cannot_be_used_is_told_at_the_start(site: Site, tmp_
         with contextlib.suppress(ConnectionError):
             assert b'robots' not in plain.recv(1000)
     still_serves(site)
+
+
+def test_only_the_request_of_a_stop_is_free_of_the_limit() -> None:
+    robots: Any = None
+    interface = HttpInterface(robots, lambda mirror, link, name: robots, Access(), lambda user: 'ann')
+    interface._rates = SenderRates(RATE, BURST, lambda: 0.0)
+
+    async def ask(method: str, path: str) -> int:
+        answer = await interface._known(make_mocked_request(method, path), lambda request: answered())
+        return answer.status
+
+    async def answered() -> web.Response:
+        return web.Response()
+
+    async def flood() -> None:
+        path = '/api/incidents/any/commands/stop'
+        assert {await ask('GET', path) for _ in range(BURST)} == {200}
+        assert await ask('GET', path) == 429
+        assert await ask('POST', f'{PATH}/stop') == 200
+
+    asyncio.run(flood())
 
 
 def test_a_flood_of_requests_is_limited_for_its_user_alone(site: Site) -> None:

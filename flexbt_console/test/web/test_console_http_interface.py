@@ -12,18 +12,52 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from http_support import CERTIFICATE, ROBOT, Client, Site
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.commands.command_line import parse
 from flexbt_console.commands.spec import Role
-from flexbt_console.errors import UsageError
-from flexbt_console.ui.http_interface import BODY_BYTES, description, line_of, offered
+from flexbt_console.errors import ExitCode, UsageError
+from flexbt_console.link.robot_link import RobotLink
+from flexbt_console.mirror.mirror import Mirror, Transit
+from flexbt_console.mirror.records import CommandKind, ExecutiveSnapshot, OperatorCommand
+from flexbt_console.mirror.view import View
+from flexbt_console.ui.http_interface import BODY_BYTES, description, line_of, offered, perform
+from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.web.users import read_users, token_hash
+from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.waiting import DEADLINE, wait_until
+
+
+def test_what_waits_for_a_live_link_is_not_sent_after_a_stop() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+
+    class Link(RobotLink):
+        sent: ClassVar[list[OperatorCommand]] = []
+
+        def live_view(self, timeout: float) -> View:
+            """Return the view once another program has stopped the robot, and the link is there again."""
+            mirror.give(OperatorCommand('s', CommandKind.STOP, 'bob'), timeout)
+            mirror.receive_snapshot(ExecutiveSnapshot('e', 1), Transit(0.0, 0.0))
+            return mirror.view()
+
+        def wait_for(self, inspect: Any, timeout: float) -> Any:
+            return inspect(mirror.view())
+
+        def send(self, command: OperatorCommand, timeout: float, label: str) -> None:
+            self.sent.append(command)
+
+    link = Link()
+    station = Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(clock), '')
+    code, answer = perform(parse(['autonomy', 'high']), station, link)
+    assert (code, link.sent) == (ExitCode.REFUSED, []), answer
+    assert 'a STOP was given while this waited' in answer['reason']
 
 
 def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, executives: Any) -> None:
