@@ -19,6 +19,7 @@ from flexbt_console.errors import UsageError
 from flexbt_console.mirror.records import ActiveState, CommandKind, FramedPose, GridMap, LogLine, LogSeverity
 from flexbt_console.recording.run_file import write_recording
 from flexbt_console.ui.web.past import Recordings
+from flexbt_console.ui.web.requests import is_harmless
 from flexbt_msgs.msg import ActiveState as ActiveStateMessage
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.browser import NEEDS_BROWSER, Browser
@@ -98,6 +99,11 @@ def test_two_pages_show_different_moments_and_neither_answers_from_the_past() ->
 
     with served({'robot': robot.station()}) as port:
         asyncio.run(run(port))
+
+
+@pytest.mark.parametrize('line', ['stop', 'STOP', ' Stop --wait'])
+def test_a_stop_is_sent_from_the_past_however_it_is_written(line: str) -> None:
+    assert is_harmless({'do': line, 'decision': None})
 
 
 def test_a_map_that_has_changed_is_that_of_the_moment() -> None:

@@ -80,7 +80,7 @@ SHOWS_PAST: Final = (
 def is_harmless(message: dict[str, Any]) -> bool:
     """Return whether a page that shows the past may ask for this: a stop, and what sends nothing."""
     line = message.get('do')
-    if isinstance(line, str) and line.split()[:1] == ['stop']:
+    if isinstance(line, str) and line.lower().split()[:1] == ['stop']:
         return True
     return not message.keys() & {'do', 'answer', 'obstacle', 'remove_obstacle'}
 
