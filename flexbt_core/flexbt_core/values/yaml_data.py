@@ -325,9 +325,11 @@ _AMBIGUOUS: Final = re.compile(
 
 class _StrictDumper(yaml.SafeDumper):
     def represent_str(self, text: str) -> yaml.ScalarNode:
-        return self.represent_scalar(_TEXT, text, "'" if _AMBIGUOUS.fullmatch(text) else None)
+        has_lines = not _LINE_BREAKS.isdisjoint(text)  # in other quotes they would be line breaks of the YAML, too
+        return self.represent_scalar(_TEXT, text, '"' if has_lines else "'" if _AMBIGUOUS.fullmatch(text) else None)
 
 
+_LINE_BREAKS: Final = frozenset('\n\r\x85\u2028\u2029')
 _TEXT: Final = 'tag:yaml.org,2002:str'
 _StrictDumper.add_representer(str, _StrictDumper.represent_str)
 

@@ -236,6 +236,15 @@ def test_a_value_is_read_as_it_was_written(value: Any) -> None:
     assert not parts.problems
 
 
+@pytest.mark.parametrize('text', ['<root>\n  <Node/>\n</root>', 'yes\n', '\r', '\x85', 'a\u2028b'])
+def test_a_text_of_several_lines_is_written_on_one(text: str) -> None:
+    """So that it may stand anywhere in a larger text, however far that is indented."""
+    parts = StrictYamlParts('v.yaml')
+    written = strict_yaml([text])
+    assert written.splitlines() == [written]
+    assert parts.value(parts.mapping(parts.root(f'it: {written}'), 'the text')['it'], 'it') == [text]
+
+
 @pytest.mark.parametrize(
     ('text', 'value'),
     [
