@@ -253,6 +253,7 @@ class CostmapServer:
             return
         if self._scans and seconds_of(scan.header.stamp) <= seconds_of(self._scans[-1].header.stamp):
             self._scans.clear()  # time was set back
+        self._take_due()  # a scan that waits for the frame of the lidar: the new one takes its place
         self._scans.append(scan)
         self._observe()
 
@@ -267,13 +268,17 @@ class CostmapServer:
     def _complain(self, error: FlexbtError | ValueError) -> None:
         self._runtime.node.get_logger().error(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
 
+    def _take_due(self) -> LaserScan | None:
+        """Take the newest scan that a pose at least as new is known for, if any."""
+        scan, newest = None, self._poses[-1][0] if self._kept and self._poses else -math.inf
+        while self._scans and seconds_of(self._scans[0].header.stamp) <= newest:
+            scan = self._scans.popleft()
+        return scan
+
     def _observe(self) -> None:
         """Add the newest scan for which the frame of the lidar and a pose at least as new are known: they arrive on
         different topics."""
-        scan = None
-        newest = self._poses[-1][0] if self._kept and self._poses else -math.inf
-        while self._scans and seconds_of(self._scans[0].header.stamp) <= newest:
-            scan = self._scans.popleft()
+        scan = self._take_due()
         if scan is None:
             return
         time = seconds_of(scan.header.stamp)
@@ -282,7 +287,7 @@ class CostmapServer:
             return  # the scan is from before the robot was put there
         robot = _between(self._poses[max(0, after - 1)], self._poses[after], time)
         try:
-            mounted = self._mounted(scan.header.frame_id)
+            mounted, side = self._mounted(scan.header.frame_id)
         except TransformError as error:
             now = self._runtime.steady.now()
             self._unplaced_since = min(self._unplaced_since, now)
@@ -294,7 +299,7 @@ class CostmapServer:
         self._unplaced_since = math.inf
         ranges = numpy.array(scan.ranges, numpy.float64)
         ranges[(ranges < scan.range_min) | (numpy.isfinite(ranges) & (ranges > scan.range_max))] = math.nan
-        angles = scan.angle_min + scan.angle_increment * numpy.arange(len(ranges))
+        angles = side * (scan.angle_min + scan.angle_increment * numpy.arange(len(ranges)))
         observation = Observation(compose(robot, mounted), angles, ranges, float(scan.range_max))
         self._observation = (time, observation, robot)
         for name, kept in self._kept.items():
@@ -302,13 +307,14 @@ class CostmapServer:
                 self._update(name, kept)
                 self._publish(name)
 
-    def _mounted(self, frame: str) -> Pose:
-        """Return where a lidar is on the robot. Raises TransformError."""
+    def _mounted(self, frame: str) -> tuple[Pose, float]:
+        """Return where a lidar is on the robot, and -1 if it hangs upside down, else 1. Raises TransformError."""
         base = self._robot.base_frame
         if frame in ('', base):
-            return Pose(0.0, 0.0, 0.0)
-        (x, y, _), (_, _, z, w) = self._frames.lookup(base, frame)
-        return Pose(x, y, 2.0 * math.atan2(z, w))
+            return Pose(0.0, 0.0, 0.0), 1.0
+        (x, y, _), (i, j, k, w) = self._frames.lookup(base, frame)
+        ahead = math.atan2(2.0 * (w * k + i * j), w * w + i * i - j * j - k * k)
+        return Pose(x, y, ahead), math.copysign(1.0, w * w + k * k - i * i - j * j)
 
     def _update(self, name: str, kept: _Kept) -> None:
         if self._observation is not None and self._observation[0] != kept.updated:

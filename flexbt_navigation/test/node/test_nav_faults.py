@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -10,15 +11,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import TransformStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath, Spin
+from nav2_msgs.srv import GetCost
+from sensor_msgs.msg import LaserScan
 from simulation_interfaces.srv import ResetSimulation
+from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.calls.goal_server import goal_servers
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.message_fields import duration_message
+from flexbt_common.values.message_fields import duration_message, time_message
 from flexbt_navigation import robot_interface
 from flexbt_navigation.node import Navigation
 from flexbt_navigation.robot_interface import PoseWatch
@@ -137,6 +142,38 @@ def test_a_robot_whose_poses_are_older_than_its_scans_sees_what_is_in_its_way(tm
         path = line((3.0, 3.95), (11.2, 3.95))
         aborted(probe.follow(path), FollowPath.Result.PATIENCE_EXCEEDED)
         assert 7.0 < probe.wait_at_rest().x < 7.8 - 0.22
+
+
+def test_what_a_lidar_sees_that_hangs_upside_down_is_on_its_other_side() -> None:
+    with open_sim_world(navigation={'scan_topic': 'hanging_scan'}) as probe:
+        here = probe.place((4.0, 4.45, 0.0))
+
+        def cost(x: float, y: float) -> float:
+            service = names.costmap_services(names.COSTMAPS[1])[-1]
+            return float(probe.ask(GetCost, service, GetCost.Request(x=x, y=y)).cost)
+
+        wait_until(lambda: cost(here.x, here.y) >= 0.0, 'the map at navigation')
+        node = probe.runtime.node
+        frames, scans = probe.runtime.call(
+            lambda: (
+                node.create_publisher(TFMessage, names.TF_STATIC, names.transient_local_qos()),
+                node.create_publisher(LaserScan, 'hanging_scan', 1),
+            )
+        )
+        hanging = TransformStamped(child_frame_id='hanging')
+        hanging.header.frame_id = 'base_link'
+        hanging.transform.rotation.x, hanging.transform.rotation.w = 1.0, 0.0  # half a turn about its axis ahead
+        frames.publish(TFMessage(transforms=[hanging]))
+        scan = LaserScan(angle_min=math.pi / 2.0, angle_increment=0.1, range_max=3.0, ranges=[0.5])
+        scan.header.frame_id = 'hanging'
+
+        def is_seen() -> bool:
+            scan.header.stamp = time_message(probe.now.time)
+            scans.publish(scan)
+            return cost(here.x, here.y - 0.5) == 254.0
+
+        wait_until(is_seen)
+        assert cost(here.x, here.y + 0.5) < 254.0
 
 
 def test_a_thread_that_was_held_up_does_not_take_what_it_has_not_read_for_silence(
