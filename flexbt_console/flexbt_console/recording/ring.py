@@ -24,6 +24,9 @@ from .topics import TOPICS
 SEGMENTS: Final = 8
 """Parts of the ring."""
 
+_TOLERANCE_NS: Final = 10**9
+"""Time by which a file may begin later than now, ns."""
+
 _RECORDS: Final = 'records '
 """What the file of the lock begins with, unless the black box ended properly."""
 
@@ -84,9 +87,10 @@ class Ring:
         with self._lock:
             if self._is_closed:
                 return
-            if self._writer is None or self._now_ns() >= self._rolls_at or self._writer.size > self._most / SEGMENTS:
+            now, is_ahead = self._now_ns(), self._is_ahead(self._current)
+            if self._writer is None or is_ahead or now >= self._rolls_at or self._writer.size > self._most / SEGMENTS:
                 self.roll()
-            heard = max(heard, int(self._current.stem) if self._current else 0)
+            heard = max(min(heard, now), int(self._current.stem) if self._current else 0)
             if topic in self._latched:
                 self._latched[topic].append((data, heard, sent))
             self._write(topic, data, heard, sent)
@@ -100,6 +104,12 @@ class Ring:
         """Begin a new file, and remove what is too old or too much."""
         with self._lock:
             self._end_file()
+            if self._is_ahead(self._current):
+                self._current, now = None, self._now_ns()
+                for kept in self._latched.values():
+                    known = [(data, now, sent) for data, _, sent in kept]
+                    kept.clear()
+                    kept.extend(known)
             begin = max(self._now_ns(), int(self._current.stem) + 1 if self._current else 0)
             self._rolls_at = begin + int(self._seconds / SEGMENTS * 1e9)
             self._current = self._directory / f'{begin:020d}.mcap'
@@ -172,13 +182,18 @@ class Ring:
     def _files(self) -> list[Path]:
         return sorted(one for one in self._directory.glob('*.mcap') if one.stem.isdecimal())
 
+    def _is_ahead(self, file: Path | None) -> bool:
+        """Return whether a file is of a time that comes only later: the clock was set back."""
+        return file is not None and int(file.stem) > self._now_ns() + _TOLERANCE_NS
+
     def _remove_old(self) -> None:
         held = frozenset().union(*self._held.values())
         oldest, left = self._now_ns() - int(self._seconds * 1e9), float(self._most)
         files = [one for one in self._files() if one != self._current]
         for one, ends in reversed(list(zip(files, _ends(files), strict=True))):
-            left -= _size(one)
-            if str(one) not in held and (ends < oldest or left < 0):
+            is_ahead = self._is_ahead(one)
+            left -= 0 if is_ahead else _size(one)
+            if str(one) not in held and (is_ahead or ends < oldest or left < 0):
                 with contextlib.suppress(OSError):
                     one.unlink()
 

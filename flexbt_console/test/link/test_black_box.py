@@ -119,6 +119,40 @@ def test_what_is_held_for_an_earlier_incident_is_not_in_a_later_one(tmp_path: Pa
     assert [int(one.stem) for one in ring.files(now[0] / 1e9 - 8.0)] == [now[0] - 100 * SECOND, now[0]]
 
 
+def test_a_clock_that_is_set_back_leaves_the_ring_whole_and_in_its_order(tmp_path: Path) -> None:
+    now = [10**18]
+    ring = filled_ring(tmp_path / 'robot', now)
+
+    def goes_on(ring: Ring) -> list[int]:
+        times = []
+        for _ in range(20):
+            now[0] += SECOND // 2
+            ring.add(TEXT, serialize_message(String(data='x')), now[0], now[0])
+            times.append(now[0])
+        return times
+
+    def has_the_last_seconds(ring: Ring, times: list[int], name: str) -> None:
+        ring.roll()
+        assert len(ring.files()) <= 8 + 3
+        merge(ring.files(), tmp_path / name)
+        recorded = list(read_run(tmp_path / name))
+        window = [one for one in times if one >= now[0] - 8 * SECOND]
+        assert [one.time for one in recorded if one.topic == TEXT][-len(window) :] == window
+        assert max(one.time for one in recorded) == now[0]
+        assert [one.topic for one in recorded].count(LOG) == (name == 'one.mcap')
+
+    ring.add(LOG, serialize_message(String(data='latched')), now[0], now[0])
+    goes_on(ring)
+    now[0] -= 3600 * SECOND
+    ring.add(TEXT, serialize_message(String(data='it waited')), now[0] + 3600 * SECOND, now[0])
+    has_the_last_seconds(ring, goes_on(ring), 'one.mcap')
+    killed(ring)
+    now[0] -= 3600 * SECOND
+    ring = filled_ring(tmp_path / 'robot', now)
+    has_the_last_seconds(ring, goes_on(ring), 'other.mcap')
+    ring.close(keep=False)
+
+
 def test_the_ring_is_bounded_and_one_for_each_robot(tmp_path: Path) -> None:
     now = [10**18]
     ring = filled_ring(tmp_path / 'robot', now, seconds=3600.0, size=2_000_000)
