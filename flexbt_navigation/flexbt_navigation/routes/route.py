@@ -193,6 +193,10 @@ class PlannedRoute:
     edge: RouteEdge | None = None
 
 
+MOST_POSES: Final = 100_000
+"""Maximum number of poses of a path. A graph with places of another coordinate system has edges across the world."""
+
+
 @dataclass(frozen=True)
 class RoutePlanner:
     """A planner on one graph. If it has a ``costmap``, it checks it for obstacles."""
@@ -212,8 +216,8 @@ class RoutePlanner:
         """Return a route from start to goal; ``progress`` is that on the previous route, if any.
 
         Raises:
-            NavigationError: INDETERMINANT_NODES_ON_GRAPH, NO_VALID_ROUTE, NO_VALID_GRAPH, INVALID_EDGE_SCORER_USE, or
-                what ``check_time`` raises.
+            NavigationError: INDETERMINANT_NODES_ON_GRAPH, NO_VALID_ROUTE (also for a path of too many poses),
+                NO_VALID_GRAPH, INVALID_EDGE_SCORER_USE, or what ``check_time`` raises.
         """
         last = goal.node(self.graph, self.costmap)
         was_on: RouteEdge | None = None
@@ -228,6 +232,13 @@ class RoutePlanner:
         start_pose = place if goal.pose is not None else None
         request = RouteRequest(first, last, start_pose, goal.pose, self.costmap)
         whole = find_route(self.graph, request, self.score, blocked, check_time)
+        length = sum(edge.length for edge in whole.edges)
+        if length > MOST_POSES * self.shape.density:
+            raise NavigationError(
+                'NO_VALID_ROUTE',
+                f'the route is {length:g} m long, and its path would have more than {MOST_POSES} poses; '
+                'see that the graph has coordinates of one system, or give a greater path_density',
+            )
         route = pruned(
             whole, place[:2] if place is not None else None, goal.pose[:2] if goal.pose is not None else None
         )

@@ -30,8 +30,10 @@ from flexbt_navigation.routes.edge_scorers import (
 from flexbt_navigation.routes.graph import RouteEdge, RouteGraph, RouteNode, speed_limit
 from flexbt_navigation.routes.route import (
     AchievedRadii,
+    Ends,
     PathShape,
     Route,
+    RoutePlanner,
     RouteTracker,
     blocked_edge,
     find_route,
@@ -319,6 +321,14 @@ def test_a_path_leads_from_the_first_node_to_the_last_in_small_steps(
     for pose in path:
         gaps = [gap(pose[:2], *line) for line in lines] or [pose.distance(Pose(*found.start.point, 0.0))]
         assert min(gaps) <= radius + 1e-6
+
+
+def test_a_route_across_the_world_is_refused_before_its_path_is_made() -> None:
+    far = graph({1: (0.0, 0.0), 2: (6000.0, 0.0)}, (1, 2))
+    with pytest.raises(NavigationError, match='path_density') as raised:
+        RoutePlanner(far, DISTANCE, PathShape()).plan(Ends(1), Ends(2))
+    assert raised.value.code == 'NO_VALID_ROUTE'
+    assert len(RoutePlanner(far, DISTANCE, PathShape(density=1.0)).plan(Ends(1), Ends(2)).path) == 6001
 
 
 def gap(place: tuple[float, float], start: tuple[float, float], end: tuple[float, float]) -> float:
