@@ -101,8 +101,11 @@ class MachineMonitor(RunReader):
             self.requirements.resume()
         elif self._has_requirements:
             self._machine_entered(ROOT_PATH)
+        self._check_parts(self._run.definition)
+
+    def _check_parts(self, machine: MachineDefinition) -> None:
         if self.requirements.are_about_parts:
-            self.requirements.check_parts(machine_parts(self._run.definition))
+            self.requirements.check_parts(machine_parts(machine))
 
     def _entered(self, event: StateEntered) -> None:
         path = event.path
@@ -151,6 +154,7 @@ class MachineMonitor(RunReader):
 
     def _switched(self, event: MachineSwitched) -> None:
         self._resources = declared_resources(event.definition)
+        self._check_parts(event.definition)
 
     def _ends(self, _event: RunEnding) -> None:
         self._is_ending = True

@@ -14,13 +14,14 @@ import pytest
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.monitors.machine_monitor import MachineMonitor
 from flexbt_core.monitors.properties import Property, Violation
-from flexbt_core.monitors.requirements import After, Apart, AtMost, Before, Never, Requirement, Within
+from flexbt_core.monitors.requirements import After, Apart, AtMost, Before, IsA, Never, Requirement, Within
 from flexbt_core.skills.skill import Skill
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.engine import operator_commands
 from flexbt_core.state_machine.engine.leaf import LeafRun
 from flexbt_core.state_machine.engine.region import ContainerRun, Region
+from flexbt_core.state_machine.engine.resume import switch_machine
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child
@@ -207,6 +208,17 @@ def test_each_entry_of_a_machine_is_an_event() -> None:
     watched.run.command('', operator_commands.repeat, '/D')
     watched.run.step()
     assert [one.where for one in watched.found[4:]] == ['/D', '/D/E']
+
+
+def test_a_machine_to_which_a_run_is_switched_has_to_be_as_required() -> None:
+    watched = Watched(chain(), [IsA('/B', 'Scripted')])
+    other = machine(
+        Child('A', Scripted('done', 'failed'), {'done': 'B', 'failed': 'ended'}),
+        Child('B', Driving(), {'done': 'ended'}),
+    )
+    watched.run.command('', switch_machine, define(other))
+    watched.run.step()
+    assert [one.text for one in watched.found] == ['/B is a Driving; required is: /B is a Scripted']
 
 
 def test_states_that_are_to_be_apart_are_watched() -> None:
