@@ -194,7 +194,13 @@ def test_a_value_that_is_meant_to_do_harm_is_refused_in_time(like: object, text:
     assert len(str(caught.value)) < 1000
 
 
-@pytest.mark.parametrize('text', ['inf', 'nan', '9' * 400, '1e400', '9' * 10_000])
+@pytest.mark.parametrize(('text', 'number'), [(' -7 ', -7), ('2e3', 2000), ('4.0', 4), (str(2**63 - 1), 2**63 - 1)])
+def test_an_int_is_read_without_loss(text: str, number: int) -> None:
+    """Also a stamp in nanoseconds, which no double is."""
+    assert converted('stamp', text, 1) == number
+
+
+@pytest.mark.parametrize('text', ['inf', 'nan', '2.5', str(2**63), '9' * 400, '1e400', '9' * 10_000])
 def test_a_number_that_is_no_int_is_refused(text: str) -> None:
     with pytest.raises(ParameterError):
         converted('rounds', text, 1)

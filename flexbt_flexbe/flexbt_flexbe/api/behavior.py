@@ -186,8 +186,13 @@ def is_yaml_file(text: str) -> bool:
 
 
 def _int(value: Any) -> int:
-    number = float(value) if isinstance(value, str) and not re.fullmatch(r'\s*[+-]?\d+\s*', value) else value
-    if int(number) != float(number):
+    if isinstance(value, str) and re.fullmatch(r'\s*[+-]?\d+\s*', value):
+        whole = int(value)
+        if not -(2**63) <= whole < 2**63:
+            raise ValueError('write a number of 64 bits')
+        return whole
+    number = float(value)
+    if int(number) != number:
         raise ValueError('write a whole number')
     return int(number)
 
