@@ -180,10 +180,11 @@ class Navigation:
         prepare_navigation(self._parameters.controller.follower.steering, self._parameters.costmaps.inflation)
         runtime.call(lambda: self._serve(in_process))
         timeout = self._parameters.peer_timeout
-        self._owners = [
-            LivelinessWatch(runtime, owner, partial(self._on_owner, owner), on_late=self._on_late, timeout=timeout)
-            for owner in self._parameters.owner_nodes
-        ]
+        self._owners: list[LivelinessWatch] = []
+        for owner in self._parameters.owner_nodes:
+            self._owners.append(
+                LivelinessWatch(runtime, owner, partial(self._on_owner, owner), on_late=self._on_late, timeout=timeout)
+            )
         for robot in self._parameters.robot_nodes:
             LivelinessWatch(runtime, robot, partial(self._on_robot, robot), timeout=timeout)
         runtime.on_close(self._close)

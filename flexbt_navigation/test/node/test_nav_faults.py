@@ -24,7 +24,7 @@ from flexbt_common.calls.goal_server import goal_servers
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.message_fields import duration_message, time_message
-from flexbt_navigation import robot_interface
+from flexbt_navigation import node, robot_interface
 from flexbt_navigation.node import Navigation
 from flexbt_navigation.robot_interface import PoseWatch
 from flexbt_sim.simulator.node import Simulator
@@ -236,6 +236,20 @@ def test_a_goal_that_waits_for_the_pose_ends_with_its_owner() -> None:
 
         wait_until(owner_comes_and_ends, 'the end of the goal')
         assert names.BT_SERVER in aborted(goal, FollowPath.Result.UNKNOWN).error_msg
+
+
+def test_owners_may_be_late_before_all_of_them_are_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Watch(LivelinessWatch):
+        """A watch whose node is late at once."""
+
+        def __init__(self, runtime: NodeRuntime, *given: Any, **named: Any) -> None:
+            super().__init__(runtime, *given, **named)
+            if 'on_late' in named:
+                runtime.call(lambda: named['on_late'](True))
+
+    monkeypatch.setattr(node, 'LivelinessWatch', Watch)
+    with open_navigation(owner_nodes=['one', 'other']) as navigation:
+        assert not navigation.health.failure
 
 
 def test_an_owner_that_hangs_is_gone_after_the_time_that_was_set() -> None:
