@@ -60,6 +60,14 @@ class StateWrapper(EventState):
         self.exit_reason = None
 
     @property
+    def desired_rate(self) -> float | None:
+        return self.inner.desired_rate  # which a state may change at any time
+
+    @desired_rate.setter
+    def desired_rate(self, rate: float | None) -> None:
+        self.inner.desired_rate = rate
+
+    @property
     def runs_while_blocked(self) -> bool:  # type: ignore[override]
         return self.inner.runs_while_blocked
 

@@ -183,6 +183,14 @@ def test_a_wrapped_state_asks_and_fails_as_any() -> None:
     assert wrong.outcome == 'failed', 'the outcome is not one of the state itself'
 
 
+def test_a_state_that_changes_its_rate_is_executed_at_it_in_its_wrappers_too() -> None:
+    state = Scripted(rate=1.0, do={'on_enter': lambda state, _: setattr(state, 'desired_rate', 8.0)})
+    wrapped = with_retry(with_timeout(state, 60.0), 2, ['done'])
+    bench = Bench(machine(Child('S', wrapped, {'done': 'ended', 'timeout': 'ended'})))
+    bench.pass_time(2.0)
+    assert state.calls('execute') == 17
+
+
 def test_a_wrapper_looks_like_the_state() -> None:
     state = Scripted('done', 'failed', input_keys=['a'], output_keys=['b'], rate=5.0)
     both = with_timeout(with_retry(state, 3), 2.5)
