@@ -115,7 +115,7 @@ class Calling:
         self._seen = self._versions()
         self.rules = load_rules(file)  # again: it may have changed in between
         self._addresses: dict[tuple[str, int], _Address] = {}
-        self._problem = ''
+        self._problem = self._mistakes = ''
         self._left_out = 0
         # The time only grows, also when the clock of the computer is set.
         self._ahead = time.time() - self._steady()
@@ -225,14 +225,17 @@ class Calling:
         self._log.warning(f'{which} was not reached: {failure}; attempt {at.failures}, the next in {pause:.0f} s')
 
     def _reload(self) -> None:
-        if (changed := self._versions()) == self._seen:
+        if (changed := self._versions()) == self._seen and not self._mistakes:
             return
         self._seen = changed
         try:
             fresh = load_rules(self._file)
-        except UsageError as error:
-            self._log.error(f'the changed rules cannot be used, those before count:\n{error}')
+        except UsageError as error:  # what mends it may be in a file that only the changed rules name
+            before, self._mistakes = self._mistakes, str(error)
+            if self._mistakes != before:
+                self._log.error(f'the changed rules cannot be used, those before count:\n{error}')
             return
+        self._mistakes = ''
         if fresh.robots != self.rules.robots:
             self._log.warning('"robots" has changed: start "console alerts" again to watch other robots')
         self.rules = fresh

@@ -400,6 +400,21 @@ def test_changed_rules_count_and_wrong_ones_do_not(
     assert 'was read again: 1 rule' in str(program.log)
 
 
+def test_rules_with_a_file_of_contacts_that_comes_later_count_then(
+    tmp_path: Path, programs: Callable[[Path], Program], service: Service
+) -> None:
+    file = write(tmp_path, RULE, anna=service.address)
+    program = programs(file)
+    file.write_text(file.read_text().replace('people.yaml', 'others.yaml'))
+    program.run(lambda: 'others.yaml cannot be read' in str(program.log))
+    fresh = tmp_path / 'fresh.yaml'
+    fresh.write_bytes((tmp_path / 'people.yaml').read_bytes())
+    fresh.chmod(0o600)
+    fresh.rename(tmp_path / 'others.yaml')
+    program.run(lambda: 'was read again' in str(program.log))
+    assert str(program.log).count('cannot be read') == 1
+
+
 DRIVER = """
 import json, sys
 from pathlib import Path
