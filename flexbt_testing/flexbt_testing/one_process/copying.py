@@ -18,26 +18,28 @@ _TEXTS: Final = frozenset(('string', 'wstring'))
 _WIDEST: Final = 16
 """Bytes of a plain value with its alignment, at most; and those of a length with its alignment."""
 
-_copiers: Final[dict[type, Callable[[Any], Any]]] = {}
-_bounds: Final[dict[type, Callable[[Any], int]]] = {}
+
+class _OfKinds(dict[type, Callable[[Any], Any]]):
+    """A function for each class of messages, made by ``make`` when it is first wanted."""
+
+    def __init__(self, make: Callable[[Any], Callable[[Any], Any]]) -> None:
+        super().__init__()
+        self._make = make
+
+    def __missing__(self, kind: type) -> Callable[[Any], Any]:
+        made = self[kind] = self._make(kind)
+        return made
 
 
 def copied(message: Any) -> Any:
     """Return a copy of a message."""
-    kind = type(message)
-    copier = _copiers.get(kind)
-    if copier is None:
-        copier = _copiers[kind] = _copier(kind)
-    return copier(message)
+    return _copiers[type(message)](message)
 
 
 def most_bytes(message: Any) -> int:
     """Return a number of bytes that the serialized message does not exceed."""
-    kind = type(message)
-    bound = _bounds.get(kind)
-    if bound is None:
-        bound = _bounds[kind] = _bound(kind)
-    return bound(message)
+    bound: int = _bounds[type(message)](message)
+    return bound
 
 
 def _rounded(value: float) -> float:
@@ -72,7 +74,7 @@ def _copier(kind: Any) -> Callable[[Any], Any]:
     return _made('\n'.join([' n = new(kind)', *lines, ' return n']), kind)
 
 
-def _bound(kind: Any) -> Callable[[Any], int]:
+def _bound(kind: Any) -> Callable[[Any], Any]:
     terms = [str(_WIDEST)]
     for name, element, is_sequence in _fields(kind):
         source = f'm.{name}'
@@ -99,3 +101,7 @@ def _made(body: str, kind: Any) -> Callable[[Any], Any]:
     exec(f'def made(m):\n{body}', names)  # noqa: S102 - of the names of a generated class
     made: Callable[[Any], Any] = names['made']
     return made
+
+
+_copiers: Final = _OfKinds(_copier)
+_bounds: Final = _OfKinds(_bound)
