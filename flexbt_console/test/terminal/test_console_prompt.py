@@ -4,15 +4,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import dataclasses
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from typing import Any
 
 import pytest
 from prompt_toolkit.application import create_app_session
-from prompt_toolkit.input import create_pipe_input
+from prompt_toolkit.input import PipeInput, create_pipe_input
 from prompt_toolkit.output import DummyOutput
 from prompt_toolkit.output.plain_text import PlainTextOutput
 
@@ -334,6 +335,25 @@ def test_of_what_is_typed_or_pasted_no_more_is_parsed_than_a_line_has_room_for(p
     assert refused == [100_000]
 
 
+@contextlib.asynccontextmanager
+async def running_prompt(
+    mirror: Mirror, link: Loopback, clock: ManualClock, screen: io.StringIO
+) -> AsyncIterator[tuple[PipeInput, Callable[[str], Awaitable[None]]]]:
+    """Run a prompt, and quit it at the end. Yield its keys, and a function that waits for a text on the screen."""
+    output = PlainTextOutput(screen)
+    with create_pipe_input() as keys, create_app_session(input=keys, output=output):
+        prompt = Prompt(station(mirror, link, clock), clock, input=keys, output=output)
+        running = asyncio.create_task(prompt.run())
+
+        async def until(text: str) -> None:
+            while text not in screen.getvalue():
+                await asyncio.sleep(0.01)
+
+        yield keys, until
+        keys.send_text('quit\r')
+        await running
+
+
 def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_while_the_line_goes_on() -> None:
     clock = ManualClock()
     mirror = Mirror(clock)
@@ -343,15 +363,7 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
     screen = io.StringIO()
 
     async def operate() -> None:
-        output = PlainTextOutput(screen)
-        with create_pipe_input() as keys, create_app_session(input=keys, output=output):
-            prompt = Prompt(station(mirror, link, clock), clock, input=keys, output=output)
-            running = asyncio.create_task(prompt.run())
-
-            async def until(text: str) -> None:
-                while text not in screen.getvalue():
-                    await asyncio.sleep(0.01)
-
+        async with running_prompt(mirror, link, clock, screen) as (keys, until):
             keys.send_text('autonomy high\r')
             await until('autonomy high: waiting for a live link, at most 5 s')
             clock.advance(5.0)
@@ -375,8 +387,6 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
                 await asyncio.sleep(0.01)
             keys.send_text('userdata / goal\r')
             await until('goal (string) = "kitchen"')
-            keys.send_text('quit\r')
-            await running
 
     asyncio.run(asyncio.wait_for(operate(), DEADLINE))
     assert [entry.autonomy for entry in link.sent] == [3, 3]
@@ -391,16 +401,10 @@ def test_what_waits_for_the_link_is_not_sent_after_a_stop() -> None:
     screen = io.StringIO()
 
     async def operate() -> None:
-        output = PlainTextOutput(screen)
-        with create_pipe_input() as keys, create_app_session(input=keys, output=output):
-            prompt = Prompt(station(mirror, link, clock), clock, input=keys, output=output)
-            running = asyncio.create_task(prompt.run())
+        async with running_prompt(mirror, link, clock, screen) as (keys, until):
             for line, answer in (('autonomy high', 'autonomy high: waiting'), ('stop', 'stop: applied')):
                 keys.send_text(f'{line}\r')
-                while answer not in screen.getvalue():
-                    await asyncio.sleep(0.01)
-            keys.send_text('quit\r')
-            await running
+                await until(answer)
 
     asyncio.run(asyncio.wait_for(operate(), DEADLINE))
     assert [entry.kind for entry in link.sent] == [CommandKind.STOP]
