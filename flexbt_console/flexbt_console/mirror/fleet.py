@@ -7,13 +7,17 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Final
 
 from .freshness import LinkState
-from .history import History
+from .history import HISTORY_BYTES, History
 from .lanes import Lanes
 from .mirror import Mirror
 from .records import Decision, ExecutiveState, IncidentReport, Peer, TreeHold
 from .view import View
+
+PAST_BYTES: Final = 256_000_000
+"""Bytes of the pasts of all robots, at most; each has the same share."""
 
 
 class Urgency(IntEnum):
@@ -134,6 +138,8 @@ class Fleet:
             known = self._pasts.get(name)
             if known is None or known[0] is not mirror:
                 known = self._pasts[name] = mirror, History(mirror), Lanes(mirror)
+                for _, history, _ in self._pasts.values():
+                    history.limit(min(HISTORY_BYTES, PAST_BYTES // len(self._pasts)))
             return known[1:]
 
     def note_left_out(self, count: int, *, is_growing: bool = False) -> None:

@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import random
+import threading
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,14 +14,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flexbt_console.mirror import fleet as fleet_module
 from flexbt_console.mirror import history as history_module
 from flexbt_console.mirror import lanes as lanes_module
+from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.history import History
 from flexbt_console.mirror.lanes import MOST_ENTRIES, Lane, LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_console.mirror.records import (
     ActiveState,
     BehaviorList,
+    CommandKind,
     Decision,
     DecisionKind,
     DriveProgress,
@@ -31,6 +36,7 @@ from flexbt_console.mirror.records import (
     GridMap,
     LogLine,
     LogSeverity,
+    OperatorCommand,
     Peer,
     StopGuard,
     Structure,
@@ -199,6 +205,60 @@ def test_eight_hours_and_a_flood_take_a_bounded_memory_and_the_lanes_keep_what_i
     (state,) = [one for one in entries if one.lane is Lane.STATES]
     assert (state.key, state.end) == ('/A', None)
     assert not lanes.since(lanes.revision)
+
+
+def test_a_stop_waits_for_no_compression(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, stopped = Robot(1), list[bool]()
+    stop = OperatorCommand('1', CommandKind.STOP, 'ann')
+
+    def meanwhile(work: Callable[..., bytes]) -> Callable[..., bytes]:
+        def worked(*arguments: Any) -> bytes:
+            giving = threading.Thread(target=robot.mirror.give, args=(stop, 5.0), daemon=True)
+            giving.start()
+            giving.join(5.0)
+            stopped.append(not giving.is_alive())
+            return work(*arguments)
+
+        return worked
+
+    monkeypatch.setattr(zlib, 'compress', meanwhile(zlib.compress))
+    monkeypatch.setattr(zlib, 'decompress', meanwhile(zlib.decompress))
+    past = History(robot.mirror)
+    robot.mirror.receive_map(GridMap(1000, 2000, 0.05, 0.0, 0.0, bytes(2_000_000)))
+    robot.mirror.receive_log(LogLine('e', 1, LogSeverity.INFO, 'x' * 2_000_000))
+    robot.clock.advance(1.0)
+    robot.mirror.receive_plan(())
+    robot.clock.advance(1.0)
+    past.moment(0.5)
+    assert all(stopped) and len(stopped) >= 3
+
+
+def test_of_a_map_that_changes_the_past_keeps_what_is_compressed_of_it() -> None:
+    robot = Robot(1)
+    past = History(robot.mirror, 1_000_000)
+    for number in range(100):
+        robot.mirror.receive_map(GridMap(1000, 1000, 0.05, 0.0, 0.0, bytes([number]) * 1_000_000))
+        robot.clock.advance(1.0)
+    assert past.begin == 0.0 and past.bytes < 1_000_000
+    shown = past.moment(42.5).view().surroundings.map
+    assert shown is not None and shown.cells == bytes([42]) * 1_000_000
+
+
+def test_the_pasts_of_many_robots_share_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fleet_module, 'PAST_BYTES', 4_000_000)
+    monkeypatch.setattr(history_module, 'CHUNK_BYTES', 50_000)
+    fleet, robots = Fleet(), [Robot(seed) for seed in range(8)]
+    pasts = []
+    for number, robot in enumerate(robots):
+        pasts.append(fleet.past(str(number), robot.mirror)[0])
+        for one in robots:
+            for _ in range(30):
+                one.clock.advance(1.0)
+                one.snapshot(message=one.random.randbytes(10_000).hex())
+                one.mirror.receive_scan(tuple((one.random.random(), 0.0) for _ in range(300)), 1.0)
+    bounds = 1.25 * 4_000_000 + len(pasts) * 2 * 50_000
+    assert sum(past.bytes for past in pasts) < bounds
+    assert all(past.bytes > bounds / len(pasts) / 2 for past in pasts)
 
 
 @pytest.mark.parametrize('status_first', [False, True])
