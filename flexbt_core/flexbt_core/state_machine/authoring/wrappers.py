@@ -247,5 +247,5 @@ class _Retry(StateWrapper):
         self._attempt += 1
         self.log_info(f'left by {failed_by!r}; attempt {self._attempt} of {self._attempts}')
         self._enter_inner(userdata)
-        self.wake()
+        self._bound().execute_again()  # so that a loop of instant attempts counts as a livelock
         return None

@@ -80,7 +80,7 @@ class Engine(ABC):
         self._limits = limits
         self._wake_event = wake_event
         self._readers: list[RunReader] = []
-        self._transitions = 0
+        self._transitions = self._repetitions = 0
         self._recent: deque[str] = deque(maxlen=_LOOP_SHOWN)
         self._end: RunEnd | None = None
         for reader in readers:
@@ -122,12 +122,21 @@ class Engine(ABC):
     def count_transition(self, path: str) -> None:
         """Count a transition, and end the run if it is in a livelock."""
         self._transitions += 1
+        self._repetitions = 0
         self._recent.append(path)
         if self._transitions > self._limits.transitions:
             loop = ', '.join(dict.fromkeys(self._recent))
             text = f'{self._limits.transitions} transitions without waiting for anything'
             self.tell(Faulted(path, text))
             self.fail(f'livelock: {text}, the last of them from {loop}')
+
+    def goes_on(self) -> bool:
+        """Return whether the step may go on with another execution of a state that waits for nothing.
+
+        After many of them without a transition the host gets its turn: they are no livelock, since a state counts them.
+        """
+        self._repetitions += 1
+        return self._repetitions <= self._limits.transitions
 
     @abstractmethod
     def locked_inside(self, top: str) -> list[str]:

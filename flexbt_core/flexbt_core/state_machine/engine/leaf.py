@@ -55,6 +55,7 @@ class LeafRun:
         self._output_keys = frozenset(self.state.output_keys)
         self._userdata: UserData | None = None
         self._woken = False
+        self._is_again = False  # to be executed again in this step
         self._wake_times: list[float] = []
         self._next_poll: float | None = None
         self._successor: EventState | None = None  # replaces the state at its next entry
@@ -78,6 +79,11 @@ class LeafRun:
             raise StateError(f'{self.path}: a state cannot be woken at the time nan; give seconds of its clock')
         if time not in self._wake_times:
             heapq.heappush(self._wake_times, time)
+
+    def execute_again(self) -> None:
+        """Execute the state again: in this step, unless :meth:`Engine.goes_on` ends it."""
+        self._is_again = self._engine.goes_on()
+        self.wake()
 
     def ask(self, prompt: str, suggestion: str | None) -> None:
         """Let the operator choose."""
@@ -151,15 +157,17 @@ class LeafRun:
             self._fail()
 
     def advance(self) -> bool:
-        """Execute the state if it is due. Return whether it wants an outcome or a choice, or raised."""
+        """Execute the state if it is due. Return whether it wants an outcome, a choice or another execution, or
+        raised."""
         if not self._is_running or not self._is_due():
             return False
+        self._is_again = False
         outcome = self.call('execute', self._execute)
         if outcome is _Raised.RAISED:
             self._fail()
             return True  # the fault may end the run, so nothing else may begin first
         self.outcome = outcome
-        return self.outcome is not None or self.choice is not None
+        return self.outcome is not None or self.choice is not None or self._is_again
 
     def leave(self, reason: ExitReason) -> None:
         """Call on_exit, once for each time the state was entered.

@@ -134,7 +134,7 @@ class MachineRun(Engine):
         """Do everything that can be done now. Return True until the run has ended."""
         if self.outcome is not None or not self._is_started:
             return self.outcome is None
-        self._transitions = 0
+        self._transitions = self._repetitions = 0
         while self._end is None:
             if self.root.outcome is not None:
                 self._end = RunEnd(self.root.outcome, '', ExitReason.OUTCOME)

@@ -48,6 +48,9 @@ class StateHost(Protocol):
     def wake_at(self, time: float) -> None:
         """Execute the state also at ``time`` on its clock, in s."""
 
+    def execute_again(self) -> None:
+        """Execute the state again, without waiting: in this step, unless it goes on so for too long."""
+
     def ask(self, prompt: str, suggestion: str | None) -> None:
         """Ask the operator for the outcome."""
 

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.authoring.wrappers import with_retry
 from flexbt_core.state_machine.engine.engine import MAX_TRANSITIONS
 from flexbt_core.state_machine.engine.operator_commands import set_autonomy
 from flexbt_core.state_machine.model.definition import Child
@@ -50,6 +51,25 @@ def test_a_loop_without_a_wait_ends_the_run_and_names_the_states(depth: int, mac
     assert MAX_TRANSITIONS - 1 <= len(bench.transitions) <= MAX_TRANSITIONS
     enters, exits = (sum(event.startswith(name) for event in bench.trace) for name in ('on_enter', 'on_exit'))
     assert enters == exits
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.1])
+def test_a_loop_of_instant_states_with_retries_is_a_livelock_unless_they_wait(delay: float) -> None:
+    state = passing(outcome='failed', outcomes=['failed'])
+    bench = Bench(machine(Child('A', with_retry(state, 3, delay=delay), {'failed': 'A'})))
+    bench.pass_time(10.0)
+    if delay:
+        assert bench.active == ('/A',)
+    else:
+        assert bench.run.message.startswith(f'livelock: {MAX_TRANSITIONS} transitions'), bench.run.message
+
+
+def test_many_attempts_without_a_delay_come_to_their_end_and_let_a_stop_through() -> None:
+    attempts = 3 * MAX_TRANSITIONS
+    state = passing(outcome='failed', outcomes=['failed'])
+    bench = Bench(machine(Child('A', with_retry(state, attempts), {'failed': 'ended'})))
+    assert (bench.outcome, state.calls('on_enter')) == ('ended', attempts)
+    assert bench.steps > 2
 
 
 def test_a_loop_that_waits_now_and_then_goes_on() -> None:
