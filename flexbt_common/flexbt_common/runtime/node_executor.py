@@ -324,13 +324,17 @@ class NodeExecutor(ExtendedExecutor):
                 awaited = called.send(None)
             except StopIteration:
                 return
-        except InvalidHandle:
-            return  # destroyed by a callback before this one
         except Exception as error:
-            self._on_fault(error)
-            return
+            if not isinstance(error, InvalidHandle) or self._has(entity):
+                self._on_fault(error)
+            return  # otherwise a callback has destroyed it: this one, or one before
         entity.callback_group.beginning_execution(entity)
         self.create_task(_go_on(called, awaited, lambda: entity.callback_group.ending_execution(entity)))
+
+    def _has(self, entity: Any) -> bool:
+        """Return whether an entity still belongs to a node."""
+        kinds = ('timers', 'subscriptions', 'guards', 'clients', 'services', 'waitables')
+        return any(entity in getattr(node, kind) for node in self.get_nodes() for kind in kinds)
 
     def _run_soon(self) -> None:
         while self._soon:

@@ -21,6 +21,7 @@ from rclpy.event_handler import (
     QoSSubscriptionEventType,
     SubscriptionEventCallbacks,
 )
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future, Task
@@ -286,6 +287,36 @@ def test_what_another_thread_is_destroying_is_waited_for_no_more(bench: Bench) -
     bench.executor.turn(0.0)
     numbers.publish(Int32(data=1))
     bench.turn_until(lambda: seen == [1], 'the message')
+
+
+def test_a_callback_that_uses_a_destroyed_entity_is_a_fault_and_one_that_destroys_its_own_is_none(bench: Bench) -> None:
+    node = bench.node
+    gone = node.create_publisher(Int32, 'gone', 10)
+    node.destroy_publisher(gone)
+    called: list[str] = []
+
+    def use(what: str, *_: Any) -> None:
+        called.append(what)
+        gone.publish(Int32())
+
+    def end(_: Any, response: Any) -> Any:
+        called.append('ending')
+        node.destroy_service(ending)
+        return response
+
+    node.create_subscription(Int32, 'numbers', partial(use, 'topic'), 10)
+    newest = LatestMessage(node, Int32, 'numbers', 10, partial(use, 'newest'), lambda: True)
+    guard = node.create_guard_condition(partial(use, 'guard'))
+    ending = node.create_service(ControlTree, 'ending', end)
+    numbers, client = node.create_publisher(Int32, 'numbers', 10), node.create_client(ControlTree, 'ending')
+    bench.turn_until(lambda: client.service_is_ready() and numbers.get_subscription_count() == 2, 'the discovery')
+    numbers.publish(Int32())
+    guard.trigger()
+    bench.request(client)
+    bench.turn_until(lambda: len(called) == 4, 'the calls')
+    assert sorted(called) == ['ending', 'guard', 'newest', 'topic']
+    assert [type(fault) for fault in bench.faults] == [InvalidHandle] * 3
+    newest.close()
 
 
 def test_the_wait_set_is_made_anew_when_the_node_has_changed_and_only_then(bench: Bench) -> None:
