@@ -161,7 +161,8 @@ class RosClock:
         now = self._now()
         with self._lock:
             earliest = self._timers.earliest()
-        when = min(math.inf if earliest is None else earliest, now / _NANOSECONDS + _FARTHEST)
+        seconds = now / _NANOSECONDS
+        when = max(seconds, min(math.inf if earliest is None else earliest, seconds + _FARTHEST))
         # Where a float says a little more than the whole nanoseconds, the timer comes twice.
         self._timer.timer_period_ns = max(1, round(when * _NANOSECONDS) - now)
         self._timer.reset()

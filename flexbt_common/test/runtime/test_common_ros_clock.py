@@ -302,6 +302,16 @@ def test_infinity_is_never_due_and_nan_is_refused() -> None:
         assert not seen
 
 
+@pytest.mark.parametrize('when', [float('-inf'), -1e308, 0.0, -1.0])
+def test_a_timer_for_a_time_long_ago_comes_at_once_and_stops_no_other(when: float) -> None:
+    with NodeRuntime.open('past') as runtime:
+        past, done = threading.Event(), threading.Event()
+        runtime.clock.call_at(when, past.set)
+        runtime.clock.call_at(runtime.clock.now() + 0.02, done.set)
+        assert done.wait(DEADLINE)
+        assert past.is_set()
+
+
 def test_simulated_time_moves_the_timers(simulation: Simulation) -> None:
     simulation.set(100.0)
     clock, rung = simulation.runtime.clock, threading.Event()

@@ -12,6 +12,7 @@ wrapped around it. The rules for every ``execute``:
 from __future__ import annotations
 
 import functools
+import math
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -184,11 +185,16 @@ class TreeNode(ABC):
         self.context.wake()
 
     def wake_at(self, when: float) -> None:
-        """Request a tick at the time ``when`` of the clock, instead of any earlier request. Only within a tick."""
+        """Request a tick at the time ``when`` of the clock, instead of any earlier request. Only within a tick.
+
+        Raises NodeExecutionError if ``when`` is NaN, since that would hide the requests of other nodes.
+        """
         context = self.context
-        context.deadlines[self] = when
         if when < context.earliest:
             context.earliest = when
+        elif math.isnan(when):
+            raise self.fault('a node cannot be woken at the time nan; give seconds of its clock')
+        context.deadlines[self] = when
 
     def cancel_wake(self) -> None:
         """Withdraw the request of :meth:`wake_at`."""

@@ -18,6 +18,8 @@ from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.ports import DOUBLE, input_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.nodes.nav2.decorators import SpeedController
@@ -68,7 +70,7 @@ class AtRest(SpeedController):
 def registry() -> NodeRegistry:
     nodes = builtin_registry()
     register_nav2(nodes)
-    nodes.register_classes((Count, Forever, Doze, Nap, AtRest))
+    nodes.register_classes((Count, Forever, Doze, Nap, AtRest, WakesAt))
     return nodes
 
 
@@ -116,6 +118,47 @@ def start(body: str, clock: ManualClock, **options: Any) -> Tree:
     tree = Tree(TreeLibrary([load_xml(text, 't.xml', registry())]), 'T', clock=clock, **options)
     assert tree.tick_once() is NodeStatus.RUNNING
     return tree
+
+
+class WakesAt(StatefulAction):
+    """Requests a tick at a time of no use."""
+
+    ports = {'when': input_port(DOUBLE)}
+
+    def on_start(self) -> NodeStatus:
+        self.wake_at(self.get_input('when'))
+        return NodeStatus.RUNNING
+
+    def on_running(self) -> NodeStatus:
+        return NodeStatus.RUNNING
+
+    def on_halted(self) -> None:
+        pass
+
+
+BESIDE = '<Parallel success_count="1" failure_count="2"><WakesAt when="{when}"/><Sleep msec="1500"/></Parallel>'
+
+
+@pytest.mark.parametrize('when', ['inf', '-inf', '-1', '1e308', '1000.7'])
+def test_a_time_of_no_use_delays_no_other_node(when: str) -> None:
+    clock = ManualClock(START)
+    tree = start(BESIDE.replace('{when}', when), clock)
+    while tree.status is NodeStatus.RUNNING:
+        assert clock.now() < START + PERIOD
+        due = tree.next_wake
+        assert due is not None
+        clock.set(max(due, clock.now()))
+        tree.tick_once()
+    assert clock.now() == START + PERIOD
+
+
+@pytest.mark.parametrize(
+    'body', [BESIDE.replace('{when}', 'nan'), '<Fallback><TimeExpired seconds="nan"/><Forever/></Fallback>']
+)
+def test_a_time_that_is_no_number_is_an_error_of_its_node(body: str) -> None:
+    with pytest.raises(NodeExecutionError, match='cannot be woken at the time nan') as caught:
+        start(body, ManualClock(START))
+    assert caught.value.node_id in body
 
 
 def test_the_table_has_every_node_class_that_uses_the_clock() -> None:
