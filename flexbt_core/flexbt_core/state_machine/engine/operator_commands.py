@@ -132,9 +132,15 @@ def lock(run: MachineRun, path: str) -> str | None:
     """Block each transition that would leave a state or machine, including those that leave a machine around it.
 
     A wanted outcome, also a forced one, is kept until :func:`unlock`. A stop is not blocked, nor is :func:`repeat` of
-    the locked node itself. A node that is not active yet becomes locked when it is entered.
+    the locked node itself. A node that is not active yet becomes locked when it is entered. A line for the operator
+    tells that a node is being left already.
     """
-    return _mark(run, run.controls.locked, LockSet, path, 'is locked')
+    refusal = _mark(run, run.controls.locked, LockSet, path, 'is locked')
+    found = _active(run, path)
+    if refusal is None and not isinstance(found, str) and _leaving(found[0], path):
+        text = 'it is being left already; the lock holds it from the next time that it is entered'
+        run.tell(Logged(Severity.WARN, path, text))
+    return refusal
 
 
 def unlock(run: MachineRun, path: str) -> str | None:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterator
 from typing import TypeAlias
 
 from flexbt_core.state_machine.model.autonomy import UNDECLARED, Decision, DecisionKind
-from flexbt_core.state_machine.model.definition import MachineDefinition, StateKind, are_apart
+from flexbt_core.state_machine.model.definition import MachineDefinition, StateKind, are_apart, is_inside
 from flexbt_core.state_machine.model.event_state import ExitReason
 from flexbt_core.state_machine.model.userdata import Scope
 
@@ -212,6 +212,8 @@ class Region:
 
     def _pass_on(self, child: RegionChild) -> bool:
         """Enter the next child or end the container, once the child has halted or its time to halt is over."""
+        if (self._engine.controls.locked or self.blocked is not None) and self._end_is_blocked(child):
+            return False
         halting = child.halting()
         if not self._halt_wait.is_over(halting):
             return False
@@ -237,6 +239,16 @@ class Region:
             assert outcome is not None  # without an outcome the child follows itself
             container.child_has_ended(child, outcome, ends)
         return True
+
+    def _end_is_blocked(self, child: RegionChild) -> bool:
+        """Return whether the end of the container, which follows from a child that was left, waits for a lock. The lock
+        may have been set meanwhile; a lock of the child itself comes too late."""
+        outcome, locked = child.outcome, list[str]()
+        if outcome is not None and self.container.outcome_after(child, outcome) is not None:
+            inside = self._engine.locked_inside(self._left_by(child, outcome))
+            locked = [path for path in inside if not is_inside(path, child.path)]
+        self._wait_for(None, TransitionBlocked(child.path, outcome or '', tuple(locked)) if locked else None)
+        return bool(locked)
 
 
 # A machine or container in a run: its regions, its userdata, and how it ends.

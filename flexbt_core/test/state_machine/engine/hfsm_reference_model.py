@@ -424,6 +424,10 @@ class Model:
         return self._now >= until
 
     def _pass_on(self, seat: Seat) -> bool:
+        if not seat.is_repeated and isinstance(self._after(seat, seat.wish or ''), str):
+            top, path = self._top_left_by(seat, seat.wish or ''), seat.occupant.path
+            if any(inside(one, top) and not inside(one, path) for one in self._locked()):
+                return False
         if self._is_busy(seat) and not self._is_time('until', seat):
             return False
         node, wish, around = seat.occupant, seat.wish, seat.outer

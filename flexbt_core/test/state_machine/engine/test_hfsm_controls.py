@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 
+from flexbt_core.state_machine.engine.events import TransitionBlocked
 from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
 
@@ -214,6 +216,60 @@ def test_a_lock_holds_back_the_last_child_also_while_another_that_has_ended_stil
     assert bench.active == ('/B', '/C')
     bench.unlock('/C')
     assert bench.outcome == 'ended'
+
+
+def halting_a() -> tuple[Scripted, list[str]]:
+    """Return a state that halts as long as the list is not empty."""
+    braking = ['braking']
+    return Scripted(do={'halting': lambda *_: next(iter(braking), None)}), braking
+
+
+def test_a_lock_that_is_set_while_the_last_needed_child_halts_holds_the_others() -> None:
+    one, braking = halting_a()
+    bench = Bench(machine(Child('A', one), Child('B', Scripted()), conditions=[('ended', [('A', 'done')])]))
+    one.end('done')
+    bench.settle()
+    bench.lock('/B')
+    assert bench.run.blocked == [TransitionBlocked('/A', 'done', ('/B',))]
+    braking.clear()
+    one.wake()
+    bench.pass_time(10.0)
+    assert (bench.active, one.calls('on_exit')) == (('/A', '/B'), 1)
+    bench.unlock('/B')
+    assert (bench.outcome, bench.run.blocked) == ('ended', [])
+
+
+@pytest.mark.parametrize('concurrent', [False, True])
+def test_a_lock_that_is_set_while_the_last_state_halts_holds_the_machine_around_it(concurrent: bool) -> None:
+    one, braking = halting_a()
+    child = Child('A', one) if concurrent else Child('A', one, {'done': 'ended'})
+    bench = Bench(machine(child, conditions=[('ended', [('A', 'done')])] if concurrent else ()))
+    one.end('done')
+    bench.settle()
+    bench.lock('/')
+    braking.clear()
+    one.wake()
+    bench.settle()
+    assert bench.active == ('/A',)
+    bench.unlock('/')
+    assert bench.outcome == 'ended'
+
+
+def test_a_lock_of_what_is_being_left_already_comes_too_late_and_tells_it() -> None:
+    one, braking = halting_a()
+    bench = Bench(machine(Child('A', one, {'done': 'B'}), Child('B', Scripted(), {'done': 'ended'})))
+    bench.lock('/B')
+    assert bench.lines == []
+    one.end('done')
+    bench.settle()
+    assert bench.lock('/A') is None
+    assert bench.lines == [
+        (Severity.WARN, '/A', 'it is being left already; the lock holds it from the next time that it is entered')
+    ]
+    braking.clear()
+    one.wake()
+    bench.settle()
+    assert bench.active == ('/B',)
 
 
 def test_locks_and_breakpoints_of_what_there_is_not_are_refused() -> None:
