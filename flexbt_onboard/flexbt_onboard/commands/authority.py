@@ -237,6 +237,9 @@ class Authority:
 NAMES_OF_PARTICIPANT: Final = 16
 """Maximum number of names of one participant. It may have several, since a program may act for several operators."""
 
+FEW_NAMES: Final = 256
+"""Number of names up to which those of participants that are gone are kept."""
+
 _TOLD: Final = 256
 
 
@@ -248,6 +251,7 @@ class OperatorNames:
         self._presence = presence
         self._report = report
         self._owners: OrderedDict[str, bytes] = OrderedDict()
+        self._limit = FEW_NAMES
         self._told: OrderedDict[tuple[str, bytes], None] = OrderedDict()
 
     def check(self, operator: str, participant: bytes) -> None:
@@ -259,17 +263,25 @@ class OperatorNames:
         if not operator or participant == UNKNOWN_WRITER:
             return
         owner = self._owners.get(operator, participant)
-        if owner != participant and not self._presence.has_gone(owner) and (node := self._link.node_of(owner)):
+        if owner != participant and (node := self._node_of(owner)):
             self._tell_once(operator, participant, node)
             raise CommandRefusedError(
                 f'operator {operator!r} commands from another console, {node}; end that one, or choose another name '
                 '(--operator, FLEXBT_OPERATOR)'
             )
+        if len(self._owners) >= self._limit:
+            there = {owner for owner in set(self._owners.values()) if self._node_of(owner)}
+            self._owners = OrderedDict((name, owner) for name, owner in self._owners.items() if owner in there)
+            self._limit = max(FEW_NAMES, 2 * len(self._owners))
         self._owners[operator] = participant
         self._owners.move_to_end(operator)
         own = [name for name, owner in self._owners.items() if owner == participant]
         if len(own) > NAMES_OF_PARTICIPANT:  # a participant that uses many names loses only its own
             del self._owners[own[0]]
+
+    def _node_of(self, owner: bytes) -> str:
+        """Return the node of the owner of a name; '' if it is gone."""
+        return '' if self._presence.has_gone(owner) else self._link.node_of(owner)
 
     def _tell_once(self, operator: str, participant: bytes, owner: str) -> None:
         if (operator, participant) in self._told:

@@ -17,7 +17,8 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand
-from flexbt_onboard.commands.authority import REQUESTS
+from flexbt_onboard.commands.authority import FEW_NAMES, REQUESTS, OperatorNames
+from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.operator import Operator
@@ -39,6 +40,36 @@ def waiting() -> OperatableStateMachine:
     with machine:
         OperatableStateMachine.add('Wait', EventState(outcomes=['done'], desired_rate=None), {'done': 'done'})
     return machine
+
+
+class Graph:
+    """What the names of operators ask of link and presence."""
+
+    def __init__(self) -> None:
+        self.there: set[bytes] = set()
+
+    def node_of(self, participant: bytes) -> str:
+        return '/console' if participant in self.there else ''
+
+    def has_gone(self, participant: bytes) -> bool:
+        return False
+
+
+def test_of_consoles_that_are_gone_no_names_are_kept_and_of_the_others_all() -> None:
+    graph: Any = Graph()
+    operators = OperatorNames(graph, graph, graph)
+    graph.there = {b'first'}
+    operators.check('ann', b'first')
+    kept: list[int] = []
+    for number in range(4 * FEW_NAMES):
+        passing = str(number).encode()
+        graph.there = {b'first', passing}
+        operators.check(f'operator {number}', passing)
+        kept.append(len(operators._owners))
+    assert max(kept) <= FEW_NAMES + 1
+    with pytest.raises(CommandRefusedError, match="'ann' commands from another console"):
+        graph.operators = lambda *_, **__: None
+        operators.check('ann', passing)
 
 
 @pytest.fixture
