@@ -61,6 +61,7 @@ class CommandBuilder:
             operator=self.require_operator(),
             executive_id=snapshot.executive_id if snapshot and kind is not CommandKind.STOP else '',
             run_id=snapshot.run_id if snapshot else '',
+            stops=view.stops,
         )
         return replace(command, **fields)
 

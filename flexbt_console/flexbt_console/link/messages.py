@@ -209,6 +209,8 @@ def command_message(record: records.OperatorCommand, now: float) -> msg.Executiv
     """Return the message of a command; ``now`` is the time of this computer in seconds."""
     message = msg.ExecutiveCommand(stamp=Time(sec=int(now), nanosec=int(now % 1.0 * 1e9)))
     for field in dataclasses.fields(record):
+        if field.name == 'stops':
+            continue
         name = FIELDS[msg.ExecutiveCommand].get(field.name, field.name)
         setattr(message, name, _sendable(getattr(record, field.name)))
     return message

@@ -76,13 +76,17 @@ class CommandTracker:
     def __init__(self, remembered: int = 200) -> None:
         self._remembered = remembered
         self._commands: OrderedDict[str, TrackedCommand] = OrderedDict()
+        self.stops = 0
+        """Number of STOPs that were given."""
 
     def give(self, command: OperatorCommand, now: float, timeout: float, label: str = '') -> TrackedCommand:
         """Queue a command; :meth:`due` returns it. The default label is the kind of the command.
 
-        A STOP ends the wait of those before it: sent again, they might move the robot after it.
+        A STOP ends what waits, since it might move the robot after it: those before it are not sent again, and one that
+        was wanted before it is refused when it is given at last (see :class:`OperatorCommand`).
         """
         if command.kind is CommandKind.STOP:
+            self.stops += 1
             for older in self.pending():
                 if not _is_stop(older):
                     self._settle(older, CommandState.TIMEOUT, 'a STOP was given after it: it is not sent again', now)
@@ -91,6 +95,9 @@ class CommandTracker:
         self._commands[command.id] = tracked
         while len(self._commands) > self._remembered:
             self._commands.popitem(last=False)
+        if command.kind is not CommandKind.STOP and command.stops is not None and command.stops < self.stops:
+            reason = 'a STOP was given while this waited; nothing was sent'
+            return self._settle(tracked, CommandState.REFUSED, reason, now)
         return tracked
 
     def get(self, command_id: str) -> TrackedCommand | None:
@@ -104,10 +111,6 @@ class CommandTracker:
     def pending(self) -> tuple[TrackedCommand, ...]:
         """Return the commands that wait for an answer, oldest first."""
         return tuple(c for c in self._commands.values() if c.state is CommandState.PENDING)
-
-    def has_stop_since(self, time: float) -> bool:
-        """Return whether a STOP was given since then."""
-        return any(_is_stop(tracked) and tracked.given >= time for tracked in self._commands.values())
 
     def passed_over(self) -> frozenset[str]:
         """Return the identifiers of unanswered stops that the executive on display did not receive.

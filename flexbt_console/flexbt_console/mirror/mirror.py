@@ -377,7 +377,7 @@ class Mirror:
     # Commands
 
     def give(self, command: OperatorCommand, timeout: float, label: str = '') -> TrackedCommand:
-        """Queue a command, which the operator calls ``label``."""
+        """Queue a command, which the operator calls ``label``; see :meth:`CommandTracker.give`."""
         with self._lock:
             tracked = self._commands.give(command, self._now(), timeout, label)
         self._tell(Change.COMMAND)
@@ -402,11 +402,6 @@ class Mirror:
         """Time on the mirror's clock of the next work for :meth:`due_commands`, or None."""
         with self._lock:
             return self._on_clock(self._commands.next_due(reachable))
-
-    def has_stop_since(self, time: float) -> bool:
-        """Return whether a STOP was given here since a time, see :meth:`now`."""
-        with self._lock:
-            return self._commands.has_stop_since(time)
 
     def passed_over_stops(self) -> frozenset[str]:
         """Return the identifiers of unanswered stops that the executive on display did not receive."""
@@ -446,6 +441,7 @@ class Mirror:
                 listening=snapshot is None and not self._problem and now < self._listens_until,
                 guard=replace(self._guard, is_silent=self._guard.holding and now - self._guard_heard > GUARD_SECONDS),
                 incidents=self._incidents,
+                stops=self._commands.stops,
             )
 
     def log(self, count: int = LOG_LENGTH) -> tuple[LogLine, ...]:

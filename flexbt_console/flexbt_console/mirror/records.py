@@ -658,7 +658,11 @@ class Synthesis:
 
 @dataclass(frozen=True, slots=True)
 class OperatorCommand:
-    """A command to an executive. Which fields are used depends on ``kind``; see ExecutiveCommand."""
+    """A command to an executive. Which fields are used depends on ``kind``; see ExecutiveCommand.
+
+    ``stops``, which is not sent, is the number of STOPs that the operator knew of (:attr:`View.stops`): after a further
+    one the command is refused. None: all.
+    """
 
     id: str
     kind: CommandKind
@@ -683,6 +687,7 @@ class OperatorCommand:
     queue_before: int = 0
     wait_queue: float = -1.0
     wait_interaction: float = -1.0
+    stops: int | None = None
 
 
 # The surroundings of the robot as its operator sees them: the map, the plan, and the points of the lidar.

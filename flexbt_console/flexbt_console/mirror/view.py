@@ -48,6 +48,7 @@ class View:
     ``unwanted_motion``: motion of the robot at a time when it should stand still.
     ``guard``: latest report of the stop guard.
     ``incidents``: of the last day, newest first.
+    ``stops``: number of STOPs that were given here.
     ``listening``: True while no executive has been received, but it is too early to report that.
     """
 
@@ -69,6 +70,7 @@ class View:
     listening: bool = False
     guard: StopGuard = field(default_factory=StopGuard)
     incidents: tuple[IncidentReport, ...] = ()
+    stops: int = 0
 
     @property
     def live(self) -> bool:

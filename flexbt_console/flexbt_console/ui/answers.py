@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Final
@@ -11,7 +12,7 @@ from typing import Final
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import COMMON_OPTIONS, check, parse
 from flexbt_console.commands.registry import COMMANDS, begun, build
-from flexbt_console.commands.spec import DECISION, NO_COMMAND, CommandLine, LinkNeed, Send, Show
+from flexbt_console.commands.spec import DECISION, NO_COMMAND, CommandLine, CommandSpec, LinkNeed, Send, Show
 from flexbt_console.errors import RefusedError, UsageError
 from flexbt_console.mirror.records import CommandKind, Decision, DecisionKind, OperatorCommand
 from flexbt_console.mirror.view import View
@@ -69,8 +70,16 @@ class Bound:
         return found
 
 
-def interpret(text: str, view: View, builder: CommandBuilder, bound: Bound) -> Meaning:
+Permit = Callable[[CommandSpec | None], None]
+"""A check whether the user may give a command, or for None an answer. Raises RefusedError."""
+
+
+def interpret(
+    text: str, view: View, builder: CommandBuilder, bound: Bound, permit: Permit = lambda spec: None
+) -> Meaning:
     """Interpret a line. Names of commands take precedence; other lines are answers.
+
+    ``permit`` is called before a value is read, which may take long.
 
     Raises:
         UsageError: it is not written as it has to be.
@@ -89,11 +98,13 @@ def interpret(text: str, view: View, builder: CommandBuilder, bound: Bound) -> M
         return Meaning(Local.HELP, line=CommandLine(topic))
     spec, _ = begun([name, *words[1:]])
     if spec is not None and spec.in_prompt:
+        permit(spec)
         return _command(parse([name, *words[1:]]), view, builder, bound)
     if spec is not None and not any(text.strip() in decision.choices for decision in view.decisions):
         raise UsageError(f'{name!r} is for the command line: console {name}')
     if bound.decision_id is None and view.decision is None and not words[0].isdigit():
         raise UsageError(_no_command(words[0]))
+    permit(None)
     return _answer(text.strip(), view, builder, bound.decision(view))
 
 

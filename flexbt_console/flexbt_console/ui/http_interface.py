@@ -17,6 +17,7 @@ from collections.abc import Callable, Coroutine, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from http import HTTPStatus
 from importlib.metadata import version
 from math import isfinite
@@ -29,9 +30,8 @@ from flexbt_common.files import INCIDENTS, USER_DIRECTORY, home_path
 from flexbt_console.commands.command_line import check, parse
 from flexbt_console.commands.registry import COMMANDS, role_for
 from flexbt_console.commands.spec import CommandLine, CommandSpec, Option, Send
-from flexbt_console.errors import ConsoleError, ExitCode, RefusedError, UsageError
+from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import CommandKind
 from flexbt_console.present.events import Follower
 from flexbt_console.present.json_form import encode_json, failure_json, robots_json, status_json
 from flexbt_console.recording.incidents import files_in, incident_named, incidents_in
@@ -108,12 +108,13 @@ _LEFT_OUT: Final = frozenset({'--file', '--png', '--size', '--scan', '--state'})
 
 
 class _Performance(LineMode):
-    """A command of line mode whose answer is kept instead of printed. ``identifier``: that of its command, or ''."""
+    """A command of line mode whose answer is kept instead of printed. ``identifier``: that of its command, or ''.
+    ``stops``: number of STOPs before it was requested."""
 
-    def __init__(self, line: CommandLine, station: Station, link: Any, identifier: str) -> None:
+    def __init__(self, line: CommandLine, station: Station, link: Any, identifier: str, stops: int) -> None:
         super().__init__(line, station, link, SteadyClock())
         self._identifier = identifier
-        self._begun = station.mirror.now()
+        self._stops = stops
         self.value: Any = None
 
     def tell(self, value: Any, text: list[str], prefix: str = '') -> None:
@@ -125,19 +126,19 @@ class _Performance(LineMode):
         return nullcontext()
 
     def identified(self, meaning: Meaning) -> Meaning:
-        """See :meth:`LineMode.identified`. Raises RefusedError: a STOP was given while this waited for a live link."""
-        is_stop = meaning.command is not None and meaning.command.kind is CommandKind.STOP
-        if meaning.command is not None and not is_stop and self._mirror.has_stop_since(self._begun):
-            raise RefusedError('a STOP was given while this waited for the robot; nothing was sent')
-        if meaning.command is None or not self._identifier:
+        """See :meth:`LineMode.identified`."""
+        if meaning.command is None:
             return meaning
-        return replace(meaning, command=replace(meaning.command, id=self._identifier))
+        identifier = self._identifier or meaning.command.id
+        return replace(meaning, command=replace(meaning.command, id=identifier, stops=self._stops))
 
 
-def perform(line: CommandLine, station: Station, link: Any, identifier: str = '') -> tuple[ExitCode, Any]:
+def perform(
+    line: CommandLine, station: Station, link: Any, identifier: str = '', stops: int | None = None
+) -> tuple[ExitCode, Any]:
     """Carry out a command, and return its exit code and its answer for programs. Not on the executor thread."""
     name = line.spec.name
-    one = _Performance(line, station, link, identifier)
+    one = _Performance(line, station, link, identifier, station.mirror.view().stops if stops is None else stops)
     try:
         check(line)
         return one.run(), one.value
@@ -303,14 +304,15 @@ class HttpInterface:
         is_stop, share = spec.name == 'stop', request['share']
         places = self._stops if is_stop else self._commands
         with _place(places, MOST_STOPS if is_stop else MOST_AT_ONCE, share, 'stops' if is_stop else 'commands'):
-            operator = self._operator(user)
+            operator, stops = self._operator(user), self._robots.robot(robot)[0].view().stops
             if is_stop:  # the link is there already: a stop does not wait for the node, which may be busy
                 self._begin(self._keep_open(robot, operator))
             else:
                 await self._keep_open(robot, operator)
             mirror, link = self._robots.robot(robot)
             station = replace(self._station(mirror, link, operator), role=user.role)
-            work = asyncio.get_running_loop().run_in_executor(self._threads, perform, line, station, link, identifier)
+            doing = partial(perform, line, station, link, identifier, stops)
+            work = asyncio.get_running_loop().run_in_executor(self._threads, doing)
             code, value = await asyncio.shield(work)  # a program that is gone does not take its command back
         return _json(value, STATUS[code])
 

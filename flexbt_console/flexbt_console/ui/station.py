@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import prompt_command_help, prompt_help
 from flexbt_console.commands.registry import role_for
-from flexbt_console.commands.spec import Ask, CommandLine, Inquiry, Reading, Role, Show
+from flexbt_console.commands.spec import Ask, CommandLine, CommandSpec, Inquiry, Reading, Role, Show
 from flexbt_console.errors import RefusedError
 from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.command_tracker import CommandState, Confirmation
@@ -57,6 +57,13 @@ class Station:
         if self.role < role:
             raise RefusedError(f'{what} needs the role {role.name.lower()}; yours is {self.role.name.lower()}')
 
+    def permit(self, spec: CommandSpec | None) -> None:
+        """Raise RefusedError if the role of the user is less than that for a command; None stands for an answer."""
+        if spec is None:
+            self.require(Role.OPERATOR, 'an answer')
+        else:
+            self.require(role_for(spec), f'"{spec.name}"')
+
     def carry_out(self, meaning: Meaning, view: View) -> OperatorCommand | Reading | RobotRequest | None:
         """Execute the meaning, based on ``view``. Return the command that was sent, or the text to show.
         The caller handles leaving.
@@ -65,9 +72,9 @@ class Station:
             ConsoleError: the requested data has not arrived.
         """
         line, spec = meaning.line, meaning.line.spec
-        self.require(role_for(spec), f'"{spec.name}"')
+        self.permit(spec)
         if meaning.command is not None:
-            self.require(Role.OPERATOR, 'an answer')
+            self.permit(None)
             command = self.attention.measured(meaning.command)
             self.link.send(command, self.timeout, meaning.label)
             return command
@@ -135,7 +142,7 @@ class Session:
 
     def interpret(self, text: str, view: View, bound: Bound) -> Meaning:
         """Return what a line means. Raises what :func:`interpret` raises."""
-        return interpret(text, view, self.station.builder, bound)
+        return interpret(text, view, self.station.builder, bound, self.station.permit)
 
     def carry_out(self, meaning: Meaning, view: View) -> OperatorCommand | Reading | RobotRequest | None:
         """Execute as :meth:`Station.carry_out`, and follow the command that was sent."""

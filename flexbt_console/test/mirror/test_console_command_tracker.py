@@ -9,6 +9,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND, CommandState, Confirmation
 from flexbt_console.mirror.mirror import GUARD_SECONDS, Mirror, Transit
 from flexbt_console.mirror.records import (
@@ -100,6 +101,17 @@ def test_what_was_given_before_a_stop_is_not_sent_after_it() -> None:
     assert state(mirror, 'start') is CommandState.TIMEOUT
     mirror.receive_snapshot(answers(2, ('start', ResultCode.APPLIED, '')))  # it had been sent all the same
     assert state(mirror, 'start') is CommandState.APPLIED
+
+
+def test_what_waited_when_a_stop_was_given_is_refused() -> None:
+    _, mirror = linked()
+    before = CommandBuilder('ann').command(mirror.view(), CommandKind.START)
+    mirror.give(command('stop', CommandKind.STOP), 5.0)
+    after = CommandBuilder('ann').command(mirror.view(), CommandKind.START)
+    for one in (before, after):
+        mirror.give(one, 5.0)
+    assert [one.id for one in mirror.due_commands(True)] == ['stop', after.id]
+    assert state(mirror, before.id) is CommandState.REFUSED
 
 
 def test_a_restarted_executive_does_not_get_the_old_command() -> None:

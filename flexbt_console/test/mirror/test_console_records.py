@@ -50,6 +50,7 @@ NOT_MIRRORED: Final[dict[Any, dict[str, str]]] = {
 """Fields of messages that no record has, and why."""
 
 NOT_SENT: Final[dict[Any, dict[str, str]]] = {
+    records.OperatorCommand: {'stops': 'what waited when a STOP was given is refused here'},
     records.StopGuard: {'is_silent': 'from the time when it was heard'},
     trees.MirroredTree: {
         'gone_at': 'from what the executive says of the server',

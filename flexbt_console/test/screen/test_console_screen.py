@@ -35,6 +35,7 @@ from flexbt_console.commands.registry import COMMANDS
 from flexbt_console.errors import ConsoleError
 from flexbt_console.link.fleet_link import FleetLink
 from flexbt_console.link.robot_link import RobotLink
+from flexbt_console.mirror.command_tracker import CommandState
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.mirror import Mirror
@@ -130,8 +131,9 @@ class NotingLink(RobotLink):
         self.sent: list[OperatorCommand] = []
 
     def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
-        self.sent.append(command)
-        return self.mirror.give(command, timeout, label)
+        tracked = self.mirror.give(command, timeout, label)
+        self.sent += [command] * (tracked.state is CommandState.PENDING)
+        return tracked
 
     def surroundings(self, has_arrived: Callable[[View], bool], timeout: float, scan_period: float = 0.0) -> View:
         return self.mirror.view()
@@ -1149,6 +1151,26 @@ def test_a_stop_is_sent_when_its_key_is_read_and_not_when_the_screen_gets_to_it(
         assert (here.kinds, there.kinds) == ([CommandKind.STOP], [CommandKind.STOP])  # who was gone to is stopped, too
 
     on_screen(robots.robots['/robot00'], busy, robots=robots)
+
+
+def test_what_was_typed_before_a_stop_is_not_sent_after_it() -> None:
+    robot = Robot()
+
+    async def busy(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        typed = [('colon', ':'), *((sign, sign) for sign in 'pause'), ('enter', None), ('f8', None)]
+        keys = [events.Key(name, sign) for name, sign in typed]
+        for key in keys:
+            app.key_read(key.key)  # on the thread of the terminal, while this one does something else
+        for key in keys:
+            app.post_message(key)
+        await seen(robot, pilot)
+        assert robot.link.kinds == [CommandKind.STOP]
+        assert 'a STOP was given while this waited; nothing was sent' in text_of(app)
+        robot.show()
+        await pilot.press('colon', *'pause', 'enter')
+        assert robot.link.kinds == [CommandKind.STOP, CommandKind.PAUSE]
+
+    on_screen(robot, busy)
 
 
 def test_what_comes_from_the_network_is_escaped() -> None:

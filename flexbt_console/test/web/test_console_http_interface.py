@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import importlib
 import json
@@ -12,26 +13,32 @@ import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, Final
 
 import pytest
+from aiohttp.test_utils import TestClient, TestServer
 from http_support import CERTIFICATE, ROBOT, Client, Site
 from hypothesis import given
 from hypothesis import strategies as st
+from web_support import WebRobot, WebRobots
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import parse
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import ExitCode, UsageError
 from flexbt_console.link.robot_link import RobotLink
+from flexbt_console.mirror.command_tracker import TrackedCommand
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_console.mirror.records import CommandKind, ExecutiveSnapshot, OperatorCommand
 from flexbt_console.mirror.view import View
-from flexbt_console.ui.http_interface import BODY_BYTES, description, line_of, offered, perform
+from flexbt_console.ui.http_interface import BODY_BYTES, HttpInterface, description, line_of, offered, perform
 from flexbt_console.ui.station import Attention, Station
+from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.users import read_users, token_hash
 from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.waiting import DEADLINE, wait_until
+
+STOP: Final = OperatorCommand('s', CommandKind.STOP, 'bob')
 
 
 def test_what_waits_for_a_live_link_is_not_sent_after_a_stop() -> None:
@@ -39,11 +46,9 @@ def test_what_waits_for_a_live_link_is_not_sent_after_a_stop() -> None:
     mirror = Mirror(clock)
 
     class Link(RobotLink):
-        sent: ClassVar[list[OperatorCommand]] = []
-
         def live_view(self, timeout: float) -> View:
             """Return the view once another program has stopped the robot, and the link is there again."""
-            mirror.give(OperatorCommand('s', CommandKind.STOP, 'bob'), timeout)
+            mirror.give(STOP, timeout)
             mirror.receive_snapshot(ExecutiveSnapshot('e', 1), Transit(0.0, 0.0))
             return mirror.view()
 
@@ -51,13 +56,47 @@ def test_what_waits_for_a_live_link_is_not_sent_after_a_stop() -> None:
             return inspect(mirror.view())
 
         def send(self, command: OperatorCommand, timeout: float, label: str) -> None:
-            self.sent.append(command)
+            mirror.give(command, timeout, label)
+
+        def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
+            return mirror.command(command_id)
 
     link = Link()
     station = Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(clock), '')
     code, answer = perform(parse(['autonomy', 'high']), station, link)
-    assert (code, link.sent) == (ExitCode.REFUSED, []), answer
+    assert (code, mirror.due_commands(True)) == (ExitCode.REFUSED, [STOP]), answer
     assert 'a STOP was given while this waited' in answer['reason']
+
+
+def test_what_waits_for_the_node_is_not_sent_after_a_stop() -> None:
+    class Robot(WebRobot):
+        def live_view(self, timeout: float) -> View:
+            return self.mirror.view()
+
+        def wait_for(self, inspect: Any, timeout: float) -> Any:
+            return inspect(self.mirror.view())
+
+        def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
+            return self.mirror.command(command_id)
+
+    robot = Robot()
+
+    class Busy(WebRobots):
+        """The node is busy; meanwhile somebody stops the robot."""
+
+        def open(self, name: str, operator: str = '') -> None:
+            robot.mirror.give(STOP, 5.0)
+            super().open(name, operator)
+
+    async def ask() -> tuple[int, Any]:
+        robots = Busy({'/robot': robot.station()})
+        interface = HttpInterface(robots, robots.station, Access(), lambda user: 'ann')
+        async with TestClient(TestServer(interface.application())) as client:
+            answer = await client.post('/robots/robot/commands/autonomy', json={'level': 'high'})
+            return answer.status, await answer.json()
+
+    status, answer = asyncio.run(asyncio.wait_for(ask(), DEADLINE))
+    assert (status, robot.sent) == (409, []), answer
 
 
 def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, executives: Any) -> None:

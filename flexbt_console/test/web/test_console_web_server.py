@@ -9,12 +9,20 @@ import dataclasses
 import json
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import pytest
-from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector, WSCloseCode, WSMsgType, WSServerHandshakeError
+from aiohttp import (
+    ClientSession,
+    ClientWebSocketResponse,
+    TCPConnector,
+    WSCloseCode,
+    WSMessage,
+    WSMsgType,
+    WSServerHandshakeError,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from web_support import NASTY, OTHER, PLAN, STRUCTURE, WHERE, WebRobot, WebRobots, served
@@ -22,7 +30,10 @@ from web_support import NASTY, OTHER, PLAN, STRUCTURE, WHERE, WebRobot, WebRobot
 from flexbt_common.files import ALERTS, home_path
 from flexbt_console.alerts.escalation import Thing
 from flexbt_console.alerts.store import Store
-from flexbt_console.errors import NoAnswerError, UsageError
+from flexbt_console.commands import command_builder
+from flexbt_console.commands.spec import Role
+from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
+from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.records import (
     CommandKind,
     ExecutiveState,
@@ -37,12 +48,15 @@ from flexbt_console.mirror.records import (
     SynthesisRequest,
 )
 from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, TreeNodes, TreeReport
-from flexbt_console.ui.web import picture
+from flexbt_console.ui import answers
+from flexbt_console.ui.station import Session
+from flexbt_console.ui.web import picture, requests
 from flexbt_console.ui.web import server as web_run
 from flexbt_console.ui.web.access import ANYBODY, GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
+from flexbt_console.ui.web.drawings import Drawings
 from flexbt_console.ui.web.greetings import GREETING_OF_SOURCE, MOST_GREETING
-from flexbt_console.ui.web.page_link import MOST_AT_ONCE
-from flexbt_console.ui.web.picture import MOST_CELLS, map_part
+from flexbt_console.ui.web.page_link import MOST_AT_ONCE, PageLink
+from flexbt_console.ui.web.picture import MOST_CELLS, Pictures, map_part
 from flexbt_console.ui.web.requests import (
     BURST,
     MESSAGE_BYTES,
@@ -228,6 +242,70 @@ def test_an_answer_tells_why_the_decision_has_waited() -> None:
         assert (robot.sent[0].wait_queue, robot.sent[0].wait_interaction) == (3.0, 2.0)
 
     with_page(robot, steps)
+
+
+def test_a_stop_waits_for_no_value_that_is_read_and_that_is_not_sent_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, read, begun, go_on = WebRobot(), answers.choose, threading.Event(), threading.Event()
+
+    def slow(*arguments: Any, **options: Any) -> Any:
+        begun.set()
+        assert go_on.wait(DEADLINE)
+        return read(*arguments, **options)
+
+    async def steps(opened: Page) -> None:
+        await opened.socket.send_json({'answer': 'done', 'decision': 'd1'})
+        await opened.socket.send_json({'do': 'autonomy high', 'decision': None})
+        assert await asyncio.to_thread(begun.wait, DEADLINE)
+        try:
+            await opened.socket.send_json({'do': 'Stop', 'decision': None})
+            await asyncio.to_thread(robot.wait_sent, 1)
+        finally:
+            go_on.set()
+        for label in ('confirm done', 'autonomy high'):
+            await opened.until(lambda label=label: f'{label}: refused: a STOP was given while' in str(opened.told))  # type: ignore[misc]
+
+    monkeypatch.setattr(requests, 'choose', slow)
+    robot.show(PLAN)
+    with_page(robot, steps)
+    assert robot.kinds == [CommandKind.STOP]
+
+
+def test_no_value_is_read_for_a_user_who_may_not_send_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def read(*_: Any) -> Any:
+        raise AssertionError('the value was read')
+
+    monkeypatch.setattr(command_builder, 'answer', read)
+    robot = WebRobot()
+    robot.show(WHERE)
+    session = Session(dataclasses.replace(robot.station(), role=Role.OBSERVER), robot.clock)
+    for message in ({'answer': '[1]', 'decision': 'd4'}, {'do': 'input [1]'}, {'do': '[1]', 'decision': 'd4'}):
+        with pytest.raises(RefusedError, match='role operator'):
+            requests.understood(message, session, Future(), 0)
+
+
+def test_a_stop_that_comes_with_the_end_of_the_page_is_sent() -> None:
+    robot = WebRobot()
+
+    class Socket:
+        """It has a stop and the end at the same time."""
+
+        async def __aiter__(self) -> AsyncIterator[WSMessage]:
+            yield WSMessage(WSMsgType.TEXT, json.dumps({'do': 'stop'}), None)
+
+        async def send_str(self, text: str) -> None:
+            """Take it."""
+
+        send_bytes = close = send_str
+
+    async def serve() -> None:
+        socket: Any = Socket()
+        one = PageLink(socket, Drawings(), Access(), {'hello': None, 'user': ANYBODY})
+        pictures = Pictures(Fleet(), 'robot', robot.station(), ThreadPoolExecutor(1))
+        past: Any = None
+        await one.serve('robot', robot.station(), pictures, past)
+
+    asyncio.run(asyncio.wait_for(serve(), DEADLINE))
+    assert robot.kinds == [CommandKind.STOP]
 
 
 def test_a_stop_waits_for_no_request_that_waits() -> None:

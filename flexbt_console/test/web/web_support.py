@@ -13,6 +13,7 @@ from typing import Any
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.link.fleet_link import FleetLink
 from flexbt_console.link.robot_link import RobotLink
+from flexbt_console.mirror.command_tracker import CommandState
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
@@ -131,6 +132,8 @@ class WebRobot(RobotLink):
     def send(self, command: OperatorCommand, timeout: float, label: str) -> object:
         """See :class:`RobotLink`."""
         tracked = self.mirror.give(command, timeout, label)
+        if tracked.state is CommandState.REFUSED:
+            return tracked
         with self.arrived:
             self.sent.append(command)
             self.arrived.notify_all()

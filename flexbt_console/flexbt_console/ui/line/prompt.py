@@ -11,7 +11,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from prompt_toolkit import PromptSession
@@ -29,7 +29,6 @@ from flexbt_console.commands.completion import candidates
 from flexbt_console.commands.spec import Reading
 from flexbt_console.errors import ConsoleError
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import CommandKind, OperatorCommand
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import fold
 from flexbt_console.present.events import SETTLE_SECONDS, Follower
@@ -75,11 +74,12 @@ def run_prompt(station: Station, clock: Clock, on_signal: OnSignal) -> None:
 
 @dataclass(frozen=True)
 class _Held:
-    """A line that was typed without a live link, and the time until which it waits for one."""
+    """A line that was typed without a live link, after that many STOPs, and the time until which it waits for one."""
 
     text: str
     bound: Bound
     until: float
+    stops: int
 
 
 class Prompt:
@@ -202,30 +202,25 @@ class Prompt:
         """Discard the typed line, as Ctrl-C does in a shell."""
         if not text.strip() and not self._held:
             self._print([f'Ctrl-C clears the line. "quit" leaves: {self._station.leaving}. "stop" stops the robot.'])
-        self._cancel_held()
-
-    def _cancel_held(self) -> None:
-        """Discard the lines that wait for a live link."""
         for held in self._held:
             self._print(_warned([f'{one_line(held.text)}: canceled; nothing was sent']))
         self._held.clear()
 
-    def _do(self, text: str, bound: Bound) -> bool:
-        """Execute a line; return False to quit."""
+    def _do(self, text: str, bound: Bound, stops: int | None = None) -> bool:
+        """Execute a line, which may have waited since that many STOPs; return False to quit."""
         view = self._mirror.view()
+        view = view if stops is None else replace(view, stops=stops)
         try:
             meaning = self._session.interpret(text, view, bound)
             done = self._session.carry_out(meaning, view)
         except NoLiveLinkError:
-            self._held.append(_Held(text, bound, self._clock.now() + self._station.timeout))
+            self._held.append(_Held(text, bound, self._clock.now() + self._station.timeout, view.stops))
             told = f'{one_line(text)}: waiting for a live link, at most {self._station.timeout:g} s; Ctrl-C cancels it'
             self._print(_warned([told]))
         except ConsoleError as error:
             self._print(_warned(escape_lines(str(error))))
         else:
-            if isinstance(done, OperatorCommand) and done.kind is CommandKind.STOP:
-                self._cancel_held()  # after a STOP they might move the robot
-            elif isinstance(done, Reading):
+            if isinstance(done, Reading):
                 self._print(done.text)
             elif isinstance(done, RobotRequest):
                 asking = threading.Thread(target=self._ask, args=(text.split()[0], done), name='ask', daemon=True)
@@ -241,7 +236,7 @@ class Prompt:
         while self._held and ((is_live := self._mirror.view().live) or self._clock.now() >= self._held[0].until):
             held = self._held.popleft()
             if is_live:
-                self._do(held.text, held.bound)
+                self._do(held.text, held.bound, held.stops)
             else:
                 late = f'there was no live link within {self._station.timeout:g} s; nothing was sent'
                 self._print(_warned([f'{one_line(held.text)}: {late}']))

@@ -503,6 +503,9 @@ class OperatorScreen(OrderedApp):
         self._carry_out(self._session.interpret(text, view, _shown(view)), view)
 
     def _carry_out(self, meaning: Meaning, view: View) -> None:
+        command = meaning.command
+        if command is not None and any(mirror is self._station.mirror for mirror, _ in self._stopped):
+            meaning = replace(meaning, command=replace(command, stops=0))  # its key was read before that of a STOP
         done = self._session.carry_out(meaning, view)
         if isinstance(done, OperatorCommand):
             if done.decision_id:  # answered: end pointing on the map

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import logging
 import time
 import traceback
@@ -29,7 +30,19 @@ from .access import Access
 from .drawings import NO_DRAWING, Drawing, Drawings, machine_drawing
 from .past import PagePast, moment_part
 from .picture import COMMAND_PART, PERIOD, Pictures, map_message, map_part, robot_lines
-from .requests import BURST, RATE, SHOWS_PAST, answered, folded_paths, is_harmless, operator_name, past_of, read
+from .requests import (
+    BURST,
+    QUICK_CHARACTERS,
+    RATE,
+    SHOWS_PAST,
+    folded_paths,
+    is_harmless,
+    is_stop,
+    operator_name,
+    past_of,
+    read,
+    understood,
+)
 from .users import User
 
 PULSE: Final = 1.0
@@ -73,6 +86,9 @@ class PageLink:
         self._waiting = 0
         self._left: Future[None] = Future()
         self._waits = ThreadPoolExecutor(MOST_AT_ONCE, 'waits')  # separate: nothing else waits for these threads
+        self._reader = ThreadPoolExecutor(1, 'reader')
+        self._reading = asyncio.Lock()
+        self._unread = 0
         self._sending = asyncio.Lock()
 
     def wake(self) -> None:
@@ -96,8 +112,10 @@ class PageLink:
         try:
             await self._hear()
         finally:
+            await asyncio.sleep(0)  # a stop that came just before the end is sent
             self._left.set_result(None)
-            self._waits.shutdown(wait=False, cancel_futures=True)
+            for threads in (self._waits, self._reader):
+                threads.shutdown(wait=False, cancel_futures=True)
             for task in (show, *self._tasks):
                 task.cancel()
             await asyncio.gather(show, *self._tasks, return_exceptions=True)
@@ -218,7 +236,13 @@ class PageLink:
                 return
             if self._is_past and not is_harmless(message):
                 raise RefusedError(SHOWS_PAST)
-            answer = answered(message, self._session, self._left)  # here, so that a stop waits for nothing
+            reading = functools.partial(
+                understood, message, self._session, self._left, self._session.station.mirror.view().stops
+            )
+            if len(text) <= QUICK_CHARACTERS and is_stop(message):  # it waits for nothing
+                answer = reading()()
+            else:
+                answer = await self._in_order(reading)
             if callable(answer):
                 answer = await self._later(answer)
             if isinstance(answer, OperatorCommand):
@@ -238,6 +262,18 @@ class PageLink:
             text = ''.join(traceback.format_exception(error))
             with contextlib.suppress(ConnectionError, TimeoutError):
                 await self._tell(['fault in the server of the page, which continues:', *escape_lines(text)], 'error')
+
+    async def _in_order(self, reading: Callable[[], Callable[[], Any]]) -> Any:
+        """Read a request on another thread, and carry it out after those before it. Raises ConsoleError."""
+        if self._unread >= BURST:
+            raise RefusedError(f'{BURST} requests of this page are not read yet; nothing was sent. Send it again later')
+        self._unread += 1
+        try:
+            async with self._reading:
+                carry_out = await asyncio.get_running_loop().run_in_executor(self._reader, reading)
+            return carry_out()
+        finally:
+            self._unread -= 1
 
     async def _show_past(self, message: dict[str, Any]) -> None:
         """Send the lanes of the time line, a moment (None: now again), or the recordings. Raises ConsoleError."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -79,10 +80,17 @@ SHOWS_PAST: Final = (
 
 def is_harmless(message: dict[str, Any]) -> bool:
     """Return whether a page that shows the past may ask for this: a stop, and what sends nothing."""
+    return is_stop(message) or not message.keys() & {'do', 'answer', 'obstacle', 'remove_obstacle'}
+
+
+def is_stop(message: dict[str, Any]) -> bool:
+    """Return whether it is a stop."""
     line = message.get('do')
-    if isinstance(line, str) and line.lower().split()[:1] == ['stop']:
-        return True
-    return not message.keys() & {'do', 'answer', 'obstacle', 'remove_obstacle'}
+    return isinstance(line, str) and line.lower().split(None, 1)[:1] == ['stop']
+
+
+QUICK_CHARACTERS: Final = 1000
+"""Maximum characters of a message that is read within milliseconds, whatever it is."""
 
 
 def past_of(message: dict[str, Any]) -> tuple[str, float | None]:
@@ -105,40 +113,44 @@ PageRequest = Callable[[], Told]
 """A request that has to wait for the robot or the simulator, and ends with the page. Raises ConsoleError."""
 
 
-def answered(
-    message: dict[str, Any], session: Session, left: Future[None]
-) -> Told | dict[str, Any] | PageRequest | None:
-    """Execute a request of a page; return a dictionary to send it to the page. Only a
+def understood(
+    message: dict[str, Any], session: Session, left: Future[None], stops: int
+) -> Callable[[], Told | dict[str, Any] | PageRequest | None]:
+    """Read a request of a page, and return what carries it out.
+
+    Reading a long value takes long. What is returned does not; it returns a dictionary to send it to the page. Only a
     :data:`PageRequest` waits for anybody.
 
-    ``left`` is done once the page is closed: what is synthesized for it is canceled.
+    ``left`` is done once the page is closed: what is synthesized for it is canceled. ``stops`` is the number of STOPs
+    before the request.
 
     Raises:
-        ConsoleError: the request is invalid, or cannot work now; nothing was sent.
+        ConsoleError: the request is invalid, or cannot work now; nothing was sent. What is returned raises it, too.
     """
     station = session.station
     if 'complete' in message:
         text = _text(message, 'complete')
-        return {'candidates': [text, candidates(text, station.mirror.view())[:40]]}
+        found = {'candidates': [text, candidates(text, station.mirror.view())[:40]]}
+        return lambda: found
     if 'obstacle' in message:
-        return partial(_obstacle, message['obstacle'], station)
+        return lambda: partial(_obstacle, message['obstacle'], station)
     if 'remove_obstacle' in message:
-        return partial(_remove_obstacle, _text(message, 'remove_obstacle'), station)
-    view = station.mirror.view()
+        return lambda: partial(_remove_obstacle, _text(message, 'remove_obstacle'), station)
+    view = replace(station.mirror.view(), stops=stops)
     decision_id = message.get('decision')
     if decision_id is not None and not isinstance(decision_id, str):
         raise UsageError('"decision" is the identifier of a decision, or null')
     if message.keys() == {'touched', 'decision'}:
-        station.attention.touched(view, decision_id)
-        return None
+        return lambda: station.attention.touched(view, decision_id)
     if 'answer' in message:
+        station.permit(None)
         decision = Bound(decision_id).decision(view)
         unseen = message.get('unseen') is True
         meaning = choose(_text(message, 'answer'), view, station.builder, decision, unseen=unseen)
-        return _done(meaning, view, session, left)
+        return partial(_done, meaning, view, session, left)
     if 'do' in message:
         meaning = session.interpret(_text(message, 'do'), view, Bound(decision_id))
-        return _done(meaning, view, session, left)
+        return partial(_done, meaning, view, session, left)
     raise UsageError(
         'unknown request; expected one of: '
         'do, answer, touched, complete, fold, lanes, moment, recordings, obstacle, remove_obstacle'
