@@ -106,11 +106,17 @@ class ClockEvent:
             self._event.wait()
 
 
+def _check_context(what: str, context: Any) -> None:
+    if context is not None and not context.ok():
+        raise RCLError(f'failed to create {what}: the given context is not valid, rcl_shutdown() was called')
+
+
 class Timer(Entity):
     """Stand-in for rcl's timer."""
 
     def __init__(self, clock: Clock, context: Any, period: int, autostart: bool = True) -> None:
         super().__init__()
+        _check_context('timer', context)
         self.clock = clock
         self.is_canceled = not autostart
         self.next = clock.nanoseconds() + period
@@ -196,6 +202,7 @@ class GuardCondition(Entity):
 
     def __init__(self, context: Any) -> None:
         super().__init__()
+        _check_context('guard_condition', context)
         self.is_triggered = False
 
     def trigger_guard_condition(self) -> None:

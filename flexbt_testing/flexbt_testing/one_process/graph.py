@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib.machinery
 import importlib.util
 import itertools
+import math
 import os
 import re
 import sys
@@ -125,8 +126,9 @@ class Destroyable:
             self._destroy()
 
     def destroy_when_not_in_use(self) -> None:
+        """Destroy it once its last use has ended; a second call has no effect."""
         if self.is_ended:
-            raise InvalidHandle('cannot use Destroyable because destruction was requested')
+            return
         self.is_ended = True
         if not self._uses:
             self._destroy()
@@ -200,7 +202,10 @@ class Context(Destroyable):
         self.process = SCHEDULER.current.process
         if args is sys.argv:
             args = self.process.arguments or args
-        REAL.rclpy_remove_ros_args(args)  # raises what invalid arguments raise
+        try:
+            REAL.rclpy_remove_ros_args(args)
+        except REAL.RCLInvalidROSArgsError as error:
+            raise RCLError(f'failed to initialize rcl: {str(error).partition(": ")[2]}') from None
         self.rules = _Rules(args)
         self.process.contexts.append(self)
         self.nodes: list[Node] = []
@@ -218,10 +223,17 @@ class Context(Destroyable):
 
     def shutdown(self) -> None:
         if not self._is_ok:
-            raise RCLError('failed to shutdown: context is not valid')
+            raise RCLError('failed to shutdown: rcl_shutdown already called on the given context')
         self._is_ok = False
 
+    def check(self, what: str, whose: str = "rcl node's context") -> None:
+        """Refuse a call after the shutdown, as rcl does."""
+        if not self._is_ok:
+            raise RCLError(f'{what}: {whose} is invalid')
+
     def get_domain_id(self) -> int:
+        if not self._is_ok:
+            raise RCLError('Failed to get domain id: error not set')
         return self._domain
 
     def gid(self) -> bytes:
@@ -307,18 +319,23 @@ class Node(Destroyable):
         return [end for key in keys if key in table for side in sides for end in getattr(table[key], side)]
 
     def get_count_publishers(self, topic: str) -> int:
+        self.context.check('Error in rcl_count_publishers')
         return len(self.ends(DOMAIN.topics, 'publishers', name=topic))
 
     def get_count_subscribers(self, topic: str) -> int:
+        self.context.check('Error in rcl_count_subscribers')
         return len(self.ends(DOMAIN.topics, 'subscriptions', name=topic))
 
     def get_count_clients(self, service: str) -> int:
+        self.context.check('Error in rcl_count_clients')
         return len(self.ends(DOMAIN.services, 'clients', name=service))
 
     def get_count_services(self, service: str) -> int:
+        self.context.check('Error in rcl_count_services')
         return len(self.ends(DOMAIN.services, 'servers', name=service))
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        self.context.check('Failed to get node names')
         return [(node.name, node.namespace) for node in DOMAIN.nodes if node.domain == self.domain]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
@@ -334,6 +351,7 @@ class Node(Destroyable):
         return self._actions(('clients',), (name, namespace))
 
     def _actions(self, sides: tuple[str, ...], of_node: tuple[str, str] | None = None) -> list[tuple[str, list[str]]]:
+        self.context.check('Failed to get action names and type')
         found: dict[str, set[str]] = {}
         for end in self.ends(DOMAIN.services, *sides):
             if end.service.endswith(_GOALS) and of_node in (None, (end.node.name, end.node.namespace)):
@@ -344,18 +362,15 @@ class Node(Destroyable):
 
     def get_parameters(self, parameter_class: Any) -> dict[str, Any]:
         """Return the parameters that files and arguments give this node, arguments last."""
-        import yaml
-
         given: dict[str, Any] = {}
         for file in self._files:
-            text = Path(file).read_text()
-            for pattern, content in _nodes('', yaml.safe_load(text) or {}):
+            for pattern, content in _nodes('', read_parameters(Path(file).read_text()) or {}):
                 if self._is_meant(pattern):
                     given.update(_flat('', content))
         for key, value in self._parameters:
             pattern, _, name = key.rpartition(':')
             if not pattern or self._is_meant(pattern):
-                given[name] = yaml.safe_load(value)
+                given[name] = read_parameters(value)
         # An empty list has no type.
         return {name: parameter_class(name, value=value if value != [] else None) for name, value in given.items()}
 
@@ -380,6 +395,52 @@ def _flat(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
             yield from _flat(f'{prefix}{name}.', value)
         else:
             yield f'{prefix}{name}', value
+
+
+_BOOLEANS: Final = {
+    form: value
+    for words, value in ((('y', 'yes', 'true', 'on'), True), (('n', 'no', 'false', 'off'), False))
+    for word in words
+    for form in (word, word.capitalize(), word.upper())
+}
+_INTEGER: Final = re.compile(r'[+-]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)')
+_REAL_NUMBER: Final = re.compile(r'[+-]?((\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|\.?(inf|nan))', re.IGNORECASE)
+
+
+def read_parameters(text: str) -> Any:
+    """Return the content of YAML as the parser of rcl reads it, which knows other numbers and booleans than PyYAML."""
+    import yaml
+
+    return _plain(yaml.compose(text, yaml.SafeLoader))
+
+
+def _plain(node: Any) -> Any:
+    import yaml
+
+    if isinstance(node, yaml.MappingNode):
+        return {key.value: _plain(value) for key, value in node.value}
+    if isinstance(node, yaml.SequenceNode):
+        return [_plain(one) for one in node.value]
+    if node is None or node.style in ("'", '"'):
+        return node and node.value
+    return _scalar(node.value)
+
+
+def _scalar(text: str) -> bool | int | float | str:
+    """Return a value that is not quoted, as ``get_value`` of rcl_yaml_param_parser."""
+    if text in _BOOLEANS:
+        return _BOOLEANS[text]
+    if _INTEGER.fullmatch(text):
+        digits = text.lstrip('+-').lower()
+        base = 16 if digits.startswith('0x') else 8 if digits.startswith('0') else 10
+        number = int(digits, base) * (-1 if text[0] == '-' else 1)
+        if -(2**63) <= number < 2**63:
+            return number
+    if _REAL_NUMBER.fullmatch(text):
+        value = float(text.lower().replace('.inf', 'inf').replace('.nan', 'nan'))
+        if math.isfinite(value) or text[-1] in 'fFnN':
+            return value
+    return text
 
 
 def type_name(kind: Any) -> str:

@@ -74,16 +74,19 @@ def _names_and_types(ends: list[Any], attribute: str) -> NamesAndTypes:
     return [(name, sorted(types)) for name, types in sorted(names.items())]
 
 
-def _topics(*sides: str) -> Callable[[Node, bool], NamesAndTypes]:
-    return lambda node, _raw: _names_and_types(node.ends(DOMAIN.topics, *sides), 'name')
+def _topics(node: Node, _no_demangle: bool) -> NamesAndTypes:
+    node.context.check('failed to get topic names and types')
+    return _names_and_types(node.ends(DOMAIN.topics, 'publishers', 'subscriptions'), 'name')
 
 
 def _services(node: Node) -> NamesAndTypes:
+    node.context.check('failed to get service names and types')
     return _names_and_types(node.ends(DOMAIN.services, 'servers'), 'service')
 
 
 def _of_node(table: Any, side: str, attribute: str) -> Callable[..., NamesAndTypes]:
     def names_and_types(node: Node, *rest: Any) -> NamesAndTypes:
+        node.context.check('failed to get names and types')
         wanted = tuple(rest[-2:])
         if wanted not in node.get_node_names_and_namespaces():
             raise REAL.NodeNameNonExistentError(f'cannot get names and types: unknown node {wanted[0]!r}')
@@ -95,6 +98,7 @@ def _of_node(table: Any, side: str, attribute: str) -> Callable[..., NamesAndTyp
 
 def _endpoints(side: str, number: int) -> Callable[[Node, str, bool], list[dict[str, Any]]]:
     def infos(node: Node, name: str, no_mangle: bool) -> list[dict[str, Any]]:
+        node.context.check('Failed to get information by topic')
         topics_of = _dds_topics if no_mangle else _ros_topics
         return [
             {
@@ -161,7 +165,8 @@ def _log(severity: Any, name: str, text: str, *where: Any) -> None:
     if SCHEDULER.current.process is SCHEDULER.main.process:  # of the test, which may look at its streams
         REAL.rclpy_logging_rcutils_log(severity, name, text, *where)
     DOMAIN.log.append((SCHEDULER.now, SCHEDULER.current.process, int(severity), name, text))
-    own = (one for one in DOMAIN.nodes if one.process is SCHEDULER.current.process and one.rosout is not None)
+    process = SCHEDULER.current.process
+    own = (one for one in DOMAIN.nodes if one.process is process and one.rosout is not None and one.context.ok())
     above = (one for one in own if f'{name}.'.startswith(f'{one.logger_name()}.'))  # or a part of it
     node = max(above, key=lambda one: len(one.logger_name()), default=None)
     if node is not None:
@@ -196,7 +201,7 @@ _FUNCTIONS: Final[dict[str, Any]] = {
     'rclpy_get_publishers_info_by_topic': _endpoints('publishers', 1),
     'rclpy_get_subscriptions_info_by_topic': _endpoints('subscriptions', 2),
     'rclpy_get_service_names_and_types': _services,
-    'rclpy_get_topic_names_and_types': _topics('publishers', 'subscriptions'),
+    'rclpy_get_topic_names_and_types': _topics,
     'rclpy_logging_configure': lambda _context: None,
     'rclpy_logging_fini': lambda: None,
     'rclpy_logging_rcutils_log': _log,

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from .clocks import Clock, Timer
 from .copying import copied
-from .graph import DOMAIN, REAL, Destroyable, Entity, InvalidHandle, Node, RCLError, check_support
+from .graph import DOMAIN, REAL, Destroyable, Entity, InvalidHandle, Node, RCLError, check_support, type_name
 from .scheduler import SCHEDULER, SECOND
 from .topics import Publisher, Qos, Subscription
 
@@ -54,11 +54,15 @@ class _ServiceEnd(Entity):
         super().__init__()
         check_support(service_type)
         self.node, self.process, self.type = node, node.process, service_type
+        node.context.check(f'failed to create {type(self).__name__.lower()}')
         self.service = node.resolved(name)
         profile = profile or _default('qos_profile_services_default')
         self.given = profile.to_dict()
         self.gid = node.context.gid()
         self.ends = DOMAIN.services.setdefault((node.domain, self.service), ServiceEnds())
+        for other in (*self.ends.servers, *self.ends.clients):
+            if other.node.context is node.context and other.type is not service_type:
+                raise RCLError(f'{self.service} has the type {type_name(other.type)} in this context')
         self._queue: deque[tuple[Any, rmw_request_id_t, int]] = deque(maxlen=Qos(profile).depth)
         self._last: dict[Any, int] = {}
 
@@ -139,6 +143,7 @@ class Client(_ServiceEnd):
         return self._sent
 
     def service_server_is_available(self) -> bool:
+        self.node.context.check('failed to check service availability')
         return bool(self._servers())
 
     def take_response(self, _response_type: Any) -> tuple[Any, Any]:
@@ -209,6 +214,10 @@ class ActionGoalHandle(Destroyable):
 
     def is_active(self) -> bool:
         return self.status in _ACTIVE
+
+    def is_cancelable(self) -> bool:
+        """Return whether it can be asked to cancel: not twice."""
+        return (self.status, 'CANCEL_GOAL') in _FOLLOWING
 
     def update_goal_state(self, event: Any) -> None:
         following = _FOLLOWING.get((self.status, event.name))
@@ -328,7 +337,7 @@ class ActionServer(Destroyable):
             goal = self.goals.get(key)
             if goal is None:
                 response.return_code = _UNKNOWN_GOAL
-            elif goal.is_active():
+            elif goal.is_cancelable():
                 response.goals_canceling = [goal.info]
             else:
                 response.return_code = _TERMINATED
@@ -337,7 +346,7 @@ class ActionServer(Destroyable):
         response.goals_canceling = [
             goal.info
             for one, goal in self.goals.items()
-            if goal.is_active() and (everything or one == key or _time(goal.info.stamp) <= until)
+            if goal.is_cancelable() and (everything or one == key or _time(goal.info.stamp) <= until)
         ]
         return response
 

@@ -8,7 +8,7 @@ when a publisher counts as alive. A message is copied once when it is published,
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -25,10 +25,19 @@ _BEST_EFFORT: Final = 2
 _TRANSIENT_LOCAL: Final = 1
 _VOLATILE: Final = 2
 _KEEP_ALL: Final = 2
+_AUTOMATIC: Final = 1
 _MANUAL_BY_TOPIC: Final = 3
+_SYSTEM_DEFAULT: Final = 0
+_BEST_AVAILABLE: Final = {'reliability': 4, 'durability': 4, 'liveliness': 5}
+_BEST_DURATION: Final = REAL.RMW_QOS_DEADLINE_BEST_AVAILABLE
 _POLICY: Final = REAL.rmw_qos_policy_kind_t
 PublisherEvent: Final = REAL.rcl_publisher_event_type_t
 SubscriptionEvent: Final = REAL.rcl_subscription_event_type_t
+_OFFERED_DEADLINE_MISSED: Final = PublisherEvent.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED
+_REQUESTED_DEADLINE_MISSED: Final = SubscriptionEvent.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED
+
+
+_OF_PUBLISHER: Final = "publisher's context"
 
 
 class Qos:
@@ -45,6 +54,39 @@ class Qos:
         self.lease = _finite(given['liveliness_lease_duration'])
         depth = int(given['depth'])
         self.depth = _MOST_KEPT if int(given['history']) == _KEEP_ALL else max(1, min(depth, _MOST_KEPT))
+
+    @classmethod
+    def of(cls, profile: Any, is_publisher: bool, others: Sequence[Qos]) -> Qos:
+        """Return a profile without what leaves the choice to others.
+
+        What the system chooses is as in Fast DDS. What is best depends on the other side as it is now: a publisher
+        offers all that a subscription may ask for, a subscription asks for what all publishers offer.
+        """
+        from rclpy.duration import Duration
+
+        qos = cls(profile)
+        meets = any if is_publisher else all
+        for name, by_system, least, best, is_best in (
+            ('reliability', (_BEST_EFFORT, _RELIABLE), _BEST_EFFORT, _RELIABLE, is_publisher),
+            ('durability', (_VOLATILE, _TRANSIENT_LOCAL), _VOLATILE, _TRANSIENT_LOCAL, is_publisher),
+            ('liveliness', (_AUTOMATIC, _AUTOMATIC), _AUTOMATIC, _MANUAL_BY_TOPIC, False),
+        ):
+            if getattr(qos, name) == _SYSTEM_DEFAULT:
+                qos._choose(name, by_system[is_publisher])
+            elif getattr(qos, name) == _BEST_AVAILABLE[name]:
+                is_met = is_best or meets(getattr(one, name) == best for one in others)
+                qos._choose(name, best if is_met else least)
+        for name, attribute in (('deadline', 'deadline'), ('liveliness_lease_duration', 'lease')):
+            if qos.given[name].nanoseconds == _BEST_DURATION:
+                found = [getattr(one, attribute) or INFINITE for one in others] or [INFINITE]
+                chosen = min(found) if is_publisher else max(found)
+                setattr(qos, attribute, chosen if chosen < INFINITE else 0)
+                qos.given = {**qos.given, name: Duration(nanoseconds=getattr(qos, attribute))}
+        return qos
+
+    def _choose(self, name: str, value: int) -> None:
+        setattr(self, name, value)
+        self.given = {**self.given, name: value}
 
     def misfit(self, requested: Qos) -> Any:
         """Return the kind of policy by which this offer does not meet a request, None if it does."""
@@ -79,11 +121,11 @@ class Topic:
 class Sample:
     """A published message: as an object, as bytes, or as both, once somebody has asked."""
 
-    __slots__ = ('_data', '_message', 'dies_at', 'gid', 'stamp', 'type')
+    __slots__ = ('_data', '_message', 'dies_at', 'gid', 'number', 'stamp', 'type')
 
     def __init__(self, message: Any, data: bytes | None, publisher: Publisher) -> None:
         self._message, self._data = message, data
-        self.type, self.gid = publisher.type, publisher.gid
+        self.type, self.gid, self.number = publisher.type, publisher.gid, publisher.sent
         self.stamp = SCHEDULER.wall
         lifespan = publisher.qos.lifespan
         self.dies_at = SCHEDULER.now + lifespan if lifespan else None
@@ -121,12 +163,16 @@ class Endpoint(Entity):
         super().__init__()
         check_support(message_type)
         self.node, self.process, self.type = node, node.process, message_type
+        node.context.check(f'Failed to create {type(self).__name__.lower()}')
         self.name = node.resolved(topic)
-        self.qos = Qos(profile)
         self.topic = DOMAIN.topics.setdefault((node.domain, self.name), Topic())
         for other in (*self.topic.publishers, *self.topic.subscriptions):
             if other.node.context is node.context and other.type is not message_type:
                 raise RCLError(f'{self.name} has the type {type_name(other.type)} in this context')
+        is_publisher = isinstance(self, Publisher)
+        others: list[Any] = self.topic.subscriptions if is_publisher else self.topic.publishers
+        self.qos = Qos.of(profile, is_publisher, [other.qos for other in others])
+        self._deadline: Alarm | None = None
         self.gid = node.context.gid()
         self.matches: list[Any] = []
         self.events: dict[Any, EventHandle] = {}
@@ -148,6 +194,20 @@ class Endpoint(Entity):
 
     def is_ready(self) -> bool:
         return False
+
+    def meet_deadline(self) -> None:
+        """Count its deadline from now on. It has one once a message was sent, or has arrived."""
+        if self._deadline is not None:
+            self._deadline.cancel()
+        if self.qos.deadline:
+            self._deadline = SCHEDULER.call_at(SCHEDULER.now + self.qos.deadline, self._miss_deadline)
+
+    def _miss_deadline(self) -> None:
+        if self.is_ended or not self.process.is_alive:
+            return
+        is_publisher = isinstance(self, Publisher)
+        self.tell(_OFFERED_DEADLINE_MISSED if is_publisher else _REQUESTED_DEADLINE_MISSED, total_count=1)
+        self.meet_deadline()
 
 
 class EventHandle(Entity):
@@ -194,6 +254,7 @@ class Publisher(Endpoint):
         super().__init__(node, message_type, topic, profile)
         is_latched = self.qos.durability == _TRANSIENT_LOCAL
         self.kept: deque[Sample] | None = deque(maxlen=self.qos.depth) if is_latched else None
+        self.sent = 0
         self._is_manual = self.qos.liveliness == _MANUAL_BY_TOPIC and bool(self.qos.lease)
         self.is_asserted = not self._is_manual
         self._lease: Alarm | None = None
@@ -202,18 +263,24 @@ class Publisher(Endpoint):
             _discover(self, subscription)
 
     def publish(self, message: Any) -> None:
+        self.node.context.check('Failed to publish', _OF_PUBLISHER)
+        self.sent += 1
+        self.meet_deadline()
         if self.matches or self.kept is not None or self.topic.readers or DOMAIN.on_message is not None:
             self._send(Sample(copied(message), None, self))
         else:
-            self.assert_liveliness()
+            self._renew()
 
     def publish_raw(self, data: bytes) -> None:
+        self.node.context.check('Failed to publish', _OF_PUBLISHER)
+        self.sent += 1
+        self.meet_deadline()
         self._send(Sample(None, data, self))
 
     def _send(self, sample: Sample) -> None:
         if self.kept is not None:
             self.kept.append(sample)
-        self.assert_liveliness()
+        self._renew()
         if DOMAIN.on_message is not None:
             DOMAIN.on_message(self.process, self.name, sample)
         for read in self.topic.readers:
@@ -234,13 +301,19 @@ class Publisher(Endpoint):
         )
 
     def get_subscription_count(self) -> int:
+        self.node.context.check('failed to get subscription count', _OF_PUBLISHER)
         return len(self.matches)
 
     def wait_for_all_acked(self, timeout: Any) -> bool:
         """Return True: a message that has been sent has arrived, or is on its way and cannot be lost."""
+        self.node.context.check('Failed to wait for all acknowledgements', _OF_PUBLISHER)
         return True
 
     def assert_liveliness(self) -> None:
+        self.node.context.check('Failed to assert liveliness on the Publisher', _OF_PUBLISHER)
+        self._renew()
+
+    def _renew(self) -> None:
         """Count as alive from now on until the lease ends."""
         if not self._is_manual:
             return
@@ -282,6 +355,7 @@ class Subscription(Endpoint):
     def arrive(self, sample: Sample) -> None:
         """Put a sample into the queue, where it may replace the oldest one."""
         if not self.is_ended and self.process.is_alive and not sample.is_dead:
+            self.meet_deadline()
             self._queue.append((sample, SCHEDULER.wall))
             self.notify()
 
@@ -310,7 +384,7 @@ class Subscription(Endpoint):
         info = {
             'source_timestamp': sample.stamp,
             'received_timestamp': arrived,
-            'publication_sequence_number': None,
+            'publication_sequence_number': sample.number,
             'reception_sequence_number': None,
         }
         return (sample.data() if raw else sample.message()), info

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -24,13 +25,18 @@ from rcl_interfaces.msg import (
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.action.graph import get_action_names_and_types
 from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.context import Context
 from rclpy.exceptions import ParameterAlreadyDeclaredException, ParameterNotDeclaredException
-from rclpy.executors import MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.parameter import Parameter, ParameterValue
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile, qos_profile_action_status_default
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+
+RCLError = rclpy_implementation.RCLError
 
 # Services
 
@@ -102,6 +108,15 @@ def test_a_queue_of_requests_keeps_the_newest(ros: Any) -> None:
         assert asked == [True, True]
 
 
+def test_a_service_has_one_type_in_a_context(ros: Any) -> None:
+    node = ros.node('server')
+    node.create_service(Trigger, ros.topic, lambda _request, response: response)
+    with pytest.raises(RCLError):
+        node.create_client(SetBool, ros.topic)
+    with pytest.raises(RCLError):
+        node.create_service(SetBool, ros.topic, lambda _request, response: response)
+
+
 # Actions
 
 
@@ -113,7 +128,8 @@ class Server:
         self.handles: list[Any] = []
         self.end = threading.Event()
         self.outcome = 'succeed'
-        self.accepts_cancel = True
+        self.accepts_cancel = self.notices_cancel = True
+        self.asked_to_cancel = 0
         self._ros = ros
         self.server = ActionServer(
             self.node,
@@ -121,7 +137,7 @@ class Server:
             ros.topic,
             self._execute,
             goal_callback=lambda goal: GoalResponse.REJECT if goal.time.sec < 0 else GoalResponse.ACCEPT,
-            cancel_callback=lambda _goal: CancelResponse.ACCEPT if self.accepts_cancel else CancelResponse.REJECT,
+            cancel_callback=self._answer_cancel,
             callback_group=ReentrantCallbackGroup(),
             **options,
         )
@@ -130,10 +146,14 @@ class Server:
         self._thread = threading.Thread(target=self._executor.spin, daemon=True)
         self._thread.start()
 
+    def _answer_cancel(self, _goal: Any) -> CancelResponse:
+        self.asked_to_cancel += 1
+        return CancelResponse.ACCEPT if self.accepts_cancel else CancelResponse.REJECT
+
     def _execute(self, handle: Any) -> Any:
         self.handles.append(handle)
         handle.publish_feedback(Wait.Feedback())
-        self._ros.wait(lambda: self.end.is_set() or handle.is_cancel_requested)
+        self._ros.wait(lambda: self.end.is_set() or (handle.is_cancel_requested and self.notices_cancel))
         if self.outcome != 'raise':
             getattr(handle, 'canceled' if handle.is_cancel_requested else self.outcome)()
             return Wait.Result()
@@ -205,6 +225,18 @@ def test_a_goal_is_canceled_if_the_server_agrees(ros: Any, server: Server, clien
     assert ros.result(handle.get_result_async()).status == GoalStatus.STATUS_CANCELED
     late = ros.result(handle.cancel_goal_async())
     assert late.return_code == CancelGoal.Response.ERROR_GOAL_TERMINATED
+
+
+def test_a_goal_is_canceled_once(ros: Any, server: Server, client: Any) -> None:
+    handle = ros.result(client.send_goal_async(goal()))
+    ros.wait(lambda: server.handles)
+    server.notices_cancel = False
+    assert len(ros.result(handle.cancel_goal_async()).goals_canceling) == 1
+    again = ros.result(handle.cancel_goal_async())
+    assert (again.return_code, list(again.goals_canceling)) == (CancelGoal.Response.ERROR_GOAL_TERMINATED, [])
+    assert server.asked_to_cancel == 1
+    server.notices_cancel = True
+    assert ros.result(handle.get_result_async()).status == GoalStatus.STATUS_CANCELED
 
 
 def test_cancel_of_all_and_of_what_is_unknown(ros: Any, server: Server, client: Any) -> None:
@@ -316,6 +348,95 @@ def test_parameters_come_from_arguments_and_files(ros: Any, tmp_path: Any) -> No
         node.get_parameter('d')
     with pytest.raises(ParameterAlreadyDeclaredException):
         node.declare_parameter('a', 2)
+
+
+PARAMETERS = {
+    '1e3': 1000.0,
+    '-.5e-3': -0.0005,
+    '5.': 5.0,
+    'inf': math.inf,
+    '-.INF': -math.inf,
+    '0x10': 16,
+    '010': 8,
+    '08': 8.0,
+    '+5': 5,
+    '9223372036854775808': 2.0**63,
+    '0b11': '0b11',
+    '1_000': '1_000',
+    '1e400': '1e400',
+    'y': True,
+    'Off': False,
+    'tRue': 'tRue',
+    "'true'": 'true',
+    'null': 'null',
+    '~': '~',
+    '2024-01-01': '2024-01-01',
+    '12:30': '12:30',
+    '=': '=',
+    '[1e3]': [1000.0],
+    '[yes, n]': [True, False],
+    "['1', b]": ['1', 'b'],
+}
+
+
+@pytest.mark.parametrize('text', PARAMETERS)
+@pytest.mark.parametrize('in_file', [False, True], ids=['argument', 'file'])
+def test_a_parameter_is_what_rcl_reads(ros: Any, tmp_path: Any, text: str, in_file: bool) -> None:
+    file = tmp_path / 'parameters.yaml'
+    file.write_text(f'own:\n  ros__parameters:\n    one: {text}\n')
+    words = ['--params-file', str(file)] if in_file else ['-p', f'one:={text}']
+    context = ros.context(['--ros-args', *words])
+    node = ros.node('own', context=context, spins=False, automatically_declare_parameters_from_overrides=True)
+    value = node.get_parameter('one').value
+    value = list(value) if not isinstance(value, str) and hasattr(value, '__iter__') else value
+    assert value == PARAMETERS[text]
+    assert type(value) is type(PARAMETERS[text])
+
+
+@pytest.mark.parametrize('words', ['-p one', '-r one', '-p one:=[1,b]', '-p one:={a:1}', '--params-file /no/such.yaml'])
+def test_arguments_of_no_use_are_refused_at_the_start(words: str) -> None:
+    with pytest.raises(RCLError, match="^failed to initialize rcl: Couldn't parse"):
+        Context().init(['--ros-args', *words.split()])
+
+
+# The end of a context
+
+
+def test_after_the_shutdown_of_a_context_its_nodes_are_of_no_use(ros: Any) -> None:
+    node = ros.node('ending', spins=False)
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    publisher = node.create_publisher(String, ros.topic, 10)
+    client = node.create_client(Trigger, ros.topic)
+    node.context.shutdown()
+    for name, call in {
+        'publish': lambda: publisher.publish(String()),
+        'publish bytes': lambda: publisher.publish(b''),
+        'matches': publisher.get_subscription_count,
+        'liveliness': publisher.assert_liveliness,
+        'publisher': lambda: node.create_publisher(String, 'other', 10),
+        'subscription': lambda: node.create_subscription(String, 'other', print, 10),
+        'timer': lambda: node.create_timer(1.0, print),
+        'client': lambda: node.create_client(Trigger, 'other'),
+        'service': lambda: node.create_service(Trigger, 'other', print),
+        'guard condition': lambda: node.create_guard_condition(print),
+        'service is ready': client.service_is_ready,
+        'wait for a service': lambda: client.wait_for_service(0.1),
+        'nodes': node.get_node_names,
+        'topics': node.get_topic_names_and_types,
+        'endpoints': lambda: node.get_publishers_info_by_topic(ros.topic),
+        'count': lambda: node.count_publishers(ros.topic),
+        'parameter': lambda: node.declare_parameter('speed', 1.0),
+        'spin': lambda: executor.spin_once(timeout_sec=0.1),
+        'domain': node.context.get_domain_id,
+        'end': node.context.shutdown,
+    }.items():
+        with pytest.raises(RCLError):
+            call()
+            pytest.fail(f'{name} does not fail')
+    node.get_logger().info('can be logged')
+    node.get_clock().now()
+    assert node.get_name() == 'ending'
 
 
 # Lifecycle nodes

@@ -11,7 +11,15 @@ from geometry_msgs.msg import Point32, PoseStamped
 from rclpy.duration import Duration, Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSPolicyKind,
+    QoSPresetProfiles,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Imu, PointCloud
 from std_msgs.msg import Int32, String, UInt8MultiArray
@@ -274,6 +282,73 @@ def test_the_graph_tells_the_endpoints_of_topics_and_services_by_their_names_in_
     assert observer.get_publishers_info_by_topic(f'/rt{publisher.topic_name}') == []
 
 
+def test_a_missed_deadline_is_told_to_both_from_the_first_message_on(ros: Any) -> None:
+    told: dict[str, list[tuple[int, int]]] = {'offered': [], 'requested': []}
+    periodic = QoSProfile(depth=10, deadline=Duration(seconds=0.3))
+
+    def tell(who: str) -> Any:
+        return lambda event: told[who].append((event.total_count, event.total_count_change))
+
+    publisher = ros.node('talker').create_publisher(
+        Int32, ros.topic, periodic, event_callbacks=PublisherEventCallbacks(deadline=tell('offered'))
+    )
+    events = SubscriptionEventCallbacks(deadline=tell('requested'))
+    heard = Heard(ros.node('listener'), ros.topic, periodic, event_callbacks=events)
+    ros.wait(publisher.get_subscription_count)
+    end = time.monotonic() + 0.8
+    ros.wait(lambda: time.monotonic() > end)
+    assert told == {'offered': [], 'requested': []}
+    publisher.publish(Int32())
+    ros.wait(lambda: heard and all(those and those[-1][0] >= 2 for those in told.values()))
+    assert all(sum(change for _, change in those) == those[-1][0] for those in told.values())
+
+
+BEST = QoSPresetProfiles.BEST_AVAILABLE.value
+BY_SYSTEM = QoSPresetProfiles.SYSTEM_DEFAULT.value
+CHOICES = {
+    'by the system': (BY_SYSTEM, BY_SYSTEM, 'RELIABLE TRANSIENT_LOCAL', 'BEST_EFFORT VOLATILE'),
+    'best of latched': (LATCHED, BEST, 'RELIABLE TRANSIENT_LOCAL', 'RELIABLE TRANSIENT_LOCAL'),
+    'best of best effort': (BEST_EFFORT, BEST, 'BEST_EFFORT VOLATILE', 'BEST_EFFORT VOLATILE'),
+    'both best': (BEST, BEST, 'RELIABLE TRANSIENT_LOCAL', 'RELIABLE TRANSIENT_LOCAL'),
+}
+
+
+@pytest.mark.parametrize(('offered', 'requested', 'of_publisher', 'of_subscription'), CHOICES.values(), ids=CHOICES)
+def test_what_is_left_to_others_is_chosen(
+    ros: Any, offered: QoSProfile, requested: QoSProfile, of_publisher: str, of_subscription: str
+) -> None:
+    talker, listener = ros.node('talker'), ros.node('listener')
+    publisher = talker.create_publisher(Int32, ros.topic, offered)
+    publisher.publish(Int32(data=1))
+    ros.wait(lambda: listener.count_publishers(ros.topic))
+    heard = Heard(listener, ros.topic, requested)
+    ros.wait(publisher.get_subscription_count)
+
+    def is_heard() -> bool:
+        publisher.publish(Int32(data=2))
+        return 2 in heard
+
+    ros.wait(is_heard)
+    assert (heard[0] == 1) == ('TRANSIENT_LOCAL' in of_subscription)
+    told = (listener.get_publishers_info_by_topic(ros.topic), listener.get_subscriptions_info_by_topic(ros.topic))
+    chosen = [f'{one.qos_profile.reliability.name} {one.qos_profile.durability.name}' for (one,) in told]
+    assert chosen == [of_publisher, of_subscription]
+
+
+def test_a_subscription_takes_the_longest_deadline_and_lease_that_is_offered(ros: Any) -> None:
+    talker, listener = ros.node('talker'), ros.node('listener')
+    for seconds in (1.0, 3.0):
+        lease = Duration(seconds=2 * seconds)
+        qos = QoSProfile(depth=1, deadline=Duration(seconds=seconds), liveliness_lease_duration=lease)
+        talker.create_publisher(Int32, ros.topic, qos)
+    ros.wait(lambda: listener.count_publishers(ros.topic) == 2)
+    Heard(listener, ros.topic, BEST)
+    ros.wait(lambda: listener.count_subscribers(ros.topic))
+    (asked,) = listener.get_subscriptions_info_by_topic(ros.topic)
+    assert asked.qos_profile.deadline == Duration(seconds=3.0)
+    assert asked.qos_profile.liveliness_lease_duration == Duration(seconds=6.0)
+
+
 def test_without_a_lease_nothing_is_told_of_liveliness(ros: Any) -> None:
     told: list[str] = []
     talker = ros.node('talker')
@@ -347,7 +422,7 @@ def test_bytes_can_be_published_and_received(ros: Any) -> None:
     assert deserialize_message(raw[0], Int32) == Int32(data=7)
 
 
-def test_a_callback_can_have_the_times_of_a_message(ros: Any) -> None:
+def test_a_callback_can_have_the_times_and_the_number_of_a_message(ros: Any) -> None:
     infos: list[dict[str, Any]] = []
     publisher = ros.node('talker').create_publisher(Int32, ros.topic, RELIABLE)
     node = ros.node('listener', spins=False)
@@ -360,6 +435,9 @@ def test_a_callback_can_have_the_times_of_a_message(ros: Any) -> None:
     ros.spin(node)
     ros.wait(lambda: infos)
     assert before <= infos[0]['source_timestamp'] <= infos[0]['received_timestamp'] <= arrived
+    publisher.publish(Int32())
+    ros.wait(lambda: len(infos) == 2)
+    assert [info['publication_sequence_number'] for info in infos] == [1, 2]
 
 
 def test_a_node_hears_itself_and_others_of_its_context(ros: Any) -> None:
@@ -396,6 +474,7 @@ def test_what_is_destroyed_cannot_be_used(ros: Any) -> None:
     publisher = node.create_publisher(Int32, ros.topic, RELIABLE)
     assert node.destroy_publisher(publisher)
     assert not node.destroy_publisher(publisher)
+    publisher.destroy()
     with pytest.raises(Exception, match='destruction was requested'):
         publisher.publish(Int32())
 
