@@ -62,6 +62,9 @@ MOST_STOPS: Final = 128
 """Commands that are carried out at the same time, streams of events that are open, and stops: a program may stop all
 robots of a fleet at once. A user has half of these places."""
 
+QUICK_BYTES: Final = 10_000
+"""Maximum size of a body that is read on the thread of the loop: within milliseconds, whatever it is."""
+
 BODY_SECONDS: Final = 20.0
 """Time in which the body of a request has to arrive, s."""
 
@@ -230,6 +233,7 @@ class HttpInterface:
         self._rates = SenderRates(RATE, BURST, time.monotonic)
         self._commands, self._stops, self._streams = list[str](), list[str](), list[str]()  # by their users
         self._threads = ThreadPoolExecutor(MOST_AT_ONCE + MOST_STOPS, 'commands')  # so a stop waits for nothing
+        self._reader = ThreadPoolExecutor(1, 'reader')
         self._keys: OrderedDict[str, str] = OrderedDict()
         self._recorded = Recordings(home_path(USER_DIRECTORY))
         self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
@@ -247,7 +251,8 @@ class HttpInterface:
         return application
 
     async def _end(self, _application: web.Application) -> None:
-        self._threads.shutdown(wait=False, cancel_futures=True)
+        for threads in (self._threads, self._reader):
+            threads.shutdown(wait=False, cancel_futures=True)
 
     @web.middleware
     async def _known(self, request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -298,13 +303,15 @@ class HttpInterface:
         if user.role < role_for(spec):
             what = f'{spec.name} needs the role {role_for(spec).name.lower()}; {user.name} has {user.role.name.lower()}'
             raise web.HTTPForbidden(text=what)
-        body = await _body(request)
-        line = line_of(spec, body)
-        identifier = self._identifier(request, robot, [spec.name, body])
+        stops = self._robots.robot(robot)[0].view().stops
+        data, loop = await _body(request), asyncio.get_running_loop()
+        reading = partial(_line_in, data, spec)
+        line, wanted = reading() if len(data) <= QUICK_BYTES else await loop.run_in_executor(self._reader, reading)
+        identifier = self._identifier(request, robot, wanted)
         is_stop, share = spec.name == 'stop', request['share']
         places = self._stops if is_stop else self._commands
         with _place(places, MOST_STOPS if is_stop else MOST_AT_ONCE, share, 'stops' if is_stop else 'commands'):
-            operator, stops = self._operator(user), self._robots.robot(robot)[0].view().stops
+            operator = self._operator(user)
             if is_stop:  # the link is there already: a stop does not wait for the node, which may be busy
                 self._begin(self._keep_open(robot, operator))
             else:
@@ -312,11 +319,11 @@ class HttpInterface:
             mirror, link = self._robots.robot(robot)
             station = replace(self._station(mirror, link, operator), role=user.role)
             doing = partial(perform, line, station, link, identifier, stops)
-            work = asyncio.get_running_loop().run_in_executor(self._threads, doing)
+            work = loop.run_in_executor(self._threads, doing)
             code, value = await asyncio.shield(work)  # a program that is gone does not take its command back
         return _json(value, STATUS[code])
 
-    def _identifier(self, request: web.Request, robot: str, wanted: Any) -> str:
+    def _identifier(self, request: web.Request, robot: str, wanted: str) -> str:
         """Return the identifier of a command by the key of its request, '' without one."""
         key = request.headers.get(_KEY, '')
         if not key:
@@ -324,7 +331,7 @@ class HttpInterface:
         if not (key.isascii() and key.isprintable() and len(key) <= KEY_CHARACTERS):
             raise UsageError(f'{_KEY} has to be at most {KEY_CHARACTERS} printable ASCII characters')
         seat = f'{request["user"].name}\n{robot}\n{key}'
-        identifier = uuid.uuid5(_NAMESPACE, f'{seat}\n{json.dumps(wanted, sort_keys=True)}').hex
+        identifier = uuid.uuid5(_NAMESPACE, f'{seat}\n{wanted}').hex
         if self._keys.setdefault(seat, identifier) != identifier:
             raise web.HTTPUnprocessableEntity(text=f'another request had this {_KEY}; nothing was sent')
         self._keys.move_to_end(seat)
@@ -405,8 +412,8 @@ class HttpInterface:
         task.add_done_callback(self._tasks.discard)
 
 
-async def _body(request: web.Request) -> dict[str, Any]:
-    """Return the object in the body of a request, {} without one. Raises UsageError."""
+async def _body(request: web.Request) -> bytes:
+    """Return the body of a request. Raises UsageError."""
     try:
         async with asyncio.timeout(BODY_SECONDS):
             data = await request.clone(client_max_size=BODY_BYTES).read()
@@ -414,17 +421,21 @@ async def _body(request: web.Request) -> dict[str, Any]:
         raise web.HTTPRequestTimeout(text=f'the body has not arrived within {BODY_SECONDS:g} s') from None
     except (web.RequestPayloadError, ConnectionError) as error:
         raise UsageError(f'the body cannot be read: {one_line(str(error), 200)}') from None
-    if not data:
-        return {}
-    if request.content_type != 'application/json':
+    if data and request.content_type != 'application/json':
         raise web.HTTPUnsupportedMediaType(text='the body is JSON: Content-Type: application/json')
+    return data
+
+
+def _line_in(data: bytes, spec: CommandSpec) -> tuple[CommandLine, str]:
+    """Return the line of a command from the body of its request, and what is wanted, written the same whenever it is
+    the same. Raises UsageError."""
     try:
-        given = load_json(data.decode(), object_pairs_hook=_object)
+        given = load_json(data.decode(), object_pairs_hook=_object) if data else {}
     except (ValueError, RecursionError) as error:
         raise UsageError(f'the body is not JSON: {one_line(str(error), 200)}') from None
     if not isinstance(given, dict):
         raise UsageError(f'the body has to be an object, not {short_repr(given)}')
-    return given
+    return line_of(spec, given), json.dumps([spec.name, given], sort_keys=True)
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -31,11 +31,21 @@ from flexbt_console.mirror.command_tracker import TrackedCommand
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_console.mirror.records import CommandKind, ExecutiveSnapshot, OperatorCommand
 from flexbt_console.mirror.view import View
-from flexbt_console.ui.http_interface import BODY_BYTES, HttpInterface, description, line_of, offered, perform
+from flexbt_console.ui import http_interface
+from flexbt_console.ui.http_interface import (
+    BODY_BYTES,
+    QUICK_BYTES,
+    HttpInterface,
+    description,
+    line_of,
+    offered,
+    perform,
+)
 from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.users import read_users, token_hash
 from flexbt_core.clock.clock import ManualClock
+from flexbt_core.values.json_data import load_json
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 STOP: Final = OperatorCommand('s', CommandKind.STOP, 'bob')
@@ -68,18 +78,24 @@ def test_what_waits_for_a_live_link_is_not_sent_after_a_stop() -> None:
     assert 'a STOP was given while this waited' in answer['reason']
 
 
+class ProgramRobot(WebRobot):
+    """A robot as programs command it."""
+
+    def live_view(self, timeout: float) -> View:
+        """See :class:`ExecutiveLink`."""
+        return self.mirror.view()
+
+    def wait_for(self, inspect: Any, timeout: float) -> Any:
+        """See :class:`ExecutiveLink`."""
+        return inspect(self.mirror.view())
+
+    def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
+        """See :class:`ExecutiveLink`."""
+        return self.mirror.command(command_id)
+
+
 def test_what_waits_for_the_node_is_not_sent_after_a_stop() -> None:
-    class Robot(WebRobot):
-        def live_view(self, timeout: float) -> View:
-            return self.mirror.view()
-
-        def wait_for(self, inspect: Any, timeout: float) -> Any:
-            return inspect(self.mirror.view())
-
-        def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
-            return self.mirror.command(command_id)
-
-    robot = Robot()
+    robot = ProgramRobot()
 
     class Busy(WebRobots):
         """The node is busy; meanwhile somebody stops the robot."""
@@ -97,6 +113,32 @@ def test_what_waits_for_the_node_is_not_sent_after_a_stop() -> None:
 
     status, answer = asyncio.run(asyncio.wait_for(ask(), DEADLINE))
     assert (status, robot.sent) == (409, []), answer
+
+
+def test_a_stop_waits_for_no_long_body_that_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, begun, go_on, load = ProgramRobot(), threading.Event(), threading.Event(), load_json
+
+    def slow(text: str, **options: Any) -> Any:
+        if len(text) > QUICK_BYTES:
+            begun.set()
+            assert go_on.wait(DEADLINE)
+        return load(text, **options)
+
+    async def ask() -> None:
+        robots = WebRobots({'/robot': robot.station()})
+        interface = HttpInterface(robots, robots.station, Access(), lambda user: 'ann')
+        async with TestClient(TestServer(interface.application())) as client:
+            path = '/robots/robot/commands'
+            long = asyncio.create_task(client.post(f'{path}/autonomy', json={'level': 'high', 'reason': 'x' * 20_000}))
+            try:
+                assert await asyncio.to_thread(begun.wait, DEADLINE)
+                assert (await client.post(f'{path}/stop')).status == 200
+            finally:
+                go_on.set()
+            assert (await long).status == 409  # it was requested before the stop
+
+    monkeypatch.setattr(http_interface, 'load_json', slow)
+    asyncio.run(asyncio.wait_for(ask(), DEADLINE))
 
 
 def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, executives: Any) -> None:
