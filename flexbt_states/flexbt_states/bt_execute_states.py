@@ -10,6 +10,7 @@ from typing import Any, Final
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalOutcome
 from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceOutcome
+from flexbt_common.lifecycle.liveliness import ProcessIdentity
 from flexbt_common.values.entries import check_value, to_entry
 from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.model.event_state import EventState
@@ -89,6 +90,7 @@ class TreeState(GoalState):
             output_encoding=BtExecute.Goal.BINARY,
             blackboard=self.bt_use.blackboard,
             owner=self._goal.services.node_name,
+            owner_process=str(ProcessIdentity.own()),
         )
 
     def _send(self, goal: Any) -> None:

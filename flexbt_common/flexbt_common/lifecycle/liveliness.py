@@ -349,14 +349,16 @@ class LivelinessWatch:
         middleware reports that only after the lease of the participant."""
         return self._token.has_ended(writer)
 
-    def knows(self, writer: bytes) -> bool:
-        """Return whether the process of a writer, on any topic, has sent a message with its token."""
-        return self._token.knows(writer)
+    def is_held_by(self, process: ProcessIdentity) -> bool:
+        """Return whether the node is alive and is this process."""
+        return self.alive is True and self._token.holder == process
 
-    def tokens(self) -> frozenset[bytes]:
-        """Return the writers of the tokens of this node's name that exist and are not known to be gone."""
-        found = self._runtime.node.get_publishers_info_by_topic(self._token.topic)
-        return frozenset(one for one in (bytes(end.endpoint_gid) for end in found) if not self.is_gone(one))
+    def is_gone_process(self, process: ProcessIdentity) -> bool:
+        """Return whether a process of this node's name counts as gone: it has ended, was replaced, or is late for too
+        long. A process that has not sent yet does not count as gone.
+        """
+        is_late = self._timed_out and self._token.holder == process
+        return is_late or self._token.has_left(process) or process.has_ended()
 
     def is_gone(self, writer: bytes) -> bool:
         """Return whether a writer of this node, on any topic, belongs to a process that counts as gone: it has ended,
@@ -432,9 +434,9 @@ class _SeenToken:
         self.why_unready = ''
         self.problem = self._hang = ''
         self.listeners: list[Callable[[], None]] = []
-        self._identity: ProcessIdentity | None = None
+        self.holder: ProcessIdentity | None = None
         self._processes: OrderedDict[bytes, ProcessIdentity] = OrderedDict()  # by participant
-        self._replaced: OrderedDict[ProcessIdentity, None] = OrderedDict()
+        self._left: OrderedDict[ProcessIdentity, None] = OrderedDict()  # replaced, or gone, and not heard since
         self._namesakes: dict[ProcessIdentity, float] = {}  # with the times of their last messages
         self._is_asserted = False
         self._heard_at = self._silent_since = 0.0
@@ -474,7 +476,11 @@ class _SeenToken:
     def is_replaced(self, writer: bytes) -> bool:
         """Return whether the process of a writer has sent messages and was replaced by another one."""
         process = self._processes.get(guid_prefix_of(writer))
-        return process is not None and process in self._replaced
+        return process is not None and self.has_left(process)
+
+    def has_left(self, process: ProcessIdentity) -> bool:
+        """Return whether a process has held the token, and was replaced or is gone."""
+        return process in self._left
 
     def _receive(self, received: Received) -> None:
         try:
@@ -493,7 +499,7 @@ class _SeenToken:
 
     def _on_status(self, status: DiagnosticStatus, identity: ProcessIdentity) -> None:
         now = self._runtime.steady.now()
-        holder = self._identity if self.alive else None
+        holder = self.holder if self.alive else None
         if status.level == DiagnosticStatus.ERROR:
             if self.is_there and holder in (None, identity):
                 self._leave()
@@ -501,11 +507,11 @@ class _SeenToken:
                 self._review()
             return
         if holder is not None and identity != holder:
-            if identity in self._replaced and now < self._heard_at + _WORDLESS_SECONDS and not holder.has_ended():
+            if identity in self._left and now < self._heard_at + _WORDLESS_SECONDS and not holder.has_ended():
                 self._namesakes[identity] = now
                 self._review()
                 return
-            self._replace(holder)  # before it was missed
+            self._leave()  # before it was missed
             if not self.listeners:
                 return  # no watcher was left
         if not self.alive and not self._is_asserted:
@@ -514,18 +520,12 @@ class _SeenToken:
         if not (hangs or self._namesakes or self._is_asserted):
             self._silent_since = max(self._silent_since, now + REPEAT_SECONDS)
         self._heard_at = now
-        self.alive, self._unheard, self._identity = True, False, identity
-        self._replaced.pop(identity, None)
+        self.alive, self._unheard, self.holder = True, False, identity
+        self._left.pop(identity, None)
         self.says_ready = status.level == DiagnosticStatus.OK
         self._hang = status.message if hangs else ''
         self.why_unready = '' if hangs else status.message
         self._review()
-
-    def _replace(self, holder: ProcessIdentity) -> None:
-        self._leave()
-        self._replaced[holder] = None
-        if len(self._replaced) > _PROCESSES:
-            self._replaced.popitem(last=False)
 
     def _several(self) -> str:
         """Return the problem while several processes claim the token, or ''."""
@@ -533,9 +533,9 @@ class _SeenToken:
         self._namesakes = {
             one: heard for one, heard in self._namesakes.items() if heard > since and not one.has_ended()
         }
-        if not self._namesakes or self._identity is None:
+        if not self._namesakes or self.holder is None:
             return ''
-        found = sorted(f'{one.pid}{"" if one.is_here else " elsewhere"}' for one in (self._identity, *self._namesakes))
+        found = sorted(f'{one.pid}{"" if one.is_here else " elsewhere"}' for one in (self.holder, *self._namesakes))
         return f'{len(found)} nodes have this name: end all but one of the processes {", ".join(found)}'
 
     def _await_first_word(self) -> None:
@@ -550,7 +550,7 @@ class _SeenToken:
             return
         if not self.is_there:
             return
-        if self._identity is not None and self._identity.is_here:
+        if self.holder is not None and self.holder.is_here:
             self._is_asserted = False  # it may only have been stopped for longer than the middleware waits
             self._review()
         else:
@@ -565,7 +565,11 @@ class _SeenToken:
         self._runtime.post(self._review)
 
     def _leave(self) -> None:
-        self.alive, self._unheard, self._identity = False, False, None
+        if self.holder is not None:
+            self._left[self.holder] = None
+            if len(self._left) > _PROCESSES:
+                self._left.popitem(last=False)
+        self.alive, self._unheard, self.holder = False, False, None
         self._namesakes.clear()
         self.late_since, self.says_ready = None, False
         self.problem = self._hang = ''
@@ -596,7 +600,7 @@ class _SeenToken:
         if now < late_from:
             self.late_since = None
             next_look = late_from
-        elif self._identity is not None and self._identity.has_ended():
+        elif self.holder is not None and self.holder.has_ended():
             self._leave()
             return
         else:
@@ -637,6 +641,19 @@ class ProcessIdentity:
     host: str
     pid: int
     began: str
+
+    def __str__(self) -> str:
+        return f'{self.host} {self.pid} {self.began}'
+
+    @staticmethod
+    def parse(text: str) -> ProcessIdentity:
+        """Return the identity that ``str`` has written.
+
+        Raises:
+            ValueError: the text is not an identity.
+        """
+        host, pid, began = text.rsplit(' ', 2)
+        return ProcessIdentity(host, int(pid), began)
 
     @staticmethod
     def own() -> ProcessIdentity:

@@ -64,7 +64,9 @@ class _ExecuteGoal(TreeGoal):
     ) -> None:
         request = served.request
         tree = request.behavior_tree or default_tree
-        super().__init__(served, accepted, names.BT_EXECUTOR, tree, request.blackboard, request.owner)
+        super().__init__(
+            served, accepted, names.BT_EXECUTOR, tree, request.blackboard, request.owner, request.owner_process
+        )
         self._boards = boards
         self._clock = clock
         self._speed = Speed()

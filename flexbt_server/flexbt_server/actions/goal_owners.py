@@ -10,7 +10,7 @@ from typing import Final
 
 from rclpy.action.server import RCLError
 
-from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.lifecycle.liveliness import LivelinessWatch, ProcessIdentity
 from flexbt_common.names import alive_topic
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
@@ -26,8 +26,8 @@ OnOwnerGone = Callable[[str], None]
 OnOwnerLate = Callable[[], None]
 """Called when a goal must be held, or may continue: see :meth:`GoalOwners.problem`."""
 
-_Watched = tuple[OnOwnerGone, OnOwnerLate | None, frozenset[bytes]]
-"""With the tokens of an owner that was not alive yet: it is one of the processes that hold them."""
+_Watched = tuple[OnOwnerGone, OnOwnerLate | None, ProcessIdentity | None]
+"""With the process of the owner, if the goal names it: a later one of the same name knows nothing of the goal."""
 
 MOST_IDLE: Final = 50
 """Maximum number of owners without goals that stay watched for OWNER_SECONDS, since they may soon send the next
@@ -45,13 +45,17 @@ class GoalOwners:
         self._goals: dict[str, dict[Hashable, _Watched]] = {}
         self._idle: dict[str, Timer] = {}  # the longest first
 
-    def watch(self, owner: str, goal: Hashable, stop: OnOwnerGone, hold: OnOwnerLate | None = None) -> None:
+    def watch(
+        self, owner: str, goal: Hashable, stop: OnOwnerGone, hold: OnOwnerLate | None = None, process: str = ''
+    ) -> None:
         """Call ``stop`` when the owner is gone or is not seen in time, and ``hold`` when it becomes late or returns,
-        until :meth:`release`. ``goal`` may be any other object that ends with the owner.
+        until :meth:`release`. ``goal`` may be any other object that ends with the owner. ``process`` is the
+        :class:`ProcessIdentity` of the owner as text; '' for any process of its name.
 
         Raises:
-            FlexbtError: the name is not valid for a node.
+            FlexbtError: the name is not valid for a node, or the text is not an identity.
         """
+        identity = _identity_of(owner, process) if process else None
         timer = self._idle.pop(owner, None)
         if timer is not None:
             timer.cancel()
@@ -64,11 +68,10 @@ class GoalOwners:
                 on_late=lambda _late: self._runtime.post(lambda: self._hold(owner)),
                 timeout=self._peer_timeout,
             )
-        is_seen = self.sees(owner)
-        tokens = frozenset[bytes]() if is_seen else self._watches[owner].tokens()
-        watched = self._goals.setdefault(owner, {})[goal] = stop, hold, tokens
-        if not is_seen:
+        watched = self._goals.setdefault(owner, {})[goal] = stop, hold, identity
+        if not self.sees(owner, identity):
             # The owner may be too new to be known, but a run must not continue for an owner that is not alive.
+            self._runtime.post(lambda: self._review(owner, goal, watched))
             self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal, watched))
 
     def release(self, owner: str, goal: Hashable) -> None:
@@ -87,9 +90,10 @@ class GoalOwners:
             self._watches.pop(owner).close()
             del self._goals[owner]
 
-    def sees(self, owner: str) -> bool:
-        """Return whether the owner is watched and alive."""
-        return owner in self._watches and self._watches[owner].alive is True
+    def sees(self, owner: str, process: ProcessIdentity | None = None) -> bool:
+        """Return whether the owner is watched and alive, as this process if one is given."""
+        watch = self._watches.get(owner)
+        return watch is not None and (watch.alive is True if process is None else watch.is_held_by(process))
 
     def problem(self, owner: str) -> str:
         """Return the reason to hold the goals of the owner, or ''."""
@@ -108,8 +112,8 @@ class GoalOwners:
             ) from error
 
     def _look_for(self, owner: str, goal: Hashable, watched: _Watched) -> None:
-        if self._goals.get(owner, {}).get(goal) is watched and not self.sees(owner):
-            stop, *_ = watched
+        stop, _, process = watched
+        if self._goals.get(owner, {}).get(goal) is watched and not self.sees(owner, process):
             stop(
                 f'{owner}, on whose behalf the tree ran, was not seen alive within {OWNER_SECONDS:g} s: '
                 'it has died, or it holds no liveliness token (leave owner empty if nobody needs to be alive)'
@@ -117,17 +121,17 @@ class GoalOwners:
 
     def _changed(self, owner: str, alive: bool) -> None:
         self._hold(owner)
-        for stop, _, tokens in list(self._goals.get(owner, {}).values()):
-            if not alive:
-                stop(f'{owner}, on whose behalf the tree ran, is gone: it has ended or died, or was late for too long')
-            elif self._has_successor(owner, tokens):
-                stop(f'{owner}, on whose behalf the tree ran, has died: another process has its name now')
+        for goal, watched in list(self._goals.get(owner, {}).items()):
+            self._review(owner, goal, watched, alive)
 
-    def _has_successor(self, owner: str, tokens: frozenset[bytes]) -> bool:
-        """Return whether the owner that is alive is none of the processes that were there when its goal came."""
-        watch = self._watches[owner]
-        heard = {one for one in watch.tokens() if watch.knows(one)}
-        return bool(tokens and heard) and tokens.isdisjoint(heard)
+    def _review(self, owner: str, goal: Hashable, watched: _Watched, alive: bool = True) -> None:
+        """Stop the goal if its owner is gone; ``alive`` tells whether a process has the owner's name."""
+        stop, _, process = watched
+        is_there = self._goals.get(owner, {}).get(goal) is watched
+        if is_there and (not alive if process is None else self._watches[owner].is_gone_process(process)):
+            successor = '; another process has its name now' if self.sees(owner) else ''
+            what = 'is gone: it has ended or died, or was late for too long'
+            stop(f'{owner}, on whose behalf the tree ran, {what}{successor}')
 
     def _hold(self, owner: str) -> None:
         problem = self.problem(owner)
@@ -136,3 +140,13 @@ class GoalOwners:
             self._runtime.node.get_logger().warning(f'trees are held: {problem}')
         for hold in holds:
             hold()
+
+
+def _identity_of(owner: str, process: str) -> ProcessIdentity:
+    try:
+        return ProcessIdentity.parse(process)
+    except ValueError as error:
+        raise FlexbtError(
+            f'owner_process of {owner}, {process!r}, is not HOST PID BEGAN; give what the token of the owner says '
+            '(hardware_id, pid, began), or leave it empty'
+        ) from error

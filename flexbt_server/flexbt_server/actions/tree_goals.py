@@ -239,7 +239,13 @@ class TreeGoals:
         if not goal.served.active:
             return
         if goal.owner:
-            self.owners.watch(goal.owner, goal, lambda reason: self.stop(goal, reason), lambda: self._hold(goal))
+            self.owners.watch(
+                goal.owner,
+                goal,
+                lambda reason: self.stop(goal, reason),
+                lambda: self._hold(goal),
+                goal.owner_process,
+            )
         running = self.running.get(found.key, goal.blackboard)
         if running is None:
             self._run(goal, found)
@@ -372,13 +378,21 @@ class TreeGoal(ABC):
     """A goal that the run of a tree serves. Executor thread only, except :meth:`read`.
 
     ``served`` is the goal of the action server, ``action`` the name of its action. ``tree`` is the requested tree, by
-    ID or file, ``blackboard`` the blackboard of the run, ``owner`` the node that must stay alive meanwhile, or ''.
+    ID or file, ``blackboard`` the blackboard of the run, ``owner`` the node that must stay alive meanwhile, or '', and
+    ``owner_process`` its process, or '' for any.
     ``running`` is set once a tree runs for the goal or the goal is offered to a run, ``stop_reason`` once it must stop.
     ``leave_queue`` removes it from the queue of the reader thread. ``on_ended`` is called when the result was sent.
     """
 
     def __init__(
-        self, served: ServedGoal, accepted: float, action: str, tree: str, blackboard: str, owner: str = ''
+        self,
+        served: ServedGoal,
+        accepted: float,
+        action: str,
+        tree: str,
+        blackboard: str,
+        owner: str = '',
+        owner_process: str = '',
     ) -> None:
         self.served = served
         self.accepted = accepted
@@ -386,6 +400,7 @@ class TreeGoal(ABC):
         self.tree = tree
         self.blackboard = blackboard
         self.owner = owner
+        self.owner_process = owner_process
         self.leave_queue: Callable[[], None] = lambda: None
         self.on_ended: Callable[[], None] = lambda: None
         self.stop_reason: str | None = None

@@ -16,7 +16,7 @@ from std_msgs.msg import Bool
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
-from flexbt_common.lifecycle.liveliness import LivelinessToken
+from flexbt_common.lifecycle.liveliness import LivelinessToken, ProcessIdentity
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute, BtGetData, BtLoad
@@ -414,6 +414,56 @@ def test_an_owner_that_is_never_seen_stops_the_tree(world: ServerWorld, monkeypa
     goal = world.client.execute(owner='/nobody')
     assert goal.result.code == Result.CANCELED
     assert '/nobody' in goal.result.message and 'liveliness' in goal.result.message
+
+
+ELSEWHERE = ProcessIdentity('another computer', 7, '1')
+
+
+@pytest.mark.parametrize('dead', ['here', 'on another computer'])
+def test_the_goal_of_a_dead_process_ends_though_another_one_has_its_name(
+    world: ServerWorld, monkeypatch: pytest.MonkeyPatch, dead: str
+) -> None:
+    own = ProcessIdentity.own()
+    process = ProcessIdentity(own.host, own.pid, '1') if dead == 'here' else ELSEWHERE
+    monkeypatch.setattr('flexbt_server.actions.goal_owners.OWNER_SECONDS', DEADLINE if dead == 'here' else 0.2)
+    world.navigation.hold.add(names.SPIN)
+    world.client.load_tree('<Spin/>')
+    with NodeRuntime.open('owner') as owner:
+        LivelinessToken(owner)
+        living = world.client.execute(owner='/owner', owner_process=str(own))
+        wait_until(lambda: world.server.goals.owners.sees('/owner', own), 'the owner was seen')
+        late = world.client.execute(blackboard='b', owner='/owner', owner_process=str(process))
+        assert late.result.code == Result.CANCELED
+        assert '/owner' in late.result.message
+        assert not living.ended
+    assert living.result.code == Result.CANCELED
+
+
+def test_the_goal_of_a_process_goes_on_when_it_is_noticed_that_it_has_replaced_another(world: ServerWorld) -> None:
+    own, owners = ProcessIdentity.own(), world.server.goals.owners
+    world.navigation.hold.add(names.SPIN)
+    world.client.load_tree('<Spin/>')
+    with NodeRuntime.open('owner') as owner:
+        token = LivelinessToken(owner)
+        token._held._identity = ELSEWHERE
+        token.set_ready(True)
+        old = world.client.execute(blackboard='b', owner='/owner', owner_process=str(ELSEWHERE))
+        wait_until(lambda: owners.sees('/owner', ELSEWHERE), 'the first process was seen')
+        new = world.client.execute(owner='/owner', owner_process=str(own))
+        wait_until(lambda: len(owners._goals.get('/owner', ())) == 2, 'the goal')
+        token._held._identity = own
+        token.set_ready(True)
+        assert old.result.code == Result.CANCELED and 'another process has its name' in old.result.message
+        assert owners.sees('/owner', own) and not new.ended
+    assert new.result.code == Result.CANCELED
+
+
+@pytest.mark.parametrize('process', ['7', 'x y z', ' ', 'host 1.5 3'])
+def test_what_is_no_process_is_refused_and_leaves_nothing(world: ServerWorld, process: str) -> None:
+    world.client.load_tree('<AlwaysSuccess/>')
+    result = world.client.execute(owner='/owner', owner_process=process).result
+    assert result.code == Result.ERROR and repr(process) in result.message and 'HOST PID BEGAN' in result.message
+    assert not world.server.goals.owners._goals
 
 
 def test_owners_whose_goals_are_over_are_forgotten(world: ServerWorld, monkeypatch: pytest.MonkeyPatch) -> None:

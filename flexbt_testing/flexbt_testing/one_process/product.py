@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import os
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -42,6 +43,14 @@ def end(process: Process, exit_code: int = -9) -> None:
         if isinstance(lock, standard_library.Lock) and not lock.has_owner:
             lock.hand_over()
     SCHEDULER.call_at(SCHEDULER.now + LEASE, lambda: DOMAIN.vanish(lambda one: one.process is process))
+
+
+def terminate(process: Process) -> None:
+    """Send SIGTERM, which a process handles, or which ends it; a stopped one when it goes on."""
+    if process.signal is not None:
+        process.signal()
+    else:
+        SCHEDULER.spawn(partial(end, process, -signal.SIGTERM), 'SIGTERM', process)
 
 
 class _Taken:
@@ -224,6 +233,15 @@ class _KeptFiles:
         return iter(())
 
 
+def _leave(real: Callable[[int], None], code: int) -> None:
+    """Stand-in for ``os._exit``."""
+    process = SCHEDULER.current.process
+    if process is SCHEDULER.main.process:
+        real(code)
+    end(process, code)
+    SCHEDULER.block('nothing: its process has ended')
+
+
 def _run_main(module: str, **_limits: Any) -> int:
     main: Callable[..., int] = importlib.import_module(module).main
     takes_arguments = bool(inspect.signature(main).parameters)
@@ -246,6 +264,7 @@ def install() -> None:
     event_loop.install()
     disk.install()
     rclpy_module.install()
+    os._exit = partial(_leave, os._exit)
     os.setpriority = lambda *_: None  # of a process of the world, which shares that of the test
     os.environ.setdefault('OMP_NUM_THREADS', '1')  # sums of a thread pool are not reproducible
 
@@ -289,7 +308,9 @@ def install() -> None:
         return identity(HOST, process.pid, str(process.began))
 
     def has_ended(one: Any) -> bool:
-        return one.host == HOST and not (one.pid in SCHEDULER.processes and SCHEDULER.processes[one.pid].is_alive)
+        process = SCHEDULER.processes.get(one.pid)
+        lives = process is not None and process.is_alive and str(process.began) == one.began
+        return one.host == HOST and not lives
 
     wait_for_answers = pacing.Pacer._wait_for_answers
 

@@ -14,6 +14,7 @@ from typing import Any, Final, TextIO
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalOutcome
 from flexbt_common.errors import ValueConversionError
+from flexbt_common.lifecycle.liveliness import ProcessIdentity
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import text_to_value, to_entry
 from flexbt_console.commands.operator_values import start_input, value_text
@@ -62,6 +63,7 @@ def run_tree(line: CommandLine, runtime: NodeRuntime, timeout: float, places: Ma
         output_encoding=BtExecute.Goal.TEXT,
         blackboard=line.value('--blackboard') or 'console',
         owner=runtime.node.get_fully_qualified_name(),
+        owner_process=str(ProcessIdentity.own()),
     )
     link = links.link(BtExecute, names.BT_EXECUTOR)
     call = ActionCall(
