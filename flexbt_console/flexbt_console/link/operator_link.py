@@ -457,8 +457,8 @@ class ExecutiveLink(RobotLink):
 
     def _on_command_matched(self, status: Any) -> None:
         self._reachable = status.current_count > 0
-        self._find_problems()
         self._send_due()
+        self._find_problems()
 
     def _find_problems(self) -> None:
         node = self._runtime.node
@@ -469,15 +469,21 @@ class ExecutiveLink(RobotLink):
         )
 
     def _send_due(self) -> None:
-        for command in self.mirror.due_commands(self._reachable):
-            self._publish(command)
-        self._plan_resend()
+        try:
+            for command in self.mirror.due_commands(self._reachable):
+                self._publish(command)
+        finally:  # whatever one of them has, time-outs are noted, and what is due later is sent
+            self._plan_resend()
 
     def _publish(self, command: OperatorCommand) -> None:
-        message = command_message(command, time.time())
-        if command.kind is CommandKind.STOP:  # it also has a separate topic, which no flood of commands fills
-            self._stops.publish(message)
-        self._commands.publish(message)
+        """Send a command. What fails is reported, and does not keep others back."""
+        # A STOP also has a separate topic, which no flood of commands fills.
+        publishers = (self._stops, self._commands) if command.kind is CommandKind.STOP else (self._commands,)
+        for publisher in publishers:
+            try:
+                publisher.publish(command_message(command, time.time()))
+            except Exception as error:
+                self._runtime.report_fault(error, f'sending {command.kind.name}')
 
     def _plan_resend(self) -> None:
         if self._resend is not None:

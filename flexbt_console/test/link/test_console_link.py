@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -401,6 +402,23 @@ def test_commands_have_one_effect_each_over_a_lossy_link(executives: Any) -> Non
             assert operator.state_of(command) is CommandState.APPLIED
     assert [command.autonomy for command in executive.applied] == [0, 1, 2, 3] * 3
     assert len(executive.received) > len(executive.applied)
+
+
+def test_a_command_that_cannot_be_sent_keeps_no_other_one_back(executives: Any) -> None:
+    executives('unsent')
+    with NodeRuntime.open('console', namespace='/unsent') as runtime:
+        link = ExecutiveLink(runtime, Mirror(runtime.steady), 'ann')
+        make, view = CommandBuilder('ann'), link.live_view(DEADLINE)
+        bad = replace(make.autonomy(view, AutonomyLevel.HIGH), autonomy=1000)  # a byte in the message
+        good = make.start(view, 'Drive')
+        free = threading.Event()
+        runtime.post(lambda: free.wait(DEADLINE))  # both are due at the same time
+        link.send(bad, 1.0)
+        link.send(good, DEADLINE)
+        free.set()
+        for command, state in ((good, CommandState.APPLIED), (bad, CommandState.TIMEOUT)):
+            tracked = link.settled(command.id, DEADLINE)
+            assert tracked is not None and tracked.state is state
 
 
 def test_a_stale_answer_is_refused_by_the_executive(executives: Any) -> None:
