@@ -397,7 +397,7 @@ class DockMotion(Motion):
         return STOP
 
     def _go_back(self, pose: Pose, spent: float, now: float) -> Velocity:
-        velocity = _back(self._costmap, pose, self._limits.staging_pose(self._dock), self._limits, spent)
+        velocity = _back(self._costmap, pose, self._dock, self._limits, spent)
         return velocity or self._enter(DockState.INITIAL_PERCEPTION, now)
 
 
@@ -420,7 +420,7 @@ class UndockMotion(Motion):
         self._charges = charges
         self._seconds = seconds
         self._began: float | None = None
-        self._staging: Pose | None = None
+        self._dock: Pose | None = None
 
     def step(self, pose: Pose, now: float) -> Velocity | None:
         """See :class:`Motion`.
@@ -428,23 +428,25 @@ class UndockMotion(Motion):
         Raises:
             NavigationError: FAILED_TO_CONTROL.
         """
-        if self._began is None or self._staging is None:
-            self._began, self._staging = now, self._limits.staging_pose(pose)
+        if self._began is None or self._dock is None:
+            self._began, self._dock = now, pose
         spent = now - self._began
         if spent > self._seconds:
             raise NavigationError('FAILED_TO_CONTROL', f'the robot has not left the dock within {self._seconds:g} s')
-        velocity = _back(self._costmap, pose, self._staging, self._limits, spent)
+        velocity = _back(self._costmap, pose, self._dock, self._limits, spent)
         if velocity is None and self._charges and self._senses.is_charging():
             return STOP  # until the battery reports that charging has ended
         return velocity
 
 
-def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, spent: float) -> Velocity | None:
-    """Return the velocity for driving back to a staging pose and for the turn there; None when both are done.
+def _back(costmap: Costmap, pose: Pose, dock: Pose, limits: DockingLimits, spent: float) -> Velocity | None:
+    """Return the velocity for driving back to the staging pose of a dock and for the turn there; None when both are
+    done.
 
     Raises:
         NavigationError: FAILED_TO_CONTROL.
     """
+    staging = limits.staging_pose(dock)
     turn = wrap(staging.yaw - pose.yaw)
     way = staging._replace(yaw=wrap(staging.yaw - limits.staging_yaw_offset))  # straight off the dock
     is_there = _is_at(way, pose, limits, backward=True)
@@ -458,7 +460,7 @@ def _back(costmap: Costmap, pose: Pose, staging: Pose, limits: DockingLimits, sp
         if seconds and collides(costmap, pose, velocity, seconds):
             raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is beside the robot, which has to turn')
         return velocity
-    if _collides(costmap, pose, way, limits, backward=True, apart_from=pose):
+    if _collides(costmap, pose, way, limits, backward=True, apart_from=dock):
         raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is on the way back from the dock')
     return velocity_to(way, pose, limits.law, backward=True)
 

@@ -8,6 +8,7 @@ battery_state reports the charge of the robot. If detection is used, detected_do
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -64,6 +65,10 @@ CHARGING: Final = (BatteryState.POWER_SUPPLY_STATUS_CHARGING, BatteryState.POWER
 CHARGING_CURRENT: Final = 0.5
 """Current, A, from which a battery counts as charging whatever its status: Nav2's charging_threshold."""
 
+CHARGING_WITHIN: Final = 0.3
+"""Distance, m, by which the robot may have moved since its battery reported a charge: off its dock it has none, whether
+or not the battery says so."""
+
 LONGEST: Final = 1e6
 """Longest time limit, s; a longer one means no limit."""
 
@@ -90,8 +95,11 @@ class DockingServer:
         }
         self._docks = load_docks(Path(parameters.database)) if parameters.database else {}
         self._is_charging = False
+        self._charging_at: Pose | None = None
+        """Pose of the robot at the last report of a charge, or the first one that is known after it."""
         self._seen: tuple[float, Pose] | None = None
         self._docked: tuple[DockType, Pose] | None = None
+        arbiter.robot.on_pose.append(self._on_pose)
         node = runtime.node
         node.create_subscription(BatteryState, names.BATTERY_STATE, self._on_battery, 1)
         if parameters.uses_detection:
@@ -115,6 +123,16 @@ class DockingServer:
 
     def _on_battery(self, message: BatteryState) -> None:
         self._is_charging = message.power_supply_status in CHARGING or message.current > CHARGING_CURRENT
+        self._charging_at = None
+        if self._is_charging:
+            with suppress(NavigationError):
+                self._charging_at = self.arbiter.robot.pose
+
+    def _on_pose(self, pose: Pose, _now: float) -> None:
+        """Forget a charge that was reported elsewhere: the battery may be silent since."""
+        if self._is_charging:
+            self._charging_at = self._charging_at or pose
+            self._is_charging = pose.distance(self._charging_at) <= CHARGING_WITHIN
 
     def _on_detection(self, message: PoseStamped) -> None:
         def on_poses(poses: list[Pose]) -> None:

@@ -17,6 +17,7 @@ from sensor_msgs.msg import BatteryState
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
+from flexbt_msgs.srv import SetFault
 from flexbt_sim.simulator.parameters import built_in_map
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.sim_world import RobotProbe, aborted, open_sim_world, pose
@@ -139,6 +140,25 @@ def test_where_nothing_charges_docking_is_tried_again_and_fails(world: RobotProb
     assert left.wait().status is GoalStatus.SUCCEEDED
     assert world.wait_at_rest().distance((9.0, 4.45)) == pytest.approx(0.7, abs=0.12)
     aborted(undock(world, dock_type='x'), UndockRobot.Result.DOCK_NOT_VALID)
+
+
+def test_what_the_battery_has_reported_does_not_count_after_the_robot_has_moved(
+    world: RobotProbe, battery: list[bool]
+) -> None:
+    def silence(*, clear: bool) -> None:
+        fault = SetFault.Request(fault='sensor_silent', parameters='{sensor: battery}', clear=clear)
+        assert world.ask(SetFault, 'simulator/set_fault', fault).success
+
+    world.place(BEFORE)
+    assert dock(world).wait().status is GoalStatus.SUCCEEDED
+    silence(clear=False)
+    try:
+        assert dock(world).wait().status is GoalStatus.SUCCEEDED
+        world.place(BEFORE)
+        aborted(dock(world), Result.FAILED_TO_CHARGE)
+        assert world.wait_at_rest().distance(HOME) < 0.1
+    finally:
+        silence(clear=True)
 
 
 def test_a_limit_of_the_speed_holds_on_the_way_to_the_staging_pose(world: RobotProbe) -> None:

@@ -238,6 +238,25 @@ def test_an_obstacle_on_the_way_to_the_dock_or_back_is_not_driven_into() -> None
     assert not back.run.touched
 
 
+@pytest.mark.parametrize('goes_back', [False, True])
+def test_an_obstacle_that_comes_close_behind_the_robot_near_the_staging_pose_is_not_driven_into(
+    goes_back: bool,
+) -> None:
+    station = Station(WALLED, DOCK, works=False)
+    behind = Costmap(drawn(*['.' * 80 + '#' + '.' * 39] * 120), Inflation.of(MODEL.footprint))  # at x = 4.0
+    limits = DockingLimits(retries=1, charge_seconds=0.1)
+    motion = station.docking(limits) if goes_back else station.undocking(limits)
+
+    def step(pose: Pose, now: float) -> Velocity | None:
+        if pose.distance(DOCK) > 0.45:
+            motion.update(behind)
+        return motion.step(pose, now)
+
+    done = station.run.go(_Stepped(step))
+    assert done.code == 'FAILED_TO_CONTROL'
+    assert not behind.in_collision(done.robot.pose)
+
+
 def test_what_takes_too_long_is_given_up() -> None:
     slow = DockingLimits(retries=0, approach_seconds=1.0)
     to = Station(WALLED, STAGING)
