@@ -31,6 +31,7 @@ from flexbt_console.commands.command_line import check, parse
 from flexbt_console.commands.registry import COMMANDS, role_for
 from flexbt_console.commands.spec import CommandLine, CommandSpec, Option, Send
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
+from flexbt_console.mirror.command_tracker import CommandState
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.present.events import Follower
 from flexbt_console.present.json_form import encode_json, failure_json, robots_json, status_json
@@ -119,6 +120,19 @@ class _Performance(LineMode):
         self._identifier = identifier
         self._stops = stops
         self.value: Any = None
+
+    def run(self) -> ExitCode:
+        """See :meth:`LineMode.run`. What was sent before with its identifier is not made anew of what is there now: a
+        decision that it has answered is gone. It is sent again if it is unanswered and nobody has stopped the robot."""
+        known = self._mirror.command(self._identifier) if self._identifier else None
+        if known is None:
+            return super().run()
+        if known.state is CommandState.TIMEOUT and known.command.stops == self._stops:
+            snapshot = self._seen()[0].snapshot
+            executive = snapshot.executive_id if snapshot and known.command.executive_id else ''
+            again = replace(known.command, executive_id=executive)
+            self._station.link.send(again, self._station.timeout, known.label)
+        return self._wait_for_answer(known.command, '')
 
     def tell(self, value: Any, text: list[str], prefix: str = '') -> None:
         """Keep the last answer."""
@@ -235,6 +249,7 @@ class HttpInterface:
         self._threads = ThreadPoolExecutor(MOST_AT_ONCE + MOST_STOPS, 'commands')  # so a stop waits for nothing
         self._reader = ThreadPoolExecutor(1, 'reader')
         self._keys: OrderedDict[str, str] = OrderedDict()
+        self._works: OrderedDict[str, asyncio.Future[tuple[ExitCode, Any]]] = OrderedDict()
         self._recorded = Recordings(home_path(USER_DIRECTORY))
         self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -319,7 +334,14 @@ class HttpInterface:
             mirror, link = self._robots.robot(robot)
             station = replace(self._station(mirror, link, operator), role=user.role)
             doing = partial(perform, line, station, link, identifier, stops)
-            work = loop.run_in_executor(self._threads, doing)
+            work = self._works.get(identifier)
+            if work is None or (work.done() and (work.exception() or work.result()[0] is not ExitCode.OK)):
+                work = loop.run_in_executor(self._threads, doing)
+            if identifier:  # a request that is repeated has the same answer
+                self._works[identifier] = work
+                self._works.move_to_end(identifier)
+                if len(self._works) > MOST_KEYS:
+                    self._works.popitem(last=False)
             code, value = await asyncio.shield(work)  # a program that is gone does not take its command back
         return _json(value, STATUS[code])
 
@@ -340,17 +362,20 @@ class HttpInterface:
         return identifier
 
     async def _events_of_robot(self, request: web.Request) -> web.StreamResponse:
-        """Send the events of a robot from now on, as server-sent events; the first ones are the present state."""
-        robot = self._name(request)
+        """Send the events of a robot from now on, as server-sent events; the first ones are the present state.
+
+        The operator is present at the robot meanwhile, and so keeps the authority.
+        """
+        robot, operator = self._name(request), self._operator(request['user'])
         answer = web.StreamResponse(headers={'Content-Type': 'text/event-stream', 'Cache-Control': 'no-cache'})
         place = _place(self._streams, MOST_AT_ONCE, request['share'], 'streams')
         with place, contextlib.suppress(ConnectionError, KeyError):
-            await self._keep_open(robot, '')
+            await self._keep_open(robot, operator)
             follower = Follower(self._robots.robot(robot)[0])
             await answer.prepare(request)
             silent_since, loop = time.monotonic(), asyncio.get_running_loop()
             while (transport := request.transport) and self._access.admits(request['user']):
-                await self._keep_open(robot, '')
+                await self._keep_open(robot, operator)
                 told = ''
                 for event in follower.events(self._robots.robot(robot)[0].view()):
                     told += f'event: {event.name}\ndata: {encode_json({"time": time.time(), **event.value})}\n\n'

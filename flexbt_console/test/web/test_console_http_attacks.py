@@ -252,6 +252,16 @@ def test_the_same_request_has_its_effect_once_also_over_a_restart_and_another_on
     assert Counter(one.kind for one in robot.applied)[robot.applied[0].kind] == 1
 
 
+def test_an_answer_that_is_repeated_is_not_refused_because_it_was_applied(site: Site, robot: ScriptedExecutive) -> None:
+    operator = site.client('operator')
+    assert operator.command('start', {'name': 'Drive'})[0] == 200
+    answer = {'value': '1 2 0'}
+    first = operator.command('input', answer, Idempotency_Key='answer-1')
+    assert first[0] == 200, first
+    assert operator.command('input', answer, Idempotency_Key='answer-1') == first
+    assert operator.command('input', answer, Idempotency_Key='answer-2')[0] == 409
+
+
 def test_of_two_operators_at_one_moment_one_answer_counts(site: Site, robot: ScriptedExecutive) -> None:
     clients = [site.client('operator'), site.client('maintainer')]
     with ThreadPoolExecutor(2) as pool:

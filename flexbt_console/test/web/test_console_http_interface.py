@@ -11,7 +11,9 @@ import ssl
 import subprocess
 import sys
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,16 +22,16 @@ from aiohttp.test_utils import TestClient, TestServer
 from http_support import CERTIFICATE, ROBOT, Client, Site
 from hypothesis import given
 from hypothesis import strategies as st
-from web_support import WebRobot, WebRobots
+from web_support import PLAN, WebRobot, WebRobots
 
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import parse
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import ExitCode, UsageError
 from flexbt_console.link.robot_link import RobotLink
-from flexbt_console.mirror.command_tracker import TrackedCommand
+from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
 from flexbt_console.mirror.mirror import Mirror, Transit
-from flexbt_console.mirror.records import CommandKind, ExecutiveSnapshot, OperatorCommand
+from flexbt_console.mirror.records import CommandKind, CommandResult, ExecutiveSnapshot, OperatorCommand, ResultCode
 from flexbt_console.mirror.view import View
 from flexbt_console.ui import http_interface
 from flexbt_console.ui.http_interface import (
@@ -91,7 +93,9 @@ class ProgramRobot(WebRobot):
 
     def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
         """See :class:`ExecutiveLink`."""
-        return self.mirror.command(command_id)
+        found = partial(self.mirror.command, command_id)
+        wait_until(lambda: (one := found()) is None or one.state is not CommandState.PENDING, 'the answer')
+        return found()
 
 
 def test_what_waits_for_the_node_is_not_sent_after_a_stop() -> None:
@@ -139,6 +143,49 @@ def test_a_stop_waits_for_no_long_body_that_is_read(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(http_interface, 'load_json', slow)
     asyncio.run(asyncio.wait_for(ask(), DEADLINE))
+
+
+def test_a_request_that_is_repeated_after_its_timeout_is_the_same_command() -> None:
+    robot = ProgramRobot(answers=False)
+    robot.show(PLAN)
+    asking = ThreadPoolExecutor(1)
+
+    def asked(name: str, key: str) -> Future[tuple[ExitCode, Any]]:
+        stops = robot.mirror.view().stops
+        return asking.submit(perform, parse([name]), robot.station(), robot, key, stops)
+
+    def unanswered(name: str, key: str) -> None:
+        count = len(robot.sent)
+        answer = asked(name, key)
+        robot.wait_sent(count + 1)
+        robot.clock.advance(10.0)
+        robot.show(PLAN)
+        robot.mirror.due_commands(True)
+        assert answer.result(DEADLINE)[0] is ExitCode.TIMEOUT
+
+    unanswered('confirm', 'a')
+    robot.show(executive_id='f')  # it was restarted, and the decision is gone
+    answer = asked('confirm', 'a')
+    first, second = robot.wait_sent(2)
+    assert second == replace(first, executive_id='f')
+    robot.show(results=(CommandResult('a', ResultCode.APPLIED),))
+    assert answer.result(DEADLINE)[0] is ExitCode.OK
+    assert asked('confirm', 'a').result(DEADLINE)[0] is ExitCode.OK and len(robot.sent) == 2
+    unanswered('pause', 'b')
+    robot.mirror.give(STOP, 5.0)
+    assert asked('pause', 'b').result(DEADLINE)[0] is ExitCode.TIMEOUT and len(robot.sent) == 3  # not after a stop
+
+
+def test_an_operator_is_present_while_he_reads_the_events() -> None:
+    async def read() -> list[tuple[str, str]]:
+        robots = WebRobots({'/robot': WebRobot().station()})
+        interface = HttpInterface(robots, robots.station, Access(), lambda user: 'ann')
+        served = TestClient(TestServer(interface.application()))
+        async with served as client, client.get('/robots/robot/events') as events:
+            assert await events.content.readline()
+            return list(robots.present)
+
+    assert asyncio.run(asyncio.wait_for(read(), DEADLINE)) == [('/robot', 'ann')]
 
 
 def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, executives: Any) -> None:
