@@ -53,7 +53,7 @@ class Robot(Carrier):
         self.reset()
 
     def reset(self) -> None:
-        """Return to the state at the start, random numbers included."""
+        """Return to the state at the start, random numbers included. Faults continue, and have their effect again."""
         for device in self.devices.values():
             device.reset()
         self._odometry_noise = Normals(generator(self.seed, self.name, 'odometry'))
@@ -63,6 +63,8 @@ class Robot(Carrier):
         self._odometry = Pose(0.0, 0.0, 0.0)
         self.pose, self._measured = self.start, inverse(self.start)
         self.place(self.start)
+        for slot, fault in tuple(self.faults.items()):
+            self.begin(slot, fault)
 
     def place(self, pose: Pose) -> None:
         """Put the robot at a pose and stop it. Its odometry does not notice; its localization is corrected."""

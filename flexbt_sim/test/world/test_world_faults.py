@@ -166,6 +166,19 @@ def test_a_battery_is_low_at_once_and_stays() -> None:
     assert robot.battery.level == pytest.approx(0.2, abs=0.01)
 
 
+def test_a_fault_that_is_active_has_its_effect_after_a_reset_too() -> None:
+    world, robot = alone()
+    world.set_fault('alpha', 'localization_lost', {'jump': [1.0, 0.5, 0.0]}, duration=10.0)
+    world.set_fault('alpha', 'battery_low', {'level': 0.2})
+    drive(world, robot, 1.0)
+    world.reset()
+    assert world.state('alpha').faults == ('localization_lost', 'battery_low')
+    assert (robot.pose, robot.battery and robot.battery.level) == (Pose(0.0, 0.0, 0.0), 0.2)
+    assert robot.estimate == pytest.approx(Pose(1.0, 0.5, 0.0))
+    drive(world, robot, 9.5, linear=0.0)
+    assert robot.estimate == pytest.approx(robot.pose)
+
+
 def test_a_jammed_door_stays_as_it_is() -> None:
     world = World()
     door = world.add('gate', DoorModel(from_=(0.0, 0.0), to=(1.0, 0.0), opening_time=2.0))
