@@ -344,10 +344,10 @@ class SimulatorCore:
             return self._steps_per_clock[any(topics.is_busy for topics in self._robots.values())]
 
     def _step(self, is_single: bool, per_clock: int) -> bool:
-        """Make a step and return True, or return False if time was paused since the step was requested."""
+        """Make a step and return True, or return False if it is no longer due (:meth:`Pacer.may_step`)."""
         messages: list[Message] = []
         with self.lock:
-            if self.pacer.is_paused != is_single:
+            if not self.pacer.may_step(is_requested=is_single):
                 return False
             self.world.step()
             self._steps += 1

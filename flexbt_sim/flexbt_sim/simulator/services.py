@@ -255,6 +255,7 @@ class TimeServices:
             with self._simulator.lock:  # not in the middle of a step; no step is made afterwards
                 self._pacer.pause()
             if wanted == STOPPED:
+                self._pacer.cancel_steps()
                 self._simulator.restart()
         self._is_stopped = wanted == STOPPED
 

@@ -252,6 +252,11 @@ class Pacer:
             self._begun = request = self._request if self._is_paused else None
             return (most, False) if request is None else (min(most, request.left, request.piece), True)
 
+    def may_step(self, *, is_requested: bool) -> bool:
+        """Return whether to make the next one of the steps that :meth:`begin` has returned; False if time was paused or
+        resumed meanwhile, or the steps were canceled. ``is_requested`` is what it has returned with them."""
+        return self._is_paused is is_requested and (not is_requested or self._begun is self._request)
+
     def stop(self) -> None:
         """End all waiting, now and later."""
         with self._event:

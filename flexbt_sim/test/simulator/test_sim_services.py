@@ -345,7 +345,10 @@ def test_time_is_paused_stepped_and_goes_on(bench: Bench) -> None:
     assert told.completed_steps + told.remaining_steps == 1_000_000
     endless.cancel()
     assert endless.wait().status is GoalStatus.CANCELED
+    stopped_meanwhile = SentGoal(link, SimulateSteps.Goal(steps=1_000_000), 60.0)
+    wait_until(lambda: stopped_meanwhile.feedback)
     assert bench.set_state(stopped) == Result.RESULT_OK
+    assert stopped_meanwhile.wait().status is GoalStatus.ABORTED
     assert (bench.state(), bench.simulator.world.time) == (stopped, 0.0)
     assert bench.set_state(SimulationState.STATE_QUITTING) == Result.RESULT_FEATURE_UNSUPPORTED
     assert bench.set_state(77) == SetSimulationState.Response.INCORRECT_TRANSITION
