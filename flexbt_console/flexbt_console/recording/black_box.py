@@ -285,7 +285,10 @@ class BlackBox:
         self._is_closed = False
         self._others: dict[str, Any] = {}
         self._links = ServiceLinks(runtime)
-        known = [one for incident in self._incidents() for one in incident.occurrences]
+        incidents = self._incidents()
+        known = [one for incident in incidents for one in incident.occurrences]
+        self._names = {one.folder.name for one in incidents} | {one.name.split('.request')[0] for one in self._waiting}
+        """Names of the incidents so far: two of a kind may be within a second."""
         for file in self._waiting:
             with contextlib.suppress(OSError, ValueError):
                 ring.hold(file.name, frozenset(Request.read(file).segments))
@@ -328,7 +331,8 @@ class BlackBox:
                 records=tuple(map(str, self._settings.records)),
                 keep=self._settings.keep,
                 size=self._settings.size,
-            )
+            ).unless(lambda one: one.name in self._names)
+            self._names.add(request.name)
             file = self._settings.ring / f'{request.name}.request.json'
             self._open = _Open(request, file, now, self._runtime.post_in(self._settings.after, self._end))
             self._ask_parameters(request.parameters)

@@ -17,10 +17,12 @@ import platform
 import re
 import shutil
 import sys
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import distributions
+from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
@@ -71,7 +73,7 @@ class Request:
     ``occurrences``: the first one names the incident. ``segments``: files of its ring, oldest first. ``records``:
     directories of event log, journal and log files of trees; what changed in them since ``since`` (s since the epoch)
     is copied. ``target``: the directory of the incidents, of which the newest ``keep`` stay, and at most ``size``
-    bytes.
+    bytes. ``number``: which one it is of those with the same kind in the same second, from 1.
     """
 
     robot: str
@@ -83,6 +85,7 @@ class Request:
     parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
     keep: int = 50
     size: int = 1_000_000_000
+    number: int = 1
 
     def write(self, file: Path) -> None:
         """Replace the file as a whole. Raises OSError."""
@@ -102,8 +105,13 @@ class Request:
     def name(self) -> str:
         """Name of the folder: the time in UTC, the kind, and the robot, as several may have one directory."""
         first = self.occurrences[0]
+        number = f'.{self.number}' if self.number > 1 else ''
         robot = f'_{self.robot.replace("/", ".")}' if self.robot else ''
-        return f'{datetime.fromtimestamp(first.time, UTC):%Y%m%d_%H%M%S}_{first.kind}{robot}'
+        return f'{datetime.fromtimestamp(first.time, UTC):%Y%m%d_%H%M%S}{number}_{first.kind}{robot}'
+
+    def unless(self, is_taken: Callable[[Request], bool]) -> Request:
+        """Return it with the first number whose name is not taken."""
+        return next(one for number in count(self.number) if not is_taken(one := replace(self, number=number)))
 
 
 @dataclass(frozen=True)
@@ -144,14 +152,21 @@ def incidents_in(directory: Path) -> list[Incident]:
     """Return the complete incidents in a directory, newest first; none if it is missing. Damaged ones are left out."""
     found = []
     for facts in directory.glob(f'*/{FACTS}'):
-        with contextlib.suppress(OSError, ValueError, TypeError, KeyError, IndexError, RecursionError):
-            known = load_json(facts.read_text(encoding='utf-8'))
-            happened = tuple(
-                Occurrence(float(one['time']), str(one['kind']), str(one['text'])) for one in known['occurrences']
-            )
-            if not facts.parent.name.startswith(_PART):
-                found.append((happened[0].time, Incident(facts.parent, str(known['robot']), happened)))
-    return [one for _, one in sorted(found, key=lambda pair: pair[0], reverse=True)]
+        one = _incident_in(facts.parent)
+        if one is not None and not facts.parent.name.startswith(_PART):
+            found.append(one)
+    return sorted(found, key=lambda one: one.first.time, reverse=True)
+
+
+def _incident_in(folder: Path) -> Incident | None:
+    """Return the incident in a folder; None if it is missing or damaged."""
+    with contextlib.suppress(OSError, ValueError, TypeError, KeyError, IndexError, RecursionError):
+        known = load_json((folder / FACTS).read_text(encoding='utf-8'))
+        happened = tuple(
+            Occurrence(float(one['time']), str(one['kind']), str(one['text'])) for one in known['occurrences']
+        )
+        return Incident(folder, str(known['robot']), (happened[0], *happened[1:]))
+    return None
 
 
 def incident_named(directory: Path, name: str) -> Incident:
@@ -176,9 +191,35 @@ def make(request: Request) -> Path:
     """
     target = Path(request.target)
     target.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with _alone_in(target):
+        request = request.unless(partial(_is_of_another, target))
+        folder = target / request.name
+        if not folder.exists():
+            _fill(request, target, folder)
+            _remove_old(target, request)
+    return folder
+
+
+def _is_of_another(target: Path, request: Request) -> bool:
+    """Return whether the name of a request is that of another incident, or of anything else."""
     folder = target / request.name
-    if (folder / FACTS).exists():
-        return folder
+    there = _incident_in(folder)
+    return folder.exists() and (there is None or there.first != request.occurrences[0])
+
+
+@contextlib.contextmanager
+def _alone_in(target: Path) -> Iterator[None]:
+    """Wait until nobody else makes an incident in a directory, which several black boxes may share."""
+    directory = os.open(target, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(directory, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(directory)
+
+
+def _fill(request: Request, target: Path, folder: Path) -> None:
     part = target / f'{_PART}{request.name}'
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(mode=0o700)
@@ -194,8 +235,6 @@ def make(request: Request) -> Path:
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
         raise
-    _remove_old(target, request)
-    return folder
 
 
 def merge(segments: Sequence[Path], file: Path) -> list[str]:

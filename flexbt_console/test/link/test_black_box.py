@@ -572,6 +572,28 @@ def test_what_cannot_be_made_keeps_no_later_incident_out(tmp_path: Path, monkeyp
         assert len(started) >= 2
 
 
+def test_two_incidents_of_a_kind_within_a_second_are_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = time.time()
+    monkeypatch.setattr(black_box, 'time', SimpleNamespace(time=lambda: now))
+    with box(tmp_path) as (runtime, made):
+        folders = []
+        for _ in range(3):
+            folders.append(runtime.call(lambda: made._asked(Trigger.Request(), Trigger.Response())).message)
+            runtime.call(made._end)
+        wait_until(lambda: len(incidents_in(tmp_path / 'incidents')) == 3, 'all of them')
+    assert sorted(str(one.folder) for one in incidents_in(tmp_path / 'incidents')) == sorted(folders)
+
+
+def test_black_boxes_that_share_a_directory_do_not_lose_each_others_incidents(tmp_path: Path) -> None:
+    request = requested(tmp_path)
+    first = request.occurrences[0]
+    other = replace(request, occurrences=(replace(first, text='STOP by bob'),))
+    (Path(request.target) / request.name).mkdir(parents=True)  # of something else
+    folders = [make(one) for one in (request, other, request, other)]
+    assert folders[:2] == folders[2:] and folders[0] != folders[1]
+    assert {one.first.text for one in incidents_in(Path(request.target))} == {first.text, 'STOP by bob'}
+
+
 def test_a_clock_that_was_set_back_hides_nothing(tmp_path: Path) -> None:
     ahead = 3600.0
     folder = tmp_path / 'incidents' / '1'
