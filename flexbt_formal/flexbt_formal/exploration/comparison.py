@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 
 from .configuration import Configuration
 from .explorer import ANSWERS_OF_A_STEP, ExplorationLimits, OnProgress, unreported
-from .model import TIMER, EnvironmentChoices, Label, Move, System
+from .model import LAPSE, TIMER, EnvironmentChoices, Label, Move, System
 
 _DIGITS: Final = 6
 """Number of decimal digits of seconds that are compared."""
@@ -184,9 +184,9 @@ class _Version:
         return _Seen(
             lines=tuple(map(self.named, system.happened()[:-1])),
             ended=system.ended,
-            passed=round(system.clock.now() - begin, _DIGITS) if label.kind == TIMER else 0.0,
+            passed=round(system.clock.now() - begin, _DIGITS) if label.kind in (TIMER, LAPSE) else 0.0,
             begun=tuple((self.named(path), parts) for path, parts in system.begun()),
-            possible=frozenset(self.labels()),
+            possible=frozenset(label for label in self.labels() if label.kind != LAPSE),
             wrong={
                 (one.property.value, self.named(one.where) if one.where in self._paths else ''): self.named(one.text)
                 for one in violations
@@ -241,6 +241,7 @@ class _SideBySide:
         on_progress: OnProgress,
     ) -> None:
         self._before, self._now, self._limits = before, now, limits
+        before.system.lapses = now.system.lapses = before.system.lapses or now.system.lapses
         self._on_progress = on_progress
         self._from: dict[tuple[bytes, bytes], _Place | None] = {}
         self._found: dict[tuple[object, ...], tuple[_Place, _Seen, _Seen]] = {}

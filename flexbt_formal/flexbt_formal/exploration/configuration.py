@@ -6,8 +6,8 @@ them, so it includes all memory of an engine, a node or a state. :class:`Layout`
 after a run is made (definitions, wiring, functions).
 
 Two configurations have the same key if they differ only in parts that cannot affect later steps: the time that has
-passed (only the order of points in time counts), messages for people, monotonic counters, the contents of messages on
-a blackboard (only their presence counts).
+passed (only the distances of points in time from now count), messages for people, monotonic counters, the contents of
+messages on a blackboard (only their presence counts).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from hashlib import blake2b
 from operator import attrgetter, is_, length_hint
 from typing import Any, Final
 
-from .virtual_time import Instant
+from .virtual_time import Instant, distance
 
 _DIGEST: Final = 16
 _PLAIN: Final = frozenset((type(None), bool, int, str, bytes, float))
@@ -100,7 +100,9 @@ class _Kind:
         self.constant = constant
         self.seen = frozenset(ignored | constant)
         views = {name: view for base in kind.__mro__ for name, view in layout.views.get(base, {}).items()}
-        self.views = {name: view for name, view in views.items() if not name or name in self.names}
+        self.views = {
+            name: view for name, view in views.items() if not name or name in self.names or kind.__dictoffset__
+        }
 
     def values(self, one: Any) -> tuple[Any, ...]:
         """Return the values of the slots of an object."""
@@ -185,12 +187,9 @@ class StateSnapshotter:
         while place < len(ahead):
             self._visit_any(ahead[place])
             place += 1
-        # A point in time is encoded as past (-1), now (0), or its rank among the future ones.
         now = self._clock.now()
-        to_come = sorted({when for _, when in self._instants if when > now})
-        ranks = {when: rank + 1 for rank, when in enumerate(to_come)}
         for at, when in self._instants:
-            self._text[at] = ranks.get(when, 0 if when == now else -1)
+            self._text[at] = distance(when, now)
         return Configuration(tuple(self._parts), _digest(self._text))
 
     @staticmethod
@@ -303,7 +302,7 @@ class StateSnapshotter:
     def _attribute(self, one: Any, kind: _Kind, name: str, value: Any) -> None:
         view = kind.views.get(name)
         if view is not None:
-            self._text.append(view(one))
+            self._encode(view(one))
         elif name in kind.seen:
             if type(value) not in _PLAIN:
                 self._quietly(self._encode, value)

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
@@ -13,6 +14,7 @@ from flexbt_core.monitors.machine_monitor import MachineMonitor
 from flexbt_core.monitors.properties import Property, Violation, shared_keys
 from flexbt_core.monitors.requirements import Requirement, Requirements, Written, violation_of
 from flexbt_core.state_machine.authoring.data_flow import races
+from flexbt_core.state_machine.authoring.wrappers import RetryingState, StateWrapper
 from flexbt_core.state_machine.engine.engine import HaltTimeout, RunLimits
 from flexbt_core.state_machine.engine.events import CommandDecided, Faulted, RunEvent, RunReader, StateLeft
 from flexbt_core.state_machine.engine.leaf import LeafRun
@@ -20,13 +22,20 @@ from flexbt_core.state_machine.engine.operator_commands import confirm, force, p
 from flexbt_core.state_machine.engine.region import ContainerRun, Region
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, Decision, DecisionKind
-from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED, MachineDefinition, StateDefinition, is_inside
+from flexbt_core.state_machine.model.definition import (
+    ERROR,
+    PREEMPTED,
+    MachineDefinition,
+    StateDefinition,
+    StateKind,
+    is_inside,
+)
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import Scope, UserData
 from flexbt_core.values.text import pluralize
 
 from .configuration import Configuration, Layout, StateSnapshotter
-from .model import CONFIRMED, START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System, servers_gone
+from .model import CONFIRMED, LAPSE, START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System, servers_gone
 from .state_models import (
     MachineEnvironment,
     ModelState,
@@ -37,7 +46,7 @@ from .state_models import (
     plain_values,
     state_model,
 )
-from .virtual_time import VirtualClock
+from .virtual_time import VirtualClock, VirtualTimer
 
 OUTCOME: Final = 'outcome'
 IGNORED: Final = 'cancel ignored'
@@ -79,7 +88,7 @@ class MachineBounds:
         }[self.operator]
         stops = ', a stop at any time' if self.stops else ''
         return (
-            f'any outcome of each state at any time, {people}{stops}, '
+            f'any outcome of each state at once, when a timer is due or just before, {people}{stops}, '
             f'at most {pluralize(self.faults, "ignored cancel")}, {servers_gone(self.faults)}, '
             f'autonomy {AUTONOMY_NAMES[self.autonomy]}'
         )
@@ -114,11 +123,20 @@ _CONSTANT: Final = {
 _IGNORED: Final = {
     MachineRun: frozenset(('decision_count', '_recent', '_transitions', 'message', 'calling')),
     LeafRun: frozenset(('entered_at',)),
+    Scope: frozenset(('writers',)),
     # As long as there is no violation, the state of the run determines these.
     MachineMonitor: frozenset(('_visits', '_approvals', '_holders', '_is_ending', '_outcome')),
     VirtualClock: frozenset(('time',)),
 }
-_VIEWS: Final = {Decision: {'': lambda decision: (decision.kind.name, decision.path, decision.outcome)}}
+_VIEWS: Final[Mapping[type[Any], Mapping[str, Callable[[Any], Any]]]] = {
+    Decision: {'': lambda decision: (decision.kind.name, decision.path, decision.outcome)},
+    # Times that are not read again.
+    VirtualTimer: {'when': lambda timer: None if timer.callback is None else timer.when},
+    RetryingState: {
+        '_next_at': lambda state: None if state._failed_by is None else state._next_at,
+        '_rest_until': lambda state: None if state._failed_by is None else state._rest_until,
+    },
+}
 
 
 class _Counted:
@@ -194,6 +212,7 @@ class MachineSystem(System, RunReader):
         self._classes = {type(leaf.state.unwrapped) for leaf in self.run.root.leaves()}
         self._memory = StateSnapshotter(roots, self.clock, self._layout, self._classes)
         self._alike = interchangeable(self._definition) if reduces and not requirements else []
+        self.lapses = _times_in(self._definition) + self._times_required > 1
         self._is_starting = False
         self._moved = ''
         """Subject of the label of the current step."""
@@ -244,8 +263,9 @@ class MachineSystem(System, RunReader):
         if run.outcome is not None:
             return []
         labels = [Label(CONFIRMED, path) for path in environment.ending]
-        if self._next_due() is not None:
-            if not environment.ending:
+        due = self._next_due()
+        if due is not None:
+            if due < self._halts_due():
                 labels.append(Label(TIMER))
             elif counted.faults < bounds.faults:
                 labels.append(Label(IGNORED, ', '.join(environment.ending)))
@@ -260,6 +280,8 @@ class MachineSystem(System, RunReader):
             ]
         if bounds.operator is not Operator.NONE:
             labels += self._commands()
+        if not run.is_paused and any(one.kind != TIMER for one in labels):
+            labels += self._lapse_labels()
         if bounds.stops:
             labels.append(Label(STOP))
         if not self._alike:
@@ -369,6 +391,8 @@ class MachineSystem(System, RunReader):
             due = self._next_due()
             if due is not None:
                 self.clock.go_to(due)
+        elif kind == LAPSE:
+            self.clock.lapse(self._next_due())
         elif kind == STOP:
             counted.is_stopped = True
             run.preempt('stopped')
@@ -436,6 +460,15 @@ class MachineSystem(System, RunReader):
         times = [time for time in (self.run.next_wake, self.clock.next_timer()) if time is not None]
         return min(times, default=None)
 
+    def _halts_due(self) -> float:
+        """Return the next time at which a cancel counts as ignored, s; infinity without one."""
+        ending = self._environment.ending
+        if not ending:
+            return math.inf
+        halting = (state.next_wake() for state in self.run.active_states() if state.path in ending)
+        times = (self.clock.next_timer(), *halting)
+        return min((time for time in times if time is not None), default=math.inf)
+
     def _check(self) -> None:
         run, environment, found = self.run, self._environment, self._found
         if run.outcome is None:
@@ -496,6 +529,18 @@ class MachineSystem(System, RunReader):
             return
         kind = Property.DATA if 'UserDataError' in last else Property.NO_FAULT
         self._found.append(Violation(kind, path, last.partition('Error: ')[2] or last))
+
+
+def _times_in(node: StateDefinition | MachineDefinition) -> int:
+    """Return for how many times a state, or what is active in a machine, may wait at once; of a state without a model:
+    several."""
+    if isinstance(node, MachineDefinition):
+        below = [_times_in(child) for child in node.children.values()]
+        return sum(below) if node.kind is StateKind.CONCURRENCY else max(below, default=0)
+    state, times = node.state, 0
+    while isinstance(state, StateWrapper):
+        state, times = state.inner, times + 1
+    return times if isinstance(state, ModelState) else 2
 
 
 def _shared_writes(machine: MachineDefinition) -> dict[str, frozenset[str]]:

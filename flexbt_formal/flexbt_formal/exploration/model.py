@@ -13,7 +13,7 @@ from flexbt_core.monitors.requirements import Requirements
 from flexbt_core.values.text import pluralize
 
 from .configuration import Configuration, StateSnapshotter
-from .virtual_time import VirtualClock
+from .virtual_time import SHORT, VirtualClock
 
 
 class EnvironmentChoice(NamedTuple):
@@ -103,6 +103,9 @@ START: Final = 'start'
 TIMER: Final = 'time goes by'
 """The kind of label that advances the clock to the next deadline or timer."""
 
+LAPSE: Final = 'time goes by, and nothing is due yet'
+"""The kind of label that advances the clock until just before the next deadline or timer, or by a long time."""
+
 CONFIRMED: Final = 'cancel confirmed'
 
 OPERATOR: Final = 'operator'
@@ -144,6 +147,8 @@ class System(ABC):
 
     def __init__(self) -> None:
         self.clock = VirtualClock()
+        self.lapses = False
+        """True if time may pass without a timer: not useful if at most one thing waits for a time."""
         self._events: list[str] = []
         self._found: list[Violation] = []
 
@@ -172,6 +177,17 @@ class System(ABC):
     @abstractmethod
     def _next_due(self) -> float | None:
         """Return the next time at which a timer or deadline is due, s; None without one."""
+
+    @property
+    def _times_required(self) -> int:
+        """How many requirements wait for a time."""
+        return sum(getattr(one, 'seconds', None) is not None for one in self.requirements.requirements)
+
+    def _lapse_labels(self) -> list[Label]:
+        """Return the label by which time passes without a timer, if it is possible."""
+        due = self._next_due()
+        is_possible = self.lapses and (due is None or due - self.clock.now() > 2 * SHORT)
+        return [Label(LAPSE)] if is_possible else []
 
     @abstractmethod
     def step(self, label: Label, choices: EnvironmentChoices) -> list[Violation]:

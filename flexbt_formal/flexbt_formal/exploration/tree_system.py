@@ -18,6 +18,8 @@ from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, 
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, PortError
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port
 from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.nodes.nav2.decorators import RateController
+from flexbt_core.behavior_tree.nodes.timing import Delay, Sleep, Timeout
 from flexbt_core.monitors.properties import Property, Violation, shared_keys
 from flexbt_core.monitors.requirement_text import Vocabulary
 from flexbt_core.monitors.requirements import Requirement, Requirements
@@ -40,13 +42,22 @@ from .leaf_models import (
     tested_values,
 )
 from .leaf_skills import Facts
-from .model import CONFIRMED, START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System
+from .model import CONFIRMED, LAPSE, START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System
 from .virtual_time import VirtualClock
 
 RESULT: Final = 'result'
 TICK: Final = 'tick'
 
 _MODELS: Final = (ModelAction, ModelGate, ModelInstant)
+TIMED: Final = (Timeout, Delay, Sleep, RateController)
+"""The nodes of the engine that wait for a time and have no model."""
+_ONE_BY_ONE: Final = frozenset(
+    (
+        *('Sequence', 'AsyncSequence', 'SequenceWithMemory', 'PersistentSequence', 'Fallback', 'AsyncFallback'),
+        *('TryCatch', 'IfThenElse', 'RecoveryNode', 'RoundRobin', *(f'Switch{cases}' for cases in range(2, 7))),
+    )
+)
+"""Controls of which one child works at a time."""
 
 STOPPED: Final = 'stopped'
 """The result of a tree that was stopped."""
@@ -132,7 +143,10 @@ TREE_LAYOUT: Final = Layout(
             # The number of writes seen only matters in relation to the current number.
             '_seen': lambda node: node._seen == node._entry.sequence,
             '_count': lambda node: 0 if _is_unlimited(node) else node._count,
-        }
+        },
+        # What an IDLE node remembers of a time, it does not read again.
+        Sleep: {'_deadline': lambda node: node._deadline if node.stored_status is RUNNING else None},
+        RateController: {'_start': lambda node: None if node.stored_status is IDLE else node._start},
     },
 )
 
@@ -149,6 +163,18 @@ def _is_unlimited(node: Any) -> bool:
 def _goes_on_for_ever(node: TreeNode) -> bool:
     """Return whether a node restarts its child without limit, until it fails or is stopped."""
     return node.id == 'KeepRunningUntilFailure' or (node.id == 'Repeat' and _is_unlimited(node))
+
+
+def _times_in(node: TreeNode) -> int:
+    """Return for how many times a node and those below it may wait at once; of one that is not known: several."""
+    below = [_times_in(child) for child in node.attached]
+    inside = max(below, default=0) if node.id in _ONE_BY_ONE else sum(below)
+    if isinstance(node, _MODELS):
+        skill = node.declared if isinstance(node, ModelAction) else None
+        return inside + (skill is not None and skill.deadline is not None)
+    if not type(node).__module__.startswith(_OURS):
+        return inside + 2
+    return max(inside, 1) if isinstance(node, Delay) else inside + isinstance(node, TIMED)
 
 
 class _PortUse(NamedTuple):
@@ -207,6 +233,7 @@ class TreeSystem(System):
         )
         self.tree.on_livelock = lambda message: None  # the findings report it
         self.tree.observe(self._note_status)
+        self.lapses = _times_in(self.tree.root) + self._times_required > 1
         mark_asked_anew(self.tree.nodes)
         self._limiters = [node for node in self.tree.nodes if isinstance(node, DecoratorNode) and node.id in LIMITERS]
         self._withheld: set[int] = set()
@@ -356,6 +383,8 @@ class TreeSystem(System):
             for status in action.model.results
         ]
         labels += confirms
+        if labels:
+            labels += self._lapse_labels()
         if self._next_due() is not None:
             labels.append(Label(TIMER))
         labels += [Label(TICK), Label(STOP)]
@@ -371,7 +400,9 @@ class TreeSystem(System):
         environment.choices = choices
         environment.asks()
         self._found = []
-        if label.kind == STOP:
+        if label.kind == LAPSE:
+            self.clock.lapse(self._next_due())
+        elif label.kind == STOP:
             self._halt(STOPPED)
         else:
             if label.kind == START:

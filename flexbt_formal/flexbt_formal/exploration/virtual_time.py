@@ -1,14 +1,23 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The time of an exploration: a clock that advances on request, and points in time that are distinct from durations.
 
-An engine remembers either points in time or durations. Only the former change as time passes, and only their order
-affects the possible steps. So the clock returns :class:`Instant`, and arithmetic preserves the type: a point plus a
-duration is a point, the difference of two points a duration.
+An engine remembers either points in time or durations. Only the former change as time passes, and only their distances
+from now affect the possible steps. So the clock returns :class:`Instant`, and arithmetic preserves the type: a point
+plus a duration is a point, the difference of two points a duration.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from typing import Final
+
+SHORT: Final = 0.0001
+"""Time by which an event comes before a timer, s."""
+LONG: Final = 1e6
+"""Time after which every period is over, s."""
+_UNIT: Final = 1e-6
+"""Smallest difference in time that distinguishes configurations, s."""
 
 
 class Instant(float):
@@ -24,6 +33,14 @@ class Instant(float):
     def __sub__(self, other: float) -> float:
         duration = float.__sub__(self, other)
         return duration if isinstance(other, Instant) else Instant(duration)
+
+
+def distance(when: float, now: float) -> float:
+    """Return how far a point in time is ahead, in microseconds; 0 only for now. What is long past has one distance."""
+    ahead = float.__sub__(when, now)
+    if not -LONG < ahead < math.inf:
+        return math.copysign(math.inf, ahead)
+    return round(ahead / _UNIT) or math.copysign(0.5, ahead) if ahead else 0
 
 
 class VirtualTimer:
@@ -68,6 +85,10 @@ class VirtualClock:
     def is_due(self, when: float | None) -> bool:
         """Return whether the clock has reached this time."""
         return when is not None and when <= self.time
+
+    def lapse(self, due: float | None) -> None:
+        """Advance until just before the time ``due``; None: by a long time."""
+        self.go_to(self.time + LONG if due is None else due - SHORT)
 
     def go_to(self, when: float) -> None:
         """Advance to a time, unless it is past, and call the timers that are due by then, in order."""

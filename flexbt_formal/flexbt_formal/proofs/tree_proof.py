@@ -27,7 +27,10 @@ from .proof_report import Compared, moves_of
 
 GOALS: Final = ('goal', 'goals')
 """Keys that the runner of a tree writes before its start, as Nav2 navigators do."""
-TREE_BOUNDS: Final = 'any result of each leaf at any time, cancels confirmed soon or late, a stop at any time'
+TREE_BOUNDS: Final = (
+    'any result of each leaf at once, when a timer is due or just before, cancels confirmed soon or late, '
+    'a stop at any time'
+)
 
 
 def prove_tree(

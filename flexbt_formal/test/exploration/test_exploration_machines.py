@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -242,3 +243,59 @@ def test_a_stop_that_ends_nothing_is_found(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(MachineRun, '_finish', lambda self, outcome, message: None)
     properties = {found.violation.property for found in proved(mission)[0].counterexamples}
     assert Property.RECOVERY in properties
+
+
+class Hold(Work):
+    """What it has begun can be canceled at once, and is."""
+
+    halting = EventState.halting
+
+
+def side_by_side(left: EventState, right: EventState, after: EventState | None = None) -> OperatableStateMachine:
+    """Two regions; ``after`` follows the right one. Either ends both."""
+    machine = OperatableStateMachine(outcomes=['finished', 'left'])
+    with machine:
+        second = OperatableStateMachine(outcomes=['over'])
+        with second:
+            follows = dict.fromkeys(right.outcomes, 'over' if after is None else 'After')
+            add('First', right, follows)
+            if after is not None:
+                add('After', after, dict.fromkeys(after.outcomes, 'over'))
+        both = ConcurrencyContainer(
+            outcomes=['left', 'over'],
+            conditions=[*(('left', [('Left', outcome)]) for outcome in left.outcomes), ('over', [('Right', 'over')])],
+        )
+        with both:
+            add('Left', left, dict.fromkeys(left.outcomes, 'left'))
+            add('Right', second, {'over': 'over'})
+        add('Both', both, {'left': 'left', 'over': 'finished'})
+    return machine
+
+
+def test_what_takes_its_time_leaves_less_of_it_to_what_follows() -> None:
+    limits = with_timeout(Hold(), 10.0), with_timeout(Hold(), 8.0)
+    definition = define(side_by_side(limits[0], Hold(), limits[1]))
+    required = parse_requirement('after /Both/Right/After, =finished before the end', 'test').requirement
+    bounds = MachineBounds(stops=False)
+
+    def only_work(state: StateDefinition) -> StateModel:
+        return replace(state_model(state), outcomes=('done',) if 'First' in state.path else ())
+
+    def system() -> MachineSystem:
+        return MachineSystem(definition, only_work, bounds, [required])
+
+    (found,) = explore(system, 'mission').counterexamples
+    assert found.violation in replay(system, found.moves)
+
+
+def test_while_a_cancel_is_awaited_the_time_of_something_else_may_be_over() -> None:
+    """That is no fault: the cancel is confirmed in time."""
+    definition = define(side_by_side(with_timeout(Hold(), 4.0), with_timeout(Work(), 3.0)))
+    required = parse_requirement('never =left', 'test').requirement
+
+    def system() -> MachineSystem:
+        bounds = MachineBounds(faults=0, stops=False)
+        return MachineSystem(definition, lambda state: replace(state_model(state), outcomes=()), bounds, [required])
+
+    (found,) = explore(system, 'mission').counterexamples
+    assert found.violation in replay(system, found.moves)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import weakref
 from collections.abc import Iterable
 
@@ -15,7 +16,7 @@ from flexbt_core.behavior_tree.engine.parents import Control
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, input_port, output_port
-from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
 from flexbt_core.behavior_tree.xml.reader import load_xml
@@ -25,7 +26,7 @@ from flexbt_core.skills.literals import Predicate
 from flexbt_core.skills.skill import Skill
 from flexbt_formal.exploration.explorer import ExplorationLimits, explore, replay
 from flexbt_formal.exploration.model import EnvironmentChoices, Label, Report
-from flexbt_formal.exploration.tree_system import TreeSystem
+from flexbt_formal.exploration.tree_system import TIMED, TreeSystem
 from flexbt_testing.seeded_missions import Plan, StandIn, Turn
 
 
@@ -330,6 +331,38 @@ def test_what_is_required_in_time_is_missed_when_nothing_else_waits_for_a_time(b
     assert found.violation.text.startswith('drive > halted has not come 9 s after drive')
     in_time = '<Sequence><Timeout msec="9000"><Inverter><Drive name="drive"/></Inverter></Timeout></Sequence>'
     assert not replay(lambda: system(in_time, required), found.moves)
+
+
+SECOND = 'after second, second > SUCCESS before the end'
+
+
+@pytest.mark.parametrize('times', ['b == 1 ? 3000 : 5000', 'b == 1 ? 5000 : 3000'])
+def test_what_began_later_is_due_later(times: str) -> None:
+    """Both ways lead to the same nodes, with one timer ahead; only one of them leaves enough time for the second."""
+    first = f'<Script code="t := {times}"/><Delay delay_msec="{{t}}"><AlwaysSuccess/></Delay>'
+    then = '<Script code="t := 0; b := 0"/><Turn/><Sleep name="second" msec="6000"/>'
+    body = f'<Parallel success_count="1"><Sleep msec="10000"/><Sequence>{first}{then}</Sequence></Parallel>'
+    report = explore(lambda: system(body, SECOND, given=['b']), 'Main')
+    (found,) = report.counterexamples
+    assert found.violation in replay(lambda: system(body, SECOND, given=['b']), found.moves)
+
+
+def test_what_takes_its_time_leaves_less_of_it_to_what_follows() -> None:
+    body = '<Timeout msec="{}"><Sequence><Turn/><Sleep name="second" msec="8000"/></Sequence></Timeout>'
+    (found,) = explore(lambda: system(body.format(10_000), SECOND), 'Main').counterexamples
+    assert 'time goes by, and nothing is due yet' in [str(move.label) for move in found.moves]
+    assert found.violation in replay(lambda: system(body.format(10_000), SECOND), found.moves)
+    assert explore(lambda: system(body.format(0), SECOND), 'Main').is_proof
+
+
+def test_the_nodes_that_wait_for_a_time_are_known() -> None:
+    for manifest in registry():
+        engine = [one for one in manifest.node_class.__mro__ if '.behavior_tree.nodes.' in one.__module__]
+        has_model = (
+            manifest.kind in (NodeKind.ACTION, NodeKind.CONDITION) and '.nav2.' in manifest.node_class.__module__
+        )
+        if not has_model and any('wake_at' in inspect.getsource(one) for one in engine):
+            assert issubclass(manifest.node_class, TIMED)
 
 
 def test_what_never_changes_is_no_part_of_what_is_kept() -> None:

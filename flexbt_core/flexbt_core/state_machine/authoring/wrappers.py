@@ -43,7 +43,7 @@ def with_retry(
         StateError: ``attempts`` is too small, ``on`` holds a text that is not an outcome of the state, or ``state``
         is not a state.
     """
-    return _Retry(state, attempts, on, delay)
+    return RetryingState(state, attempts, on, delay)
 
 
 class StateWrapper(EventState):
@@ -181,7 +181,9 @@ class _Timeout(StateWrapper):
         self._leave_inner(userdata, ExitReason.TIMED_OUT if is_timed_out else self.exit_reason)
 
 
-class _Retry(StateWrapper):
+class RetryingState(StateWrapper):
+    """A state that is entered again when it fails: see :func:`with_retry`."""
+
     def __init__(self, inner: EventState, attempts: int, on: Collection[str], delay: float) -> None:
         super().__init__(inner)
         unknown = [outcome for outcome in on if outcome not in inner.outcomes]
