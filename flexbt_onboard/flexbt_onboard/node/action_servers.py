@@ -39,6 +39,10 @@ DISCOVERY_SECONDS: Final = 5.0
 """Time after a goal in which its client may be discovered, s: the middleware may deliver the goal earlier."""
 
 
+LOOK_SECONDS: Final = 0.5
+"""Minimum time between two looks for the clients of a goal, s: each goes through all endpoints of the domain."""
+
+
 @dataclass(eq=False)
 class _Goal:
     """The goal whose behavior is running. Its client is one of ``clients``, which were found until ``found_by``."""
@@ -48,6 +52,8 @@ class _Goal:
     found_by: float
     shown: list[str] = field(default_factory=list)
     clients: set[bytes] = field(default_factory=set)
+    look_at: float = 0.0
+    """Time of the next look for its clients."""
 
 
 class BehaviorActionServer(RunReader):
@@ -93,10 +99,14 @@ class BehaviorActionServer(RunReader):
         if paths != goal.shown:
             goal.shown = paths
             goal.served.publish_feedback(ExecuteBehavior.Feedback(active_states=paths))
+        now = self._runtime.steady.now()
+        if now < goal.look_at:
+            return
+        goal.look_at = now + LOOK_SECONDS
         there = self._clients()
         if goal.clients and goal.clients.isdisjoint(there):
             goal.run.stop('the client of the goal is gone')
-        elif self._runtime.steady.now() < goal.found_by:
+        elif now < goal.found_by:
             goal.clients |= there
 
     def _clients(self) -> set[bytes]:

@@ -20,7 +20,7 @@ from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_onboard.node import action_servers
-from flexbt_onboard.runs.run_events import BehaviorEnded
+from flexbt_onboard.runs.run_events import BehaviorEnded, StatusSent
 from flexbt_testing.nodes.executive_bench import ExecutiveBench
 from flexbt_testing.waiting import wait_until
 
@@ -200,6 +200,23 @@ def test_a_run_whose_client_is_gone_is_stopped(bench: ExecutiveBench, client: Cl
     client.runtime.close()
     assert bench.wait_idle() == 'preempted'
     assert 'client' in bench.status.message
+
+
+def test_the_clients_of_a_goal_are_looked_for_twice_a_second_however_many_statuses_are_sent(
+    bench: ExecutiveBench, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client.send(-1)
+    bench.wait_active('/Twice')
+    looks: list[bytes] = []
+    node, readers = bench.runtime.node, bench.executive.runs.readers
+    (server,) = (one for one in readers if isinstance(one, action_servers.BehaviorActionServer))
+    ask = node.get_publishers_info_by_topic
+    monkeypatch.setattr(
+        node, 'get_publishers_info_by_topic', lambda *given, **named: looks.append(b'') or ask(*given, **named)
+    )
+    began = bench.runtime.steady.now()
+    bench.runtime.call(lambda: [server.read(StatusSent()) for _ in range(100)])
+    assert len(looks) <= 1.0 + (bench.runtime.steady.now() - began) / action_servers.LOOK_SECONDS
 
 
 def test_a_client_that_has_come_since_does_not_stand_in_for_the_one_that_is_gone(
