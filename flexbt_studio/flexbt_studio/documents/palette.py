@@ -58,8 +58,9 @@ def states(installed: Mapping[str, Callable[..., EventState]]) -> list[dict[str,
     Docstrings in FlexBE's form describe parameters, keys and outcomes.
     """
     classes = {name: one for name, one in installed.items() if isinstance(one, type)}
-    names = {one: name for name, one in sorted(classes.items(), key=lambda entry: -len(entry[0]))}
-    return [_state(name, one) for one, name in sorted(names.items(), key=lambda entry: entry[1])]
+    longest_first = sorted(classes.items(), key=lambda entry: -len(entry[0]))
+    names = {(one, name.rpartition('/')[2]): name for name, one in longest_first}  # a class may have another name, too
+    return [_state(name, one) for (one, _), name in sorted(names.items(), key=lambda entry: entry[1])]
 
 
 def declared(state: type[Any]) -> tuple[list[str], dict[str, list[tuple[str, str]]]]:
