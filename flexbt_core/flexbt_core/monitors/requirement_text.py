@@ -66,7 +66,7 @@ LONGEST: Final = 500
 """Maximum length of a requirement, characters."""
 
 _SECONDS: Final = {'ms': 0.001, 's': 1.0, 'min': 60.0}
-_NUMBER: Final = r'(\d{1,9}(?:\.\d{1,9})?)'
+_NUMBER: Final = r'(\d{1,12}(?:\.\d{1,30})?)'
 _FORMS: Final[tuple[tuple[str, Callable[..., Requirement]], ...]] = (
     (r'never (.+)', Never),
     (

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from itertools import permutations
 from typing import NamedTuple
 
@@ -39,7 +40,7 @@ class AtMost:
     seconds: float | None = None
 
     def __str__(self) -> str:
-        when = '' if self.seconds is None else f' in {self.seconds:g} s'
+        when = '' if self.seconds is None else f' in {_decimal(self.seconds)} s'
         return f'{self.event} at most {pluralize(self.times, "time")}{when}'
 
 
@@ -84,7 +85,7 @@ class Within:
     times: int | None = None
 
     def __str__(self) -> str:
-        when = 'before the end' if self.seconds is None else f'within {self.seconds:g} s'
+        when = 'before the end' if self.seconds is None else f'within {_decimal(self.seconds)} s'
         times = '' if self.times is None else f', up to {pluralize(self.times, "time")}'
         return f'after {self.event}, {self.then} {when}{times}'
 
@@ -186,7 +187,7 @@ class Requirements:
     def __init__(
         self, requirements: Iterable[Requirement], now: Callable[[], float], found: Callable[[Violation], None]
     ) -> None:
-        self.requirements: Sequence[Requirement] = tuple(requirements)
+        self.requirements: Sequence[Requirement] = tuple(dict.fromkeys(requirements))  # of two that are equal, one
         self.met: set[str] = set()
         """The requirements whose condition has been met, or that wait for an event."""
         self.counts: dict[str, int] = {}
@@ -390,6 +391,11 @@ def violation_of(requirement: Requirement, where: str, what: str) -> Violation:
 def _counting(times: tuple[float, ...], now: float) -> tuple[float, ...]:
     """Return the times after ``now``, with a tolerance for rounding."""
     return tuple(time for time in times if time > now + _ROUNDING)
+
+
+def _decimal(seconds: float) -> str:
+    """Return a number as a requirement has it: all digits, without an exponent."""
+    return format(Decimal(repr(seconds)).normalize(), 'f')
 
 
 def _times(number: int) -> str:

@@ -40,6 +40,8 @@ TEXTS: dict[str, Requirement] = {
     '/B only after /A > done, 3 times, each time anew': Before('/B', '/A > done', again=True, times=3),
     'after /A > done comes /B or =ended': After('/A > done', ('/B', '=ended')),
     'after /A > done, /B within 2.5 s': Within('/A > done', '/B', 2.5),
+    'after /A > done, /B within 1234567.125 s': Within('/A > done', '/B', 1234567.125),
+    '/A at most 1 time in 0.00001 s': AtMost('/A', 1, 1e-5),
     'after /A > done, /B before the end': Within('/A > done', '/B'),
     'after /A > failed, /A before the end, up to 3 times': Within('/A > failed', '/A', times=3),
     '/A never while /B': Apart('/A', '/B'),

@@ -231,6 +231,15 @@ def test_a_requirement_is_watched(body: str, required: Requirement, text: str) -
     assert [one.partition(';')[0] for one in found] == ([text] if text else [])
 
 
+def test_what_is_required_twice_counts_once() -> None:
+    """An option of a command and a file may require the same."""
+    found: list[Violation] = []
+    twice = Requirements([AtMost('A', 2), Before('B', 'A', times=2)] * 2, lambda: 0.0, found.append)
+    twice.event('A')
+    twice.event('B')
+    assert [one.text.partition('; ')[0] for one in found] == ['B comes when A has come once only']
+
+
 def test_a_deadline_of_a_tree_is_watched_at_its_ticks() -> None:
     watched = Watched(TWO, Within('one > SUCCESS', 'other > SUCCESS', 5.0))
     watched.tick()
