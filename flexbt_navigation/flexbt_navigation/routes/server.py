@@ -38,6 +38,7 @@ from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import duration_message
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.parameter_fields import parameter
+from flexbt_core.values.text import short_repr
 from flexbt_navigation.common.requests import (
     CANCELED,
     SUCCEEDED,
@@ -436,9 +437,13 @@ class RouteServer:
         except Exception as error:
             self.runtime.report_fault(error, 'a graph of routes')
         else:
-            assert self._graph is not None
-            is_used = True
-            logger.info(f'graph of routes with {len(self._graph.nodes)} nodes and {len(self._graph.edges)} edges')
+            graph, is_used = self._graph, True
+            assert graph is not None
+            logger.info(f'graph of routes with {len(graph.nodes)} nodes and {len(graph.edges)} edges')
+            ids = {edge.id for edge in graph.edges}
+            for what, kept in (('closed', self._edges.closed), ('of another cost', self._edges.costs)):
+                if still := sorted(int(id) for id in ids.intersection(kept)):
+                    logger.warning(f'edges that stay {what} in the new graph, by their ids: {short_repr(still)}')
         on_end(is_used)
 
     def _adjust_edges(self, request: Any, response: Any) -> Any:

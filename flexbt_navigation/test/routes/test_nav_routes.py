@@ -147,6 +147,20 @@ def test_edges_are_closed_opened_and_made_dearer(world: RobotProbe) -> None:
     assert way() == [1, 2, 3]
 
 
+def test_an_edge_that_is_closed_stays_so_in_another_graph_and_is_told(
+    world: RobotProbe, graph_file: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert adjust(world, closed_edges=[12], adjust_edges=[EdgeCost(edgeid=23, cost=2.0)])
+    other = [node(1, 0.0, 0.0), node(2, 1.0, 0.0), edge(12, 1, 2), edge(34, 2, 1)]
+    capfd.readouterr()
+    assert set_graph(world, write(graph_file.parent / 'beside', other))
+    aborted(by_ids(world, 1, 2), Result.NO_VALID_ROUTE)
+    assert 'stay closed in the new graph, by their ids: [12]' in capfd.readouterr().err
+    assert set_graph(world, graph_file)
+    assert 'stay of another cost in the new graph, by their ids: [23]' in capfd.readouterr().err
+    assert adjust(world, opened_edges=[12], adjust_edges=[EdgeCost(edgeid=23, cost=0.0)])
+
+
 REFUSED = {
     'no such start': ({'start_id': 77, 'goal_id': 1}, Result.INDETERMINANT_NODES_ON_GRAPH),
     'no such goal': ({'start_id': 1, 'goal_id': 65535}, Result.INDETERMINANT_NODES_ON_GRAPH),
