@@ -158,11 +158,13 @@ class ExecutiveLink(RobotLink):
 
     def send(self, command: OperatorCommand, timeout: float, label: str = '') -> TrackedCommand:
         """Send a command, called ``label``, to the executive; the mirror follows its result. From any thread."""
-        tracked = self.mirror.give(command, timeout, label)
-        if command.kind is CommandKind.STOP:  # from this thread: the executor may be busy with what others send
-            self._publish(command)
-        self._runtime.post(self._send_due)
-        return tracked
+
+        def send() -> None:
+            if command.kind is CommandKind.STOP:  # from this thread: the executor may be busy with what others send
+                self._publish(command)
+            self._runtime.post(self._send_due)
+
+        return self.mirror.give(command, timeout, label, send)
 
     def wait_for(
         self, inspect: Callable[[View], T | None], timeout: float | None, every: float | None = None

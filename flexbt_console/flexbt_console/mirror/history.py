@@ -33,22 +33,28 @@ MOST_SCANS: Final = 600
 @dataclass(slots=True, eq=False)
 class _Chunk:
     """What the mirror had at ``begin``, after the call of the number ``first``, and then received; without map and
-    scans. Or the cells of a ``map`` that was received then, which lacks them."""
+    scans. Or the cells of a ``map`` that was received then, which lacks them.
+
+    ``contents`` come before ``data``, until these are compressed.
+    """
 
     begin: float
     first: int
     data: bytes
     map: GridMap | None = None
+    contents: dict[str, Any] | None = None
     is_compressed: bool = False
 
     def raw(self) -> bytes:
-        return zlib.decompress(self.data) if self.is_compressed else self.data
+        if self.is_compressed:
+            return zlib.decompress(self.data)
+        return (b'' if self.contents is None else pickle.dumps(self.contents)) + self.data
 
 
 class History:
     """The past of ``mirror`` from now on, in seconds on the mirror's clock. Thread-safe.
 
-    Nothing is compressed while the mirror, or this, is locked: a STOP would wait for it.
+    Nothing large is written or compressed while the mirror, or this, is locked: a STOP would wait for it.
     """
 
     def __init__(self, mirror: Mirror, most_bytes: int = HISTORY_BYTES) -> None:
@@ -59,7 +65,8 @@ class History:
         self._maps: deque[_Chunk] = deque()
         self._full: deque[_Chunk] = deque()  # those that are still to be compressed
         self._begin, self._open = 0.0, io.BytesIO()
-        self._calls = self._first = self._head = 0  # _first call and _head (bytes) of the open chunk
+        self._contents: dict[str, Any] = {}  # at _begin
+        self._calls = self._first = self._head = 0  # _first call of the open chunk, and bytes of the latest contents
         self._scans: deque[tuple[float, int, bytes]] = deque(maxlen=MOST_SCANS)
         mirror.add_reader(self._note)
         mirror.add_listener(lambda change: None if change is Change.COMMAND else self._compress())
@@ -86,7 +93,7 @@ class History:
         """Return the mirror as it was at a time, or at :attr:`begin` if that is later. It stands still."""
         with self._lock:
             time = max(time, self._begin_kept())
-            chunk = _Chunk(self._begin, self._first, self._open.getvalue())
+            chunk = _Chunk(self._begin, self._first, self._open.getvalue(), contents=self._contents)
             if time < chunk.begin:
                 chunk = replace(next(one for one in reversed(self._chunks) if one.begin <= time))
             map = replace(next((one for one in reversed(self._maps) if one.begin <= time), self._maps[0]))
@@ -118,9 +125,7 @@ class History:
                 return
             if method:
                 self._open.write(call)
-            else:
-                self._keep_map(now, self._mirror.contents()['_surroundings'].map)
-            most = self._head + max(CHUNK_BYTES, self._head)
+            most = max(CHUNK_BYTES, self._head)
             if not method or self._open.tell() > most or self._calls - self._first > CHUNK_CALLS:
                 self._begin_chunk(now)
 
@@ -132,13 +137,14 @@ class History:
             self._full.append(self._maps[-1])
 
     def _begin_chunk(self, now: float) -> None:
-        if self._open.tell():
-            self._chunks.append(_Chunk(self._begin, self._first, self._open.getvalue()))
-            self._full.append(self._chunks[-1])
         contents = self._mirror.contents()
-        self._begin, self._first, self._open = now, self._calls, io.BytesIO()
+        if self._contents:
+            self._chunks.append(_Chunk(self._begin, self._first, self._open.getvalue(), contents=self._contents))
+            self._full.append(self._chunks[-1])
+        else:
+            self._keep_map(now, contents['_surroundings'].map)
         contents['_surroundings'] = replace(contents['_surroundings'], map=None)
-        self._head = self._open.write(pickle.dumps(contents))
+        self._begin, self._first, self._open, self._contents = now, self._calls, io.BytesIO(), contents
 
     def _compress(self) -> None:
         """Compress what is full, on the thread that brought a message."""
@@ -147,9 +153,11 @@ class History:
                 if not self._full:  # another thread was faster
                     return
                 chunk = self._full.popleft()
-            data = zlib.compress(chunk.data, 1)
+            raw = chunk.raw()
+            data = zlib.compress(raw, 1)
             with self._lock:
-                chunk.data, chunk.is_compressed = data, True
+                self._head = self._head if chunk.contents is None else len(raw) - len(chunk.data)
+                chunk.data, chunk.contents, chunk.is_compressed = data, None, True
                 self._forget()
 
     def _forget(self) -> None:

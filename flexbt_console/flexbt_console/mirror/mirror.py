@@ -146,7 +146,7 @@ class Mirror:
         """Return a copy with the same contents that continues independently on ``clock``, without listeners and
         commands."""
         with self._lock:
-            return Mirror.of({name: _copied(value) for name, value in self.contents().items()}, clock)
+            return Mirror.of(self.contents(), clock)
 
     @classmethod
     def of(cls, contents: Mapping[str, Any], clock: Clock) -> Mirror:
@@ -156,8 +156,8 @@ class Mirror:
         return mirror
 
     def contents(self) -> dict[str, Any]:
-        """Return all that was received, as the mirror has it. For readers, see :meth:`add_reader`."""
-        return {name: value for name, value in vars(self).items() if name not in _OWN}
+        """Return a copy of all that was received. For readers, see :meth:`add_reader`."""
+        return {name: _copied(value) for name, value in vars(self).items() if name not in _OWN}
 
     def add_reader(self, read: Callable[[float, str, tuple[Any, ...]], None]) -> None:
         """Call ``read`` with the time, the name of a method and its arguments after each message that the mirror takes,
@@ -376,10 +376,14 @@ class Mirror:
 
     # Commands
 
-    def give(self, command: OperatorCommand, timeout: float, label: str = '') -> TrackedCommand:
-        """Queue a command, which the operator calls ``label``; see :meth:`CommandTracker.give`."""
+    def give(
+        self, command: OperatorCommand, timeout: float, label: str = '', send: Callable[[], object] = lambda: None
+    ) -> TrackedCommand:
+        """Queue a command, which the operator calls ``label``; see :meth:`CommandTracker.give`. Then ``send`` what is
+        due, before the listeners are told."""
         with self._lock:
             tracked = self._commands.give(command, self._now(), timeout, label)
+        send()
         self._tell(Change.COMMAND)
         return tracked
 

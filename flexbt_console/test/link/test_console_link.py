@@ -186,6 +186,7 @@ def test_a_stop_is_sent_while_the_executor_is_busy_with_what_others_send(executi
         node = runtime.node
         wait_until(lambda: node.count_subscribers('/robot/executive/command') > 0, 'the executive listens')
         runtime.post(lambda: free.wait(DEADLINE))
+        link.mirror.add_listener(lambda change: wait_until(lambda: robot.received, 'the STOP'))  # nor for those
         try:
             link.send(CommandBuilder('ann').command(view, CommandKind.STOP), DEADLINE)
             wait_until(lambda: robot.received, 'the STOP')
