@@ -21,7 +21,7 @@ from functools import partial
 from http import HTTPStatus
 from importlib.metadata import version
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from aiohttp import web
 from aiohttp.typedefs import Handler
@@ -51,6 +51,8 @@ from .web.users import User
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
     from flexbt_console.link.robot_link import RobotLink
+
+T = TypeVar('T')
 
 OWN: Final = '_'
 """Name of the robot without a namespace, in a path."""
@@ -247,9 +249,9 @@ class HttpInterface:
         self._rates = SenderRates(RATE, BURST, time.monotonic)
         self._commands, self._stops, self._streams = list[str](), list[str](), list[str]()  # by their users
         self._threads = ThreadPoolExecutor(MOST_AT_ONCE + MOST_STOPS, 'commands')  # so a stop waits for nothing
-        self._reader = ThreadPoolExecutor(1, 'reader')
+        self._aside_threads = ThreadPoolExecutor(2, 'aside')
         self._keys: OrderedDict[str, str] = OrderedDict()
-        self._works: OrderedDict[str, asyncio.Future[tuple[ExitCode, Any]]] = OrderedDict()
+        self._works: OrderedDict[str, asyncio.Future[tuple[ExitCode, str]]] = OrderedDict()
         self._recorded = Recordings(home_path(USER_DIRECTORY))
         self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -266,7 +268,7 @@ class HttpInterface:
         return application
 
     async def _end(self, _application: web.Application) -> None:
-        for threads in (self._threads, self._reader):
+        for threads in (self._threads, self._aside_threads):
             threads.shutdown(wait=False, cancel_futures=True)
 
     @web.middleware
@@ -301,11 +303,19 @@ class HttpInterface:
         return _json(description())
 
     async def _list_robots(self, _request: web.Request) -> web.Response:
-        robots = robots_json(self._robots.fleet.overview())
-        return _json({'robots': [{**one, 'robot': _segment(one['robot'])} for one in robots]})
+        def listed() -> web.Response:
+            robots = robots_json(self._robots.fleet.overview())
+            return _json({'robots': [{**one, 'robot': _segment(one['robot'])} for one in robots]})
+
+        return await self._aside(listed)
 
     async def _status_of_robot(self, request: web.Request) -> web.Response:
-        return _json(status_json(self._robots.robot(self._name(request))[0].view()))
+        mirror = self._robots.robot(self._name(request))[0]
+        return await self._aside(lambda: _json(status_json(mirror.view())))
+
+    async def _aside(self, work: Callable[[], T]) -> T:
+        """Do what may take long, on another thread: a STOP waits for what is done on the thread of the loop."""
+        return await asyncio.get_running_loop().run_in_executor(self._aside_threads, work)
 
     async def _command(self, request: web.Request) -> web.Response:
         """Carry out a command for a user; wait for its answer."""
@@ -321,7 +331,7 @@ class HttpInterface:
         stops = self._robots.robot(robot)[0].view().stops
         data, loop = await _body(request), asyncio.get_running_loop()
         reading = partial(_line_in, data, spec)
-        line, wanted = reading() if len(data) <= QUICK_BYTES else await loop.run_in_executor(self._reader, reading)
+        line, wanted = reading() if len(data) <= QUICK_BYTES else await self._aside(reading)
         identifier = self._identifier(request, robot, wanted)
         is_stop, share = spec.name == 'stop', request['share']
         places = self._stops if is_stop else self._commands
@@ -333,7 +343,7 @@ class HttpInterface:
                 await self._keep_open(robot, operator)
             mirror, link = self._robots.robot(robot)
             station = replace(self._station(mirror, link, operator), role=user.role)
-            doing = partial(perform, line, station, link, identifier, stops)
+            doing = partial(_performed, line, station, link, identifier, stops)
             work = self._works.get(identifier)
             if work is None or (work.done() and (work.exception() or work.result()[0] is not ExitCode.OK)):
                 work = loop.run_in_executor(self._threads, doing)
@@ -342,8 +352,8 @@ class HttpInterface:
                 self._works.move_to_end(identifier)
                 if len(self._works) > MOST_KEYS:
                     self._works.popitem(last=False)
-            code, value = await asyncio.shield(work)  # a program that is gone does not take its command back
-        return _json(value, STATUS[code])
+            code, text = await asyncio.shield(work)  # a program that is gone does not take its command back
+        return _answer(text, STATUS[code])
 
     def _identifier(self, request: web.Request, robot: str, wanted: str) -> str:
         """Return the identifier of a command by the key of its request, '' without one."""
@@ -469,8 +479,18 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
+def _performed(*arguments: Any) -> tuple[ExitCode, str]:
+    """Return the result of :func:`perform` as text, which takes long if it is large."""
+    code, value = perform(*arguments)
+    return code, encode_json(value)
+
+
 def _json(value: Any, status: HTTPStatus = HTTPStatus.OK) -> web.Response:
-    return web.Response(text=encode_json(value), status=status, content_type='application/json')
+    return _answer(encode_json(value), status)
+
+
+def _answer(text: str, status: HTTPStatus) -> web.Response:
+    return web.Response(text=text, status=status, content_type='application/json')
 
 
 def _problem(status: HTTPStatus, text: str) -> web.Response:

@@ -33,6 +33,7 @@ from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_console.mirror.records import CommandKind, CommandResult, ExecutiveSnapshot, OperatorCommand, ResultCode
 from flexbt_console.mirror.view import View
+from flexbt_console.present.json_form import encode_json
 from flexbt_console.ui import http_interface
 from flexbt_console.ui.http_interface import (
     BODY_BYTES,
@@ -186,6 +187,34 @@ def test_an_operator_is_present_while_he_reads_the_events() -> None:
             return list(robots.present)
 
     assert asyncio.run(asyncio.wait_for(read(), DEADLINE)) == [('/robot', 'ann')]
+
+
+def test_a_stop_waits_for_no_answer_that_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, begun, go_on, write = ProgramRobot(), threading.Semaphore(0), threading.Event(), encode_json
+
+    def slow(value: Any) -> str:
+        if 'stop' not in str(value):
+            begun.release()
+            assert go_on.wait(DEADLINE)
+        return write(value)
+
+    async def ask() -> None:
+        robots = WebRobots({'/robot': robot.station()})
+        interface = HttpInterface(robots, robots.station, Access(), lambda user: 'ann')
+        async with TestClient(TestServer(interface.application())) as client:
+            path = '/robots/robot'
+            reads = client.get('/robots'), client.get(path), client.post(f'{path}/commands/log')
+            long = [asyncio.create_task(one) for one in reads]
+            try:
+                for _ in long:
+                    assert await asyncio.to_thread(begun.acquire, timeout=DEADLINE)
+                assert (await client.post(f'{path}/commands/stop')).status == 200
+            finally:
+                go_on.set()
+            assert [(await one).status for one in long] == [200] * 3
+
+    monkeypatch.setattr(http_interface, 'encode_json', slow)
+    asyncio.run(asyncio.wait_for(ask(), DEADLINE))
 
 
 def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, executives: Any) -> None:
