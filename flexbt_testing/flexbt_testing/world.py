@@ -6,6 +6,7 @@ The tutorial "Test your mission" shows how to use it.
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 from .one_process import install
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from .one_process.programs import Program as Program
     from .one_process.world import World as World
 
+os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')  # a field of a wrong type is an error, as where it is sent
 install()
 pytest_plugins = ['flexbt_testing.one_process.plugin']
 

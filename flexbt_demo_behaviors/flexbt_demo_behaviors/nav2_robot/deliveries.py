@@ -67,7 +67,7 @@ class Deliveries:
     def _drive(self, task: str, is_accepted: bool) -> TaskResult:
         """Wait for the end of a task and print its result."""
         navigator = self._navigator
-        while is_accepted and not navigator.isTaskComplete():
+        while is_accepted and rclpy.ok() and not navigator.isTaskComplete():
             pass  # your own program would read navigator.getFeedback() here
         result: TaskResult = navigator.getResult() if is_accepted else TaskResult.FAILED
         print(f'{task}: {result.name}', flush=True)

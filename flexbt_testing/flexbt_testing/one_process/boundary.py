@@ -17,6 +17,7 @@ from .scheduler import SCHEDULER, Process
 _PROGRAM: Final = (
     "start it by world.launch('package/executable') if it is a ROS program in Python, else call a function"
 )
+_SIGNAL: Final = 'world.kill or world.terminate in the test, or sys.exit() for the end of the own process'
 INSTEAD: Final = {
     'socket.connect': 'a topic or service of a node that the test makes, or a function that the test replaces',
     'subprocess.Popen': _PROGRAM,
@@ -24,6 +25,10 @@ INSTEAD: Final = {
     'os.posix_spawn': _PROGRAM,
     'os.exec': _PROGRAM,
     'os.fork': _PROGRAM,
+    'os.forkpty': _PROGRAM,
+    'os.spawn': _PROGRAM,
+    'os.kill': _SIGNAL,
+    'os.killpg': _SIGNAL,
 }
 _WRITES: Final = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 

@@ -17,6 +17,7 @@ import signal
 import socket
 import weakref
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, NoReturn, cast
 
 from .boundary import BOUNDARY, INSTEAD
@@ -194,6 +195,8 @@ class EventLoop(asyncio.BaseEventLoop):
         super().__init__()
         self._clock_resolution = 1e-9
         self._selector = _Selector()
+        self._handled: set[int] = set()
+        """The signals that have a handler."""
         self._connecting: weakref.WeakKeyDictionary[socket.socket, Any] = weakref.WeakKeyDictionary()
         self.set_task_factory(lambda loop, coroutine, **options: _Task(coroutine, loop=loop, **options))
 
@@ -206,6 +209,15 @@ class EventLoop(asyncio.BaseEventLoop):
     def add_signal_handler(self, sig: int, callback: Callable[..., object], *args: Any) -> None:  # type: ignore[override]
         """Call the function when the process gets the signal."""
         _set_handler(sig, lambda *_: self.call_soon_threadsafe(callback, *args))
+        self._handled.add(sig)
+
+    def remove_signal_handler(self, sig: int) -> bool:
+        """Let the signal do again what it does without a handler. Return False if there was none."""
+        is_handled = sig in self._handled
+        if is_handled:
+            self._handled.remove(sig)
+            _set_handler(sig, signal.SIG_DFL)
+        return is_handled
 
     async def getaddrinfo(self, host: Any, port: Any, **_: Any) -> list[Any]:
         """Any name is that of an address of the world."""
@@ -290,7 +302,8 @@ def _set_handler(signalnum: int, handler: Any) -> Any:
     if process is SCHEDULER.main.process:
         return _real_signal(signalnum, handler)
     if signalnum == signal.SIGTERM:
-        process.signal = (lambda: handler(signalnum, None)) if callable(handler) else None
+        handle = handler if callable(handler) else lambda *_: None  # SIG_IGN
+        process.signal = None if handler == signal.SIG_DFL else partial(handle, signalnum, None)
     return signal.SIG_DFL
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
 
 from .disk import DISK
-from .scheduler import SCHEDULER, USES_THREADS
+from .scheduler import SCHEDULER, USES_THREADS, Alarm
 
 
 class ForkError(Exception):
@@ -76,8 +76,9 @@ class Leaf:
 
 @dataclass
 class Branch:
-    """A fork that is planned: the side of this process once it is done, and the number of events until then."""
+    """A fork that is planned: its alarm, the side of this process once it is done, and how many events there were."""
 
+    alarm: Alarm
     side: Fork | Leaf | None = None
     first: int = 0
 

@@ -6,13 +6,15 @@ from __future__ import annotations
 import signal
 import subprocess
 from collections.abc import Callable, Sequence
+from concurrent.futures.thread import _threads_queues
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexbt_testing.system import fork_server, processes
 from flexbt_testing.system.hold_up import hold_up
 
-from .product import end
+from .product import end, terminate
 from .scheduler import SCHEDULER, Process
 
 if TYPE_CHECKING:
@@ -37,10 +39,24 @@ def launch(program: Program, arguments: Sequence[str], on_error: Callable[[BaseE
             on_error(error)
             raise
         finally:
+            _join_threads(process)
             end(process, code if isinstance(code, int) else int(code is not None))
 
     SCHEDULER.spawn(body, 'MainThread', process)
     return process
+
+
+def _join_threads(process: Process) -> None:
+    """Wait for the threads that are no daemons, as the end of an interpreter does."""
+    while threads := [
+        task.thread
+        for task in SCHEDULER.tasks
+        if task.process is process and task is not SCHEDULER.current and task.thread and not task.thread.daemon
+    ]:
+        pool = threads[0]._args[0]() if threads[0] in _threads_queues else None
+        if pool is not None:
+            pool.shutdown(wait=False)
+        threads[0].join()
 
 
 class StartedProcess:
@@ -90,7 +106,7 @@ class StartedProcess:
             signal.SIGKILL: self.kill,
         }
         if self._process.is_alive:
-            act.get(number, self._process.signal or self.kill)()
+            act.get(number, partial(terminate, self._process))()
 
     def hold_up(self, _fifo: object, method: str, seconds: float) -> None:
         """Make the next call of a method in this process take this much longer."""

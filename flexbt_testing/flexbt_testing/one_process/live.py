@@ -20,7 +20,7 @@ from .world import World  # isort: skip - it prepares this interpreter
 from flexbt_testing.nodes import world_bridge
 from flexbt_testing.nodes.world_bridge import OF_OPERATOR, OF_ROBOT, BridgeEnd
 
-from .scheduler import BOOT, SCHEDULER, SECOND
+from .scheduler import BOOT, SCHEDULER, SECOND, Alarm
 
 _LOOK_SECONDS: Final = 0.05
 _real_time: Final = partial(time.clock_gettime_ns, time.CLOCK_MONOTONIC)  # which no world replaces
@@ -48,14 +48,13 @@ class RealTime:
         return False
 
 
-def take_over_at(text: str) -> list[str]:
-    """End the script of the world by :class:`TakenOver` at a time, and return the arguments of the console.
+def take_over_at(text: str) -> tuple[Alarm, list[str]]:
+    """End the script of the world by :class:`TakenOver` at a time. Return its alarm and the arguments of the console.
 
     ``text`` is both, such as ``12.5 prompt``. Raises ValueError if the first word is no number.
     """
     seconds, *words = shlex.split(text) or ['']
-    SCHEDULER.call_at(BOOT + int(float(seconds) * SECOND), lambda: SCHEDULER.throw(TakenOver()))
-    return words
+    return SCHEDULER.call_at(BOOT + int(float(seconds) * SECOND), lambda: SCHEDULER.throw(TakenOver())), words
 
 
 def take_over(world: World, console: Sequence[str] = ()) -> None:

@@ -170,7 +170,7 @@ def _is_uneven(job: Job) -> bool:
 def play_live(plan: Plan, text: str) -> int:
     """Run a plan until an operator takes over (see :mod:`.live`). Its faults go on, its operators do not."""
     stage = Stage(plan.world, plan.motion)
-    words, seconds = take_over_at(text), float(text.split()[0]) - stage.world.now
+    (_, words), seconds = take_over_at(text), float(text.split()[0]) - stage.world.now
     steps = tuple(one for one in plan.steps if one.time < seconds or one.target not in stage.operators)
     run = Run(stage, Job(replace(plan, steps=steps)))
     try:

@@ -6,6 +6,7 @@ Processes of one host reach each other at once. What is reliable is sent again u
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -33,6 +34,13 @@ class Link:
     loss: float = 0.0
     rate: float = 0.0
 
+    def __setattr__(self, name: str, value: float) -> None:
+        if name == 'loss' and not 0.0 <= value < 1.0:
+            raise ValueError(f'loss {value:g}: expected a probability from 0 to below 1; cut() lets nothing pass')
+        if not 0.0 <= value < math.inf:
+            raise ValueError(f'{name} {value:g}: expected a number from 0')
+        super().__setattr__(name, value)
+
 
 class Network:
     """The hosts of a world and the links between them; a value for ``DOMAIN.network``.
@@ -45,6 +53,7 @@ class Network:
         self.hosts: dict[str, str] = {}
         self._links: dict[frozenset[str], Link] = {}
         self._cut_until: dict[frozenset[str], int] = {}
+        self._alone_until: dict[str, int] = {}
         self._passed: dict[tuple[str, str], int] = {}
 
     def host(self, process: Process) -> str:
@@ -62,10 +71,14 @@ class Network:
         ends = frozenset((one, other))
         self._cut_until[ends] = max(SCHEDULER.after(seconds), self._cut_until.get(ends, 0))
 
+    def cut_off(self, name: str, seconds: float) -> None:
+        """Let nothing pass between the processes of a name and others, except the test, for this time, s."""
+        self._alone_until[name] = max(SCHEDULER.after(seconds), self._alone_until.get(name, 0))
+
     @property
     def is_cut(self) -> bool:
-        """True if a link is cut."""
-        return any(until > SCHEDULER.now for until in self._cut_until.values())
+        """True if a link, or a process, is cut off."""
+        return any(until > SCHEDULER.now for until in (*self._cut_until.values(), *self._alone_until.values()))
 
     @property
     def is_good(self) -> bool:
@@ -78,10 +91,13 @@ class Network:
         ends = frozenset((one, other))
         link = self._links.get(ends)
         delay = 0
-        if ends in self._cut_until and self._cut_until[ends] > SCHEDULER.now:
+        until = self._cut_until.get(ends, 0)
+        if self._alone_until and one and other:
+            until = max(until, *(self._alone_until.get(process.name, 0) for process in (source, target)))
+        if until > SCHEDULER.now:
             if not is_reliable:
                 return None
-            delay = self._cut_until[ends] - SCHEDULER.now + SCHEDULER.random.randrange(_REUNION)
+            delay = until - SCHEDULER.now + SCHEDULER.random.randrange(_REUNION)
         if link is None:
             return delay
         while link.loss and SCHEDULER.random.random() < link.loss:

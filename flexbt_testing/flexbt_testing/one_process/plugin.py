@@ -70,6 +70,9 @@ def pytest_configure(config: pytest.Config) -> None:
     """Describe the marks."""
     if getattr(config.option, 'numprocesses', None):
         raise pytest.UsageError('tests in a world do not run with -n, which needs real threads; start several pytest')
+    seed = os.environ.get('FLEXBT_SEED')
+    if seed and not seed.lstrip('-').isdecimal():
+        raise pytest.UsageError(f'FLEXBT_SEED={seed}: expected a whole number')
     for mark in (
         "world(name='', motion='full', **options): what the fixture `world` has: a demonstration, a world file or a "
         'function of programs; `motion` is full or abstract',
@@ -91,8 +94,18 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if found and found[-1].func.__module__ == __name__:  # and not a fixture of that name of the test's own
         mark = metafunc.definition.get_closest_marker('seeds')
         given = os.environ.get('FLEXBT_SEED')
-        seeds = [int(given)] if given else range(mark.args[0] if mark else 1)
+        seeds = [int(given)] if given else range(_count_seeds(*mark.args, **mark.kwargs) if mark else 1)
         metafunc.parametrize('world', seeds, indirect=True)
+
+
+def _count_seeds(count: Any = None) -> int:
+    if not isinstance(count, int) or count < 1:
+        pytest.fail(f'the mark seeds({"" if count is None else repr(count)}) needs a number of seeds from 1', False)
+    return count
+
+
+def _read_mark(name: str = '', motion: str = 'full', **options: Any) -> tuple[str, dict[str, Any]]:
+    return name, {'motion': motion, **options}
 
 
 @pytest.fixture
@@ -103,9 +116,9 @@ def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
     mark = request.node.get_closest_marker('world')
     scratch = tmp_path_factory.mktemp('world')
-    name = mark.args[0] if mark and mark.args else ''
-    programs = named_programs(name, request.path.parent, scratch, **(mark.kwargs if mark else {}))
-    made = World(request.param, programs, writable=[tmp_path_factory.getbasetemp()])
+    name, options = _read_mark(*mark.args, **mark.kwargs) if mark else _read_mark()
+    programs = named_programs(name, request.path.parent, scratch, **options)
+    made = World(getattr(request, 'param', 0), programs, writable=[tmp_path_factory.getbasetemp()])
     SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
     request.node.stash[_WORLD] = made
     with made:
@@ -114,7 +127,7 @@ def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Limit the simulated and the processor time of a test."""
+    """Limit the simulated and the processor time of a test, which Ctrl-C ends, whatever task runs."""
     switches = -1
 
     def end(*_: object) -> None:
@@ -123,11 +136,20 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
             switches = SCHEDULER.switches
             return
         faulthandler.dump_traceback(all_threads=False)
-        raise TooLongError(
+        error = TooLongError(
             f'{SCHEDULER.current} computes for {_PROCESSOR_SECONDS:g} s at {(SCHEDULER.now - BOOT) / SECOND:.3f} s'
         )
+        if SCHEDULER.current is not SCHEDULER.main:
+            SCHEDULER.throw(error)
+        raise error
+
+    def interrupt(*_: object) -> None:
+        if SCHEDULER.current is SCHEDULER.main or SCHEDULER.main.error is not None:
+            raise KeyboardInterrupt
+        SCHEDULER.throw(KeyboardInterrupt())
 
     before = signal.signal(signal.SIGPROF, end)
+    before_interrupt = signal.signal(signal.SIGINT, interrupt)
     signal.setitimer(signal.ITIMER_PROF, _PROCESSOR_SECONDS, _PROCESSOR_SECONDS)
     SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
     try:
@@ -135,6 +157,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
+        signal.signal(signal.SIGINT, before_interrupt)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -161,6 +184,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, Any, Any]
         failed = error
         raise
     finally:
+        branch.alarm.cancel()
         course = made.course_since(branch.first, failed)
         if isinstance(branch.side, Leaf):
             branch.side.end(lambda: course)
@@ -174,7 +198,7 @@ def _live(item: pytest.Function, made: Any, text: str) -> Generator[None, Any, A
     from .live import TakenOver, take_over, take_over_at
 
     try:
-        words = take_over_at(text)
+        alarm, words = take_over_at(text)
     except ValueError as error:
         pytest.exit(f'--live {text!r}: {error}', returncode=pytest.ExitCode.USAGE_ERROR)
     try:
@@ -187,6 +211,8 @@ def _live(item: pytest.Function, made: Any, text: str) -> Generator[None, Any, A
         finally:
             capture.resume_global_capture()
         return True
+    finally:
+        alarm.cancel()
 
 
 @pytest.hookimpl(wrapper=True)

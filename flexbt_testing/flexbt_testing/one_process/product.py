@@ -264,7 +264,7 @@ def install() -> None:
     event_loop.install()
     disk.install()
     rclpy_module.install()
-    os._exit = partial(_leave, os._exit)
+    os._exit = partial(_leave, os._exit)  # type: ignore[assignment]
     os.setpriority = lambda *_: None  # of a process of the world, which shares that of the test
     os.environ.setdefault('OMP_NUM_THREADS', '1')  # sums of a thread pool are not reproducible
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -156,10 +156,22 @@ def named_programs(name: str, folder: Path, scratch: Path, motion: str = 'full',
                 f'there is no world {name!r}{did_you_mean(name, _DEMONSTRATIONS, ".")} Give a demonstration '
                 f'({", ".join(_DEMONSTRATIONS)}), a world file (.yaml), or module:function'
             )
-        make = getattr(importlib.import_module(module), attribute)
-        speed = {'speed': 1.0} if 'speed' in inspect.signature(make).parameters else {}  # the demonstrations have it
+        make = _function(name, module, attribute)
+        known = inspect.signature(make).parameters
+        for option in options.keys() - known.keys():
+            raise LookupError(f'the world {name!r} has no option {option!r}{did_you_mean(option, known)}')
+        speed = {'speed': 1.0} if 'speed' in known else {}  # the demonstrations have it
         made = [_program(one) for one in make(**speed, **options)]
     return list(_abstract(made)) if motion == 'abstract' else made
+
+
+def _function(world: str, module: str, name: str) -> Callable[..., Any]:
+    if importlib.util.find_spec(module.partition('.')[0]) is None:
+        raise LookupError(f'the world {world!r}: there is no module {module!r}; is its package installed, and sourced?')
+    functions = {key: one for key, one in vars(importlib.import_module(module)).items() if callable(one)}
+    if name not in functions:
+        raise LookupError(f'the world {world!r}: {module} has no function {name!r}{did_you_mean(name, functions)}')
+    return functions[name]
 
 
 def _program(one: Any) -> Program:

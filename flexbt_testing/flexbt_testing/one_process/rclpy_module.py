@@ -6,12 +6,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from types import ModuleType
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 from . import clocks, graph, services, topics
 from .graph import DOMAIN, MODULE, REAL, Context, Destroyable, type_name
-from .scheduler import BOOT, SCHEDULER, SECOND
+from .scheduler import BOOT, SCHEDULER, SECOND, Process
 
 IDENTIFIER: Final = 'one_process'
 """Name of the middleware of a world."""
@@ -187,11 +189,53 @@ def _resolve_name(node: Node, name: str, only_expand: bool, _is_service: bool) -
         raise graph.RCLError(f'failed to resolve name: {error}') from None
 
 
+class _Signals:
+    """What rclpy does in a process at SIGTERM: it shuts the contexts down, and wakes the executors."""
+
+    def __init__(self) -> None:
+        self._guards: WeakKeyDictionary[clocks.GuardCondition, Process] = WeakKeyDictionary()
+        self._before: WeakKeyDictionary[Process, Callable[[], object] | None] = WeakKeyDictionary()
+        """The handlers that rclpy has replaced."""
+
+    def install(self, options: Any = REAL.SignalHandlerOptions.ALL) -> None:
+        process = SCHEDULER.current.process
+        is_meant = options in (REAL.SignalHandlerOptions.ALL, REAL.SignalHandlerOptions.SIGTERM)
+        if is_meant and process is not SCHEDULER.main.process and process not in self._before:
+            self._before[process] = process.signal
+            process.signal = partial(self._end, process)
+
+    def uninstall(self) -> None:
+        process = SCHEDULER.current.process
+        if process in self._before:
+            process.signal = self._before.pop(process)
+
+    def current(self) -> Any:
+        is_installed = SCHEDULER.current.process in self._before
+        return REAL.SignalHandlerOptions.ALL if is_installed else REAL.SignalHandlerOptions.NO
+
+    def register(self, guard: clocks.GuardCondition) -> None:
+        self._guards[guard] = SCHEDULER.current.process
+
+    def unregister(self, guard: clocks.GuardCondition) -> None:
+        self._guards.pop(guard, None)
+
+    def _end(self, process: Process) -> None:
+        for context in process.contexts:
+            if context.ok():
+                context.shutdown()
+        for guard in [guard for guard, owner in self._guards.items() if owner is process]:
+            guard.trigger_guard_condition()
+        if before := self._before[process]:
+            before()
+
+
+_SIGNALS: Final = _Signals()
 _FUNCTIONS: Final[dict[str, Any]] = {
-    'install_signal_handlers': lambda _options=None: None,
-    'uninstall_signal_handlers': lambda: None,
-    'register_sigint_guard_condition': lambda _guard: None,
-    'unregister_sigint_guard_condition': lambda _guard: None,
+    'install_signal_handlers': _SIGNALS.install,
+    'uninstall_signal_handlers': _SIGNALS.uninstall,
+    'get_current_signal_handlers_options': _SIGNALS.current,
+    'register_sigint_guard_condition': _SIGNALS.register,
+    'unregister_sigint_guard_condition': _SIGNALS.unregister,
     'rclpy_assert_liveliness': lambda publisher: publisher.assert_liveliness(),
     'rclpy_get_rmw_implementation_identifier': lambda: IDENTIFIER,
     'rclpy_get_client_names_and_types_by_node': _of_node(lambda: DOMAIN.services, 'clients', 'service'),

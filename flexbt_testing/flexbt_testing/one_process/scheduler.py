@@ -261,8 +261,8 @@ class Scheduler:
         return task.answer
 
     def throw(self, error: BaseException) -> None:
-        """Raise an error in the first task, which is the test, where it waits or will wait next."""
-        self.main.error = error
+        """Raise an error, the first of several, in the first task: the test, where it waits or will wait next."""
+        self.main.error = self.main.error or error
         self.wake(self.main)
 
     def yield_turn(self) -> None:

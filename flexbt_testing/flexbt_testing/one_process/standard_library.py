@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``threading``, ``time``, ``queue``, ``uuid`` and ``os.urandom`` on the scheduler.
+"""``threading``, ``time``, ``datetime``, ``queue``, ``uuid`` and ``os.urandom`` on the scheduler.
 
 :func:`install` replaces attributes of these modules, so it has to run before the code that shall use them is imported:
 what was imported before by name, as pytest was, keeps the real ones. Conditions, events and the like are those of the
@@ -10,16 +10,20 @@ from __future__ import annotations
 
 import _thread
 import concurrent.futures.thread
+import ctypes
+import datetime
+import gc
 import importlib
 import os
 import queue
+import random
 import sys
 import threading
 import time
 import uuid
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from .scheduler import MOST_LOOKS, SCHEDULER, SECOND, Task
 
@@ -132,8 +136,10 @@ class Thread(threading.Thread):
             raise RuntimeError('cannot join current thread')
         if self.is_alive():
             task.joining.append(current)
-            SCHEDULER.block(f'the end of {task}', _until(timeout))
-            task.joining.remove(current)
+            try:
+                SCHEDULER.block(f'the end of {task}', _until(timeout))
+            finally:
+                task.joining.remove(current)
 
     def __repr__(self) -> str:
         return f'<{type(self).__name__}({self.name})>'
@@ -183,9 +189,19 @@ def _enumerate() -> list[Any]:
     return [task.thread for task in [SCHEDULER.main, *SCHEDULER.tasks] if task.thread is not None]
 
 
+_of_modules: Final = random.Random(0)
+
+
 def random_bytes(size: int) -> bytes:
-    """Stand-in for ``os.urandom``, from the seed."""
-    return SCHEDULER.random.getrandbits(8 * size).to_bytes(size, 'big') if size else b''
+    """Stand-in for ``os.urandom``, from the seed.
+
+    What a module draws as it is imported stays for all later worlds, so that it must not depend on this one.
+    """
+    frame: Any = sys._getframe()
+    while frame is not None and frame.f_code.co_filename != '<frozen importlib._bootstrap>':
+        frame = frame.f_back
+    drawn = SCHEDULER.random if frame is None else _of_modules
+    return drawn.getrandbits(8 * size).to_bytes(size, 'big') if size else b''
 
 
 def _uuid4() -> uuid.UUID:
@@ -206,6 +222,26 @@ def _look(clock: Callable[[], Any]) -> Callable[[], Any]:
         return clock()
 
     return read
+
+
+class _AtPresent:
+    """A function of ``time`` that means the present if it is given no time. As a builtin, it becomes no method."""
+
+    def __init__(self, real: Callable[..., Any], place: int, present: Callable[[], Any]) -> None:
+        self._real, self._place, self._present = real, place, present
+
+    def __call__(self, *given: Any) -> Any:
+        if len(given) == self._place or given[-1] is None:
+            given = (*given[: self._place], self._present())
+        return self._real(*given)
+
+
+def _set_dates() -> None:
+    """Let ``datetime.now`` ask ``time``, as ``date.today`` does. A compiled class keeps what setattr would set."""
+    methods = gc.get_referents(datetime.datetime.__dict__)[0]
+    methods['now'] = classmethod(lambda cls, tz=None: cls.fromtimestamp(time.time(), tz))
+    methods['utcnow'] = classmethod(lambda cls: cls.now(datetime.UTC).replace(tzinfo=None))
+    ctypes.pythonapi.PyType_Modified(ctypes.py_object(datetime.datetime))
 
 
 def install() -> None:
@@ -237,10 +273,16 @@ def install() -> None:
         **dict.fromkeys(('monotonic_ns', 'perf_counter_ns', 'process_time_ns'), steady_ns),
     }.items():
         setattr(time, name, value)
+    for name in ('localtime', 'gmtime', 'ctime'):
+        setattr(time, name, _AtPresent(getattr(time, name), 0, wall))
+    time.asctime = _AtPresent(time.asctime, 0, time.localtime)
+    time.strftime = _AtPresent(time.strftime, 1, time.localtime)
+    _set_dates()
     queue.SimpleQueue = queue._PySimpleQueue  # type: ignore[misc, attr-defined]
     queue.time = threading._time = time.monotonic  # type: ignore[attr-defined]  # imported by name
     concurrent.futures.thread._global_shutdown_lock = Lock()  # type: ignore[assignment]
     threading._register_atexit(_leave)  # type: ignore[attr-defined]
     os.urandom = random_bytes
+    random._urandom = random_bytes  # type: ignore[attr-defined]  # of secrets, and so of generators of numpy
     uuid.uuid4 = _uuid4
     sys._current_frames = SCHEDULER.frames

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import math
 import os
 import random
@@ -19,14 +20,15 @@ from unittest import mock
 
 from . import rclpy_globals
 from .graph import DOMAIN
-from .network import OPERATOR, ROBOT, Network
-from .product import end, install
-from .scheduler import BOOT, SCHEDULER, SECOND, Process, StuckWorldError
+from .network import OPERATOR, Network
+from .product import end, install, terminate
+from .scheduler import BOOT, SCHEDULER, SECOND, Alarm, Process, StuckWorldError
 
 install()
 rclpy_globals.install()
 
-import yaml  # noqa: E402 - in the world, as all that follows
+import numpy  # noqa: E402 - in the world, as all that follows
+import yaml  # noqa: E402
 from ament_index_python.packages import get_package_share_directory  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity  # noqa: E402
@@ -73,6 +75,19 @@ _NODES: Final = frozenset(('bt_server', 'stop_guard', 'navigation', 'simulation'
 """Programs that the executive waits for."""
 
 _STORY_LENGTH: Final = 40
+
+
+class Condition:
+    """A condition of the operator's view; ``what`` tells it in words, ``hint`` why it may never hold."""
+
+    def __init__(self, holds: Callable[[View], bool], what: str, hint: Callable[[], str]) -> None:
+        self._holds, self._what, self._hint = holds, what, hint
+
+    def __call__(self, view: View) -> bool:
+        return self._holds(view)
+
+    def __str__(self) -> str:
+        return self._what + self._hint()
 
 
 class TrackedRobot:
@@ -143,6 +158,7 @@ class Mission:
     @property
     def view(self) -> View:
         """What the operator sees."""
+        assert hasattr(self, 'mirror'), 'no program of this world is an onboard_executive, so it has no operator'
         return self.mirror.view()
 
     @property
@@ -156,9 +172,7 @@ class Mission:
         snapshot = self.view.snapshot
         return snapshot.outcome if snapshot is not None and not self.view.running else ''
 
-    def run_until(
-        self, condition: Callable[[View], object], within: float = ANSWER_SECONDS, what: str = 'the condition'
-    ) -> None:
+    def run_until(self, condition: Callable[[View], object], within: float = ANSWER_SECONDS, what: str = '') -> None:
         """Let the world go on until a condition of the operator's view holds; ``what`` says which in the message.
 
         Raises:
@@ -166,21 +180,31 @@ class Mission:
         """
         until = SCHEDULER.after(within)
         while not condition(self.view):
-            assert SCHEDULER.now < until, f'{what}: not within {within:g} s; {self._situation()}'
+            assert SCHEDULER.now < until, f'{what or _told(condition)}: not within {within:g} s; {self._situation()}'
             SCHEDULER.sleep(0.02)
 
-    def asks(self, state: str) -> Callable[[View], bool]:
+    def asks(self, state: str) -> Condition:
         """Return the condition that a state asks something that is not answered yet."""
-        return lambda view: any(self._is_open(one, state) and not view.lacks(one) for one in view.decisions)
 
-    def ended(self, outcome: str) -> Callable[[View], bool]:
+        def asks(view: View) -> bool:
+            return any(self._is_open(one, state) and not view.lacks(one) for one in view.decisions)
+
+        return Condition(asks, f'a question of {state}', lambda: self._hint(state))
+
+    def ended(self, outcome: str) -> Condition:
         """Return the condition that the run has ended with this outcome."""
 
         def has_ended(view: View) -> bool:
             snapshot = view.snapshot
             return snapshot is not None and snapshot.state is ExecutiveState.IDLE and snapshot.outcome == outcome
 
-        return has_ended
+        def hint() -> str:
+            states = self.view.structure.states if self.view.structure else ()
+            known = [name for one in states if one.path == '/' for name in one.outcomes]
+            is_known = outcome in known or not known
+            return '' if is_known else f' (the behavior has no such outcome{did_you_mean(outcome, known)})'
+
+        return Condition(has_ended, f'the end of the run by {outcome}', hint)
 
     def place(self, name: str) -> Pose:
         """Return the pose of a named place."""
@@ -218,32 +242,33 @@ class Mission:
         levels = {one.name.title(): one for one in AutonomyLevel}
         assert autonomy.title() in levels, f'there is no level {autonomy!r}; there are {", ".join(levels)}'
         self.tell(f'operator: starts {behavior!r} at autonomy {autonomy}')
+        before = self._run_id
         self._give(self._make.start(self.view, behavior, list(arguments.items()), levels[autonomy.title()]))
-        self.run_until(lambda view: view.running)
+        self.run_until(lambda view: view.running or self._run_id != before, what=f'the start of {behavior}')
 
     def answer(self, state: str, answer: str) -> None:
         """Answer the question of a state, once it asks: with a place, an outcome, or a value as text."""
-        decision = self._asked(state)
-        self.tell(f'operator: answers {state} with {answer}')
-        self._give(self._make.answer(self.view, decision.id, answer))
+        with self._asked(state) as decision:
+            self.tell(f'operator: answers {state} with {answer}')
+            self._give(self._make.answer(self.view, decision.id, answer))
 
     def decline(self, state: str) -> None:
         """Decline the question of a state, once it asks."""
-        decision = self._asked(state)
-        self.tell(f'operator: declines {state}')
-        self._give(self._make.decline(self.view, decision.id))
+        with self._asked(state) as decision:
+            self.tell(f'operator: declines {state}')
+            self._give(self._make.decline(self.view, decision.id))
 
     def choose(self, state: str, outcome: str) -> None:
         """Choose an outcome of a state that waits for it, or confirm or overrule its transition."""
-        decision = self._asked(state)
-        self.tell(f'operator: chooses {outcome} of {state}')
-        self._give(self._make.choose(self.view, decision, outcome))
+        with self._asked(state) as decision:
+            self.tell(f'operator: chooses {outcome} of {state}')
+            self._give(self._make.choose(self.view, decision, outcome))
 
     def confirm(self, state: str) -> None:
         """Confirm the outcome that a state suggests, once it asks."""
-        decision = self._asked(state)
-        self.tell(f'operator: confirms {decision.outcome} of {state}')
-        self._give(self._make.confirm(self.view, decision.id))
+        with self._asked(state) as decision:
+            self.tell(f'operator: confirms {decision.outcome} of {state}')
+            self._give(self._make.confirm(self.view, decision.id))
 
     def force(self, state: str, outcome: str) -> None:
         """Leave a state that has not asked, once it is active."""
@@ -280,11 +305,14 @@ class Mission:
     def _own(self) -> str:
         return f'/{self.namespace}' if self.namespace else ''
 
-    def _asked(self, state: str) -> Decision:
-        self.run_until(self.asks(state), what=f'a question of {state}{self._hint(state)}')
+    @contextmanager
+    def _asked(self, state: str) -> Iterator[Decision]:
+        """Wait for the question of a state, and yield it; it is answered unless an error is raised meanwhile."""
+        self.run_until(self.asks(state))
         decision = next(one for one in self.view.decisions if self._is_open(one, state))
-        self._answered.add((self._run_id, decision.id))
-        return decision
+        question = self._run_id, decision.id
+        yield decision
+        self._answered.add(question)
 
     def _is_open(self, decision: Decision, state: str) -> bool:
         return decision.path == state and self._waits(decision)
@@ -419,11 +447,22 @@ class World(Mission):
         operator: str = 'engineer',
         writable: Sequence[Path] = (),
     ) -> None:
-        """``writable`` are directories in which the programs may write files, besides that of the world."""
+        """``writable`` are directories in which the programs may write files, besides that of the world.
+
+        Raises:
+            RuntimeError: another world is open.
+        """
+        if World.current is not None:
+            raise RuntimeError(
+                f'the world of {World.current.opened_by} is open: leave its with block first; an interpreter has one '
+                'world at a time'
+            )
         SCHEDULER.reset(seed)
         DOMAIN.reset()
         DISK.begin()
         random.seed(seed)
+        numpy.random.seed(seed % 2**32)
+        self._alarms: list[Alarm] = []
         self.seed = seed
         self.story: list[str] = []
         """What has happened, a line each, for the report of a failed test."""
@@ -439,6 +478,7 @@ class World(Mission):
         self._writable = list(writable)
 
     def __enter__(self) -> World:
+        self.opened_by = os.environ.get('PYTEST_CURRENT_TEST', 'this interpreter').partition(' ')[0]
         self.outside = dict(os.environ)
         with ExitStack() as stack:
             made = tempfile.TemporaryDirectory(prefix='flexbt_world_', ignore_cleanup_errors=True)
@@ -464,6 +504,7 @@ class World(Mission):
                 for mission in self.robots.values():
                     mission.open(self._station, self.observer, self._operator)
             self._wait_ready()
+            stack.callback(self._cancel_alarms)
             self._at_end = stack.pop_all()
         return self
 
@@ -479,9 +520,14 @@ class World(Mission):
         """End all processes in order, those that are killed or stopped aside."""
         self._at_end.close()
 
+    def _cancel_alarms(self) -> None:
+        for alarm in self._alarms:
+            alarm.cancel()
+
     def _end_programs(self) -> None:
-        for name in self.processes:
-            self.terminate(name)
+        for process in self.processes.values():
+            if process.is_alive:
+                terminate(process)
         try:
             self.run(3.0)
         finally:
@@ -522,9 +568,12 @@ class World(Mission):
             except BaseException as error:
                 SCHEDULER.throw(error)
 
-        SCHEDULER.call_at(
-            BOOT + int(time * SECOND), lambda: SCHEDULER.spawn(body, f'at {time:g} s', SCHEDULER.main.process)
-        )
+        self._call_at(time, lambda: SCHEDULER.spawn(body, f'at {time:g} s', SCHEDULER.main.process))
+
+    def _call_at(self, time: float, fn: Callable[[], object]) -> Alarm:
+        """Call a function at a time of this world, s, unless the world has ended then."""
+        self._alarms.append(SCHEDULER.call_at(BOOT + int(time * SECOND), fn))
+        return self._alarms[-1]
 
     def run_while(self, condition: Callable[[], object], what: str) -> None:
         """Let the world go on while a condition holds. Raises AssertionError if it still does after a minute."""
@@ -585,14 +634,13 @@ class World(Mission):
 
     def branch_at(self, time: float, change: Callable[[World], object]) -> Branch:
         """Fork the program at a time, s, whatever it does then: only the child has the change."""
-        branch = Branch()
 
         def fork() -> None:
             branch.first, branch.side = len(self.events), fork_world(self._folder, self._directory)
             if isinstance(branch.side, Leaf):
                 self.at(time, lambda: change(self))
 
-        SCHEDULER.call_at(BOOT + int(time * SECOND), fork)
+        branch = Branch(self._call_at(time, fork))
         return branch
 
     def swap(self, name: str, file: Path | str) -> None:
@@ -625,17 +673,27 @@ class World(Mission):
     def launch(self, program: str | Callable[[], Any]) -> Process:
         """Start a program of the world, or a further one: ``package/executable``, or a function."""
         if callable(program):
-            made = Program('', program.__name__, main=program)
+            made = Program('', self._free_name(program), main=program)
         elif program in self.programs:
             made = self.programs[program]
         else:
             package, _, executable = program.partition('/')
+            known = did_you_mean(program, self.programs, f'; there are {", ".join(self.programs)}.')
+            assert executable, f'there is no program {program!r}{known} Give others as package/executable'
             made = Program(package, executable)
+        running = self.processes.get(made.name)
+        assert running is None or not running.is_alive, f'{made.name} runs already'
         told = lambda error: self.tell(f'{made.name}: {type(error).__name__}: {error}')  # noqa: E731
         process = launch(made, made.arguments(), told)
         self.programs.setdefault(made.name, made)
         self.processes[made.name] = process
         return process
+
+    def _free_name(self, function: Callable[[], Any]) -> str:
+        """Return the name of a function, with a number if a process of this name runs."""
+        name = str(getattr(getattr(function, 'func', function), '__name__', type(function).__name__))
+        names = (name if number == 1 else f'{name}_{number}' for number in itertools.count(1))
+        return next(one for one in names if one not in self.processes or not self.processes[one].is_alive)
 
     def kill(self, name: str) -> None:
         """End a process as SIGKILL does."""
@@ -652,13 +710,14 @@ class World(Mission):
 
     def terminate(self, name: str) -> None:
         """Send SIGTERM; no effect on a process that has ended."""
-        process = self.processes[name]
-        if process.is_alive and process.signal is not None:
-            process.signal()
+        process = self._known(name)
+        if process.is_alive:
+            self.tell(f'test: terminates {name}')
+            terminate(process)
 
     def restart(self, name: str) -> None:
         """Start a process that has ended again."""
-        assert not self.processes[name].is_alive, f'{name} runs; kill or terminate it first'
+        assert not self._known(name).is_alive, f'{name} runs; kill it, or terminate it and wait for its end, first'
         self.tell(f'test: starts {name} again')
         self.launch(name)
 
@@ -675,9 +734,13 @@ class World(Mission):
         self.tell(f'test: lets {name} continue')
         SCHEDULER.resume(self._alive(name))
 
+    def _known(self, name: str) -> Process:
+        remedy = did_you_mean(name, self.processes, f'; there are {", ".join(self.processes)}')
+        assert name in self.processes, f'there is no process {name!r}{remedy}'
+        return self.processes[name]
+
     def _alive(self, name: str) -> Process:
-        assert name in self.processes, f'there is no process {name!r}; there are {", ".join(self.processes)}'
-        process = self.processes[name]
+        process = self._known(name)
         assert process.is_alive, f'{name} has ended already, with exit code {process.exit_code}'
         return process
 
@@ -732,10 +795,15 @@ class World(Mission):
     def cut(self, name: str, seconds: float) -> None:
         """Cut the operator, or a process, off from the others: what is reliable arrives later, the rest is lost."""
         self.tell(f'test: cuts {name} off for {seconds:g} s')
-        if name != OPERATOR:
-            self.network.hosts[self._alive(name).name] = name
-            self.network.cut(seconds, name, OPERATOR)
-        self.network.cut(seconds, ROBOT, name)
+        if name == OPERATOR:
+            self.network.cut(seconds)
+        else:
+            self.network.cut_off(self._known(name).name, seconds)
+
+
+def _told(condition: object) -> str:
+    """Return a condition in words, if it has any."""
+    return str(condition) if isinstance(condition, Condition) else 'the condition'
 
 
 class _ToldEvents(EventStream):

@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import html
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -66,6 +67,28 @@ def test_waits_take_simulated_time_and_loops_run_side_by_side(bare: World) -> No
     for name, period in (('a1', 10), ('a2', 20), ('b1', 17), ('b2', 34)):
         assert times[name] == pytest.approx([period, 2 * period, 3 * period], abs=0.01)
     assert told == sorted(told, key=lambda one: one[1])
+
+
+def test_a_loop_has_the_signal_as_long_as_it_wants(bare: World) -> None:
+    told: list[Any] = []
+
+    async def listen() -> None:
+        loop, ended = asyncio.get_running_loop(), asyncio.Event()
+        loop.add_signal_handler(signal.SIGTERM, ended.set)
+        await ended.wait()
+        told.extend(loop.remove_signal_handler(signal.SIGTERM) for _ in range(2))
+        await asyncio.sleep(100.0)
+
+    def main() -> None:
+        asyncio.run(listen())
+
+    process = bare.launch(main)
+    for alive in (True, False):
+        bare.run(1.0)
+        bare.terminate('main')
+        bare.run(1.0)
+        assert process.is_alive == alive
+    assert (told, process.exit_code) == ([True, False], -signal.SIGTERM)
 
 
 def test_threads_and_nodes_reach_a_loop(bare: World) -> None:

@@ -192,6 +192,7 @@ def test_a_change_is_read_from_words(world: World) -> None:
         '10 beta.kill bt_server': "a robot has no method 'kill'",
         '10 cut operator': "missing a required argument: 'seconds'; expected SECONDS METHOD ARGUMENTS",
         '10': "a world has no method ''",
+        'nan stop': 'nan is no time',
         'x stop': "could not convert string to float: 'x'",
         '1 cut operator x': "could not convert string to float: 'x'",
         "1 'stop": 'No closing quotation',

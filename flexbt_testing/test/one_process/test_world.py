@@ -7,6 +7,7 @@ import gc
 import os
 import re
 import shlex
+import signal
 import socket
 import subprocess
 import sys
@@ -22,6 +23,7 @@ import rclpy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from flexbt_console.errors import ConsoleError
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.srv import SetFault
 from flexbt_testing.one_process.boundary import BOUNDARY, OutsideWorldError
@@ -126,6 +128,25 @@ def test_a_program_may_end_its_own_process(world: World) -> None:
 
 
 @pytest.mark.world(motion='abstract')
+def test_a_question_is_open_until_an_answer_is_accepted(world: World) -> None:
+    world.start('Navigate')
+    with pytest.raises(ConsoleError, match="'nowhere' is neither a place"):
+        world.answer('/AskGoal', 'nowhere')
+    with pytest.raises(ConsoleError, match="no outcome 'left'"):
+        world.choose('/AskGoal', 'left')
+    world.answer('/AskGoal', 'kitchen')
+    waits: dict[Callable[[Any], object], str] = {
+        world.asks('/AskGaol'): "a question of /AskGaol (there is no such state; did you mean '/AskGoal'?): not within",
+        world.ended('finnished'): "the end of the run by finnished (the behavior has no such outcome; did you mean '",
+        lambda _view: False: 'the condition: not within 1 s; the executive is RUNNING in /Drive',
+    }
+    for condition, problem in waits.items():
+        with pytest.raises(AssertionError) as told:
+            world.run_until(condition, within=1.0)
+        assert str(told.value).startswith(problem)
+
+
+@pytest.mark.world(motion='abstract')
 def test_what_happens_at_a_time_may_fail_the_test(world: World) -> None:
     world.at(world.now + 1.0, lambda: world.kill('nobody'))
     with pytest.raises(AssertionError, match="there is no process 'nobody'"):
@@ -141,7 +162,7 @@ def test_a_world_that_does_not_get_ready_leaves_nothing_behind() -> None:
     assert os.environ == before
     assert not world.home.exists()
     assert World.current is None
-    assert world.processes['onboard_executive'].exit_code == -9
+    assert world.processes['onboard_executive'].exit_code == -signal.SIGTERM
     subprocess.run(['true'], check=True)
 
 
@@ -173,7 +194,9 @@ def test_the_end_of_a_program_ends_what_it_had(bare: World) -> None:
         lock.acquire()
         rclpy.init()
         kept.append(rclpy.create_node('left'))
-        threading.Timer(5.0, kept.append, ['still there']).start()
+        later = threading.Timer(5.0, kept.append, ['still there'])
+        later.daemon = True
+        later.start()
 
     def names() -> list[str]:
         return bare.observer.node.get_node_names()
@@ -284,6 +307,7 @@ def test_programs_with_rclpy_have_each_their_default_context(world: World) -> No
 LEAVING: dict[str, Callable[[], object]] = {
     'socket.connect': lambda: socket.create_connection(('127.0.0.1', 9)),
     'subprocess.Popen': lambda: subprocess.run(['true'], check=True),
+    'os.kill': lambda: os.kill(os.getpid(), signal.SIGTERM),
     'opens': lambda: Path('/var/tmp/of_a_world').write_text('x'),  # noqa: S108
 }
 
@@ -352,12 +376,52 @@ def test_a_failed_test_says_what_the_robot_did_and_how_to_repeat_it(tmp_path: Pa
     [
         ('nightwatch', 'full', "there is no world 'nightwatch'; did you mean 'night_watch'? Give a demonstration ("),
         ('missing.yaml', 'full', 'missing.yaml: not a file name; expected package/relative/path'),
+        ('no_module:programs', 'full', "the world 'no_module:programs': there is no module 'no_module'"),
+        ('json:load', 'full', "the world 'json:load' has no option 'speed'"),
+        ('json:laods', 'full', "the world 'json:laods': json has no function 'laods'; did you mean 'loads'?"),
         ('', 'fast', "there is no motion 'fast'; choose 'full' or 'abstract'"),
     ],
 )
 def test_a_wrong_name_is_told(tmp_path: Path, name: str, motion: str, reason: str) -> None:
     with pytest.raises((LookupError, FlexbtError), match=re.escape(reason)):
-        named_programs(name, tmp_path, tmp_path, motion)
+        named_programs(name, tmp_path, tmp_path, motion, **({'speed': 2.0} if name == 'json:load' else {}))
+
+
+MARKS = """
+import os
+import signal
+import pytest
+from std_msgs.msg import String
+
+@pytest.mark.seeds(count=2)
+@pytest.mark.world(name='nav2_robot', motion='abstract')
+def test_by_names(world):
+    assert 'abstract_robot' in world.processes
+
+@pytest.mark.world('nav2_robot', 'abstract')
+def test_by_place(world):
+    assert 'abstract_robot' in world.processes
+    with pytest.raises(AssertionError, match='must be of type'):
+        String().data = 5
+
+@pytest.mark.world(motion='abstract')
+def test_that_is_interrupted(world):
+    world.at(world.now + 1.0, lambda: os.kill(os.getpid(), signal.SIGINT))
+    world.run(100.0)
+    print('was not interrupted')
+"""
+
+
+def test_marks_fields_and_interrupts(tmp_path: Path) -> None:
+    (tmp_path / 'test_marks.py').write_text(MARKS)
+    (tmp_path / 'test_seeds.py').write_text('import pytest\n@pytest.mark.seeds(0)\ndef test_it(world):\n    pass\n')
+    words = [sys.executable, '-m', 'pytest', '-s', '-p', 'flexbt_testing.world', '--continue-on-collection-errors', '.']
+    environment = {name: value for name, value in os.environ.items() if name != 'ROS_PYTHON_CHECK_FIELDS'}
+    ran = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
+    assert 'the mark seeds(0) needs a number of seeds from 1' in ran.stdout
+    assert re.search(r'^=+ 3 passed, (\d+ warnings, )?1 error', ran.stdout, re.MULTILINE), ran.stdout + ran.stderr
+    assert 'KeyboardInterrupt' in ran.stdout
+    assert 'was not interrupted' not in ran.stdout
 
 
 def test_a_world_collects_its_garbage_at_times_of_its_own(bare: World) -> None:

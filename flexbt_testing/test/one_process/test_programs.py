@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Programs of users in a world: how they start and end, their signals, threads, time, random numbers and network."""
+
+from __future__ import annotations
+
+import datetime
+import importlib
+import logging
+import os
+import random
+import secrets
+import signal
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy
+import pytest
+import rclpy
+from rclpy.executors import ExternalShutdownException
+
+from flexbt_testing.one_process.network import Link
+from flexbt_testing.one_process.programs import Program
+from flexbt_testing.one_process.scheduler import SCHEDULER
+from flexbt_testing.one_process.world import World
+
+
+def bare_world(seed: int = 0) -> World:
+    return World(seed, [Program('', 'idle', main=lambda: time.sleep(1e6))])
+
+
+@pytest.fixture
+def bare() -> Iterator[World]:
+    """Yield a world without a robot."""
+    with bare_world() as made:
+        yield made
+
+
+# Signals
+
+
+def spin(told: list[str]) -> None:
+    rclpy.init()
+    try:
+        rclpy.spin(rclpy.create_node('spinning'))
+    except ExternalShutdownException:
+        told.append('shut down')
+
+
+def spin_after_a_handler_of_its_own(told: list[str]) -> None:
+    signal.signal(signal.SIGTERM, lambda *_: told.append('handled'))
+    spin(told)
+
+
+def handle_after_rclpy(told: list[str]) -> None:
+    rclpy.init()
+    signal.signal(signal.SIGTERM, lambda *_: told.append('handled'))
+    time.sleep(5.0)
+
+
+def ignore(told: list[str]) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    time.sleep(5.0)
+    told.append('slept')
+
+
+def sleep(_told: list[str]) -> None:
+    time.sleep(5.0)
+
+
+@pytest.mark.parametrize(
+    ('program', 'told', 'code'),
+    [
+        (spin, ['shut down'], 0),
+        (spin_after_a_handler_of_its_own, ['handled', 'shut down'], 0),
+        (handle_after_rclpy, ['handled'], 0),
+        (ignore, ['slept'], 0),
+        (sleep, [], -signal.SIGTERM),
+    ],
+)
+def test_sigterm_does_what_it_does_on_a_computer(
+    bare: World, program: Callable[[list[str]], None], told: list[str], code: int
+) -> None:
+    heard: list[str] = []
+    process = bare.launch(partial(program, heard))
+    bare.run(1.0)
+    bare.terminate(program.__name__)
+    bare.run_while(lambda: process.is_alive, 'the program')
+    assert sorted(heard) == told
+    assert process.exit_code == code
+
+
+def test_sigterm_reaches_a_stopped_process_when_it_goes_on(bare: World) -> None:
+    process = bare.launch(partial(sleep, []))
+    bare.hold_up('sleep')
+    bare.terminate('sleep')
+    bare.run(10.0)
+    assert process.is_alive
+    bare.resume('sleep')
+    bare.run(1.0)
+    assert process.exit_code == -signal.SIGTERM
+
+
+# Starts and ends
+
+
+def test_the_end_of_a_program_waits_for_its_threads(bare: World) -> None:
+    told: list[str] = []
+
+    def write(text: str) -> None:
+        time.sleep(2.0)
+        told.append(text)
+
+    def leave() -> None:
+        threading.Thread(target=write, args=['thread']).start()
+        threading.Thread(target=write, args=['daemon'], daemon=True).start()
+        pool = ThreadPoolExecutor(2)
+        pool.submit(write, 'pool').result()
+        threading.Timer(1.0, write, ['timer']).start()
+
+    process = bare.launch(leave)
+    bare.run(3.0)
+    assert process.is_alive
+    bare.run(10.0)
+    assert (sorted(told), process.exit_code) == (['daemon', 'pool', 'thread', 'timer'], 0)
+
+
+def test_os_exit_ends_its_process_only(bare: World) -> None:
+    def leave() -> None:
+        threading.Thread(target=lambda: os._exit(3)).start()
+        time.sleep(1e6)
+
+    process = bare.launch(leave)
+    bare.run(1.0)
+    assert (process.is_alive, process.exit_code) == (False, 3)
+
+
+def test_functions_of_one_name_run_side_by_side(bare: World) -> None:
+    told: list[int] = []
+
+    def write(number: int) -> None:
+        time.sleep(1.0)
+        told.append(number)
+
+    processes = [bare.launch(partial(write, number)) for number in range(3)]
+    bare.kill('write_2')
+    bare.run(2.0)
+    assert told == [0, 2]
+    assert [process.name for process in processes] == ['write', 'write_2', 'write_3']
+
+
+def test_what_does_not_fit_the_moment_is_told(bare: World) -> None:
+    bare.terminate('idle')
+    wrong: dict[Callable[[], Any], str] = {
+        lambda: bare.kill('idel'): "there is no process 'idel'; did you mean 'idle'?",
+        lambda: bare.terminate('idel'): "there is no process 'idel'; did you mean 'idle'?",
+        lambda: bare.restart('idel'): "there is no process 'idel'; did you mean 'idle'?",
+        lambda: bare.cut('idel', 1.0): "there is no process 'idel'; did you mean 'idle'?",
+        lambda: bare.launch('idel'): "there is no program 'idel'; did you mean 'idle'? Give others as",
+        lambda: bare.launch('idle'): 'idle runs already',
+        lambda: bare.restart('idle'): 'idle runs; kill it, or terminate it and wait for its end, first',
+        lambda: bare.start('Navigate'): 'no program of this world is an onboard_executive',
+    }
+    for call, problem in wrong.items():
+        with pytest.raises(AssertionError) as told:
+            call()
+        assert str(told.value).startswith(problem)
+
+
+def test_there_is_one_world_at_a_time(bare: World) -> None:
+    with pytest.raises(RuntimeError, match=r'the world of \S+test_there_is_one_world_at_a_time is open'):
+        World()
+    bare.run(1.0)
+    assert bare.processes['idle'].is_alive
+
+
+def test_what_was_planned_for_after_the_end_does_not_happen() -> None:
+    told: list[str] = []
+    with bare_world() as world:
+        world.at(world.now + 1.0, lambda: told.append('at'))
+        branch = world.branch_at(world.now + 1.0, lambda _world: None)
+    time.sleep(2.0)
+    assert (told, branch.side) == ([], None)
+
+
+def test_the_first_of_several_errors_is_told(bare: World) -> None:
+    bare.at(bare.now + 1.0, lambda: bare.kill('first'))
+    bare.at(bare.now + 1.0, lambda: bare.kill('second'))
+    with pytest.raises(AssertionError, match='first'):
+        bare.run(5.0)
+    bare.run(5.0)
+
+
+# Time and random numbers
+
+
+def test_the_seed_decides_all_random_numbers_and_dates() -> None:
+    def draw(found: list[Any]) -> None:
+        zone = datetime.UTC
+        found += [random.random(), secrets.token_hex(), os.urandom(4), numpy.random.rand()]
+        found += [numpy.random.default_rng().random(), datetime.datetime.now(), datetime.datetime.now(zone)]
+        found += [datetime.datetime.utcnow(), datetime.date.today(), time.ctime(), time.strftime('%X'), time.gmtime()]
+
+    def drawn(seed: int) -> list[Any]:
+        found: list[Any] = []
+        with bare_world(seed) as world:
+            world.launch(partial(draw, found))
+            world.run(1.0)
+        return found
+
+    first = drawn(3)
+    assert len(first) == 12
+    assert drawn(3) == first
+    assert drawn(4)[:5] != first[:5]
+
+
+def test_what_a_module_draws_as_it_is_imported_leaves_the_seed_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'module_that_draws.py').write_text('import uuid\nNUMBER = uuid.uuid4()\n')
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def drawn() -> list[uuid.UUID]:
+        found: list[uuid.UUID] = []
+
+        def draw() -> None:
+            importlib.import_module('module_that_draws')
+            found.append(uuid.uuid4())
+
+        with bare_world(3) as world:
+            world.launch(draw)
+            world.run(1.0)
+        return found
+
+    first = drawn()
+    assert first and drawn() == first
+
+
+def test_a_date_goes_on_with_the_clock_of_the_world(bare: World) -> None:
+    before = datetime.datetime.now(datetime.UTC)
+    bare.run(3600.0)
+    assert round((datetime.datetime.now(datetime.UTC) - before).total_seconds()) == 3600
+    assert time.localtime(0.0) == time.localtime(0)
+    assert time.strftime('%Y', time.gmtime(0)) == '1970'
+
+    class InUtc(logging.Formatter):
+        converter = time.gmtime  # type: ignore[assignment]
+
+    record = logging.makeLogRecord({'created': 0.0})
+    assert InUtc().formatTime(record, '%H') == '00'
+
+
+# The network
+
+
+def test_a_loss_is_a_probability() -> None:
+    link = Link(loss=0.9)
+    for name, value in (('loss', 1.0), ('loss', -0.1), ('delay', -1.0), ('rate', float('inf'))):
+        with pytest.raises(ValueError, match=name):
+            setattr(link, name, value)
+    assert link == Link(loss=0.9)
+
+
+def test_processes_that_are_cut_off_reach_nobody_and_keep_their_links(bare: World) -> None:
+    one, other, operator = (SCHEDULER.process(name) for name in ('one', 'other', 'operator'))
+    network = bare.network
+    network.link().rate = 1.0
+    network.cut_off('one', 5.0)
+    network.cut_off('other', 5.0)
+    assert network.is_cut
+    for source, target in ((one, other), (other, one), (one, operator), (operator, other)):
+        assert network(source, target, False) is None
+        assert (network(source, target, True) or 0) >= 5e9
+    assert network(SCHEDULER.main.process, one, False) == 0, 'the test looks into it'
+    bare.run(6.0)
+    assert network(one, other, False) == 0
+    network(one, operator, False)
+    assert (network(one, operator, False) or 0) > 0, 'the rate of the link'
