@@ -54,7 +54,7 @@ class Result:
     """The result for a property: its value is between ``low`` and ``high``.
 
     ``how``: the method and its accuracy, in words. ``is_complete``: no limit cut the check short. ``way``: the shortest
-    way found to a failure, in words. ``has_failed``: a failure was found.
+    way found to a failure, in words. ``has_failed``: a failure was found that counts, with some probability.
     """
 
     asked: ModelProperty
@@ -74,7 +74,8 @@ class Result:
     def holds(self) -> bool | None:
         """True if the value meets the demand, False if not, None if undecided."""
         if self.is_exact:
-            return self.asked.holds(self.value)
+            is_missed = self.has_failed and self.asked.demand is None  # however rarely
+            return self.asked.holds(self.value) and not is_missed
         if self.asked.demand is None:
             # One failure is proof. The absence of failures is known only within the requested error.
             return False if self.has_failed else True if self.value == 1.0 and self.is_complete else None
@@ -161,7 +162,8 @@ def _exact(path: ModelPath, found: Flow | _Explorer, values: tuple[float, float]
     notes = (found.stuck,) if found.stuck else ()
     seconds = time.process_time() - begin
     whole = found.is_complete
-    return Result(asked, value, low, high, how, whole, whole, found.size, seconds, way, notes, found.has_failed)
+    has_failed = found.has_failed and (path.order is not Order.ANY or asked.is_for_all)
+    return Result(asked, value, low, high, how, whole, whole, found.size, seconds, way, notes, has_failed)
 
 
 class _Explorer:
@@ -270,19 +272,24 @@ class _Explorer:
         return self._fails is not None
 
     def result(self, begin: float) -> Result:
-        how = f'exact: {self.size} states, automata {_ORDERS[self._path.order]}'
-        return _exact(self._path, self, self._values([*self.graph, self._start], self._path.asked.is_least), how, begin)
+        values = self._values([*self.graph, self._start], self._path.asked.is_least)
+        return _exact(
+            self._path, self, values, f'exact: {self.size} states, automata {_ORDERS[self._path.order]}', begin
+        )
 
     def _values(self, graph: list[GraphChoices], is_least: bool) -> tuple[float, float]:
-        """Return the least and greatest possible value of the start; they are equal if the graph is complete."""
-        low = reach(graph, is_least)[-1]
-        if self.is_complete:
-            return low, low
+        """Return the least and greatest possible value of the start; they are equal if the graph is complete and not
+        too large to be solved."""
+        values, is_solved = reach(graph, is_least)
+        if self.is_complete and is_solved:
+            return values[-1], values[-1]
+        self.is_complete = False
         opened = [*graph]
         for number in range(2, len(graph)):
             if not graph[number]:
                 opened[number] = [[(1.0, GOOD)]]
-        return low, reach(opened, is_least)[-1]
+        others, is_solved = reach(opened, is_least)
+        return values[-1], others[-1] if is_solved else 1.0
 
     def way(self) -> tuple[str, ...]:
         """Return the way to the failure in words: the choices, and the steps in between."""
@@ -372,7 +379,7 @@ def _sampled(
         f'statistical: {done} random runs (seed {limits.seed}), within {bounds.error:.3f} with probability '
         f'{limits.confidence:g}, automata {_ORDERS[path.order]}'
     )
-    whole = is_enough or done >= wanted
+    whole = not undecided and (is_enough or done >= wanted)
     return replace(found, value=value, low=low, high=high, how=how, is_complete=whole, has_failed=has_failed)
 
 

@@ -4,55 +4,155 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from heapq import heapify, heappop, heappush
 from typing import Final, NamedTuple
 
 BAD: Final = 0
 GOOD: Final = 1
-PRECISION: Final = 1e-12
-_ROUNDS: Final = 1_000_000
+_PRECISION: Final = 1e-12
+_ROUNDS: Final = 10_000
+"""Maximum rounds for a component that is only iterated."""
+_POLICIES: Final = 1_000
+_EQUAL: Final = 1e-13
+"""Relative difference below which two choices are equally good."""
+_HELD: Final = 2_000_000
+"""Maximum number of probabilities in an elimination."""
 
 GraphChoices = list[list[tuple[float, int]]]
 """Targets of each choice, with their probabilities."""
 
 
-def reach(graph: Sequence[GraphChoices], is_least: bool) -> list[float]:
-    """Return the probability to reach :data:`GOOD` from each state; the first two states have no choices.
+def reach(graph: Sequence[GraphChoices], is_least: bool) -> tuple[list[float], bool]:
+    """Return the probability to reach :data:`GOOD` from each state, and whether it is exact; the first two states have
+    no choices. If not, the greatest probability is only known to be no less.
 
-    The strongly connected components are solved in the order of their dependencies. A single state is exact at once. A
-    cycle is iterated from below until no value changes by more than 1e-12, after the states that never reach GOOD are
-    excluded.
+    The strongly connected components are solved in the order of their dependencies. A cycle is solved by policy
+    iteration (Howard 1960), each policy by an elimination without subtractions (Grassmann, Taksar, Heyman 1985), which
+    is exact however rarely the cycle is left. Only what is too large for that is iterated from below.
     """
     values = [0.0] * len(graph)
     values[GOOD] = 1.0
-    extreme = min if is_least else max
+    is_exact = True
     for component in _components(graph):
-        if component[0] in (BAD, GOOD):
-            continue
-        members = set(component)
-        is_round = len(component) > 1 or any(target in members for row in graph[component[0]] for _, target in row)
-        if not is_round:
-            state = component[0]
-            if graph[state]:
-                values[state] = extreme(sum(p * values[target] for p, target in row) for row in graph[state])
-            continue
-        for _ in range(_ROUNDS):
-            change = 0.0
-            for state in component:
-                new = extreme(_leaving(state, row, values) for row in graph[state])
-                change = max(change, abs(new - values[state]))
-                values[state] = new
-            if change < PRECISION:
-                break
-    return values
+        members = {state for state in component if graph[state]}
+        if is_least:
+            members -= _staying(members, graph, values)
+        if members and not _solve(members, graph, values, min if is_least else max):
+            is_exact = False
+            _iterate(members, graph, values, min if is_least else max)
+    return values, is_exact
 
 
-def _leaving(state: int, row: list[tuple[float, int]], values: Sequence[float]) -> float:
-    """Return the value of a choice; a choice that may stay in its state is repeated until it leaves."""
-    stays = sum(p for p, target in row if target == state)
-    if stays >= 1.0:
-        return 0.0
-    return sum(p * values[target] for p, target in row if target != state) / (1.0 - stays)
+_Extreme = Callable[[Iterable[float]], float]
+_Row = Sequence[tuple[float, int]]
+
+
+def _value(row: _Row, values: Sequence[float]) -> float:
+    return sum(p * values[target] for p, target in row)
+
+
+def _staying(members: set[int], graph: Sequence[GraphChoices], values: Sequence[float]) -> set[int]:
+    """Return the states that can avoid forever what may reach GOOD."""
+    found = set(members)
+    while True:
+        leaving = {
+            state
+            for state in found
+            if all(any(values[target] > 0.0 or target in members - found for _, target in row) for row in graph[state])
+        }
+        if not leaving:
+            return found
+        found -= leaving
+
+
+def _solve(members: set[int], graph: Sequence[GraphChoices], values: list[float], extreme: _Extreme) -> bool:
+    """Write the values of the states of one component; return False if it is too large."""
+    policy = {state: graph[state][0] for state in members}
+    for _ in range(_POLICIES):
+        solved = _solution(policy, values)
+        if solved is None:
+            return False
+        for state, value in solved.items():
+            values[state] = value
+        is_best = True
+        for state in members:
+            known = values[state]
+            best = extreme(_value(row, values) for row in graph[state])
+            if abs(best - known) > _EQUAL * known and extreme((best, known)) != known:
+                policy[state] = next(row for row in graph[state] if _value(row, values) == best)
+                is_best = False
+        if is_best:
+            return True
+    return False
+
+
+def _solution(policy: Mapping[int, _Row], values: Sequence[float]) -> dict[int, float] | None:
+    """Return the values of states that take one row each; None if the elimination needs too much memory.
+
+    ``leads[state]`` are the probabilities of the other states that remain, ``good`` and ``out`` those of GOOD and of
+    all states outside.
+    """
+    leads: dict[int, dict[int, float]] = {}
+    before: dict[int, set[int]] = {state: set() for state in policy}
+    good, out = dict.fromkeys(policy, 0.0), dict.fromkeys(policy, 0.0)
+    for state, row in policy.items():
+        leads[state] = {}
+        for p, target in row:
+            if target not in policy:
+                out[state] += p
+                good[state] += p * values[target]
+            elif target != state:
+                leads[state][target] = leads[state].get(target, 0.0) + p
+                before[target].add(state)
+    held = sum(map(len, leads.values()))
+    ahead = [(len(leads[state]) * len(before[state]), state) for state in policy]
+    heapify(ahead)
+    order = []
+    while ahead:
+        known, state = heappop(ahead)
+        cost = len(leads[state]) * len(before[state])
+        if cost > known:
+            heappush(ahead, (cost, state))
+            continue
+        order.append(state)
+        onward = leads[state]
+        whole = sum(onward.values()) + out[state]
+        for target in onward:
+            before[target].discard(state)
+            onward[target] /= whole
+        if whole:
+            good[state], out[state] = good[state] / whole, out[state] / whole
+        for source in before[state]:
+            part = leads[source].pop(state)
+            good[source] += part * good[state]
+            out[source] += part * out[state]
+            held -= len(leads[source])
+            for target, p in onward.items():
+                if target != source:
+                    leads[source][target] = leads[source].get(target, 0.0) + part * p
+                    before[target].add(source)
+            held += len(leads[source])
+        if held > _HELD:
+            return None
+    found: dict[int, float] = {}
+    for state in reversed(order):
+        found[state] = min(good[state] + sum(p * found[target] for target, p in leads[state].items()), 1.0)
+    return found
+
+
+def _iterate(members: set[int], graph: Sequence[GraphChoices], values: list[float], extreme: _Extreme) -> None:
+    """Bring the values of a component closer from below."""
+    for state in members:
+        values[state] = 0.0
+    for _ in range(_ROUNDS):
+        change = 0.0
+        for state in members:
+            new = extreme(_value(row, values) for row in graph[state])
+            change = max(change, abs(new - values[state]))
+            values[state] = new
+        if change < _PRECISION:
+            break
 
 
 def _components(graph: Sequence[GraphChoices]) -> Iterator[list[int]]:

@@ -59,6 +59,11 @@ class ModelProperty:
         """JANI names that the property uses."""
         return [parts[0] for one in (self.left, self.right) for parts in references_in(one)]
 
+    @property
+    def is_for_all(self) -> bool:
+        """True if the least probability is asked: no order of the automata may miss it."""
+        return self.is_least is not self.is_negated
+
     def holds(self, value: float, error: float = 1e-9) -> bool:
         """Return whether a probability meets the demand."""
         sign, wanted = self.demand or ('>=', 1.0)

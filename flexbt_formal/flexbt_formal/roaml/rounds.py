@@ -52,7 +52,9 @@ class ModelPath:
 
     def at_end(self, state: GlobalState) -> bool:
         """Return whether a path that has ended is satisfied: its last state lasts forever."""
-        return self.asked.upper is None and self._right(state.seen) and self._left(state.seen)
+        asked = self.asked
+        lasts = asked.upper is None or asked.lower <= asked.upper
+        return lasts and self._right(state.seen) and self._left(state.seen)
 
 
 # A round: all steps after timers are due, until time has to advance.

@@ -13,7 +13,8 @@ import pytest
 from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_formal.roaml.checking import CheckLimits, Method, Result, check
 from flexbt_formal.roaml.model import RoamlModel, is_model
-from flexbt_formal.roaml.probabilities import bounds_of, looks
+from flexbt_formal.roaml.probabilities import BAD, GraphChoices, bounds_of, looks, reach
+from flexbt_formal.roaml.probabilities import GOOD as MET
 from flexbt_formal.roaml.rounds import Order
 from flexbt_formal.roaml.source_text import ModelFault
 
@@ -102,6 +103,31 @@ def test_until_counts_the_steps_of_its_bounds(tmp_path: Path) -> None:
     properties = {'in 6': until(upper=6), 'in 5': until(upper=5), 'after 9': until(lower=9)}
     main = write(tmp_path, properties, nodes={'counter': COUNTER.format(rate=1)})
     assert [checked(main, name).value for name in properties] == [1.0, 0.0, 1.0]
+
+
+def test_the_last_state_lasts_until_the_steps_of_a_bound(tmp_path: Path) -> None:
+    bounds = {'lower': 1000, 'upper': 2000}
+    wrong = {'op': '≥', 'left': COUNT, 'right': 10}
+    never = {'op': 'Pmin', 'exp': {'op': 'G', 'exp': {'op': '¬', 'exp': wrong}, 'step-bounds': bounds}}
+    result = checked(write(tmp_path, {'asked': never}, nodes={'counter': COUNTER.format(rate=1)}))
+    assert (result.value, result.holds) == (0.0, False)
+
+
+@pytest.mark.parametrize('is_least', [True, False])
+@pytest.mark.parametrize('leaves', [1e-3, 1e-6, 1e-13])
+def test_a_loop_that_is_rarely_left_is_left(leaves: float, is_least: bool) -> None:
+    """And there is another way to stay in it, or none that is better."""
+    other = [[(1.0, 2)]] if is_least else [[(1.0, 2)], [(0.5, 2), (0.5, BAD)]]
+    graph: list[GraphChoices] = [[], [], [[(1.0 - leaves, 3), (leaves, MET)]], other]
+    assert reach(graph, is_least) == ([0.0, 1.0, 1.0, 1.0], True)
+    graph[3].append([(1.0, 3)])
+    assert reach(graph, is_least=True) == ([0.0, 1.0, leaves, 0.0], True)
+
+
+def test_what_fails_however_rarely_does_not_hold(tmp_path: Path) -> None:
+    rare = DICE.replace('"0.25"', '"0.999"').replace('expr="3"', 'expr="5"')
+    result = checked(write(tmp_path, {'asked': finally_('won.valid')}, nodes={'dice': rare}))
+    assert result.is_exact and result.value > 1.0 - 1e-9 and result.holds is False
 
 
 DICE = """throw|
