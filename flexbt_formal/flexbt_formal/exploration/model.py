@@ -210,7 +210,8 @@ class System(ABC):
 
     @property
     def written(self) -> frozenset[str]:
-        """Keys of the outermost blackboard that the system has written so far."""
+        """Keys of the outermost blackboard that the system has written so far, of those that distinguish its
+        configurations."""
         return frozenset()
 
     @property

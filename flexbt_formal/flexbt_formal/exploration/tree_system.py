@@ -257,6 +257,7 @@ class TreeSystem(System):
         self._environment.described = self._described
         unread = self._unread(scripts, uses)
         self._writes = self._written_keys(unread, uses)
+        self._merged = frozenset(unread if reduces else ())
         self._run = _Run()
         self._memory = StateSnapshotter(
             (
@@ -272,7 +273,7 @@ class TreeSystem(System):
             ),
             self.clock,
             TREE_LAYOUT,
-            unread=unread if reduces else (),
+            unread=self._merged,
         )
 
     def _unread(self, scripts: Iterable[str], uses: Iterable[_PortUse]) -> list[Entry]:
@@ -365,8 +366,8 @@ class TreeSystem(System):
 
     @property
     def written(self) -> frozenset[str]:
-        entries = self._board.entries().items()
-        return frozenset(key for key, entry in entries if entry.value is not EMPTY and key not in self.given)
+        known = {key: entry for key, entry in self._board.entries().items() if entry not in self._merged}
+        return frozenset(key for key, entry in known.items() if entry.value is not EMPTY and key not in self.given)
 
     def labels(self) -> Sequence[Label]:
         run, environment = self._run, self._environment

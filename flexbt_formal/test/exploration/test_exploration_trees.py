@@ -506,10 +506,16 @@ def test_what_is_given_is_called_as_where_the_tree_begins() -> None:
     library = TreeLibrary([load_xml(text, 'main.xml', registry())])
 
     def made() -> TreeSystem:
-        return TreeSystem(library, TreeKey('main.xml', 'Main'))
+        return TreeSystem(library, TreeKey('main.xml', 'Main'), observed=['path'])
 
     assert made().given == ('route',) and made().needed == {'route'}
     assert explore(made, 'Main').written == {'SUCCESS': {'path'}, 'FAILURE': set(), 'stopped': set()}
+
+
+def test_what_is_written_on_one_way_only_is_not_always_written() -> None:
+    """Nothing reads it, so that the situations after both ways are one."""
+    either = '<IfThenElse><IsSafe/><Plan path="{path}"/><Repeat num_cycles="2"><Turn/></Repeat></IfThenElse>'
+    assert proved(f'<Sequence>{either}<Turn/></Sequence>').written['SUCCESS'] == set()
 
 
 def test_what_is_given_has_every_value_that_is_asked_for() -> None:
