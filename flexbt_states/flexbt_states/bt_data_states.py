@@ -16,7 +16,7 @@ from flexbt_msgs.msg import BtLoadReport
 
 from .errors import StateParameterError
 from .goal_call import BtUse, GoalState, read_values, state_outcome
-from .parameter_checks import checked_file, checked_types
+from .parameter_checks import checked_file, checked_text, checked_types
 
 
 class BtLoaderState(GoalState):
@@ -45,7 +45,7 @@ class BtLoaderState(GoalState):
         if not filepaths and not xml:
             raise StateParameterError(self, 'filepaths', 'the list is empty; name at least one XML file')
         self._files = [checked_file(self, 'filepaths', name) for name in filepaths]
-        self._xml = xml
+        self._xml = checked_text(self, 'xml', xml)
 
     @property
     def bt_use(self) -> BtUse:
@@ -110,7 +110,7 @@ class BtGetDataState(GoalState):
     ) -> None:
         self._types = checked_types(self, 'outputs', outputs)
         self._userdata_keys = {key: key for key in self._types}
-        if request_id:
+        if checked_text(self, 'request_id', request_id):
             if request_id in self._types or 'data' in self._types:
                 raise StateParameterError(self, 'outputs', f'names {request_id!r} or "data", which request_id uses')
             self._types[request_id] = self._checked_type('request_msg_type', request_msg_type, request_msg_pkg)
@@ -121,7 +121,7 @@ class BtGetDataState(GoalState):
         super().__init__(
             BtGetData, bt_topic, timeout, parameter='bt_topic', outcomes=['done', 'failed'], output_keys=keys
         )
-        self._blackboard = blackboard
+        self._blackboard = checked_text(self, 'blackboard', blackboard)
 
     @property
     def bt_use(self) -> BtUse:
@@ -177,7 +177,7 @@ class BtSetDataState(GoalState):
     ) -> None:
         self._types = checked_types(self, 'inputs', inputs)
         self._userdata_keys = {key: key for key in self._types}
-        if goal_id:
+        if checked_text(self, 'goal_id', goal_id):
             if goal_id in self._types or 'goal' in self._types:
                 raise StateParameterError(self, 'inputs', f'names {goal_id!r} or "goal", which goal_id uses')
             self._types[goal_id] = self._checked_type('goal_msg_type', goal_msg_type)
@@ -188,7 +188,7 @@ class BtSetDataState(GoalState):
         super().__init__(
             BtSetData, bt_topic, timeout, parameter='bt_topic', outcomes=['done', 'failed'], input_keys=keys
         )
-        self._blackboard = blackboard
+        self._blackboard = checked_text(self, 'blackboard', blackboard)
 
     @property
     def bt_use(self) -> BtUse:

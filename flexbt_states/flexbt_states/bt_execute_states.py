@@ -22,7 +22,7 @@ from flexbt_onboard.behaviors.run_context import StateServices
 
 from .errors import StateParameterError
 from .goal_call import BtUse, GoalState, read_values, state_outcome
-from .parameter_checks import checked_tree, checked_types
+from .parameter_checks import checked_text, checked_tree, checked_types
 
 
 class TreeState(GoalState):
@@ -59,7 +59,7 @@ class TreeState(GoalState):
         )
         self.bt_use = BtUse(
             tree=checked_tree(self, 'bt_file', bt_file),
-            blackboard=blackboard,
+            blackboard=checked_text(self, 'blackboard', blackboard),
             writes=inputs if writes is None else writes,
             reads=outputs,
         )
@@ -279,14 +279,14 @@ class BtExecuteGoalState(TreeState):
         blackboard: str = '',
         timeout: float | None = None,
     ) -> None:
-        if not goal_id:
+        if not checked_text(self, 'goal_id', goal_id):
             raise StateParameterError(self, 'goal_id', 'the key is empty')
         self._goal_id = goal_id
         self._goal_type = self._checked_type('goal_msg_type', goal_msg_type)
         written = checked_types(self, 'inputs', inputs)
         self._refuse_reserved('inputs', written, 'goal')
         read = checked_types(self, 'outputs', outputs)
-        if request_id:
+        if checked_text(self, 'request_id', request_id):
             self._refuse_reserved('outputs', read, 'data')
             if request_id in read:
                 raise StateParameterError(self, 'request_id', f'{request_id!r} is one of outputs as well')

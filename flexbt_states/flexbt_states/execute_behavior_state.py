@@ -10,13 +10,14 @@ from flexbt_common import names
 from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.values.entries import to_entry
 from flexbt_core.errors import FlexbtError
-from flexbt_core.state_machine.model.autonomy import Autonomy
+from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES, Autonomy, no_level
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument
 
+from .errors import StateParameterError
 from .goal_call import GoalState, read_values
-from .parameter_checks import checked_outcomes, checked_types
+from .parameter_checks import checked_outcomes, checked_text, checked_types
 
 
 class ExecuteBehaviorState(GoalState):
@@ -62,8 +63,15 @@ class ExecuteBehaviorState(GoalState):
             input_keys=list(self._inputs),
             output_keys=list(self._outputs),
         )
-        self._behavior = behavior
-        self._arguments = [BehaviorArgument(name=name, value=value) for name, value in (arguments or {}).items()]
+        self._behavior = checked_text(self, 'behavior', behavior)
+        self._arguments = [
+            BehaviorArgument(
+                name=checked_text(self, 'arguments', name), value=checked_text(self, f'arguments[{name!r}]', value)
+            )
+            for name, value in (arguments or {}).items()
+        ]
+        if autonomy not in AUTONOMY_NAMES:
+            raise StateParameterError(self, 'autonomy', no_level(autonomy))
         self._autonomy = int(autonomy)
         self._activity: Sequence[str] = ()
 

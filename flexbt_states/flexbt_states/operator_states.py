@@ -18,7 +18,7 @@ from flexbt_msgs.action import OperatorInput
 
 from .errors import StateParameterError
 from .goal_call import GoalState
-from .parameter_checks import checked_keys, checked_outcomes, checked_type
+from .parameter_checks import checked_keys, checked_outcomes, checked_text, checked_type
 
 
 class OperatorDecisionState(EventState):
@@ -48,7 +48,7 @@ class OperatorDecisionState(EventState):
         suggestion = suggestion or None
         if suggestion is not None and suggestion not in names:
             raise StateParameterError(self, 'suggestion', f'{suggestion!r} is none of {", ".join(names)}')
-        self._hint = hint or ''
+        self._hint = checked_text(self, 'hint', hint or '')
         self.suggestion = suggestion
 
     def on_enter(self, userdata: UserData) -> None:
@@ -96,14 +96,14 @@ class OperatorInputState(GoalState):
             input_keys=checked_keys(self, 'shows', shows),
             output_keys=['data'],
         )
-        self._prompt = prompt
+        self._prompt = checked_text(self, 'prompt', prompt)
         self._type = checked_type(self, 'type', type)
         if isinstance(choices, str):
             raise StateParameterError(self, 'choices', f'{choices!r} is a string, not a list of texts')
         self._choices = list(choices)
         for text in self._choices:
             try:
-                text_to_value(text, self._type)
+                text_to_value(checked_text(self, 'choices', text), self._type)
             except FlexbtError as error:
                 raise StateParameterError(self, 'choices', str(error)) from None
 

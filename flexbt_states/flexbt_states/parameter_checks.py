@@ -20,6 +20,13 @@ from flexbt_core.values.text import short_repr
 from .errors import StateParameterError
 
 
+def checked_text(state: object, parameter: str, text: str) -> str:
+    """Return a text. A message with anything else in its place would end the process that sends it."""
+    if not isinstance(text, str):
+        raise StateParameterError(state, parameter, f'{short_repr(text)} is not text; in YAML, quote it')
+    return text
+
+
 def checked_topic(state: object, parameter: str, name: str) -> str:
     """Return the name of a topic or an action, relative or absolute."""
     try:
@@ -70,7 +77,7 @@ def checked_types(state: object, parameter: str, types: Mapping[str, str] | None
     """Return the types by blackboard key."""
     checked = {}
     for key, name in (types or {}).items():
-        if not key:
+        if not checked_text(state, parameter, key):
             raise StateParameterError(state, parameter, 'a key is empty')
         checked[key] = checked_type(state, f'{parameter}[{key!r}]', name)
     return checked
@@ -96,6 +103,7 @@ def checked_file(state: object, parameter: str, name: str) -> str:
 
 def checked_tree(state: object, parameter: str, name: str) -> str:
     """Return a tree's identifier, or the name of an existing file; empty for the server's default tree."""
+    checked_text(state, parameter, name)
     return checked_file(state, parameter, name) if name.endswith('.xml') or '/' in name else name
 
 

@@ -12,7 +12,7 @@ from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_core.state_machine.model.userdata import UserData
 
 from .errors import StateParameterError
-from .parameter_checks import checked_callable
+from .parameter_checks import checked_callable, checked_text
 
 
 class CalculationState(EventState):
@@ -80,7 +80,7 @@ class LogState(EventState):
 
     def __init__(self, text: str, severity: Severity = Severity.INFO) -> None:
         super().__init__(outcomes=['done'], desired_rate=None)
-        self._text = text
+        self._text = checked_text(self, 'text', text)
         self._severity = Severity(severity)
 
     def on_enter(self, userdata: UserData) -> None:
@@ -110,7 +110,9 @@ class LogKeyState(EventState):
     def __init__(self, text: str, severity: Severity = Severity.INFO) -> None:
         super().__init__(outcomes=['done'], input_keys=['data'], desired_rate=None)
         try:
-            fields = [field for _, field, _, _ in Formatter().parse(text) if field is not None]
+            fields = [
+                field for _, field, _, _ in Formatter().parse(checked_text(self, 'text', text)) if field is not None
+            ]
         except ValueError as error:
             raise StateParameterError(self, 'text', f'{text!r}: {error}') from None
         if fields not in ([''], ['0']):

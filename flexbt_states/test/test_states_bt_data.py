@@ -159,11 +159,16 @@ def test_a_value_that_does_not_fit_is_not_written(bench: StateBench) -> None:
         (lambda: BtLoaderState(filepaths=['flexbt_msgs/none.xml']), 'no such file'),
         (lambda: BtLoaderState(filepaths=['/none/at/all.xml']), 'no such file'),
         (lambda: BtLoaderState(xml='<root/>', timeout=-1), 'timeout'),
+        (lambda: BtLoaderState(xml=5), 'xml'),  # type: ignore[arg-type]
         (lambda: BtGetDataState(), 'no key to read'),
+        (lambda: BtGetDataState(request_id=5), 'request_id'),  # type: ignore[arg-type]
+        (lambda: BtGetDataState(outputs={5: 'string'}), '5 is not text'),  # type: ignore[dict-item]
+        (lambda: BtGetDataState(outputs={'x': 'string'}, blackboard=5), 'blackboard'),  # type: ignore[arg-type]
         (lambda: BtGetDataState(request_id='x'), 'request_msg_type'),
         (lambda: BtGetDataState(request_id='x', request_msg_type='nope/msg/Nope'), 'nope'),
         (lambda: BtGetDataState(request_id='x', request_msg_type='string', outputs={'x': 'string'}), 'request_id'),
         (lambda: BtSetDataState(), 'no key to write'),
+        (lambda: BtSetDataState(inputs={'x': 'string'}, blackboard=5), 'blackboard'),  # type: ignore[arg-type]
         (lambda: BtSetDataState(goal_id='x', goal_msg_type='Path'), 'goal_msg_type'),
         (lambda: BtSetDataState(goal_id='x', goal_msg_type='string', inputs={'goal': 'string'}), 'goal_id'),
     ],

@@ -384,6 +384,8 @@ def test_the_requested_value_comes_under_the_key_data(bench: StateBench, code: s
         (lambda: BtExecuteState(outputs={'path': 'nav_msgs/msg/Paht'}), "did you mean 'Path'"),
         (lambda: BtExecuteState(inputs={'': 'string'}), 'inputs'),
         (lambda: BtExecuteState(timeout=0.0), 'timeout'),
+        (lambda: BtExecuteState(bt_file=5), 'bt_file'),  # type: ignore[arg-type]
+        (lambda: BtExecuteState(blackboard=5), 'blackboard'),  # type: ignore[arg-type]
         (lambda: BtExecuteGoalState(goal_msg_type='PoseStamped'), 'goal_msg_type'),
         (lambda: BtExecuteGoalState(goal_id=''), 'goal_id'),
         (lambda: BtExecuteGoalState(request_id='path'), 'request_msg_type'),

@@ -92,3 +92,9 @@ def test_without_an_executive_it_fails_soon_and_bad_parameters_are_refused(bench
     assert ACTION in run.errors()
     with pytest.raises(StateParameterError, match='inputs'):
         state(inputs={'x': 'no_such/Type'})
+    with pytest.raises(StateParameterError, match=r"arguments\['factor'\]: 3 is not text; in YAML, quote it"):
+        state(arguments={'factor': 3})
+    with pytest.raises(StateParameterError, match='behavior'):
+        ExecuteBehaviorState(5)  # type: ignore[arg-type]
+    with pytest.raises(StateParameterError, match='autonomy 300 is none of the levels'):
+        state(autonomy=300)

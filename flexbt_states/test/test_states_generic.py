@@ -81,6 +81,9 @@ def test_an_exception_is_neither_a_result_nor_an_answer(bench: StateBench, make:
         lambda: LogKeyState('{'),
         lambda: CalculationState('x + 1'),  # type: ignore[arg-type]
         lambda: CheckConditionState('x > 1'),  # type: ignore[arg-type]
+        lambda: LogState(5),  # type: ignore[arg-type]
+        lambda: LogKeyState(5),  # type: ignore[arg-type]
+        lambda: OperatorDecisionState(['a'], hint=5),  # type: ignore[arg-type]
         lambda: OperatorDecisionState([]),
         lambda: OperatorDecisionState('done'),
         lambda: OperatorDecisionState(['a', 'a']),

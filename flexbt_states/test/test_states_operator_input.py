@@ -216,6 +216,8 @@ def test_a_server_that_dies_is_noticed(bench: StateBench) -> None:
         lambda: ask('no/msg/Such'),
         lambda: ask('int32', choices=['one']),
         lambda: ask('int32', choices='1'),
+        lambda: ask('int32', choices=[1]),
+        lambda: OperatorInputState(5, 'int32'),  # type: ignore[arg-type]
         lambda: ask(timeout=-1),
         lambda: ask(topic=''),
     ],

@@ -120,7 +120,7 @@ def _progress(known: Progress) -> ProgressMessage:
         time_remaining=known.time,
         poses_remaining=known.poses,
         recoveries=known.recoveries,
-        goal=known.goal or PoseStamped(),
+        goal=known.goal if isinstance(known.goal, PoseStamped) else PoseStamped(),
     )
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+import numpy
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -38,6 +39,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_core.state_machine.model.state_host import Progress
 from flexbt_msgs.msg import (
     BehaviorList,
     BehaviorStructure,
@@ -109,6 +111,39 @@ def test_a_status_that_cannot_be_made_is_followed_by_the_next(
     wait_until(lambda: not failures, 'the fault')
     bench.applied(ExecutiveCommand.AUTONOMY, autonomy=1)
     bench.wait_for(lambda status: status.autonomy == 1, 'what came after the fault')
+
+
+class Sloppy(EventState):
+    """Tells the operator values that are of no type of a message."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['on'], desired_rate=None)
+
+    def on_enter(self, userdata: Any) -> None:
+        told: Any = 5
+        self.log_info(told)
+        self.ask(told)
+
+    def progress(self) -> Progress:
+        figure: Any = numpy.float32(2.5)
+        return Progress(distance=figure, poses=10**9, goal='there')
+
+
+def sloppy() -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        OperatableStateMachine.add('Sloppy', Sloppy(), {'on': 'done'})
+    return machine
+
+
+def test_whatever_a_state_tells_the_status_is_sent() -> None:
+    with contextlib.closing(ExecutiveBench(behavior_of(sloppy))) as bench:
+        bench.start()
+        (decision,) = bench.wait_for(lambda status: status.decisions, 'the question')
+        assert decision.prompt == '5'
+        (progress,) = bench.status.active_states[0].progress
+        assert (progress.distance_remaining, progress.goal.header.frame_id) == (2.5, '')
+        assert bench.logged('5').path == '/Sloppy'
 
 
 def test_the_heartbeat_comes_within_the_period_that_it_promises(make_bench: Make) -> None:

@@ -217,11 +217,11 @@ class EventState:
         """
         if suggestion is not None and suggestion not in self.outcomes:
             raise StateError(f'{self.path}: suggests {suggestion!r}, which is none of {", ".join(self.outcomes)}')
-        self._bound().ask(prompt, suggestion)
+        self._bound().ask(str(prompt), suggestion)
 
     def log(self, severity: Severity, text: str) -> None:
         """Log a line for the operator."""
-        self._bound().log(severity, text)
+        self._bound().log(severity, str(text))
 
     def log_info(self, text: str) -> None:
         """Log information for the operator."""

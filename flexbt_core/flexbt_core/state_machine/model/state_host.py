@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from flexbt_core.clock.clock import Clock, Timer
 
@@ -161,6 +161,10 @@ class _PausableTimer:
 
 # Progress of a state, as figures for the operator.
 
+_MOST_POSES: Final = 2**15 - 1
+_MOST_RECOVERIES: Final = 2**16 - 1
+"""Bounds of the fields of flexbt_msgs/msg/Progress."""
+
 
 @dataclass(frozen=True)
 class Progress:
@@ -176,6 +180,21 @@ class Progress:
     poses: int = -1
     recoveries: int = 0
     goal: Any = None
+
+    def __post_init__(self) -> None:
+        """Give the figures the types and bounds of the message: those of numpy would end the process that sends it.
+
+        Raises TypeError or ValueError if one has no such type.
+        """
+        figures = {
+            'tree_run_id': str(self.tree_run_id),
+            'distance': float(self.distance),
+            'time': float(self.time),
+            'poses': max(-1, min(int(self.poses), _MOST_POSES)),
+            'recoveries': max(0, min(int(self.recoveries), _MOST_RECOVERIES)),
+        }
+        for name, figure in figures.items():
+            object.__setattr__(self, name, figure)
 
     @property
     def is_known(self) -> bool:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import fractions
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import ExitReason
-from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.state_host import Progress, Severity
 from flexbt_core.state_machine.model.userdata import StateError
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
@@ -178,6 +179,35 @@ def test_what_a_state_may_use_in_its_callbacks() -> None:
     assert bench.outcome == 'done'
     assert seen == [('B', '/A/B', 0.0, bench)] * 5
     assert bench.lines == [(Severity.WARN, '/A/B', 'hot')] * 5
+
+
+def test_what_a_state_tells_the_operator_has_the_types_of_messages() -> None:
+    def tell(state: Scripted, _: Any) -> None:
+        told: Any = 5
+        state.log_info(told)
+        state.ask(told)
+
+    state = Scripted(do={'on_enter': tell})
+    bench = Bench(nested(state, 'A'))
+    assert bench.lines == [(Severity.INFO, '/A', '5')]
+    assert bench.decision.prompt == '5'
+
+
+@pytest.mark.parametrize(
+    ('value', 'is_usable'), [(fractions.Fraction(7, 2), True), (2, True), ('far', False), (None, False)]
+)
+def test_the_progress_of_a_state_has_the_types_of_its_message(value: Any, is_usable: bool) -> None:
+    state = Scripted()
+    state.progress = lambda: Progress(distance=value, poses=10**6, recoveries=-1)  # type: ignore[method-assign]
+    bench = Bench(nested(state, 'A'))
+    (leaf,) = bench.run.active_states()
+    told = leaf.progress()
+    if is_usable:
+        assert told == Progress(distance=float(value), poses=2**15 - 1)
+        assert type(told.distance) is float
+    else:
+        assert told is None
+        assert bench.faults[0][0] == '/A'
 
 
 def test_outside_of_a_run_there_is_nothing_to_use_and_waking_is_harmless() -> None:
