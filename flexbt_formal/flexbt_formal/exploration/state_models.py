@@ -44,7 +44,8 @@ class StateModel:
     it is active. ``ends_later``: if it is left before its end, its work must be canceled, and the cancel confirmed.
     ``not_written``: outcomes that leave its output keys unchanged. ``suggestion`` is that of a DECISION.
     ``reads`` are the keys on the blackboards of trees that it needs when it begins, ``writes`` those that exist after
-    an outcome, and ``outputs`` those that it writes while it works.
+    an outcome, ``removes`` those that otherwise may not exist any more, and ``outputs`` those that it writes while it
+    works.
     ``server`` is the one that it needs to succeed ('' for none), ``successes`` are its successful outcomes, and
     ``canceled`` those that occur only if an external cause cancels its work.
     """
@@ -59,6 +60,7 @@ class StateModel:
     successes: frozenset[str] = frozenset()
     canceled: frozenset[str] = frozenset()
     reads: frozenset[str] = frozenset()
+    removes: frozenset[str] = frozenset()
     outputs: frozenset[str] = frozenset()
     writes: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
@@ -190,6 +192,7 @@ class ModelState(EventState):
         for key in sorted(self.model.reads - self.environment.board):
             text = f'{self.own_path} begins, and its tree reads {key}, which nothing has written on this way'
             self.environment.found(Violation(Property.DATA, self.own_path, text))
+        self.environment.board -= self.model.removes
         if self.model.kind is StateModelKind.DECISION:
             self.ask('', self.model.suggestion)
         else:
@@ -203,7 +206,8 @@ class ModelState(EventState):
             for key in self.output_keys:
                 userdata[key] = 'value'
         if outcome is not None:
-            self.environment.board.update(self.model.writes.get(outcome, ()))
+            self.environment.board -= self.model.removes
+            self.environment.board |= self.model.writes.get(outcome, frozenset())
         return outcome
 
     def _answer(self) -> str:
@@ -215,6 +219,8 @@ class ModelState(EventState):
     def on_exit(self, userdata: UserData) -> None:
         self.environment.active.pop(self.own_path, None)
         is_done = self.exit_reason is ExitReason.OUTCOME and self.result is not None
+        if not is_done:
+            self.environment.board -= self.model.removes
         if self.model.ends_later and not is_done and self.model.kind is StateModelKind.WORK:
             self.environment.ending[self.own_path] = self
 

@@ -299,6 +299,21 @@ class TreeSystem(System):
                 found[node.path].append(self._entry_names[entry])
         return found
 
+    @property
+    def removed(self) -> frozenset[str] | None:
+        """Keys of the outermost blackboard that the tree may remove; None: any."""
+        found: set[str] = set()
+        for node, definition in zip(self.tree.nodes, self.tree.definitions, strict=True):
+            if node.id != 'UnsetBlackboard':
+                continue
+            given = definition.values['key']
+            if given.key is not None:
+                return None
+            board, key = node.blackboard.outermost(given.text)
+            if board is self._board:
+                found.add(key)
+        return frozenset(found)
+
     def _give(self, declared: Mapping[str, Entry], uses: Iterable[_PortUse]) -> tuple[str, ...]:
         """Write the initial entries; return their keys, each by its name nearest to the root."""
         read: dict[Entry, str] = {}

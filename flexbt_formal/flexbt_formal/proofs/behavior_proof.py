@@ -72,7 +72,7 @@ def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Bla
             return found
         report = None if use.key is None else reports.get(use.key)
         writes = {outcome: boards.writes(use, found, outcome, report) for outcome in state.outcomes}
-        found = replace(found, reads=boards.reads(use), writes=writes)
+        found = replace(found, reads=boards.reads(use), writes=writes, removes=boards.removes(use))
         if use.key is None:
             return found
         found = replace(found, resources=frozenset(resources[use.key]), server='BT server')
@@ -91,9 +91,11 @@ def state_models(used: UsedTrees, reports: Mapping[TreeKey, Report], boards: Bla
 
 @dataclass(frozen=True)
 class Blackboards:
-    """The keys that each tree needs before it begins, and their known writers."""
+    """The keys that each tree needs before it begins and their known writers, and the keys that each may remove; None:
+    any."""
 
     needed: Mapping[TreeKey, frozenset[str]]
+    removed: Mapping[TreeKey, frozenset[str] | None]
 
     @classmethod
     def of(cls, used: UsedTrees, given: Collection[str] = ()) -> Blackboards:
@@ -101,11 +103,10 @@ class Blackboards:
         tree begins. Raises TreeLoadError."""
         library = used.library
         known = {*HOST_KEYS, *given}
+        systems = {use.key: TreeSystem(library, use.key, given=GOALS) for use in used.uses if use.key is not None}
         return cls(
-            {
-                key: TreeSystem(library, key, given=GOALS).needed - known - library.model(key.id).keys()
-                for key in dict.fromkeys(use.key for use in used.uses if use.key is not None)
-            }
+            {key: system.needed - known - library.model(key.id).keys() for key, system in systems.items()},
+            {key: system.removed for key, system in systems.items()},
         )
 
     @property
@@ -117,6 +118,12 @@ class Blackboards:
         """Return the keys that must exist when a state begins that uses the BT server, in words."""
         needed = self.needed[use.key] if use.key is not None else frozenset[str]()
         return _named(needed - use.use.writes.keys(), use)
+
+    def removes(self, use: TreeUse) -> frozenset[str]:
+        """Return the keys that may not exist any more after a use, in words. An unknown tree counts as removing
+        nothing."""
+        removed = self.removed[use.key] if use.key is not None else frozenset[str]()
+        return _named(self.observed if removed is None else self.observed & removed, use)
 
     def writes(self, use: TreeUse, model: StateModel, outcome: str, report: Report | None) -> frozenset[str]:
         """Return the keys that exist after an outcome of a use, in words. An unknown or unproved tree may have

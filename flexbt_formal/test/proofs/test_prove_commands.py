@@ -186,6 +186,27 @@ def test_trees_that_write_the_same_side_by_side_are_told(tmp_path: Path, board: 
     assert [found.violation.where for report in proof.reports for found in report.counterexamples] == wrong
 
 
+@pytest.mark.parametrize(
+    ('between', 'is_lost'),
+    [
+        ('<UnsetBlackboard key="path"/>', True),
+        ('<UnsetBlackboard key="{which}"/>', True),
+        ('<UnsetBlackboard key="other"/>', False),
+        ('<Sequence><UnsetBlackboard key="path"/><ComputePathToPose goal="{goal}" path="{path}"/></Sequence>', False),
+    ],
+)
+def test_what_a_tree_removes_is_written_no_more(tmp_path: Path, between: str, is_lost: bool) -> None:
+    machine = split(tmp_path, '<ComputePathToPose goal="{goal}" path="{path}"/>')
+    (tmp_path / 'between.xml').write_text(document(f'Between: {between}', main=None))
+    text = Path(machine).read_text().replace('done: Drive', 'done: Between').replace('[', f'[{tmp_path}/between.xml, ')
+    text = text.replace(f'outcomes: [{tmp_path}/between.xml, ', 'outcomes: [')
+    state = '    Between:\n      state: BtExecuteState\n      parameters: {bt_file: Between}\n'
+    transitions = '      transitions: {done: Drive, canceled: failed, failed: failed}\n'
+    Path(machine).write_text(f'{text}{state}{transitions}')
+    out = behavior('prove', machine, '--given', 'which')[1]
+    assert ('/Drive begins, and its tree reads [path]' in out) is is_lost, out
+
+
 def test_what_a_tree_writes_that_was_not_followed_to_its_end_is_not_known(tmp_path: Path) -> None:
     plan = (
         '<Sequence><Repeat num_cycles="30"><Wait/></Repeat><ComputePathToPose goal="{goal}" path="{path}"/></Sequence>'
