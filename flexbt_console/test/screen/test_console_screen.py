@@ -1157,11 +1157,21 @@ def test_what_was_typed_before_a_stop_is_not_sent_after_it() -> None:
     robot = Robot()
 
     async def busy(app: OperatorScreen, pilot: Pilot[None]) -> None:
-        typed = [('colon', ':'), *((sign, sign) for sign in 'pause'), ('enter', None), ('f8', None)]
+        typed = [
+            *(8 * [('x', 'x')]),
+            ('colon', ':'),
+            *((sign, sign) for sign in 'pause'),
+            ('enter', None),
+            ('f8', None),
+        ]
         keys = [events.Key(name, sign) for name, sign in typed]
         for key in keys:
             app.key_read(key.key)  # on the thread of the terminal, while this one does something else
-        for key in keys:
+        for key in keys[:8]:
+            app.post_message(key)
+        await pilot.pause()
+        app.key_read('x')  # the others wait still
+        for key in (*keys[8:], events.Key('x', 'x')):
             app.post_message(key)
         await seen(robot, pilot)
         assert robot.link.kinds == [CommandKind.STOP]

@@ -248,7 +248,7 @@ class OperatorScreen(OrderedApp):
             is_elsewhere = len(self.screen_stack) > 1 or self._line.is_open
             self._burst.typed(event.key, event.character if event.is_printable else None, is_elsewhere=is_elsewhere)
         await super().on_event(event)
-        if isinstance(event, events.Key):
+        if isinstance(event, events.Key) and not event.is_forwarded:
             self._keys_waiting = max(0, self._keys_waiting - 1)
 
     def touched(self) -> None:
