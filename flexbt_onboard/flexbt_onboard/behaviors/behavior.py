@@ -40,6 +40,13 @@ _TRUE: Final = frozenset({'true', 'yes', 'on', '1'})
 _FALSE: Final = frozenset({'false', 'no', 'off', '0'})
 
 
+def _check_texts(where: str, texts: Mapping[str, object]) -> None:
+    """Raise ManifestError unless all are texts: a list of behaviors with anything else would end the process."""
+    for name, text in texts.items():
+        if not isinstance(text, str):
+            raise ManifestError(f'{where}: {name} is {short_repr(text)}, not text; quote it')
+
+
 @dataclass(frozen=True)
 class BehaviorParameter:
     """A parameter that an operator can set when starting a behavior.
@@ -49,7 +56,8 @@ class BehaviorParameter:
     limit a number; None means no limit. Consoles show ``label`` (or else the name), ``unit`` and ``description``.
 
     Raises:
-        ManifestError: the name is not a public Python identifier, or the default does not fit a type or the choices.
+        ManifestError: the name is not a public Python identifier, the default does not fit a type or the choices, or
+            another value has a wrong type.
     """
 
     name: str
@@ -63,6 +71,11 @@ class BehaviorParameter:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'choices', tuple(self.choices))
+        texts = {'name': self.name, 'description': self.description, 'label': self.label, 'unit': self.unit}
+        _check_texts(f'parameter {self.name!r}', texts)
+        for limit in (self.minimum, self.maximum):
+            if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int | float)):
+                raise ManifestError(f'parameter {self.name!r}: the limit {short_repr(limit)} is not a number')
         if not self.name.isidentifier() or keyword.iskeyword(self.name) or self.name.startswith('_'):
             raise ManifestError(f'parameter {self.name!r}: the name must be a Python identifier without leading "_"')
         if type(self.default) not in _TYPE_NAMES:
@@ -129,12 +142,19 @@ class BehaviorInput:
 
     ``type`` is as in BlackboardEntry (``string``, ``geometry_msgs/PoseStamped``), or empty for any type. ``needed`` is
     True if the machine has no default for the key.
+
+    Raises:
+        ManifestError: a value has a wrong type.
     """
 
     key: str
     type: str = ''
     description: str = ''
     needed: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'needed', bool(self.needed))
+        _check_texts(f'input {self.key!r}', {'key': self.key, 'type': self.type, 'description': self.description})
 
 
 @dataclass(frozen=True)
@@ -144,7 +164,7 @@ class BehaviorManifest:
     ``inputs`` declares the input userdata of its machine, so that consoles can ask the operator for each.
 
     Raises:
-        ManifestError: the name is empty or contains "/", or two parameters have the same name.
+        ManifestError: the name is empty or contains "/", two parameters have the same name, or a value is not text.
     """
 
     name: str
@@ -156,6 +176,8 @@ class BehaviorManifest:
     def __post_init__(self) -> None:
         object.__setattr__(self, 'parameters', tuple(self.parameters))
         object.__setattr__(self, 'inputs', tuple(self.inputs))
+        texts = {'name': self.name, 'description': self.description, 'author': self.author}
+        _check_texts(f'behavior {self.name!r}', texts)
         if not self.name.strip() or '/' in self.name:
             raise ManifestError(f'behavior {self.name!r}: the name must not be empty or contain "/"')
         names = [parameter.name for parameter in self.parameters]

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from flexbt_onboard.behaviors.behavior import (
     Behavior,
+    BehaviorInput,
     BehaviorManifest,
     BehaviorParameter,
     ParameterValue,
@@ -118,6 +119,10 @@ def test_set_parameter_takes_an_int_for_a_float_and_nothing_else() -> None:
         lambda: BehaviorParameter('items', {(1, 2): 3}),
         lambda: BehaviorParameter('side', 'up', choices=['left']),
         lambda: BehaviorParameter('side', 'left', choices=['left', 1]),
+        lambda: BehaviorParameter('a', 1, unit=5),  # type: ignore[arg-type]
+        lambda: BehaviorParameter('a', 1, minimum='0'),  # type: ignore[arg-type]
+        lambda: BehaviorInput('a', description=None),  # type: ignore[arg-type]
+        lambda: BehaviorManifest('A', author=None),  # type: ignore[arg-type]
         lambda: BehaviorManifest(''),
         lambda: BehaviorManifest('a/b'),
         lambda: BehaviorManifest('A', parameters=[BehaviorParameter('a', 1), BehaviorParameter('a', 2)]),

@@ -12,7 +12,7 @@ from flexbt_core.values.text import short_repr
 
 from .autonomy import UNDECLARED
 from .event_state import EventState
-from .userdata import DefaultUserData, StateMachineError
+from .userdata import DefaultUserData, StateMachineError, check_names
 
 PREEMPTED: Final = 'preempted'
 """Outcome of a run that was stopped. Reserved: no state or machine may declare it."""
@@ -214,6 +214,7 @@ class Machine:
         self.outcomes: tuple[str, ...] = tuple(dict.fromkeys(outcomes))
         self.input_keys: tuple[str, ...] = tuple(dict.fromkeys((*input_keys, *both)))
         self.output_keys: tuple[str, ...] = tuple(dict.fromkeys((*output_keys, *both)))
+        check_names(self, self.outcomes, (*self.input_keys, *self.output_keys))
         self.autonomy = autonomy
         self.userdata = DefaultUserData()
         self.children: list[Child] = []
@@ -234,5 +235,8 @@ class Machine:
             raise StateMachineError(
                 f"cannot add '{child.label}': {short_repr(given)} is neither a state object nor a machine"
             )
+        label: Any = child.label
+        if not isinstance(label, str):
+            raise StateMachineError(f'{short_repr(label)} cannot be a label: it is not text; in YAML, quote it')
         own = dict(child.transitions), dict(child.autonomy), dict(child.remapping)
         self.children.append(Child(child.label, child.state, *own))

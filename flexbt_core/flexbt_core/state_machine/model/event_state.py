@@ -22,7 +22,7 @@ from flexbt_core.clock.clock import Clock
 from flexbt_core.skills.skill import Outcome, Skill
 
 from .state_host import Progress, Severity, StateHost
-from .userdata import StateError, UserData
+from .userdata import StateError, UserData, check_names
 
 DEFAULT_RATE: Final = 10.0
 """Rate at which a state is executed without wake-ups, Hz (as in FlexBE)."""
@@ -83,6 +83,7 @@ class EventState:
         self.outcomes: tuple[str, ...] = tuple(dict.fromkeys(outcomes))
         self.input_keys: tuple[str, ...] = tuple(dict.fromkeys((*input_keys, *both)))
         self.output_keys: tuple[str, ...] = tuple(dict.fromkeys((*output_keys, *both)))
+        check_names(self, self.outcomes, (*self.input_keys, *self.output_keys))
         if desired_rate is not None and not desired_rate > 0:
             raise StateError(f'{type(self).__name__}: desired_rate has to be positive, or None, not {desired_rate}')
         self.desired_rate = desired_rate

@@ -63,6 +63,19 @@ class StateError(StateMachineError):
     """A state was used incorrectly."""
 
 
+def check_names(owner: object, outcomes: Iterable[object], keys: Iterable[object]) -> None:
+    """Check that outcomes and userdata keys are text. YAML reads on, off, yes and no as booleans.
+
+    Raises:
+        StateError: one of them is not.
+    """
+    for what, names in (('an outcome', outcomes), ('a userdata key', keys)):
+        for name in names:
+            if not isinstance(name, str):
+                said = f'{short_repr(name)} cannot be {what}: it is not text; in YAML, quote it'
+                raise StateError(f'{type(owner).__name__}: {said}')
+
+
 # Userdata: the values that the states of a machine pass to each other.
 #
 # Each machine has its own scope. A state sees only the keys that it declares, through a :class:`UserData` view;

@@ -12,6 +12,7 @@ from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child, StateKind
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import MachineError, StateMachineError
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine
 from flexbt_testing.waiting import DEADLINE
@@ -253,3 +254,18 @@ def test_an_input_of_a_container_that_nothing_reads_need_not_be_given() -> None:
     for made, key in ((inner('used'), 'used'), (inner(outputs=('unused',)), 'unused')):
         with pytest.raises(MachineError, match=f"/In: reads userdata key '{key}'"):
             define(machine(Child('In', made, {'ended': 'ended'})))
+
+
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: EventState(outcomes=[True]),  # type: ignore[list-item]
+        lambda: EventState(outcomes=['done'], input_keys=[5]),  # type: ignore[list-item]
+        lambda: OperatableStateMachine(outcomes=[None]),  # type: ignore[list-item]
+        lambda: OperatableStateMachine(outcomes=['ended'], output_keys=[b'x']),  # type: ignore[list-item]
+        lambda: machine(Child(5, Scripted(), {'done': 'ended'})),  # type: ignore[arg-type]
+    ],
+)
+def test_names_that_are_no_text_are_refused_since_no_message_can_have_them(make: Any) -> None:
+    with pytest.raises(StateMachineError, match='it is not text; in YAML, quote it'):
+        make()
