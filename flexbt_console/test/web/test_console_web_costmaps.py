@@ -7,11 +7,13 @@ import asyncio
 import json
 import math
 import struct
+from types import SimpleNamespace
 from typing import Any
 
 import numpy
 import pytest
-from aiohttp import ClientSession, WSCloseCode, WSMsgType
+from aiohttp import ClientSession, WSCloseCode, WSMsgType, web
+from aiohttp.test_utils import TestClient, TestServer
 from geometry_msgs.msg import TransformStamped
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,6 +24,8 @@ from web_support import WebRobot, WebRobots, served
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.link.costmap_link import MOST_SHOWN, UNKNOWN, CostmapLinks, combined
+from flexbt_console.ui.web.costmaps import show_costmaps
+from flexbt_console.ui.web.requests import BURST
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 
@@ -109,6 +113,27 @@ def test_costmaps_are_sent_while_a_page_shows_them() -> None:
         with served(robots) as port:
             assert not navigation.is_heard()
             asyncio.run(run(port, navigation))
+
+
+def test_a_flood_of_requests_ends_the_connection() -> None:
+    link: Any = SimpleNamespace(newest={})
+
+    async def answer(request: web.Request) -> web.WebSocketResponse:
+        socket = web.WebSocketResponse()
+        await socket.prepare(request)
+        await show_costmaps(socket, link, lambda: True)
+        return socket
+
+    async def flood() -> int | None:
+        application = web.Application()
+        application.router.add_get('/', answer)
+        async with TestClient(TestServer(application)) as client, client.ws_connect('/') as socket:
+            for _ in range(BURST + 50):
+                await socket.send_str('{"show": []}')
+            await socket.receive()
+            return socket.close_code
+
+    assert asyncio.run(asyncio.wait_for(flood(), DEADLINE)) == WSCloseCode.POLICY_VIOLATION
 
 
 @pytest.mark.parametrize('robot', ['nobody', ''])

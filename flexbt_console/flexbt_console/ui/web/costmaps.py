@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -13,9 +14,11 @@ from aiohttp import WSCloseCode, WSMsgType, web
 from flexbt_common import names
 from flexbt_console.link.costmap_link import Costmap, CostmapLink
 from flexbt_console.present.json_form import fields_of
+from flexbt_core.clock.rates import SenderRates
 from flexbt_core.values.json_data import load_json
 
 from .picture import map_message
+from .requests import BURST, RATE
 
 PERIOD: Final = 1.0
 """Least time between two costmaps of a kind, s."""
@@ -50,8 +53,12 @@ async def show_costmaps(socket: web.WebSocketResponse, link: CostmapLink, admitt
 
     sending = asyncio.create_task(send_and_close())
     sending.add_done_callback(lambda done: None if done.cancelled() else done.exception())
+    rates = SenderRates(RATE, BURST, time.monotonic)
     try:
         async for message in socket:
+            if not rates.allows(b'page'):
+                await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b'too many messages')
+                return
             names_asked = _asked(message.data) if message.type is WSMsgType.TEXT else None
             if names_asked is None:
                 await socket.close(code=WSCloseCode.UNSUPPORTED_DATA, message=b'a request is {"show": [NAME, ...]}')
