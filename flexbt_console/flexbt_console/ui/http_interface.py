@@ -33,6 +33,7 @@ from flexbt_console.commands.spec import CommandLine, CommandSpec, Option, Send
 from flexbt_console.errors import ConsoleError, ExitCode, UsageError
 from flexbt_console.mirror.command_tracker import CommandState
 from flexbt_console.mirror.mirror import Mirror
+from flexbt_console.mirror.records import CommandKind
 from flexbt_console.present.events import Follower
 from flexbt_console.present.json_form import encode_json, failure_json, robots_json, status_json
 from flexbt_console.recording.incidents import files_in, incident_named, incidents_in
@@ -125,11 +126,13 @@ class _Performance(LineMode):
 
     def run(self) -> ExitCode:
         """See :meth:`LineMode.run`. What was sent before with its identifier is not made anew of what is there now: a
-        decision that it has answered is gone. It is sent again if it is unanswered and nobody has stopped the robot."""
+        decision that it has answered is gone. It is sent again if it is unanswered, and nobody has stopped the robot
+        since."""
         known = self._mirror.command(self._identifier) if self._identifier else None
         if known is None:
             return super().run()
-        if known.state is CommandState.TIMEOUT and known.command.stops == self._stops:
+        may_be_sent = known.command.kind is CommandKind.STOP or known.command.stops == self._stops
+        if known.state is CommandState.TIMEOUT and may_be_sent:
             snapshot = self._seen()[0].snapshot
             executive = snapshot.executive_id if snapshot and known.command.executive_id else ''
             again = replace(known.command, executive_id=executive)

@@ -175,6 +175,8 @@ def test_a_request_that_is_repeated_after_its_timeout_is_the_same_command() -> N
     unanswered('pause', 'b')
     robot.mirror.give(STOP, 5.0)
     assert asked('pause', 'b').result(DEADLINE)[0] is ExitCode.TIMEOUT and len(robot.sent) == 3  # not after a stop
+    for _ in range(2):
+        unanswered('stop', 'c')
 
 
 def test_an_operator_is_present_while_he_reads_the_events() -> None:
