@@ -350,7 +350,7 @@ class HttpInterface:
             work = self._works.get(identifier)
             if work is None or (work.done() and (work.exception() or work.result()[0] is not ExitCode.OK)):
                 work = loop.run_in_executor(self._threads, doing)
-            if identifier:  # a request that is repeated has the same answer
+            if identifier and isinstance(spec.action, Send):  # a request that is repeated has the same answer
                 self._works[identifier] = work
                 self._works.move_to_end(identifier)
                 if len(self._works) > MOST_KEYS:

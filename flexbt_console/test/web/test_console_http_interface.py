@@ -179,6 +179,22 @@ def test_a_request_that_is_repeated_after_its_timeout_is_the_same_command() -> N
         unanswered('stop', 'c')
 
 
+def test_what_is_read_is_that_of_now_also_with_a_key() -> None:
+    robot, key = ProgramRobot(), {'Idempotency-Key': 'k'}
+
+    async def ask() -> list[str]:
+        robots, told = WebRobots({'/robot': robot.station()}), []
+        interface = HttpInterface(robots, robots.station, Access(), lambda user: 'ann')
+        async with TestClient(TestServer(interface.application())) as client:
+            for behavior in ('Patrol', 'Drive'):
+                robot.show(behavior=behavior)
+                answer = await client.post('/robots/robot/commands/status', json={}, headers=key)
+                told.append((await answer.json())['behavior'])
+        return told
+
+    assert asyncio.run(asyncio.wait_for(ask(), DEADLINE)) == ['Patrol', 'Drive']
+
+
 def test_an_operator_is_present_while_he_reads_the_events() -> None:
     async def read() -> list[tuple[str, str]]:
         robots = WebRobots({'/robot': WebRobot().station()})
