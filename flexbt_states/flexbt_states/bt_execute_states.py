@@ -418,8 +418,9 @@ class TreePause:
         if is_over:
             return
         self._services.changed()
-        if reason and was_known and not wanted:
-            self._state.log_warn(f'the tree was not resumed: {reason}')
+        host = self._state.bound_to  # None if the run has ended meanwhile
+        if host is not None and reason and was_known and not wanted:
+            host.log(Severity.WARN, f'the tree was not resumed: {reason}')
 
 
 def _what_goes_on(outcome: ServiceOutcome) -> Sequence[str]:

@@ -448,6 +448,10 @@ class CheckTopicState(ReadTopicState):
     def on_start(self) -> None:
         self._subscription.open()
 
+    def on_enter(self, userdata: UserData) -> None:
+        super().on_enter(userdata)
+        self._has_heard = self._newest is not None
+
     def execute(self, userdata: UserData) -> str | None:
         outcome = super().execute(userdata)
         if outcome == 'timeout' or outcome is None:

@@ -102,6 +102,7 @@ class WaitForMessage(EventState):
         self._subscription = StateSubscription(self, self._topic, msg_type, qos)
         self._deadline: float | None = None
         self._timer: Timer | None = None
+        self._has_heard = False
 
     def _received(self, message: Any, userdata: UserData) -> str | None:
         """Return the outcome for a message; None to wait for another one."""
@@ -109,6 +110,7 @@ class WaitForMessage(EventState):
 
     def on_enter(self, userdata: UserData) -> None:
         self._deadline = self._timer = None
+        self._has_heard = False
         if self._timeout is not None:
             steady = state_services(self).runtime.steady
             self._deadline = steady.now() + self._timeout
@@ -120,9 +122,12 @@ class WaitForMessage(EventState):
         outcome = None if message is None else self._received(message, userdata)
         if outcome is not None:
             return outcome
+        self._has_heard = self._has_heard or message is not None
         if self._deadline is not None and state_services(self).runtime.steady.now() >= self._deadline:
-            lack = ''.join(f'. {text}' for text in self._subscription.lack())
-            self.log_warn(f'no message on {self._topic} within {self._timeout:g} s{lack}')
+            what, lack = 'no condition was true for a message', ''
+            if not self._has_heard:
+                what, lack = 'no message', ''.join(f'. {text}' for text in self._subscription.lack())
+            self.log_warn(f'{what} on {self._topic} within {self._timeout:g} s{lack}')
             return 'timeout'
         return None
 
@@ -238,6 +243,7 @@ class StateSubscription:
         self._qos = qos
         self._lock = threading.Lock()
         self._newest: Any | None = None
+        self._error: Exception | None = None
         self._visit = 0
         self._is_open = False
         self._subscription: Subscription | None = None  # executor thread only
@@ -247,8 +253,7 @@ class StateSubscription:
         if self._is_open:
             return
         self._is_open = True
-        self._visit += 1
-        visit, runtime = self._visit, state_services(self._state).runtime
+        visit, runtime = self._begin_visit(), state_services(self._state).runtime
         runtime.post(lambda: self._subscribe(runtime, visit))
 
     def close(self) -> None:
@@ -256,15 +261,20 @@ class StateSubscription:
         if not self._is_open:
             return
         self._is_open = False
-        self._visit += 1
-        self.take()
+        self._begin_visit()
         runtime = state_services(self._state).runtime
         runtime.post(lambda: self._unsubscribe(runtime))
 
     def take(self) -> Any | None:
-        """Return the newest message, once; None if no message is available."""
+        """Return the newest message, once; None if no message is available.
+
+        Raises what prevented the subscription, such as TopicTypeError.
+        """
         with self._lock:
+            error, self._error = self._error, None
             message, self._newest = self._newest, None
+        if error is not None:
+            raise error
         return message
 
     def lack(self) -> list[str]:
@@ -273,14 +283,28 @@ class StateSubscription:
         text = qos_misfit(runtime, runtime.node.resolve_topic_name(self._topic)) if self._newest is None else ''
         return [text] if text else []
 
+    def _begin_visit(self) -> int:
+        """Drop what was received, and ignore what an earlier subscription still receives; return the new number."""
+        with self._lock:
+            self._newest = self._error = None
+            self._visit += 1
+            return self._visit
+
     def _subscribe(self, runtime: Runtime, visit: int) -> None:
         def receive(message: Any) -> None:
-            if visit == self._visit:
-                with self._lock:
-                    self._newest = message
-                self._state.wake()
+            with self._lock:
+                if visit != self._visit:
+                    return
+                self._newest = message
+            self._state.wake()
 
-        self._subscription = runtime.node.create_subscription(self._message_type, self._topic, receive, self._qos)
+        try:
+            self._subscription = runtime.node.create_subscription(self._message_type, self._topic, receive, self._qos)
+        except Exception as error:  # for the state, which would wait forever
+            with self._lock:
+                if visit == self._visit:
+                    self._error = error
+            self._state.wake()
 
     def _unsubscribe(self, runtime: Runtime) -> None:
         if self._subscription is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,13 +13,15 @@ from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 
 from flexbt_common import names
+from flexbt_common.calls.service_call import ServiceOutcome
+from flexbt_core.clock.clock import ManualClock
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.authoring.wrappers import with_timeout
 from flexbt_core.state_machine.engine import operator_commands
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.action import BtExecute, BtSetData
 from flexbt_msgs.srv import ControlTree
-from flexbt_states import BtExecuteGoalState, BtExecuteState, BtSetDataState
+from flexbt_states import BtExecuteGoalState, BtExecuteState, BtSetDataState, bt_execute_states
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.nodes.state_bench import Run, StateBench
 from flexbt_testing.waiting import wait_until
@@ -213,6 +216,28 @@ def test_pauses_in_quick_succession_end_as_the_last_one_wants(bench: StateBench)
     wait_until(lambda: server.commands[-1:] == [(RESUME, server.run_id)], 'the last resume')
     server.end()
     assert run.wait() == 'done', run.lines
+
+
+def test_an_answer_that_arrives_after_the_end_of_the_run_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers: list[Any] = []
+
+    def call(link: Any, request: Any, on_done: Any, **_: Any) -> Any:
+        answers.append(on_done)
+        return SimpleNamespace()
+
+    monkeypatch.setattr(bt_execute_states, 'ServiceCall', call)
+    runtime = SimpleNamespace(steady=ManualClock())
+    services: Any = SimpleNamespace(runtime=runtime, node_name='/executive', changed=lambda: None)
+    link: Any = SimpleNamespace(name='bt_server/control')
+    state = EventState(outcomes=['done'])
+    assert state.bound_to is None  # its run has ended
+    pause = bt_execute_states.TreePause(state, services, link, 'run')
+    pause.set(True)
+    answers[-1](ServiceOutcome(ControlTree.Response(), ''))
+    pause.set(False)
+    answers[-1](ServiceOutcome(ControlTree.Response(message='unknown'), ''))
+    pause.run_seen()
+    answers[-1](ServiceOutcome(None, 'no answer'))
 
 
 def test_a_paused_state_that_is_stopped_cancels_its_tree(bench: StateBench) -> None:

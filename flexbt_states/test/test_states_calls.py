@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,14 +16,25 @@ from std_srvs.srv import SetBool
 
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.clock.clock import ManualClock
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.authoring.yaml_form import read_machine
+from flexbt_core.state_machine.model.definition import Child
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest
 from flexbt_onboard.behaviors.behavior_library import BehaviorEntry
-from flexbt_states import CallActionState, CallServiceState, CheckTopicState, PublishState, ReadTopicState
+from flexbt_states import (
+    CallActionState,
+    CallServiceState,
+    CheckTopicState,
+    PublishState,
+    ReadTopicState,
+    topic_states,
+)
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.scripted_action_server import ends
 from flexbt_testing.nodes.state_bench import StateBench
+from flexbt_testing.state_machines.bench import Bench, machine
 from flexbt_testing.waiting import wait_until
 
 SPIN = 'nav2_msgs/action/Spin'
@@ -184,6 +196,29 @@ def test_a_topic_decides_by_its_newest_message(bench: StateBench, peer: NodeRunt
 def test_a_topic_without_messages_times_out(bench: StateBench) -> None:
     run = bench.run_state(lambda: CheckTopicState('silent', 'std_msgs/msg/String', {'any': ''}, timeout=0.05))
     assert run.wait() == 'timeout'
+    assert run.errors() == 'no message on silent within 0.05 s'
+
+
+@pytest.mark.parametrize('kind', [ReadTopicState, CheckTopicState])
+def test_messages_that_meet_no_condition_are_not_told_as_missing(
+    kind: type[EventState], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    receivers: list[Callable[[String], None]] = []
+    node = SimpleNamespace(
+        create_subscription=lambda type, topic, receive, qos: receivers.append(receive),
+        destroy_subscription=lambda subscription: None,
+    )
+    runtime = SimpleNamespace(node=node, post=lambda fn: fn(), steady=ManualClock())
+    monkeypatch.setattr(topic_states, 'state_services', lambda state: SimpleNamespace(runtime=runtime))
+    made: Any = kind
+    state = made('mode', 'std_msgs/msg/String', outcomes={'manual': "message.data == 'manual'"}, timeout=3.0)
+    bench = Bench(machine(Child('Mode', state, {'manual': 'ended', 'timeout': 'ended'})))
+    receivers[0](String(data='auto'))
+    bench.settle()
+    runtime.steady.advance(3.0)
+    bench.settle()
+    assert bench.transitions[-1][:2] == ('/Mode', 'timeout')
+    assert [text for _, _, text in bench.lines] == ['no condition was true for a message on mode within 3 s']
 
 
 # -- what is refused while the behavior is built ---------------------------------------------------------------------

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -15,8 +16,10 @@ from std_msgs.msg import String
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime, qos_misfit
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
-from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState
+from flexbt_core.state_machine.model.event_state import EventState
+from flexbt_states import PublishOnceState, SubscribeOnceState, SubscriberState, WaitState, topic_states
 from flexbt_states.errors import StateParameterError
+from flexbt_states.topic_states import StateSubscription
 from flexbt_testing.nodes.state_bench import StateBench
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -55,6 +58,52 @@ def test_the_next_message_is_received(bench: StateBench, peer: Peer) -> None:
     assert run.wait() == 'received'
     assert read == {'message': String(data='hello')}
     wait_until(lambda: publisher.get_subscription_count() == 0, 'unsubscribed')
+
+
+class Interrupted:
+    """A lock that another thread takes just before this one."""
+
+    def __init__(self, between: Callable[[], object]) -> None:
+        self.between: Callable[[], object] | None = between
+
+    def __enter__(self) -> None:
+        between, self.between = self.between, None
+        if between is not None:
+            between()
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def test_a_message_that_arrives_while_the_state_is_left_is_none_of_its_next_visit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    receivers: list[Callable[[String], None]] = []
+    node = SimpleNamespace(
+        create_subscription=lambda type, topic, receive, qos: receivers.append(receive),
+        destroy_subscription=lambda subscription: None,
+    )
+    runtime = SimpleNamespace(node=node, post=lambda fn: fn())
+    monkeypatch.setattr(topic_states, 'state_services', lambda state: SimpleNamespace(runtime=runtime))
+    subscription = StateSubscription(EventState(outcomes=['done']), 'speech', String, QoSProfile(depth=1))
+    subscription.open()
+
+    def leave_and_enter() -> None:
+        subscription.close()
+        subscription.open()
+
+    monkeypatch.setattr(subscription, '_lock', Interrupted(leave_and_enter))
+    receivers[0](String(data='late'))
+    assert subscription.take() is None
+    receivers[1](String(data='new'))
+    assert subscription.take() == String(data='new')
+
+
+def test_a_topic_of_another_type_is_a_fault_of_the_state(bench: StateBench) -> None:
+    bench.runtime.call(lambda: bench.runtime.node.create_publisher(Point, 'places', 1))
+    run = bench.run_state(lambda: SubscribeOnceState('places', 'std_msgs/msg/String'))
+    assert run.wait() == 'error'
+    assert 'geometry_msgs/msg/Point' in run.errors()
 
 
 def test_without_a_message_in_time_the_outcome_is_timeout(bench: StateBench) -> None:
