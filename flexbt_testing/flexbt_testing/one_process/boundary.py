@@ -30,6 +30,19 @@ INSTEAD: Final = {
     'os.kill': _SIGNAL,
     'os.killpg': _SIGNAL,
 }
+_FILES: Final = 'the home directory of the world (Path.home()), or tmp_path of the test'
+_CHANGES: Final = {
+    'os.chmod': (0, 2),
+    'os.link': (1, 3),
+    'os.mkdir': (0, 2),
+    'os.remove': (0, 1),
+    'os.rename': (0, 2),
+    'os.rmdir': (0, 1),
+    'os.symlink': (1, 2),
+    'os.truncate': (0, None),
+}
+"""What changes a directory or file: the places of its name, and of the open directory to which that is relative."""
+
 _WRITES: Final = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
 
@@ -68,12 +81,13 @@ class Boundary:
         return self._test is not None and SCHEDULER.current.process is not self._test
 
     def _check(self, event: str, arguments: tuple[Any, ...]) -> None:
-        if (event != 'open' and event not in INSTEAD) or not self.is_inside:
+        if (event != 'open' and event not in INSTEAD and event not in _CHANGES) or not self.is_inside:
             return
-        if event == 'open' and self._may_open(*arguments):
-            return
-        what = f'opens {arguments[0]!r} for writing' if event == 'open' else f'calls {event} {_text(arguments)}'
-        self.stop(what, INSTEAD.get(event, 'the home directory of the world (Path.home()), or tmp_path of the test'))
+        if event == 'open':
+            if not self._may_open(*arguments):
+                self.stop(f'opens {arguments[0]!r} for writing', _FILES)
+        elif event in INSTEAD or not self._may_change(event, arguments):
+            self.stop(f'calls {event} {_text(arguments)}', INSTEAD.get(event, _FILES))
 
     def stop(self, what: str, instead: str) -> NoReturn:
         """Stop code that would leave the world.
@@ -90,7 +104,19 @@ class Boundary:
         is_written = isinstance(flags, int) and flags & _WRITES
         if not is_written or not isinstance(path, str | bytes):
             return True
+        return self._is_own(os.fsdecode(path))
+
+    def _may_change(self, event: str, arguments: tuple[Any, ...]) -> bool:
+        name, directory = _CHANGES[event]
+        path, above = arguments[name], -1 if directory is None else arguments[directory]
+        if not isinstance(path, str | bytes):  # an open file
+            return True
         file = os.fsdecode(path)
+        if above not in (None, -1):
+            file = str(Path(f'/proc/self/fd/{above}').readlink() / file)
+        return self._is_own(file) or (event == 'os.mkdir' and Path(file).is_dir())
+
+    def _is_own(self, file: str) -> bool:
         return file == os.devnull or '__pycache__' in file or str(Path(file).absolute()).startswith(self._folders)
 
 

@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rclpy.executors import ExternalShutdownException
+
 from flexbt_testing.system import fork_server, processes
 from flexbt_testing.system.hold_up import hold_up
 
@@ -35,6 +37,8 @@ def launch(program: Program, arguments: Sequence[str], on_error: Callable[[BaseE
             code = main()
         except SystemExit as left:
             code = left.code
+        except ExternalShutdownException as error:  # by which rclpy tells of SIGTERM
+            on_error(error)
         except BaseException as error:
             on_error(error)
             raise

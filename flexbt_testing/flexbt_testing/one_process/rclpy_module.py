@@ -229,8 +229,16 @@ class _Signals:
             before()
 
 
+def _events_executor(context: Any) -> Any:
+    """Return an executor that does what the experimental one in C++ is for, on one thread."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    return SingleThreadedExecutor(context=context)
+
+
 _SIGNALS: Final = _Signals()
 _FUNCTIONS: Final[dict[str, Any]] = {
+    'EventsExecutor': _events_executor,
     'install_signal_handlers': _SIGNALS.install,
     'uninstall_signal_handlers': _SIGNALS.uninstall,
     'get_current_signal_handlers_options': _SIGNALS.current,

@@ -63,6 +63,8 @@ class Process:
         self.kept_files: list[Callable[[], object]] = []
         """Functions that close the files that others could not open."""
         self.held_up: list[Task] | None = None  # the ready tasks of a stopped process
+        self.watchers: list[Callable[[bool], object]] = []
+        """Functions that are told when it stops or ends (False), and when it goes on (True)."""
         self.signal: Callable[[], object] | None = None
         """Function that ends the process as SIGTERM does; None before it is set up."""
 
@@ -290,20 +292,30 @@ class Scheduler:
 
     def abandon(self, process: Process) -> None:
         """Never run the tasks of a process again."""
-        process.is_alive = False
+        if process.is_alive:
+            process.is_alive = False
+            self._tell(process, False)
         dead = [task for task in self.tasks if task.process is process and task is not self.current]
         self._abandoned += dead
         self.tasks = [task for task in self.tasks if task not in dead]
 
     def hold_up(self, process: Process) -> None:
         """Run no task of a process until :meth:`resume`."""
-        process.held_up = process.held_up or []
+        if process.held_up is None:
+            process.held_up = []
+            self._tell(process, False)
 
     def resume(self, process: Process) -> None:
         """Let a stopped process continue."""
-        held_up, process.held_up = process.held_up or [], None
-        for task in held_up:
+        held_up, process.held_up = process.held_up, None
+        if held_up is not None:
+            self._tell(process, True)
+        for task in held_up or ():
             self.make_ready(task)
+
+    def _tell(self, process: Process, runs: bool) -> None:
+        for watcher in tuple(process.watchers):
+            watcher(runs)
 
     def frames(self) -> dict[int, Any]:
         """Return the innermost frame of each suspended task, by its identifier, as ``sys._current_frames`` does."""

@@ -258,6 +258,8 @@ class Publisher(Endpoint):
         self._is_manual = self.qos.liveliness == _MANUAL_BY_TOPIC and bool(self.qos.lease)
         self.is_asserted = not self._is_manual
         self._lease: Alarm | None = None
+        if self.qos.lease and not self._is_manual:
+            self.process.watchers.append(self._follow_process)
         self.topic.publishers.append(self)
         for subscription in tuple(self.topic.subscriptions):
             _discover(self, subscription)
@@ -315,11 +317,27 @@ class Publisher(Endpoint):
 
     def _renew(self) -> None:
         """Count as alive from now on until the lease ends."""
-        if not self._is_manual:
-            return
+        if self._is_manual:
+            self._begin_lease()
+            self._regain()
+
+    def _follow_process(self, runs: bool) -> None:
+        """Lose the lease that the middleware renews by itself, as long as the process runs."""
+        if runs:
+            self._cancel_lease()
+            self._regain()
+        else:
+            self._begin_lease()
+
+    def _begin_lease(self) -> None:
+        self._cancel_lease()
+        self._lease = SCHEDULER.call_at(SCHEDULER.now + self.qos.lease, self._lose)
+
+    def _cancel_lease(self) -> None:
         if self._lease is not None:
             self._lease.cancel()
-        self._lease = SCHEDULER.call_at(SCHEDULER.now + self.qos.lease, self._lose)
+
+    def _regain(self) -> None:
         if not self.is_asserted:
             self.is_asserted = True
             for subscription in self.matches:
@@ -334,8 +352,9 @@ class Publisher(Endpoint):
     def _destroy(self) -> None:
         if self in self.topic.publishers:
             self.topic.publishers.remove(self)
-        if self._lease is not None:
-            self._lease.cancel()
+        self._cancel_lease()
+        if self._follow_process in self.process.watchers:
+            self.process.watchers.remove(self._follow_process)
         for subscription in self.matches:
             _part(self, subscription)
         self.matches = []

@@ -22,7 +22,12 @@ from typing import Any
 import numpy
 import pytest
 import rclpy
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Int32
 
 from flexbt_testing.one_process.network import Link
 from flexbt_testing.one_process.programs import Program
@@ -128,6 +133,22 @@ def test_the_end_of_a_program_waits_for_its_threads(bare: World) -> None:
     assert process.is_alive
     bare.run(10.0)
     assert (sorted(told), process.exit_code) == (['daemon', 'pool', 'thread', 'timer'], 0)
+
+
+def test_an_executor_of_events_calls_what_is_due(bare: World) -> None:
+    told: list[float] = []
+
+    def tick() -> None:
+        rclpy.init()
+        node = rclpy.create_node('ticking')
+        executor = EventsExecutor()
+        executor.add_node(node)
+        node.create_timer(1.0, lambda: told.append(bare.now))
+        executor.spin_until_future_complete(rclpy.Future(), timeout_sec=3.5)
+
+    bare.launch(tick)
+    bare.run(5.0)
+    assert len(told) == 3
 
 
 def test_os_exit_ends_its_process_only(bare: World) -> None:
@@ -255,7 +276,31 @@ def test_a_date_goes_on_with_the_clock_of_the_world(bare: World) -> None:
     assert InUtc().formatTime(record, '%H') == '00'
 
 
-# The network
+# Liveliness and the network
+
+
+def test_a_lease_that_is_renewed_by_itself_ends_with_the_process(bare: World) -> None:
+    told: list[tuple[int, int, int]] = []
+    leased = QoSProfile(depth=1, liveliness_lease_duration=Duration(seconds=1.0))
+
+    def drive() -> None:
+        rclpy.init()
+        node = rclpy.create_node('driver')
+        node.create_publisher(Int32, 'wheels', leased)
+        rclpy.spin(node)
+
+    def note(event: Any) -> None:
+        told.append((round(bare.now - began), event.alive_count, event.not_alive_count))
+
+    node, began = bare.observer.node, bare.now
+    events = SubscriptionEventCallbacks(liveliness=note)
+    bare.observer.call(lambda: node.create_subscription(Int32, 'wheels', print, leased, event_callbacks=events))
+    bare.launch(drive)
+    for act in (bare.hold_up, bare.resume, bare.kill):
+        bare.run(5.0)
+        act('drive')
+    bare.run(60.0)
+    assert told == [(0, 1, 0), (6, 0, 1), (10, 1, 0), (16, 0, 1), (35, 0, 0)]
 
 
 def test_a_loss_is_a_probability() -> None:

@@ -13,7 +13,7 @@ import pytest
 from flexbt_testing.one_process.graph import MODULE, REAL
 
 STAND_IN = sys.modules[MODULE]
-LEFT_OUT = {'EventsExecutor'}  # an executor in C++, which rclpy calls experimental
+LEFT_OUT = {'EventsExecutor'}  # an executor in C++, for which one in Python stands in
 CLASSES = sorted(
     name
     for name, real in vars(REAL).items()

@@ -7,6 +7,7 @@ import gc
 import os
 import re
 import shlex
+import shutil
 import signal
 import socket
 import subprocess
@@ -308,6 +309,9 @@ LEAVING: dict[str, Callable[[], object]] = {
     'socket.connect': lambda: socket.create_connection(('127.0.0.1', 9)),
     'subprocess.Popen': lambda: subprocess.run(['true'], check=True),
     'os.kill': lambda: os.kill(os.getpid(), signal.SIGTERM),
+    'os.rename': lambda: Path('/var/tmp/of_a_world').rename('/var/tmp/other'),  # noqa: S108
+    'os.remove': lambda: Path('/var/tmp/of_a_world').unlink(missing_ok=True),  # noqa: S108
+    'os.mkdir': lambda: Path('/var/tmp/of_a_world').mkdir(),  # noqa: S108
     'opens': lambda: Path('/var/tmp/of_a_world').write_text('x'),  # noqa: S108
 }
 
@@ -320,6 +324,10 @@ def test_code_that_leaves_the_world_is_stopped(world: World, tmp_path: Path, wha
     def leave() -> None:
         (tmp_path / 'allowed').write_text('x')
         (Path.home() / 'allowed').write_text('x')
+        (Path.home() / 'allowed').rename(Path.home() / 'moved')
+        (tmp_path / 'own' / 'inner').mkdir(parents=True)
+        shutil.rmtree(tmp_path / 'own')
+        Path('/tmp').mkdir(exist_ok=True)  # noqa: S108 - which is there
         try:
             LEAVING[what]()
         except OutsideWorldError as error:
