@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -63,9 +64,12 @@ def _namespace(text: str) -> str:
 
 
 def _seconds(text: str) -> float:
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not 0.1 <= value <= 600.0:
-        raise argparse.ArgumentTypeError(f'{text} is not between 0.1 and 600')
+        raise argparse.ArgumentTypeError(f'{short_repr(text)} is not a number between 0.1 and 600')
     return value
 
 

@@ -59,6 +59,10 @@ PATIENCE: Final = 3.0
 """Time for an answer after which a node counts as hanging, s."""
 OLD_TRANSFORM: Final = 2.0
 """Age at which the newest transform of the robot is too old, s."""
+MOST_DOMAIN: Final = 232
+"""The last domain that has ports."""
+SHARED_DOMAINS: Final = range(102, 215)
+"""Domains whose ports are among those that Linux gives to connections (net.ipv4.ip_local_port_range)."""
 ROUTER: Final = '127.0.0.1', 7447
 """Address at which nodes look for the router of Zenoh, unless they are told otherwise."""
 
@@ -152,8 +156,11 @@ def _versions() -> Iterator[Finding]:
 
 def _domain(environment: Mapping[str, str]) -> Iterator[Finding]:
     domain = environment.get('ROS_DOMAIN_ID', '') or '0'
-    if not domain.isdigit() or int(domain) > 101:
-        yield error(f'ROS_DOMAIN_ID={domain}', 'use a number from 0 to 101, the same on all computers')
+    remedy = 'use a number from 0 to 101, the same on all computers'
+    if not domain.isdecimal() or int(domain) > MOST_DOMAIN:
+        yield error(f'ROS_DOMAIN_ID={domain}', remedy)
+    elif int(domain) in SHARED_DOMAINS:
+        yield warning(f'ROS_DOMAIN_ID={domain}: its ports may be taken by connections of this computer', remedy)
     else:
         yield ok(f'ROS_DOMAIN_ID {domain}')
 

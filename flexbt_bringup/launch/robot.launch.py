@@ -19,7 +19,8 @@ CONFIG = Path(get_package_share_directory('flexbt_bringup')) / 'config' / 'robot
 
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes, for the arguments of this launch."""
-    navigators = yaml.safe_load(LaunchConfiguration('navigators').perform(context)) or []
+    given = yaml.safe_load(LaunchConfiguration('navigators').perform(context)) or []
+    navigators = [given] if isinstance(given, str) else given
     simulated = LaunchConfiguration('use_sim_time').perform(context).lower() == 'true'
     records = LaunchConfiguration('black_box').perform(context).lower() == 'true'
     files = [LaunchConfiguration('params_file')]
@@ -56,7 +57,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'navigators',
                 default_value='[]',
-                description='actions of bt_navigator and waypoint_follower to serve in their place, as a YAML list',
+                description='actions of bt_navigator and waypoint_follower to serve in their place, one or a YAML list',
             ),
             DeclareLaunchArgument(
                 'black_box',

@@ -219,6 +219,10 @@ def test_this_computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wrong = {'ROS_DOMAIN_ID': '300', 'ROS_LOCALHOST_ONLY': '1', 'ROS_LOG_DIR': str(tmp_path)}
     found = list(machine_findings(wrong))
     assert of(found, 'domain') == ['ROS_DOMAIN_ID=300']
+    levels = {'0': 'OK', '101': 'OK', '102': 'WARNING', '214': 'WARNING', '215': 'OK', '233': 'ERROR'}
+    for domain, level in levels.items():
+        found_here = machine_findings({'ROS_DOMAIN_ID': domain})
+        assert [one.level.name for one in found_here if one.check == 'domain'] == [level], domain
     assert 'nodes of other computers are not found' in of(found, 'reach', Level.WARNING)[0]
     for value in ('LOCALHOST', 'subnet'):  # as rcl, which takes what it does not know for LOCALHOST
         (told,) = of(list(machine_findings({'ROS_AUTOMATIC_DISCOVERY_RANGE': value})), 'reach', Level.WARNING)

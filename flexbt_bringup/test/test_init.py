@@ -52,7 +52,7 @@ def test_its_files_are_what_their_readers_expect(workspace: Path) -> None:
     # Home directories are read-only for the unit: what goes below ~ by default needs a home that is not.
     assert unit['Service']['Environment'] == f'HOME=/var/lib/{unit["Service"]["StateDirectory"]}'
     services = yaml.safe_load((deploy / 'compose.yaml').read_text())['services']
-    assert set(services) == {'bt_server', 'onboard_executive', 'stop_guard'}
+    assert set(services) == {'bt_server', 'onboard_executive', 'stop_guard', 'black_box'}
     for name, service in services.items():
         context = (deploy / service['build']['context']).resolve()
         assert (context / service['build']['dockerfile']).read_text() == (deploy / 'Dockerfile').read_text()
