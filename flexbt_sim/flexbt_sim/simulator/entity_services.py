@@ -59,6 +59,9 @@ from .core import SimulatorCore
 WORLD_FRAME: Final = 'world'
 """Default frame of poses in the standard; here it is the map frame."""
 
+LONGEST_NAMESPACE: Final = 150
+"""Maximum length of a robot's namespace: names of topics have at most 247 characters."""
+
 SUFFIXES: Final = ('.yaml', '.yml')
 
 
@@ -188,6 +191,13 @@ class EntityServices:
             validate_namespace(f'/{namespace.strip("/")}')
         except InvalidNamespaceException as error:
             raise ServiceRefusedError(SpawnEntity.Response.NAMESPACE_INVALID, str(error)) from None
+        around = self._simulator.runtime.node.get_namespace()
+        if len(around) + len(namespace) > LONGEST_NAMESPACE:
+            raise ServiceRefusedError(
+                SpawnEntity.Response.NAMESPACE_INVALID,
+                f'{short_repr(namespace)} has {len(namespace)} characters; with the namespace of the simulator '
+                f'({around}) it may have {LONGEST_NAMESPACE}',
+            )
         if not self._simulator.is_free_namespace(namespace):
             raise ServiceRefusedError(
                 SpawnEntity.Response.NAMESPACE_INVALID, f'there is a robot in namespace {namespace!r} already'

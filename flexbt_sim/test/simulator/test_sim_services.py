@@ -262,6 +262,12 @@ def test_no_two_robots_are_in_one_namespace(bench: Bench) -> None:
         ('robots: {alpha: {}}', {}, SpawnEntity.Response.NAME_NOT_UNIQUE, 'alpha'),
         ('robots: {new: {}}', {'name': '1 /'}, SpawnEntity.Response.NAME_INVALID, 'letters'),
         ('robots: {new: {}}', {'entity_namespace': 'a b'}, SpawnEntity.Response.NAMESPACE_INVALID, 'namespace'),
+        (
+            'robots: {new: {}}',
+            {'entity_namespace': 'a' * 230},
+            SpawnEntity.Response.NAMESPACE_INVALID,
+            '230 characters',
+        ),
         ('robots: {new: {}}', {'entity_namespace': '/alpha'}, SpawnEntity.Response.NAMESPACE_INVALID, 'already'),
         ('robots: {new: {}}', {'initial_pose': pose((1.0, 1.0))}, SpawnEntity.Response.INVALID_POSE, 'alpha'),
         ('robots: {new: {}}', {'initial_pose': pose((2.0, 2.0), 'moon')}, SpawnEntity.Response.INVALID_POSE, 'moon'),
