@@ -28,7 +28,7 @@ from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.skills.skill import Skill
 
 from .leaf_skills import Facts, needs_of
-from .model import EnvironmentChoices
+from .model import EnvironmentChoices, again
 
 _ENGINE: Final = 'flexbt_core.behavior_tree.nodes.'
 _NAV2: Final = f'{_ENGINE}nav2.'
@@ -255,12 +255,16 @@ class _Model(LeafNode):
         self.environment.facts.ends(self.path, self.needs, status)
 
     def answer(self) -> NodeStatus:
-        """Return an immediate result from the environment: the same one within a step."""
+        """Return an immediate result from the environment: of a condition the same one within a step, of an action that
+        is done again in it another one, which then stays."""
         results = self.model.results
         known = self.environment.answers
-        if self.path not in known:
-            known[self.path] = self.environment.choices.choose(self.path, [result.name for result in results])
-        return results[known[self.path]]
+        question = self.path
+        if question in known and self.kind is not NodeKind.CONDITION:
+            question = again(question)
+        if question not in known:
+            known[question] = self.environment.choices.choose(question, [result.name for result in results])
+        return results[known[question]]
 
 
 class ModelInstant(_Model):

@@ -27,6 +27,11 @@ class EnvironmentChoice(NamedTuple):
         return f'{self.question}: {self.options[self.taken]}'
 
 
+def again(question: str) -> str:
+    """Return a question as it is asked for the second and all further times in a step."""
+    return f'{question}, again'
+
+
 class EnvironmentChoices:
     """The answers of one step: those in ``given``, then the first option of each further question."""
 

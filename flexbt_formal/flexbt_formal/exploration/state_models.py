@@ -24,7 +24,7 @@ from flexbt_core.state_machine.model.definition import MachineDefinition, StateD
 from flexbt_core.state_machine.model.event_state import EventState, ExitReason, state_skill
 from flexbt_core.state_machine.model.userdata import UserData
 
-from .model import EnvironmentChoices
+from .model import EnvironmentChoices, again
 
 
 class StateModelKind(Enum):
@@ -212,9 +212,10 @@ class ModelState(EventState):
 
     def _answer(self) -> str:
         known = self.environment.answers
-        if self.own_path not in known:
-            known[self.own_path] = self.environment.choices.choose(self.own_path, self.results)
-        return self.results[known[self.own_path]]
+        question = again(self.own_path) if self.own_path in known else self.own_path
+        if question not in known:
+            known[question] = self.environment.choices.choose(question, self.results)
+        return self.results[known[question]]
 
     def on_exit(self, userdata: UserData) -> None:
         self.environment.active.pop(self.own_path, None)

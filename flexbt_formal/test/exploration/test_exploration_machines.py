@@ -47,6 +47,13 @@ class Think(EventState):
         super().__init__(['done'], desired_rate=None)
 
 
+class Count(EventState):
+    is_instant = True
+
+    def __init__(self) -> None:
+        super().__init__(['more', 'none'], desired_rate=None)
+
+
 def models(definition: StateDefinition) -> StateModel:
     state = definition.state.unwrapped
     if isinstance(state, Decide):
@@ -299,3 +306,17 @@ def test_while_a_cancel_is_awaited_the_time_of_something_else_may_be_over() -> N
 
     (found,) = explore(system, 'mission').counterexamples
     assert found.violation in replay(system, found.moves)
+
+
+def test_what_is_entered_again_within_a_step_may_end_otherwise() -> None:
+    machine = OperatableStateMachine(outcomes=['finished', 'failed'])
+    with machine:
+        add('First', Count(), {'more': 'First', 'none': 'finished'})
+    definition, required = define(machine), parse_requirement('after /First > more, =failed before the end', 'test')
+
+    def system() -> MachineSystem:
+        return MachineSystem(definition, state_model, requirements=[required.requirement])
+
+    found = explore(system, 'mission').counterexamples
+    assert {one.violation.property for one in found} == {Property.NO_LIVELOCK, Property.REQUIREMENT}
+    assert all(one.violation in replay(system, one.moves) for one in found)

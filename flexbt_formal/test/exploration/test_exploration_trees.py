@@ -10,10 +10,11 @@ from collections.abc import Iterable
 
 import pytest
 
-from flexbt_core.behavior_tree.engine.leaf import Condition
+from flexbt_core.behavior_tree.engine.leaf import Condition, SyncAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.engine.parents import Control
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
+from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
@@ -123,6 +124,16 @@ class Forgetful(Control):
         return status
 
 
+class Take(SyncAction):
+    """Takes the next thing of a list, within a tick; fails when there is none left."""
+
+    left = 1
+
+    def tick(self) -> NodeStatus:
+        self.left -= 1
+        return NodeStatus.SUCCESS if self.left >= 0 else NodeStatus.FAILURE
+
+
 class Turns:
     """What a node keeps in an object of its own."""
 
@@ -164,15 +175,18 @@ def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
     leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Choose, Lift, IsAt, Go, Serve, Leave, Look)
-    found.register_classes([*leaves, AskSoon, Forgetful, Stalled, Alternating])
+    found.register_classes([*leaves, AskSoon, Take, Forgetful, Stalled, Alternating])
     return found
 
 
-def system(body: str, *required: str, given: Iterable[str] = ()) -> TreeSystem:
+def library_of(body: str) -> TreeLibrary:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+    return TreeLibrary([load_xml(text, 'main.xml', registry())])
+
+
+def system(body: str, *required: str, given: Iterable[str] = ()) -> TreeSystem:
     requirements = [parse_requirement(text, 'test').requirement for text in required]
-    return TreeSystem(library, TreeKey('main.xml', 'Main'), requirements=requirements, given=given)
+    return TreeSystem(library_of(body), TreeKey('main.xml', 'Main'), requirements=requirements, given=given)
 
 
 def proved(body: str, *given: str) -> Report:
@@ -363,6 +377,14 @@ def test_the_nodes_that_wait_for_a_time_are_known() -> None:
         )
         if not has_model and any('wake_at' in inspect.getsource(one) for one in engine):
             assert issubclass(manifest.node_class, TIMED)
+
+
+def test_what_is_done_again_within_a_tick_may_end_otherwise() -> None:
+    body = '<Repeat num_cycles="2"><Take name="take"/></Repeat>'
+    assert Tree(library_of(body), 'Main').tick_once() is NodeStatus.FAILURE
+    required = 'after take > SUCCESS, =SUCCESS before the end'
+    (found,) = explore(lambda: system(body, required), 'Main').counterexamples
+    assert found.violation in replay(lambda: system(body, required), found.moves)
 
 
 def test_what_never_changes_is_no_part_of_what_is_kept() -> None:
