@@ -34,6 +34,7 @@ from flexbt_console.commands import command_builder
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import NoAnswerError, RefusedError, UsageError
 from flexbt_console.mirror.fleet import Fleet
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
     CommandKind,
     ExecutiveState,
@@ -391,6 +392,38 @@ def test_a_call_is_acknowledged_at_the_prompt_of_the_page_by_its_operator(
 
     with_page(WebRobot(), acknowledge)
     store.close()
+
+
+def test_pages_that_wait_for_the_node_keep_no_other_one_waiting() -> None:
+    robot, go_on, waiting = WebRobot(), threading.Event(), threading.Semaphore(0)
+
+    class Busy(WebRobots):
+        """A node that is busy."""
+
+        def robot(self, name: str) -> tuple[Mirror, Any]:
+            waiting.release()
+            return super().robot(name)
+
+        def open(self, name: str, operator: str = '') -> None:
+            assert name == '/robot' or go_on.wait(DEADLINE)
+            super().open(name, operator)
+
+    async def run(port: int) -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            opened = await stack.enter_async_context(page(port, robot='robot', compress=15))
+            await opened.until(lambda: 'link' in opened.parts)
+            try:
+                for _ in range(MOST_PAGES - 1):
+                    await stack.enter_async_context(page(port, robot='busy'))
+                for _ in range(MOST_PAGES):
+                    assert await asyncio.to_thread(waiting.acquire, timeout=DEADLINE)
+                robot.mirror.receive_plan(tuple((float(x), 0.0) for x in range(5000)))  # a thread compresses it
+                await opened.until(lambda: len(opened.parts['plan']) == 5000)
+            finally:
+                go_on.set()
+
+    with served(Busy({'/robot': robot.station(), '/busy': WebRobot().station()})) as port:
+        asyncio.run(run(port))
 
 
 def test_each_page_is_an_operator_of_its_own_and_present_while_it_is_open() -> None:

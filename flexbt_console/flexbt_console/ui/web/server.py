@@ -52,6 +52,10 @@ MOST_OPERATORS: Final = 15
 """Maximum number of operators at open pages. An executive knows 16 operators of one process, one of which is the
 server itself."""
 
+MOST_WAITING: Final = 256
+"""Maximum number of threads that wait for the node, which may be busy, and compress large messages of pages: so many
+that neither pages nor commands of programs use all of them up."""
+
 PING_SECONDS: Final = 10.0
 
 
@@ -106,6 +110,7 @@ class WebServer:
     async def start(self, application: web.Application | None = None) -> None:
         """Begin to serve. On the thread of the loop."""
         self._loop = asyncio.get_running_loop()
+        self._loop.set_default_executor(ThreadPoolExecutor(MOST_WAITING, 'waiting'))
         self._drawings = Drawings()
         self._robots.fleet.add_listener(self._wake)
 
