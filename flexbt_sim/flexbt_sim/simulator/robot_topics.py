@@ -331,7 +331,11 @@ class RobotTopics:
         """Return whether the message is held back by its delay or behind others of its topic; :meth:`messages` yields
         it later."""
         late, queue = self.robot.faults.get(MessagesLate.slot_of(message[0])), self._late[message[0]]
-        due = max(now + late.delay if isinstance(late, MessagesLate) else now, queue[-1][0] if queue else now)
+        try:
+            last = queue[-1][0]
+        except IndexError:  # not asked before: the thread of the world empties the queue of commands
+            last = now
+        due = max(now + late.delay if isinstance(late, MessagesLate) else now, last)
         if due > now:
             queue.append((due, message))
         return due > now

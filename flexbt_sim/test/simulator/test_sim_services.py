@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -528,6 +529,25 @@ def test_late_commands_drive_late(bench: Bench) -> None:
         drive(Twist(linear=Vector3(x=0.2)))
         assert bench.ask(StepSimulation, 'step_simulation', steps=1).result.result == Result.RESULT_OK
     assert bench.simulator.world.time >= began + 1.0
+
+
+class Emptied(deque[Any]):
+    """A queue that the thread of the world empties just after it was found not to be empty."""
+
+    def __bool__(self) -> bool:
+        had_any = len(self) > 0
+        self.clear()
+        return had_any
+
+
+def test_a_command_beside_the_last_late_one_is_driven(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert bench.set_state(SimulationState.STATE_PAUSED) == Result.RESULT_OK
+    simulator = bench.simulator
+    topics = simulator._robots['alpha']
+    late = Emptied([(simulator.world.time, (names.CMD_VEL, lambda message: None, Twist()))])
+    monkeypatch.setitem(topics._late, names.CMD_VEL, late)
+    simulator.runtime.call(lambda: topics._on_command(Twist(linear=Vector3(x=0.2))))
+    assert topics.robot.is_driven(simulator.world.time)
 
 
 def test_a_door_is_opened_and_jams_and_a_spawned_one_has_a_service(bench: Bench) -> None:
