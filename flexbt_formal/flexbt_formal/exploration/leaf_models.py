@@ -4,7 +4,8 @@
 An action is RUNNING until the environment returns its result. After a halt it continues until the environment confirms
 its end. Like an ActionLeaf of the BT server, it waits with its start while canceled work of its tree is still ending.
 Conditions and actions that finish within a tick get a new answer in each tick. A decorator that depends on the robot
-may start its child or not.
+may start its child or not. The ``place`` of a model tells it from other nodes that have its path, since nodes may have
+one name.
 """
 
 from __future__ import annotations
@@ -148,13 +149,13 @@ class Environment:
 
     def begin(self, action: ModelAction) -> None:
         """Record the start of an action."""
-        self.facts.begins(action.path, action.needs, self.found)
-        self.open[action.path] = action
+        self.facts.begins(action.place, action.needs, self.found)
+        self.open[action.place] = action
         if action.declared is not None and action.declared.deadline is not None:
-            self.due[action.path] = action.clock.now() + action.declared.deadline
+            self.due[action.place] = action.clock.now() + action.declared.deadline
         action.acts()
-        self.begun.append((action.path, self.described(action)))
-        self.events.append(f'{action.path} begins')
+        self.begun.append((action.place, self.described(action)))
+        self.events.append(f'{action.place} begins')
 
     def end(self, path: str) -> None:
         """Record that an action has ended with a result."""
@@ -172,16 +173,16 @@ class Environment:
 
     def cancel(self, action: ModelAction) -> None:
         """Record that an action was halted."""
-        self.end(action.path)
+        self.end(action.place)
         self.facts.works(action.needs)
         if not action.model.ignores_cancel:
-            self.canceling[action.path] = action.context.add_unfinished(f'canceling {action.path}')
-            self.events.append(f'{action.path} is being canceled')
+            self.canceling[action.place] = action.context.add_unfinished(f'canceling {action.place}')
+            self.events.append(f'{action.place} is being canceled')
         elif action.model.resources:
-            self.canceling[action.path] = None
-            self.events.append(f'{action.path} is halted, and what it has begun continues')
+            self.canceling[action.place] = None
+            self.events.append(f'{action.place} is halted, and what it has begun continues')
         else:
-            self.events.append(f'{action.path} is halted')
+            self.events.append(f'{action.place} is halted')
 
     def confirm(self, path: str) -> None:
         """Record that a halted action has ended."""
@@ -190,7 +191,7 @@ class Environment:
             unfinished.done()
 
 
-def write_outputs(node: TreeNode, environment: Environment, status: NodeStatus) -> None:
+def write_outputs(node: _Model | ModelGate, environment: Environment, status: NodeStatus) -> None:
     """Write the outputs that the real node would write with this result; without SUCCESS only the error codes."""
     for name, port in node.ports.items():
         value = node.port_values.get(name)
@@ -200,14 +201,14 @@ def write_outputs(node: TreeNode, environment: Environment, status: NodeStatus) 
             entry = node.blackboard.declare(value.key, port.type)
             options = fitting(port.type, environment.values.get(value.key.removeprefix('@'), ()))
             if options and status is SUCCESS:
-                taken = environment.choices.choose(f'{node.path} writes {value.key}', [*map(repr, options)])
+                taken = environment.choices.choose(f'{node.place} writes {value.key}', [*map(repr, options)])
                 entry.write(options[taken])
             else:
                 entry.write(some_value(port.type))
 
 
 class _Model(LeafNode):
-    __slots__ = ('_path', 'needs')
+    __slots__ = ('_path', 'needs', 'place')
 
     declared: ClassVar[Skill | None]
     model: ClassVar[LeafModel]
@@ -216,7 +217,7 @@ class _Model(LeafNode):
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._path = super().path
+        self._path = self.place = super().path
         self.needs = needs_of(self, self.declared, self.environment.facts.names)
         self.environment.facts.need(self.needs)
 
@@ -252,14 +253,14 @@ class _Model(LeafNode):
     def write(self, status: NodeStatus) -> None:
         """Write the outputs for this result, and apply the effects of the skill."""
         write_outputs(self, self.environment, status)
-        self.environment.facts.ends(self.path, self.needs, status)
+        self.environment.facts.ends(self.place, self.needs, status)
 
     def answer(self) -> NodeStatus:
         """Return an immediate result from the environment: of a condition the same one within a step, of an action that
         is done again in it another one, which then stays."""
         results = self.model.results
         known = self.environment.answers
-        question = self.path
+        question = self.place
         if question in known and self.kind is not NodeKind.CONDITION:
             question = again(question)
         if question not in known:
@@ -275,7 +276,7 @@ class ModelInstant(_Model):
     def execute(self) -> NodeStatus:
         try:
             self.read()
-            self.environment.facts.begins(self.path, self.needs, self.environment.found)
+            self.environment.facts.begins(self.place, self.needs, self.environment.found)
             # A condition whose input is missing fails.
             described = self.environment.described(self)  # before `write`, which may change its inputs
             status = FAILURE if self.kind is NodeKind.CONDITION and self.lacks_an_input() else self.answer()
@@ -284,10 +285,10 @@ class ModelInstant(_Model):
             raise self.fault(error) from error
         self.status = status
         if self.kind is NodeKind.CONDITION:
-            self.environment.asked[self.path] = described
+            self.environment.asked[self.place] = described
         else:
-            self.environment.begun.append((self.path, described))
-            self.environment.events.append(f'{self.path} is done: {status.name}')
+            self.environment.begun.append((self.place, described))
+            self.environment.events.append(f'{self.place} is done: {status.name}')
         return status
 
 
@@ -322,10 +323,10 @@ class ModelAction(_Model, StatefulAction):
         """Return whether its result is available in the tick that starts it; at most once in a step, since an answer
         takes time."""
         known = self.environment.answers
-        if self.path in known:
+        if self.place in known:
             return False
-        known[self.path] = 0
-        return self.environment.choices.choose(f'{self.path} answers at once', ('no', 'yes')) == 1
+        known[self.place] = 0
+        return self.environment.choices.choose(f'{self.place} answers at once', ('no', 'yes')) == 1
 
     def on_running(self) -> NodeStatus:
         environment = self.environment
@@ -337,7 +338,7 @@ class ModelAction(_Model, StatefulAction):
         status, self.result = self.result, None
         if self.model.answers_soon and self.is_asked_anew:
             self.before = status
-        environment.end(self.path)
+        environment.end(self.place)
         self.write(status)
         return status
 
@@ -361,19 +362,23 @@ def mark_asked_anew(nodes: Iterable[TreeNode]) -> None:
 class ModelGate(Decorator):
     """A decorator that may start its child or not; it always ticks a running child."""
 
-    __slots__ = ()
+    __slots__ = ('place',)
 
     model: ClassVar[LeafModel]
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self.place = self.path
 
     def tick(self) -> NodeStatus:
         environment: Environment = self.services
         model = self.model
         begins = (not self.active and model.begins_first) or self.child.status is RUNNING or model.kind is LeafKind.PASS
         self.status = RUNNING
-        environment.asked[self.path] = environment.described(self)
+        environment.asked[self.place] = environment.described(self)
         if model.kind is LeafKind.PASS:
             write_outputs(self, environment, SUCCESS)
-        if begins or environment.choices.choose(f'{self.path} begins its child', ('yes', 'no')) == 0:
+        if begins or environment.choices.choose(f'{self.place} begins its child', ('yes', 'no')) == 0:
             return self.tick_child()
         return self.model.otherwise
 

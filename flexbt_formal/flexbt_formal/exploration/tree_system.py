@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
@@ -111,8 +111,9 @@ TREE_LAYOUT: Final = Layout(
         UnfinishedWork: frozenset(('_context',)),
         Environment: frozenset(('values', 'choices', 'events', 'begun', 'asked', 'described', 'answers', 'found')),
         Facts: frozenset(('_needed', 'measured', 'names')),
-        ModelAction: frozenset(('needs', '_path')),
-        ModelInstant: frozenset(('needs', '_path')),
+        ModelAction: frozenset(('needs', '_path', 'place')),
+        ModelInstant: frozenset(('needs', '_path', 'place')),
+        ModelGate: frozenset(('place',)),
         TreeMonitor: frozenset(
             (
                 *('_found', '_tree', '_nodes', '_resources', '_aliases', '_called', '_named', '_has_requirements'),
@@ -163,6 +164,18 @@ def _is_unlimited(node: Any) -> bool:
 def _goes_on_for_ever(node: TreeNode) -> bool:
     """Return whether a node restarts its child without limit, until it fails or is stopped."""
     return node.id == 'KeepRunningUntilFailure' or (node.id == 'Repeat' and _is_unlimited(node))
+
+
+def _places(nodes: Iterable[TreeNode]) -> dict[TreeNode, str]:
+    """Return the path of each node, with the number of the node where several have one name."""
+    paths = {node: node.path for node in nodes}
+    counts = Counter(paths.values())
+    for node, path in paths.items():
+        place = path
+        while counts[place] > 1 or (place != path and place in counts):
+            place += f'::{node.uid}'
+        paths[node] = place
+    return paths
 
 
 def _times_in(node: TreeNode) -> int:
@@ -231,6 +244,10 @@ class TreeSystem(System):
             substitute=lambda definition, path: monitor.watched(substitute(definition, models(definition)), path),
             max_rounds=_ROUNDS,
         )
+        self._places = _places(self.tree.nodes)
+        for node in self.tree.nodes:
+            if isinstance(node, _MODELS):
+                node.place = self._places[node]
         self.tree.on_livelock = lambda message: None  # the findings report it
         self.tree.observe(self._note_status)
         self.lapses = _times_in(self.tree.root) + self._times_required > 1
@@ -296,7 +313,7 @@ class TreeSystem(System):
         for node, port, _, entry in uses:
             writes = port is not None and port.writable and (port.declares or not port.readable)
             if writes and entry is not None and entry not in unread:
-                found[node.path].append(self._entry_names[entry])
+                found[self._places[node]].append(self._entry_names[entry])
         return found
 
     @property
@@ -447,7 +464,7 @@ class TreeSystem(System):
         return f'RUNNING: {", ".join(leaves) or self.tree.active_nodes()[-1]}'
 
     def paths(self) -> Sequence[str]:
-        return [node.path for node in self.tree.nodes]
+        return list(self._places.values())
 
     def begun(self) -> Sequence[tuple[str, tuple[str, ...]]]:
         return self._environment.begun
@@ -479,10 +496,10 @@ class TreeSystem(System):
 
     def covered(self) -> frozenset[str]:
         ended = [SUCCEEDS] if self._has_succeeded else []
-        return frozenset((*(node.path for node in self.tree.nodes if node.uid in self._ticked), *ended))
+        return frozenset((*(place for node, place in self._places.items() if node.uid in self._ticked), *ended))
 
     def coverable(self) -> frozenset[str]:
-        return frozenset(node.path for node in self.tree.nodes)
+        return frozenset(self._places.values())
 
     def promised(self) -> frozenset[str]:
         """Return all nodes, and success unless the tree repeats without limit: a node that is never ticked is
@@ -494,18 +511,19 @@ class TreeSystem(System):
         only while no action works that a change could end."""
         for node in self._limiters:
             if node.uid not in self._withheld:
+                place = self._places[node]
                 text = (
-                    f'{node.path} never makes its child wait: it is not ticked again after the child has succeeded, '
+                    f'{place} never makes its child wait: it is not ticked again after the child has succeeded, '
                     'so the child is done once'
                 )
-                yield Violation(Property.LIMITS, node.path, text)
+                yield Violation(Property.LIMITS, place, text)
         for listener in self._listeners:
             if listener.uid in self._ticked and listener.uid not in self._heard:
                 text = (
-                    f'{listener.path} is asked only before something works: what changes meanwhile is not heard, as it '
-                    'would be below a ReactiveFallback or ReactiveSequence'
+                    f'{listener.place} is asked only before something works: what changes meanwhile is not heard, as '
+                    'it would be below a ReactiveFallback or ReactiveSequence'
                 )
-                yield Violation(Property.LISTENS, listener.path, text)
+                yield Violation(Property.LISTENS, listener.place, text)
 
     # -- the host ----------------------------------------------------------------------------------------------------
 
@@ -541,7 +559,7 @@ class TreeSystem(System):
             if node.status is RUNNING and node.child.status is not RUNNING:
                 self._withheld.add(node.uid)
         if any(path in environment.open for path in working):
-            self._heard.update(node.uid for node in self._listeners if node.path in environment.asked)
+            self._heard.update(node.uid for node in self._listeners if node.place in environment.asked)
         if status is not RUNNING:
             self._events.append(f'the tree ends: {status.name}')
             self._halt(status.name)

@@ -192,7 +192,8 @@ def proof_findings(report: Report, places: Mapping[str, LoadError]) -> Iterator[
     happens, or else at the first one that its text names."""
     for found in report.counterexamples:
         kind, where, text, _ = found.violation
-        named = (places[word] for word in (where, *map(_bare, text.split())) if word in places)
+        words = [where, *map(_bare, text.split())]
+        named = (places[word] for word in (*words, *map(_without_number, words)) if word in places)
         place = next(named, LoadError('', 0, 0, where, ''))
         yield finding_record(
             kind.name.lower().replace('_', '-'),
@@ -204,6 +205,11 @@ def proof_findings(report: Report, places: Mapping[str, LoadError]) -> Iterator[
             node=where,
             fix=_REMEDIES.get(kind, ''),
         )
+
+
+def _without_number(word: str) -> str:
+    """Return the path of one of several nodes of one name."""
+    return word.rpartition('::')[0]
 
 
 def _bare(word: str) -> str:

@@ -379,6 +379,21 @@ def test_the_nodes_that_wait_for_a_time_are_known() -> None:
             assert issubclass(manifest.node_class, TIMED)
 
 
+def test_nodes_of_one_name_are_told_apart() -> None:
+    """Two conditions need not hold at once, two actions each get a result, and neither hides that the other is dead."""
+    asked = (
+        '<Sequence><IsSafe name="ok"/><Inverter><IsOpen name="ok" door="a"/></Inverter><Drive name="go"/></Sequence>'
+    )
+    report = explore(lambda: system(f'<Fallback>{asked}<Turn/></Fallback>', 'never go'), 'Main')
+    assert [found.violation.property for found in report.counterexamples] == [Property.REQUIREMENT]
+    both = '<Parallel success_count="2" failure_count="2"><Plan name="it"/><Ask name="it"/></Parallel>'
+    assert proved(both).is_proof
+    (dead,) = proved(
+        '<Sequence><Turn name="it"/><Fallback><AlwaysSuccess/><Turn name="it"/></Fallback></Sequence>'
+    ).uncovered
+    assert dead == 'it::5'
+
+
 def test_what_is_done_again_within_a_tick_may_end_otherwise() -> None:
     body = '<Repeat num_cycles="2"><Take name="take"/></Repeat>'
     assert Tree(library_of(body), 'Main').tick_once() is NodeStatus.FAILURE
