@@ -36,6 +36,8 @@ from flexbt_console.mirror.records import (
     ExecutiveState,
     FramedPose,
     InputValue,
+    LogLine,
+    LogSeverity,
     OperatorCommand,
     ResultCode,
     UserdataScope,
@@ -392,6 +394,40 @@ def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_wh
 
     asyncio.run(asyncio.wait_for(operate(), DEADLINE))
     assert [entry.autonomy for entry in link.sent] == [3, 3]
+
+
+def test_a_stop_does_not_wait_until_a_long_log_is_printed() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    typing, printed = list[PipeInput](), list[int]()
+
+    class Terminal(io.StringIO):
+        """Its user stops the robot when the first line is printed."""
+
+        def write(self, text: str) -> int:
+            if 'x' * 50 in text and typing:
+                typing.pop().send_text('stop\r')
+            return super().write(text)
+
+    screen = Terminal()
+
+    def answer(command: OperatorCommand) -> ExecutiveSnapshot:
+        printed.append(screen.getvalue().count('x' * 50))
+        return ExecutiveSnapshot('e', 2, results=(CommandResult(command.id, ResultCode.APPLIED),))
+
+    link = Loopback(mirror, answer)
+
+    async def operate() -> None:
+        async with running_prompt(mirror, link, clock, screen) as (keys, until):
+            mirror.receive_snapshot(ExecutiveSnapshot('e', 1), Transit(0.0, 0.0))
+            await until('LIVE')
+            typing.append(keys)
+            for number in range(500):
+                mirror.receive_log(LogLine('e', number, LogSeverity.INFO, 'x' * 2000))
+            await until('stop: applied')
+
+    asyncio.run(asyncio.wait_for(operate(), DEADLINE))
+    assert printed[0] < 5000  # of more than 12,000 lines of the terminal
 
 
 def test_what_waits_for_the_link_is_not_sent_after_a_stop() -> None:

@@ -48,6 +48,10 @@ AGE_SECONDS: Final = 0.5
 REDRAW_SECONDS: Final = 0.1
 """Minimum time between two drawings, s; limits the traffic over a slow terminal connection."""
 
+AT_ONCE: Final = 10_000
+TURN_SECONDS: Final = 0.001
+"""Characters that are printed at once, within some milliseconds; then what was typed meanwhile has its turn."""
+
 TOOLBAR_ROWS: Final = 12
 
 STYLE: Final = Style.from_dict(
@@ -317,9 +321,10 @@ class Prompt:
         output = self._prompt.app.output
         while True:
             text, decision_id = await self._print_queue.get()
-            while not self._print_queue.empty():
+            text = list(text)
+            while not self._print_queue.empty() and sum(map(len, text)) < AT_ONCE:
                 more, decision_id = self._print_queue.get_nowait()
-                text = text + more
+                text += more
             async with in_terminal():
                 columns = output.get_size().columns
                 for line in text:
@@ -328,6 +333,7 @@ class Prompt:
                 output.flush()
             # A terminal that does not report its cursor has no toolbar, so this print shows the decision.
             self._shown.drawn(decision_id)
+            await asyncio.sleep(TURN_SECONDS)
 
     def _write(self, line: str) -> None:
         output = self._prompt.app.output
