@@ -36,17 +36,18 @@ class Fork:
         self._stream = stream
 
     def result(self) -> Any:
-        """Wait for the end of the child, and return its result, a copy.
+        """Wait for the end of the child, and return its result, a copy. It can be asked for again.
 
         Raises:
             ForkError: the child has failed.
         """
-        with self._stream:
-            data = self._stream.read()
-        _, status = os.waitpid(self._pid, 0)
-        if not data:
-            raise ForkError(f'the child has ended without a result, with exit code {os.waitstatus_to_exitcode(status)}')
-        is_result, value = pickle.loads(data)  # noqa: S301 - from a child of this process
+        if not self._stream.closed:
+            with self._stream:
+                self._data = self._stream.read()
+            self._exit_code = os.waitstatus_to_exitcode(os.waitpid(self._pid, 0)[1])
+        if not self._data:
+            raise ForkError(f'the child has ended without a result, with exit code {self._exit_code}')
+        is_result, value = pickle.loads(self._data)  # noqa: S301 - from a child of this process
         if not is_result:
             raise ForkError(value)
         return value

@@ -280,7 +280,7 @@ class Scheduler:
             self.yield_turn()
 
     def look(self) -> None:
-        """Count a look of the task at the clock, or at a lock that it does not wait for."""
+        """Count a look of the task at the clock, or at a lock that it does not wait for, or a wait of no time."""
         self.looks += 1
         if self.looks > MOST_LOOKS:
             self.block('what it polls for', self.now + SECOND // 1000)
@@ -420,6 +420,8 @@ class Scheduler:
         """Block the task for this many seconds."""
         if seconds < 0.0:
             raise ValueError('sleep length must be non-negative')
+        if seconds < STEP / SECOND:
+            self.look()
         self.block('sleep', self.after(seconds))
 
 

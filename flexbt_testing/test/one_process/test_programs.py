@@ -151,6 +151,20 @@ def test_an_executor_of_events_calls_what_is_due(bare: World) -> None:
     assert len(told) == 3
 
 
+@pytest.mark.parametrize('rest', [0.0, 1e-9])
+def test_a_program_that_rests_for_no_time_lets_the_others_go_on(bare: World, rest: float) -> None:
+    told: list[float] = []
+
+    def poll() -> None:
+        threading.Timer(0.02, told.append, [bare.now]).start()
+        while not told:
+            time.sleep(rest)
+
+    program = bare.launch(poll)
+    bare.run(1.0)
+    assert (program.exit_code, len(told)) == (0, 1)
+
+
 def test_os_exit_ends_its_process_only(bare: World) -> None:
     def leave() -> None:
         threading.Thread(target=lambda: os._exit(3)).start()

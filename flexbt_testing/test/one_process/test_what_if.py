@@ -112,7 +112,8 @@ def test_a_child_can_be_forked_again_and_its_files_are_of_its_moment(world: Worl
     now = world.now
     child = world.fork(act)
     (world.home / 'file').write_text('written later')
-    assert child.result() == ('of the parent', 'of the child', pytest.approx(now + 2.0, abs=0.01))
+    for _ in range(2):
+        assert child.result() == ('of the parent', 'of the child', pytest.approx(now + 2.0, abs=0.01))
     assert world.now == now
     assert (world.home / 'file').read_text() == 'written later'
 

@@ -271,6 +271,15 @@ def test_a_client_program_of_nav2(world: World) -> None:
     assert world.robot.near('dock')
 
 
+@pytest.mark.world('nav2_robot', motion='abstract')
+def test_a_client_program_of_nav2_that_is_terminated_as_the_robot_drives_ends(world: World) -> None:
+    program = world.launch('flexbt_demo_behaviors/deliveries')
+    world.run_while(lambda: world.robot.at_rest, 'the program')
+    world.terminate('deliveries')
+    world.run(0.5)
+    assert program.exit_code == 1
+
+
 def test_programs_with_rclpy_have_each_their_default_context(world: World) -> None:
     heard: list[str] = []
 
