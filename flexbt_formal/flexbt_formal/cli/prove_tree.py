@@ -51,7 +51,7 @@ def run(options: argparse.Namespace) -> ExitCode:
                 library,
                 key,
                 given=options.given,
-                limits=ExplorationLimits(options.seconds / len(keys), options.situations),
+                limits=ExplorationLimits(options.seconds / len(keys), options.situations, options.seconds),
                 faults=options.faults,
                 required=required[key],
                 cache=proof_arguments.proof_cache(options),

@@ -198,6 +198,7 @@ def prove_behavior(
     if problems := problems_with(required, machine_vocabulary(machine), name):
         raise UnfitError('\n'.join(problems))
     requirements = [one.requirement for one in required]
+    limits = replace(limits, whole=limits.seconds)
     end = time.process_time() + limits.seconds
     boards = Blackboards.of(used, given)
     trees: dict[TreeKey, Report] = {}

@@ -8,6 +8,7 @@ import io
 import json
 import runpy
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -214,6 +215,17 @@ def test_what_a_tree_writes_that_was_not_followed_to_its_end_is_not_known(tmp_pa
     code, out, _ = behavior('prove', split(tmp_path, plan), '--situations', '25')
     assert code == 5 and 'WRONG' not in out
     assert 'not known, and taken as written: [path] after trees that were not followed to their end' in out
+
+
+def test_a_time_limit_is_told_as_it_was_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each tree and the machine have a share of it."""
+    monkeypatch.setattr('flexbt_formal.exploration.explorer.time.process_time', count().__next__)
+    plan = '<ComputePathToPose goal="{goal}" path="{path}"/>'
+    code, out, _ = behavior('prove', split(tmp_path, plan), '--seconds', '3', '--anew')
+    assert (code, out.count('NOT followed to the end (the time limit of 3 s)')) == (5, 3), out
+    two = tmp_path / 'two.xml'
+    two.write_text(document('A: <Wait/>', 'B: <Wait/>', main=None))
+    assert tool('prove', str(two), '--seconds', '3', '--anew').out.count('the time limit of 3 s') == 2
 
 
 def test_a_tree_that_was_refused_has_written_nothing(tmp_path: Path) -> None:
