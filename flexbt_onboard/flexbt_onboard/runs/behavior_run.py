@@ -126,6 +126,7 @@ class BehaviorRun(RunReader):
         # While the thread does not respond, the executive counts as late for its drivers, and they hold the robot.
         self._loop = services.runtime.health.loop(f'the run of {request.entry.name}', self._where)
         self._machine: MachineRun | None = None
+        self._not_begun = 'the behavior is being built'  # the reason why a command can have no effect yet, or ''
         self._thread = threading.Thread(target=self._main, name=f'run_{request.entry.name}', daemon=True)
 
     def add_reader(self, reader: RunReader) -> None:
@@ -226,10 +227,11 @@ class BehaviorRun(RunReader):
 
         :class:`CommandDecided` follows exactly once, on any thread, when the effect is visible.
         """
-        if self._machine is None:
-            self._tell(CommandDecided(command_id, 'the behavior is being built'))
+        machine = self._machine
+        if machine is None or self._not_begun:
+            self._tell(CommandDecided(command_id, self._not_begun))
         else:
-            self._machine.command(command_id, command, *arguments)
+            machine.command(command_id, command, *arguments)
 
     def switch(self, request: RunRequest) -> None:
         """Continue with another behavior and keep the active states. The thread of the run builds it.
@@ -427,9 +429,11 @@ class BehaviorRun(RunReader):
                 self._log(Severity.WARN, text)
                 break
             if names != told:
+                self._not_begun = f'the behavior waits until {", ".join(names)} is ready; repeat it then, or STOP'
                 self._log(Severity.INFO, f'waits until {", ".join(names)} is ready')
                 told = names
             self._wake_event.wait(steady, deadline)
+        self._not_begun = ''
         self._tell(RunReady())
 
     def _define(self, request: RunRequest) -> tuple[MachineDefinition, RunBuilt]:

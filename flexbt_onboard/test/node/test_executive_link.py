@@ -522,6 +522,8 @@ def test_a_start_that_waits_can_be_stopped(make_bench: Make, server: LivelinessT
     bench.wait_for(lambda status: status.peers[0].alive, 'alive')
     bench.start()
     bench.logged('waits until /bt_server is ready')
+    assert 'waits until /bt_server is ready' in bench.refused(ExecutiveCommand.AUTONOMY, autonomy=1)
+    assert 'is starting' in bench.refused(ExecutiveCommand.PAUSE)
     bench.applied(ExecutiveCommand.STOP)
     assert bench.wait_idle() == 'preempted'
 
