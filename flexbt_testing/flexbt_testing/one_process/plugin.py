@@ -35,7 +35,8 @@ _SIMULATED_SECONDS: Final = 3600.0
 
 
 _WORLD: Final = pytest.StashKey[Any]()
-_TOLD: Final = pytest.StashKey[list[str]]()
+_TOLD: Final = pytest.StashKey[list[tuple[str, str]]]()
+"""Titles and texts of what is told at the end."""
 
 
 class TooLongError(Exception):
@@ -191,7 +192,11 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, Any, Any]
         told = f'the test has ended at {made.now:.2f} s, before {time:g} s'
         if isinstance(branch.side, Fork):
             told = str(compare(course, branch.side.result()))
-        pyfuncitem.config.stash.setdefault(_TOLD, []).append(f'{pyfuncitem.name}: {told}')
+        _tell(pyfuncitem, f'what if {change}', told)
+
+
+def _tell(item: pytest.Item, title: str, told: str) -> None:
+    item.config.stash.setdefault(_TOLD, []).append((title, f'{item.name}: {told}'))
 
 
 def _live(item: pytest.Function, made: Any, text: str) -> Generator[None, Any, Any]:
@@ -202,7 +207,9 @@ def _live(item: pytest.Function, made: Any, text: str) -> Generator[None, Any, A
     except ValueError as error:
         pytest.exit(f'--live {text!r}: {error}', returncode=pytest.ExitCode.USAGE_ERROR)
     try:
-        return (yield)
+        result = yield
+        _tell(item, f'live {text}', f'the test has ended at {made.now:.2f} s already')
+        return result
     except TakenOver:
         capture: Any = item.config.pluginmanager.getplugin('capturemanager')
         capture.suspend_global_capture(in_=True)
@@ -234,8 +241,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     """Print comparisons, and the coverage of missions."""
-    for told in config.stash.get(_TOLD, []):
-        terminalreporter.section(f'what if {config.getoption("--what-if")}')
+    for title, told in config.stash.get(_TOLD, []):
+        terminalreporter.section(title)
         terminalreporter.write_line(told)
     if config.getoption('--mission-coverage'):
         from .coverage import COVERAGE

@@ -295,7 +295,9 @@ class Mission:
         """Let a navigation server abort its goal, and each one of the next seconds: ``follow_path`` and the like."""
         self.tell(f'test: {action} fails for {seconds:g} s')
         fault = yaml.safe_dump({'server': action, 'error_msg': message})
-        request = SetFault.Request(entity=self.namespace, fault='server_fails', parameters=fault, duration=seconds)
+        request = SetFault.Request(
+            entity=self.namespace, fault='server_fails', parameters=fault, duration=float(seconds)
+        )
         response = self._world.ask(SetFault, 'set_fault', request, self._own)
         assert response.success, response.message
 

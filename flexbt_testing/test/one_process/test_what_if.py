@@ -182,6 +182,15 @@ def test_the_command_line_changes_a_test(tmp_path: Path) -> None:
     ), ran.stdout
 
 
+def test_what_was_to_happen_after_the_end_of_a_test_is_told(tmp_path: Path) -> None:
+    (tmp_path / 'test_it.py').write_text(MISSION)
+    for option, told in (('--what-if', ', before 36 s'), ('--live', ' already')):
+        words = ['-m', 'pytest', '-p', 'flexbt_testing.world', 'test_it.py', option, '36 stop']
+        ran = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert re.search(rf'test_kitchen\[0\]: the test has ended at 35\.\d\d s{told}\n', ran.stdout), ran.stdout
+        assert len(re.findall(r'=+ 1 passed', ran.stdout)) == 1, 'a child of its tear-down would tell it, too'
+
+
 @pytest.mark.world('night_watch', motion='abstract')
 def test_a_change_is_read_from_words(world: World) -> None:
     time, act = read_change('1.5 drop_obstacle box 6.0 4.45', world)

@@ -92,7 +92,7 @@ def test_pauses_faults_and_forced_outcomes(world: World) -> None:
     world.resume()
     world.run(5.0)
     assert world.robot.length > length
-    world.fail_goal('follow_path', seconds=60.0)
+    world.fail_goal('follow_path', 60)
     world.run_until(lambda view: '/Drive' in world.decisions)
     assert world.decisions['/Drive'].outcome == 'failed'
     world.choose('/Drive', 'canceled')
