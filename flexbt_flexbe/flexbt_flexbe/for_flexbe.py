@@ -153,6 +153,9 @@ class _HostedState:
     def wake_at(self, time: float) -> None:
         """Do nothing: FlexBE executes the state at its rate anyway."""
 
+    def execute_again(self) -> None:
+        """Do nothing: FlexBE executes the state at its rate anyway."""
+
     def ask(self, prompt: str, suggestion: str | None) -> None:
         """Log the prompt and use the suggestion as outcome: in FlexBE the operator can always force any outcome."""
         if prompt:

@@ -12,6 +12,7 @@ import pytest
 from rclpy.action import CancelResponse
 
 import flexbt_states
+from flexbt_core import EventState, with_retry
 from flexbt_flexbe.for_flexbe import hosted
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import BlackboardEntry
@@ -153,6 +154,21 @@ def test_what_raises_fails_once_instead_of_at_every_tick(bench: StateBench, told
     made = state(bench, told, flexbt_states.BtExecuteState, bt_file='Tree', inputs={'a': 'int64'})
     assert ticked(made, {}) == 'failed'
     assert sum('KeyError' in line for line in told.lines) == 1
+    made.on_stop()
+
+
+def test_a_state_with_attempts_makes_all_of_them(bench: StateBench, told: Told) -> None:
+    asked: list[int] = []
+
+    def is_new(number: int) -> bool:
+        asked.append(number)
+        return False
+
+    def patient(**parameters: Any) -> EventState:
+        return with_retry(flexbt_states.CheckConditionState(**parameters), 3, ['false'])
+
+    made = state(bench, told, patient, predicate=is_new)
+    assert ticked(made, {'input_value': 7}) == 'false' and asked == [7, 7, 7]
     made.on_stop()
 
 
