@@ -116,6 +116,7 @@ class ExecutiveLink(RobotLink):
         self._runtime = runtime
         self.mirror = mirror
         self._waiting: set[SimpleQueue[None]] = set()
+        self._waits_end = False
         self._resend: Timer | None = None
         self._executives = 0
         self._reachable = False
@@ -129,6 +130,7 @@ class ExecutiveLink(RobotLink):
         )
         self._status_rates = SenderRates(STATUS_RATE, STATUS_BURST, runtime.steady.now)
         mirror.add_listener(self._note_change)
+        runtime.on_close(self._end_waits)
         runtime.call(lambda: self._join(gives_commands=operator is not None))
         # The executive detects by this whether anybody watches, and whether the holder of the authority does.
         self._presence = PresenceToken(runtime, operator, namespace) if operator is not None else None
@@ -137,6 +139,8 @@ class ExecutiveLink(RobotLink):
         """Leave the topics: stop receiving from this robot and commanding it. Executor thread only."""
         node = self._runtime.node
         self._is_closed = True
+        self._runtime.cancel_on_close(self._end_waits)
+        self._end_waits()
         self._leave_picture()
         node.destroy_subscription(self._pongs.subscription)
         node.destroy_subscription(self._guards.subscription)
@@ -169,7 +173,8 @@ class ExecutiveLink(RobotLink):
     def wait_for(
         self, inspect: Callable[[View], T | None], timeout: float | None, every: float | None = None
     ) -> T | None:
-        """Wait until ``inspect`` returns a true value for the view, and return it; None after ``timeout`` seconds.
+        """Wait until ``inspect`` returns a true value for the view, and return it; None after ``timeout`` seconds, or
+        when the node ends.
 
         It is called after each change, also when the picture gets stale, and at least every ``every`` seconds if
         that is given. Not on the executor thread.
@@ -185,7 +190,7 @@ class ExecutiveLink(RobotLink):
                 if found is not None:
                     return found
                 now = clock.now()
-                if deadline is not None and now >= deadline:
+                if self._waits_end or (deadline is not None and now >= deadline):
                     return None
                 times = (deadline, self.mirror.next_link_change(), None if every is None else now + every)
                 limits = [time for time in times if time is not None]
@@ -494,6 +499,10 @@ class ExecutiveLink(RobotLink):
         due = self.mirror.next_command_time(self._reachable)
         if due is not None:
             self._resend = self._runtime.post_at(due, self._send_due)
+
+    def _end_waits(self) -> None:
+        self._waits_end = True
+        self._note_change(Change.LINK)
 
     def _note_change(self, change: Change) -> None:
         for changed in tuple(self._waiting):

@@ -194,6 +194,18 @@ def test_a_stop_is_sent_while_the_executor_is_busy_with_what_others_send(executi
             free.set()
 
 
+def test_who_waits_for_a_robot_does_not_keep_the_process_from_its_end(executives: Any) -> None:
+    executives('waited')
+    with NodeRuntime.open('console', namespace='/waited') as runtime:
+        link, begun = ExecutiveLink(runtime, Mirror(runtime.steady), 'ann'), threading.Event()
+        link.live_view(DEADLINE)
+        waiting = threading.Thread(target=link.wait_for, args=(lambda view: begun.set(), None), daemon=True)
+        waiting.start()
+        assert begun.wait(DEADLINE)
+    waiting.join(DEADLINE)
+    assert not waiting.is_alive()
+
+
 def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executives: Any) -> None:
     fleet = {name: executives(name) for name in ('first', 'second')}
     with NodeRuntime.open('console', namespace='/first') as runtime:
