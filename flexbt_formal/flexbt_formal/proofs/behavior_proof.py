@@ -103,7 +103,8 @@ class Blackboards:
         tree begins. Raises TreeLoadError."""
         library = used.library
         known = {*HOST_KEYS, *given}
-        systems = {use.key: TreeSystem(library, use.key, given=GOALS) for use in used.uses if use.key is not None}
+        keys = dict.fromkeys(use.key for use in used.uses if use.key is not None)
+        systems = {key: TreeSystem(library, key, given=(*GOALS, *_written_before(used, key))) for key in keys}
         return cls(
             {key: system.needed - known - library.model(key.id).keys() for key, system in systems.items()},
             {key: system.removed for key, system in systems.items()},
@@ -150,6 +151,11 @@ class Blackboards:
             f'not known, and taken as written: {keys} after trees that were not followed to their end, or with which '
             f'something is wrong: {trees}'
         )
+
+
+def _written_before(used: UsedTrees, key: TreeKey) -> list[str]:
+    """Return the keys that some state writes before it runs a tree."""
+    return sorted({name for use in used.uses if use.key == key for name in use.use.writes})
 
 
 def _named(keys: frozenset[str], use: TreeUse) -> frozenset[str]:
@@ -209,7 +215,7 @@ def prove_behavior(
             trees[key] = prove_tree(
                 used.library,
                 key,
-                given=given,
+                given=[*given, *_written_before(used, key)],
                 limits=replace(limits, seconds=min(most, share)),
                 faults=bounds.faults,
                 required=required_of_trees.get(key.id, ()),
@@ -270,7 +276,7 @@ def replay_behavior(
         key = next((use.key for use in used.uses if use.key is not None and use.key.id == tree), None)
         if key is None:
             raise LookupError(f'{name} does not run a tree {tree!r}')
-        return replay_in(used.library, key, moves, given=given, require=require)
+        return replay_in(used.library, key, moves, given=[*given, *_written_before(used, key)], require=require)
     boards = Blackboards.of(used, given)
     reports = {}
     if boards.observed:  # only the proofs of the trees know which keys they write
@@ -278,7 +284,13 @@ def replay_behavior(
         observed, cache = boards.observed, ProofCache()
         reports = {
             key: prove_tree(
-                used.library, key, given=given, limits=limits, faults=faults, observed=observed, cache=cache
+                used.library,
+                key,
+                given=[*given, *_written_before(used, key)],
+                limits=limits,
+                faults=faults,
+                observed=observed,
+                cache=cache,
             )
             for key in boards.needed
         }
@@ -330,7 +342,10 @@ def compare_behaviors(
         called = f'tree {key.id}' if earlier.id == key.id else f'tree {key.id} (before: {earlier.id}) of {path}'
         versions = ((before.used.library, earlier), (now.used.library, key))
         report = partial(on_progress, called)
-        found.append(compare_trees(*versions, given=given, limits=share(), on_progress=report, name=called))
+        written = _written_before(before.used, earlier) + _written_before(now.used, key)
+        found.append(
+            compare_trees(*versions, given=[*given, *written], limits=share(), on_progress=report, name=called)
+        )
 
     def make(version: Version) -> MachineSystem:
         models = state_models(version.used, {}, Blackboards.of(version.used, given))

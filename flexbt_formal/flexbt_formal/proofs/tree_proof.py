@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import LoadError
+from flexbt_core.behavior_tree.model.ports import PortDirection
 from flexbt_core.behavior_tree.model.status import NodeKind
 from flexbt_core.behavior_tree.nodes.nav2.registration import NAV2_BRANCHES, Nav2Branch
 from flexbt_core.monitors.properties import Violation
@@ -56,7 +57,7 @@ def prove_tree(
         RefusedError: it has a control node or decorator whose type is not installed, so its behavior is unknown.
         UnfitError: a requirement refers to names that the tree does not have.
     """
-    keys = (*GOALS, *given)
+    keys = _given(library, key, given)
     unknown = _unknown_leaves(library, key)
 
     def make() -> TreeSystem:
@@ -86,6 +87,12 @@ def prove_tree(
     return replace(report, notes=(*report.notes, *notes))
 
 
+def _given(library: TreeLibrary, key: TreeKey, given: Iterable[str]) -> tuple[str, ...]:
+    """Return the keys that are on the blackboard before a tree begins: also those that its model declares as inputs."""
+    ports = library.model(key.id).items()
+    return (*GOALS, *given, *(name for name, port in ports if port.direction is not PortDirection.OUTPUT))
+
+
 def compare_trees(
     before: tuple[TreeLibrary, TreeKey],
     now: tuple[TreeLibrary, TreeKey],
@@ -98,9 +105,10 @@ def compare_trees(
     """Explore two versions of a tree side by side, as :func:`prove_tree` explores one. ``name`` is their name in the
     result. Raises TreeLoadError and RefusedError as that does.
     """
-    keys = {*GOALS, *given}
+    keys: set[str] = set()
     for library, key in (before, now):
         _unknown_leaves(library, key)
+        keys.update(_given(library, key, given))
         keys.update(TreeSystem(library, key, given=keys).given)  # external inputs of one version exist for both
 
     def make(library: TreeLibrary, key: TreeKey) -> TreeSystem:
@@ -175,6 +183,6 @@ def replay_in(
     require: Sequence[str] = (),
 ) -> list[Violation]:
     """Replay a path as :func:`replay_tree` does, in a library that is already loaded."""
-    keys = (*GOALS, *given)
+    keys = _given(library, key, given)
     required = [parse_requirement(text, 'require').requirement for text in require]
     return replay(lambda: TreeSystem(library, key, given=keys, requirements=required), moves_of(moves))

@@ -234,6 +234,33 @@ def test_a_tree_that_was_refused_has_written_nothing(tmp_path: Path) -> None:
     assert code == 1 and out.count('WRONG') == 1 and '/Drive begins, and its tree reads [path]' in out
 
 
+def test_what_a_state_writes_before_its_tree_runs_is_there_for_its_scripts(tmp_path: Path) -> None:
+    """And so is what the model of a tree declares as its input; another state has to write it, too."""
+    body = '<Sequence><Script code="twice := duration * 2"/><Wait wait_duration="{twice}"/></Sequence>'
+    tree, machine = tmp_path / 'rest.xml', tmp_path / 'rest.yaml'
+    tree.write_text(document(f'Rest: {body}', main=None))
+    rest = 'state: BtExecuteState, parameters: {bt_file: Rest'
+    ways = '{canceled: failed, failed: failed, done: '
+    machine.write_text(
+        'machine:\n  outcomes: [finished, failed]\n  userdata: {duration: 2.0}\n  states:\n'
+        f'    Load: {{state: BtLoaderState, parameters: {{filepaths: [{tree}]}}, '
+        'transitions: {done: Rest, failed: failed}}\n'
+        f'    Rest: {{{rest}, inputs: {{duration: double}}}}, transitions: {ways}finished}}}}\n'
+    )
+    code, out, _ = behavior('prove', str(machine))
+    assert code == 0, out
+    machine.write_text(
+        machine.read_text().replace('done: finished', 'done: Again')
+        + f'    Again: {{{rest}, blackboard: other}}, transitions: {ways}finished}}}}\n'
+    )
+    code, out, _ = behavior('prove', str(machine))
+    assert code == 1 and "/Again begins, and its tree reads [duration] of the blackboard 'other'" in out
+    assert tool('prove', str(tree)).code == 1
+    model = '<TreeNodesModel><SubTree ID="Rest"><input_port name="duration"/></SubTree></TreeNodesModel></root>'
+    tree.write_text(tree.read_text().replace('</root>', model))
+    assert tool('prove', str(tree)).code == 0
+
+
 def test_what_is_given_from_outside_is_given_to_the_trees(tmp_path: Path) -> None:
     path = '<Fallback><ComputePathToPose goal="{goal}" path="{path}"/><AlwaysSuccess/></Fallback>'
     machine = split(tmp_path, f'<Sequence>{path}<FollowPath path="{{path}}"/></Sequence>')
