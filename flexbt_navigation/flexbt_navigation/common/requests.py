@@ -9,6 +9,7 @@ turn or drive endlessly.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine, Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -135,32 +136,63 @@ def check_canceled(goal: ServedGoal | None) -> None:
 
 
 class Computation:
-    """A thread that computes results in the order of the goals, and skips those of canceled goals."""
+    """A thread that computes results in the order of the goals, and skips those of canceled goals. Executor thread
+    only."""
 
     def __init__(self, runtime: NodeRuntime, name: str) -> None:
         self._runtime = runtime
+        self._waiting: deque[Callable[[], None]] = deque()
+        self._is_busy = False
         self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
         self._pool.submit(lambda: None)  # start the thread now: when a goal arrives, the system might have none left
         runtime.on_close(lambda: self._pool.shutdown(wait=False, cancel_futures=True))
 
-    async def run(self, compute: Callable[[], T], goal: ServedGoal | None = None) -> T:
-        """Return what ``compute()`` returns on the thread, or raise what it raises; GoalCanceled if ``goal`` was
-        canceled meanwhile."""
+    async def run(self, prepare: Callable[[], Callable[[], T]], goal: ServedGoal | None = None) -> T:
+        """Return what a function returns on the thread, or raise what it raises; GoalCanceled if ``goal`` was canceled
+        meanwhile.
 
-        def begin(on_result: Callable[[T], None], on_error: Callable[[Exception], None]) -> None:
-            def work() -> None:
-                try:
-                    check_canceled(goal)
-                    self._runtime.post(partial(on_result, compute()))
-                except Exception as error:
-                    self._runtime.post(partial(on_error, error))
-
-            self._pool.submit(work)
-
+        ``prepare()`` returns the function when its turn has come, so that it can use the pose and the costmap of that
+        moment.
+        """
+        await Later(partial(self._wait, goal))
         try:
-            return await Later(begin)
-        finally:
             check_canceled(goal)
+            return await Later(partial(self._compute, prepare()))
+        finally:
+            self._runtime.post(self._begin_next)
+            check_canceled(goal)
+
+    def _wait(
+        self, goal: ServedGoal | None, on_result: Callable[[None], None], on_error: Callable[[Exception], None]
+    ) -> None:
+        begin = partial(on_result, None)
+
+        def leave() -> None:
+            if begin in self._waiting:
+                self._waiting.remove(begin)
+                on_error(GoalCanceled())
+
+        self._waiting.append(begin)
+        if not self._is_busy:
+            self._begin_next()
+        elif goal is not None:
+            goal.on_cancel(leave)
+
+    def _begin_next(self) -> None:
+        self._is_busy = bool(self._waiting)
+        if self._waiting:
+            self._waiting.popleft()()
+
+    def _compute(
+        self, compute: Callable[[], T], on_result: Callable[[T], None], on_error: Callable[[Exception], None]
+    ) -> None:
+        def work() -> None:
+            try:
+                self._runtime.post(partial(on_result, compute()))
+            except Exception as error:
+                self._runtime.post(partial(on_error, error))
+
+        self._pool.submit(work)
 
 
 @dataclass(frozen=True)

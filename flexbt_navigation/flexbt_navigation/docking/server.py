@@ -314,7 +314,7 @@ class DockGoal(Motion):
         planner = planner_for(robot.costmaps.shared, server.controller.follower.steering)
         start, stop = robot.pose, self._stop
         try:
-            path = await server.computation.run(lambda: planner.plan(start, staging, stop), self._goal)
+            path = await server.computation.run(lambda: partial(planner.plan, start, staging, stop), self._goal)
         except GoalCanceled:
             raise
         except Exception as error:

@@ -82,18 +82,23 @@ class PlannerServer:
 
     async def _plan(self, goals_of: Callable[[Any], Sequence[Any]], goal: ServedGoal) -> dict[str, Any]:
         poses = await self._robot.poses(goal, lambda request: self._asked(request, goals_of(request)))
-        start = poses.pop() if goal.request.use_start else self._robot.pose
-        costmap, frame = self._robot.costmaps.shared, self._robot.parameters.map_frame
-        planner = planner_for(costmap, self._controller.follower.steering, self._parameters.tolerance)
-        stop = StopFlag()
+        start_asked = poses.pop() if goal.request.use_start else None
+        frame, stop = self._robot.parameters.map_frame, StopFlag()
         goal.on_cancel(stop.set)  # the search stops immediately
 
-        def plan() -> Path:
-            legs = self._legs = planner.plan_through(start, poses, stop, self._legs)
-            path = [*(pose for leg in legs[:-1] for pose in leg[:-1]), *legs[-1]]
-            return path_message(path, frame, self._runtime.clock.stamp())
+        def prepare() -> Callable[[], Path]:
+            start = start_asked or self._robot.pose
+            steering = self._controller.follower.steering
+            planner = planner_for(self._robot.costmaps.shared, steering, self._parameters.tolerance)
 
-        path = await self._computation.run(plan, goal)
+            def plan() -> Path:
+                legs = self._legs = planner.plan_through(start, poses, stop, self._legs)
+                path = [*(pose for leg in legs[:-1] for pose in leg[:-1]), *legs[-1]]
+                return path_message(path, frame, self._runtime.clock.stamp())
+
+            return plan
+
+        path = await self._computation.run(prepare, goal)
         self._plan_topic.publish(path)
         return {'path': path}
 
@@ -135,21 +140,24 @@ class SmootherServer:
         began = time.monotonic()
 
         def asked(request: Any) -> list[Asked]:
-            nonlocal began
-            began = time.monotonic()
             check_id(request.smoother_id, tuple(SMOOTHERS), 'smoother', 'INVALID_SMOOTHER')
             return asked_path(request.path)
 
         poses = await self._robot.poses(goal, asked)
         costmap = self._robot.costmaps.shared
+        smoothing = SMOOTHERS[request.smoother_id or next(iter(SMOOTHERS))]
         limit = seconds_of(request.max_smoothing_duration)
+
+        def prepare() -> Callable[[], list[Pose]]:
+            nonlocal began, costmap
+            began, costmap = time.monotonic(), self._robot.costmaps.shared
+            return partial(smooth_path, poses, costmap, smoothing, check_time)
 
         def check_time() -> None:
             if goal.cancel_requested or time.monotonic() - began > limit:
                 raise NavigationError('TIMEOUT', f'the path is not smooth after {limit:g} s')
 
-        smoothing = SMOOTHERS[request.smoother_id or next(iter(SMOOTHERS))]
-        smoothed = await self._computation.run(lambda: smooth_path(poses, costmap, smoothing, check_time), goal)
+        smoothed = await self._computation.run(prepare, goal)
         path = _with_poses(request.path, smoothed, self._robot.parameters.map_frame)
         self._smoothed.publish(path)
         fields = {'path': path, 'was_completed': True, 'smoothing_duration': duration_message(time.monotonic() - began)}

@@ -408,7 +408,11 @@ class RouteServer:
         async def load() -> None:
             allowed = self.robot.parameters.allowed_directories
             file = request.graph_filepath
-            await self._use_graph(await self._computation.run(lambda: load_graph(resolve_file(file, allowed))))
+
+            def read() -> RouteGraph:
+                return load_graph(resolve_file(file, allowed))
+
+            await self._use_graph(await self._computation.run(lambda: read))
 
         done = Future(executor=self.runtime.node.executor)
         follow(self._report_graph(load(), done.set_result))
@@ -506,9 +510,12 @@ class RouteServer:
     async def plan(self, goal: ServedGoal, progress: RouteProgress | None) -> PlannedRoute:
         """Return the route of a goal of either action. Raises the error that ends the goal if no route was found."""
         poses = await self.robot.poses(goal, _asked)
-        start, last = self._ends(goal.request, poses)
-        planner, check_time = self._planner(goal.request), self._limit(goal)
-        return await self._computation.run(lambda: planner.plan(start, last, progress, check_time), goal)
+
+        def prepare() -> Callable[[], PlannedRoute]:
+            start, last = self._ends(goal.request, poses)
+            return partial(self._planner(goal.request).plan, start, last, progress, self._limit(goal))
+
+        return await self._computation.run(prepare, goal)
 
     def _ends(self, request: Any, poses: list[Pose]) -> tuple[Ends, Ends]:
         if not request.use_poses:

@@ -158,7 +158,10 @@ def test_what_the_battery_has_reported_does_not_count_after_the_robot_has_moved(
         aborted(dock(world), Result.FAILED_TO_CHARGE)
         assert world.wait_at_rest().distance(HOME) < 0.1
     finally:
+        world.place(BEFORE)
+        battery.clear()
         silence(clear=True)
+        world.wait(lambda: battery[-1:] == [False], 'no charge')
 
 
 def test_a_limit_of_the_speed_holds_on_the_way_to_the_staging_pose(world: RobotProbe) -> None:
