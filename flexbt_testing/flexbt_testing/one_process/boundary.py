@@ -18,8 +18,12 @@ _PROGRAM: Final = (
     "start it by world.launch('package/executable') if it is a ROS program in Python, else call a function"
 )
 _SIGNAL: Final = 'world.kill or world.terminate in the test, or sys.exit() for the end of the own process'
+_TOPIC: Final = 'a topic or service of a node that the test makes, or a function that the test replaces'
 INSTEAD: Final = {
-    'socket.connect': 'a topic or service of a node that the test makes, or a function that the test replaces',
+    'socket.connect': _TOPIC,
+    'socket.bind': f'{_TOPIC}; servers and clients of asyncio stay in the world',
+    'socket.sendto': _TOPIC,
+    'socket.sendmsg': _TOPIC,
     'subprocess.Popen': _PROGRAM,
     'os.system': _PROGRAM,
     'os.posix_spawn': _PROGRAM,

@@ -294,6 +294,7 @@ for _name in _REFUSED:
 
 
 _real_signal: Final = signal.signal
+_real_pause: Final = signal.pause
 
 
 def _set_handler(signalnum: int, handler: Any) -> Any:
@@ -307,11 +308,21 @@ def _set_handler(signalnum: int, handler: Any) -> Any:
     return signal.SIG_DFL
 
 
+def _pause() -> None:
+    """Stand-in for ``signal.pause``."""
+    process = SCHEDULER.current.process
+    if process is SCHEDULER.main.process:
+        _real_pause()
+        return
+    process.pausing.append(SCHEDULER.current)
+    SCHEDULER.block('a signal')
+
+
 class _Policy(asyncio.DefaultEventLoopPolicy):
     _loop_factory = EventLoop
 
 
 def install() -> None:
     """Let ``asyncio.run`` and its like take the loop here, and let programs handle the signals of their process."""
-    signal.signal = _set_handler
+    signal.signal, signal.pause = _set_handler, _pause
     asyncio.set_event_loop_policy(_Policy())

@@ -49,6 +49,8 @@ def terminate(process: Process) -> None:
     """Send SIGTERM, which a process handles, or which ends it; a stopped one when it goes on."""
     if process.signal is not None:
         process.signal()
+        while process.pausing:
+            SCHEDULER.wake(process.pausing.pop())
     else:
         SCHEDULER.spawn(partial(end, process, -signal.SIGTERM), 'SIGTERM', process)
 

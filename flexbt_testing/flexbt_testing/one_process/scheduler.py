@@ -67,6 +67,8 @@ class Process:
         """Functions that are told when it stops or ends (False), and when it goes on (True)."""
         self.signal: Callable[[], object] | None = None
         """Function that ends the process as SIGTERM does; None before it is set up."""
+        self.pausing: list[Task] = []
+        """Tasks that wait for a signal."""
 
     def __repr__(self) -> str:
         return f'{self.name} ({self.pid})'

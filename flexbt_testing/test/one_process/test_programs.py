@@ -68,6 +68,11 @@ def handle_after_rclpy(told: list[str]) -> None:
     time.sleep(5.0)
 
 
+def pause(told: list[str]) -> None:
+    signal.signal(signal.SIGTERM, lambda *_: told.append('handled'))
+    signal.pause()
+
+
 def ignore(told: list[str]) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     time.sleep(5.0)
@@ -84,6 +89,7 @@ def sleep(_told: list[str]) -> None:
         (spin, ['shut down'], 0),
         (spin_after_a_handler_of_its_own, ['handled', 'shut down'], 0),
         (handle_after_rclpy, ['handled'], 0),
+        (pause, ['handled'], 0),
         (ignore, ['slept'], 0),
         (sleep, [], -signal.SIGTERM),
     ],

@@ -316,6 +316,8 @@ def test_programs_with_rclpy_have_each_their_default_context(world: World) -> No
 
 LEAVING: dict[str, Callable[[], object]] = {
     'socket.connect': lambda: socket.create_connection(('127.0.0.1', 9)),
+    'socket.bind': lambda: socket.create_server(('127.0.0.1', 0)),
+    'socket.sendto': lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b'x', ('127.0.0.1', 9)),
     'subprocess.Popen': lambda: subprocess.run(['true'], check=True),
     'os.kill': lambda: os.kill(os.getpid(), signal.SIGTERM),
     'os.rename': lambda: Path('/var/tmp/of_a_world').rename('/var/tmp/other'),  # noqa: S108
