@@ -21,6 +21,8 @@ _SIGNAL: Final = 'world.kill or world.terminate in the test, or sys.exit() for t
 _TOPIC: Final = 'a topic or service of a node that the test makes, or a function that the test replaces'
 INSTEAD: Final = {
     'socket.connect': _TOPIC,
+    'socket.getaddrinfo': _TOPIC,
+    'socket.gethostbyname': _TOPIC,
     'socket.bind': f'{_TOPIC}; servers and clients of asyncio stay in the world',
     'socket.sendto': _TOPIC,
     'socket.sendmsg': _TOPIC,

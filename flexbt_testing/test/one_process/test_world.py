@@ -14,6 +14,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -315,7 +316,8 @@ def test_programs_with_rclpy_have_each_their_default_context(world: World) -> No
 
 
 LEAVING: dict[str, Callable[[], object]] = {
-    'socket.connect': lambda: socket.create_connection(('127.0.0.1', 9)),
+    'socket.connect': lambda: socket.socket().connect(('127.0.0.1', 9)),
+    'socket.getaddrinfo': lambda: urllib.request.urlopen('http://weather.invalid'),
     'socket.bind': lambda: socket.create_server(('127.0.0.1', 0)),
     'socket.sendto': lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b'x', ('127.0.0.1', 9)),
     'subprocess.Popen': lambda: subprocess.run(['true'], check=True),
