@@ -41,6 +41,8 @@ _FIXED: Final = (
     type(threading.RLock()),
 )
 _ITERATORS: Final[tuple[type[Any], ...]] = (type(iter(())), type(iter([])))
+_OURS: Final = 'flexbt_'
+"""Prefix of the packages whose frozen objects hold nothing that an engine replaces to remember something."""
 _ABSENT: Final = object()
 """Stands for the value of an unset slot."""
 
@@ -87,7 +89,7 @@ class _Kind:
         self.idle = next((idle for base, idle in layout.idle.items() if issubclass(kind, base)), None)
         self.is_fixed = (
             issubclass(kind, (*_FIXED, *layout.fixed))
-            or (parameters is not None and parameters.frozen)
+            or (parameters is not None and parameters.frozen and _package(kind).startswith(_OURS))
             or _package(kind) not in packages
         )
         constant = _of_bases(kind, layout.constant)

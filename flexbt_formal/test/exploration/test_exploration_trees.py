@@ -7,12 +7,13 @@ import gc
 import inspect
 import weakref
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import pytest
 
 from flexbt_core.behavior_tree.engine.leaf import Condition, SyncAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
-from flexbt_core.behavior_tree.engine.parents import Control
+from flexbt_core.behavior_tree.engine.parents import Control, Decorator
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
@@ -164,6 +165,35 @@ class Alternating(Control):
         self._turns.number = 0
 
 
+@dataclass(frozen=True)
+class Laps:
+    """What a node keeps in an object that it replaces by another one."""
+
+    number: int = 0
+
+
+class ThreeTimes(Decorator):
+    """Does it three times, whatever comes of it."""
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self._laps = Laps()
+
+    def tick(self) -> NodeStatus:
+        status = self.tick_child()
+        if status is NodeStatus.RUNNING:
+            return status
+        self.halt_child()
+        self._laps = Laps((self._laps.number + 1) % 3)
+        if self._laps.number:
+            self.wake()
+            return NodeStatus.RUNNING
+        return status
+
+    def on_halt(self) -> None:
+        self._laps = Laps()
+
+
 class Stalled(Control):
     """RUNNING, with nothing that would ever wake it."""
 
@@ -175,7 +205,7 @@ def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
     leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Choose, Lift, IsAt, Go, Serve, Leave, Look)
-    found.register_classes([*leaves, AskSoon, Take, Forgetful, Stalled, Alternating])
+    found.register_classes([*leaves, AskSoon, Take, Forgetful, Stalled, Alternating, ThreeTimes])
     return found
 
 
@@ -423,6 +453,9 @@ def test_what_nodes_of_ones_own_keep_is_restored() -> None:
     assert report.is_complete and report.holds, report.counterexamples
     assert report.configurations > 10 and report.checked_restores > 0
     assert report.depth == 11  # the start, and five results in each cycle
+    replaced = proved('<ThreeTimes><Plan/></ThreeTimes>')
+    assert replaced.is_complete and replaced.holds, replaced.counterexamples
+    assert replaced.depth == 4  # the start, and three results
 
 
 def test_counters_without_a_limit_are_one_situation() -> None:
