@@ -45,10 +45,18 @@ _LENT: Final = 'node_executor.py'
 
 
 class _Held(threading.local):
-    """The locks that this thread holds, the last acquired one at the end."""
+    """The locks that this thread holds, the last acquired one at the end.
 
-    def __init__(self) -> None:
-        self.locks: list[_Watched] = []
+    Not made by a constructor: a finalizer that acquires a lock may run while the object is made for a thread.
+    """
+
+    locks: list[_Watched]
+
+    def __getattr__(self, name: str) -> list[_Watched]:
+        if name != 'locks':
+            raise AttributeError(name)
+        self.locks = []
+        return self.locks
 
 
 class _Record:

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from flexbt_testing import lock_order
 from flexbt_testing.one_process.scheduler import SCHEDULER, SECOND
 
 
@@ -62,3 +63,16 @@ def test_what_nobody_else_can_raise_reaches_the_test_where_it_waits() -> None:
     assert SCHEDULER.now - began < 2 * SECOND
     time.sleep(120.0)  # the alarm of the wait before wakes nobody
     assert SCHEDULER.now - began > 120 * SECOND
+
+
+def test_a_finalizer_may_acquire_a_lock_before_its_thread_has_a_list_of_locks() -> None:
+    class Prepared(lock_order._Held):
+        def __init__(self) -> None:
+            seen.append(list(self.locks))  # as a finalizer, when the garbage of a new thread is collected
+
+    seen: list[list[object]] = []
+    held = Prepared()
+    thread = threading.Thread(target=lambda: seen.append(list(held.locks)))
+    thread.start()
+    thread.join()
+    assert seen == [[], [], []]
