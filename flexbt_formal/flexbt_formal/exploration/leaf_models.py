@@ -138,6 +138,8 @@ class Environment:
         self.facts = Facts()
         self.due: dict[str, float] = {}
         self.found = found
+        self.most_counted = 0
+        """Attempts up to which a node without a limit counts, since a script may give it one."""
 
     def asks(self) -> None:
         """Begin a step: clear the answers and the measured facts, which may have changed."""

@@ -80,6 +80,7 @@ _CONSTANT: Final = (
     '_entries',
 )
 _NAME: Final = re.compile(r'[A-Za-z_]\w*')
+_NUMBER: Final = re.compile(r'(?<![\w.])\d{1,9}(?![\w.])')
 _OURS: Final = 'flexbt_core.behavior_tree.'
 _ASSIGNED: Final = re.compile(r'([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))')
 
@@ -109,7 +110,9 @@ TREE_LAYOUT: Final = Layout(
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
         Entry: frozenset(('type',)),
         UnfinishedWork: frozenset(('_context',)),
-        Environment: frozenset(('values', 'choices', 'events', 'begun', 'asked', 'described', 'answers', 'found')),
+        Environment: frozenset(
+            ('values', 'choices', 'events', 'begun', 'asked', 'described', 'answers', 'found', 'most_counted')
+        ),
         Facts: frozenset(('_needed', 'measured', 'names')),
         ModelAction: frozenset(('needs', '_path', 'place')),
         ModelInstant: frozenset(('needs', '_path', 'place')),
@@ -143,7 +146,7 @@ TREE_LAYOUT: Final = Layout(
         TreeNode: {
             # The number of writes seen only matters in relation to the current number.
             '_seen': lambda node: node._seen == node._entry.sequence,
-            '_count': lambda node: 0 if _is_unlimited(node) else node._count,
+            '_count': lambda node: _counted(node),
         },
         # What an IDLE node remembers of a time, it does not read again.
         Sleep: {'_deadline': lambda node: node._deadline if node.stored_status is RUNNING else None},
@@ -159,6 +162,14 @@ def _is_unlimited(node: Any) -> bool:
         return limit is not None and node.get_input(limit) == -1
     except PortError:
         return False  # not written yet, or not a number: the tick that needs it reports that
+
+
+def _counted(node: Any) -> int:
+    """Return the attempts that a node has counted; without a limit they do not matter, unless it may get one."""
+    count: int = node._count
+    if not _is_unlimited(node):
+        return count
+    return 0 if node.port_values[node.limit].key is None else min(count, getattr(node.services, 'most_counted', 0))
 
 
 def _goes_on_for_ever(node: TreeNode) -> bool:
@@ -231,6 +242,7 @@ class TreeSystem(System):
             for text in _scripts(tree.nodes())
         ]
         self._environment = Environment(tested_values(scripts), self._note, self._events)
+        self._environment.most_counted = 1 + max(map(int, _NUMBER.findall(' '.join(scripts))), default=0)
         self._ticked: set[int] = set()
         self._has_succeeded = False
         self._observed = frozenset(observed)

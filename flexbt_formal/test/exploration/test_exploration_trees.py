@@ -471,6 +471,15 @@ def test_a_number_of_cycles_that_the_tree_writes_itself_is_kept_to() -> None:
     assert report.depth == 5  # the start, and the results of four turns
 
 
+def test_a_limit_that_comes_later_applies_to_what_was_counted_before() -> None:
+    """The Repeat has enough, and leaves what it has just begun."""
+    repeated = '<Repeat num_cycles="{n}"><Turn/></Repeat>'
+    both = f'<Parallel success_count="2">{repeated}<Sequence><Plan/><Script code="n := 2"/></Sequence></Parallel>'
+    report = proved(f'<Sequence><Script code="n := -1"/>{both}</Sequence>')
+    assert report.is_complete
+    assert {found.violation.property for found in report.counterexamples} == {Property.HALTED}
+
+
 FOR_EVER = (
     '<RetryUntilSuccessful num_attempts="-1"><Sequence><Plan path="{p}"/><Drive/></Sequence></RetryUntilSuccessful>'
 )
