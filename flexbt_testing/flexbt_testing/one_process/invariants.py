@@ -558,7 +558,8 @@ class _Robot:
         last, when = self._last_stop
         if is_own and command.id != last and not self._observer.has_program:
             is_running = self._statuses and self._statuses[-1][1].state == ExecutiveStatus.RUNNING
-            self._alone_until = self._due(1.0) if is_running and SCHEDULER.now - when > 5 * SECOND else 0
+            is_alone = is_running and self._open.keys() <= {command.id}  # another one may just have ended the run
+            self._alone_until = self._due(1.0) if is_alone and SCHEDULER.now - when > 5 * SECOND else 0
             self._last_stop = command.id, SCHEDULER.now
         if self._observer.has_program:  # which may send its next goal
             self._rest_by.append((SCHEDULER.now, self._due(OWNER_SECONDS), 'a STOP has arrived'))
