@@ -18,6 +18,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall
+from flexbt_common.lifecycle.liveliness import LEASE_SECONDS
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import CommandKind
@@ -596,7 +597,7 @@ class _Robot:
             self._rest_by = [one for one in self._rest_by if now < one[0]]
         # The tree may have sent its goal again to the new process, or the state, so soon that no rest was seen.
         replaced = {process.name for process in self._restarted() if process.is_alive}
-        for node, soon in (('navigation', math.inf), ('bt_server', SEEN_SECONDS * SECOND)):
+        for node, soon in (('navigation', math.inf), ('bt_server', (LEASE_SECONDS + SEEN_SECONDS) * SECOND)):
             if self._nodes[node] in replaced:
                 text = f'{self._nodes[node]} was killed'
                 again = self._wanted_at if node == 'bt_server' else now
