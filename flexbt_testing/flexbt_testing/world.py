@@ -7,6 +7,7 @@ The tutorial "Test your mission" shows how to use it.
 from __future__ import annotations
 
 import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 from .one_process import install
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
     from .one_process.programs import Program as Program
     from .one_process.world import World as World
 
-os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')  # a field of a wrong type is an error, as where it is sent
+if 'pytest' in sys.modules:  # in tests a field of a wrong type is an error, as where it is sent
+    os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 install()
 pytest_plugins = ['flexbt_testing.one_process.plugin']
 

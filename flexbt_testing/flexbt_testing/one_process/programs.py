@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import importlib.util
 import inspect
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -166,7 +167,8 @@ def named_programs(name: str, folder: Path, scratch: Path, motion: str = 'full',
 
 
 def _function(world: str, module: str, name: str) -> Callable[..., Any]:
-    if importlib.util.find_spec(module.partition('.')[0]) is None:
+    top = module.partition('.')[0]
+    if top not in sys.modules and importlib.util.find_spec(top) is None:
         raise LookupError(f'the world {world!r}: there is no module {module!r}; is its package installed, and sourced?')
     functions = {key: one for key, one in vars(importlib.import_module(module)).items() if callable(one)}
     if name not in functions:
