@@ -5,7 +5,7 @@ it is late.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import Final
 
 from rclpy.action.server import RCLError
@@ -64,14 +64,15 @@ class GoalOwners:
             self._watches[owner] = LivelinessWatch(
                 self._runtime,
                 owner,
-                lambda alive: self._runtime.post(lambda: self._changed(owner, alive)),
+                lambda alive: self._changed(owner, alive),
                 on_late=lambda _late: self._runtime.post(lambda: self._hold(owner)),
                 timeout=self._peer_timeout,
             )
         watched = self._goals.setdefault(owner, {})[goal] = stop, hold, identity
         if not self.sees(owner, identity):
             # The owner may be too new to be known, but a run must not continue for an owner that is not alive.
-            self._runtime.post(lambda: self._review(owner, goal, watched))
+            if self._is_gone(owner, identity):
+                self._runtime.post(lambda: self._end(owner, [(goal, watched)]))
             self._runtime.post_in(OWNER_SECONDS, lambda: self._look_for(owner, goal, watched))
 
     def release(self, owner: str, goal: Hashable) -> None:
@@ -120,18 +121,23 @@ class GoalOwners:
             )
 
     def _changed(self, owner: str, alive: bool) -> None:
-        self._hold(owner)
-        for goal, watched in list(self._goals.get(owner, {}).items()):
-            self._review(owner, goal, watched, alive)
+        # Now, since the owner may be there again before what is posted.
+        goals = self._goals.get(owner, {}).items()
+        ended = [(goal, watched) for goal, watched in goals if self._is_gone(owner, watched[2], alive)]
+        self._runtime.post(lambda: self._end(owner, ended))
 
-    def _review(self, owner: str, goal: Hashable, watched: _Watched, alive: bool = True) -> None:
-        """Stop the goal if its owner is gone; ``alive`` tells whether a process has the owner's name."""
-        stop, _, process = watched
-        is_there = self._goals.get(owner, {}).get(goal) is watched
-        if is_there and (not alive if process is None else self._watches[owner].is_gone_process(process)):
-            successor = '; another process has its name now' if self.sees(owner) else ''
-            what = 'is gone: it has ended or died, or was late for too long'
-            stop(f'{owner}, on whose behalf the tree ran, {what}{successor}')
+    def _is_gone(self, owner: str, process: ProcessIdentity | None, alive: bool = True) -> bool:
+        """Return whether the owner of a goal is gone; ``alive`` tells whether a process has the owner's name."""
+        return not alive if process is None else self._watches[owner].is_gone_process(process)
+
+    def _end(self, owner: str, ended: Sequence[tuple[Hashable, _Watched]]) -> None:
+        """Stop the goals whose owner is gone, and review whether others are held."""
+        self._hold(owner)
+        for goal, watched in ended:
+            if self._goals.get(owner, {}).get(goal) is watched:
+                successor = '; another process has its name now' if self.sees(owner) else ''
+                what = 'is gone: it has ended or died, or was late for too long'
+                watched[0](f'{owner}, on whose behalf the tree ran, {what}{successor}')
 
     def _hold(self, owner: str) -> None:
         problem = self.problem(owner)

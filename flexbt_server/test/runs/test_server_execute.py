@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from nav2_msgs.action import FollowPath
 from nav_msgs.msg import Path as RobotPath
 from std_msgs.msg import Bool
@@ -456,6 +457,26 @@ def test_the_goal_of_a_process_goes_on_when_it_is_noticed_that_it_has_replaced_a
         assert old.result.code == Result.CANCELED and 'another process has its name' in old.result.message
         assert owners.sees('/owner', own) and not new.ended
     assert new.result.code == Result.CANCELED
+
+
+def test_a_goal_ends_with_its_node_though_another_one_of_the_process_has_its_name_before_that_is_handled(
+    world: ServerWorld,
+) -> None:
+    own, owners = ProcessIdentity.own(), world.server.goals.owners
+    world.navigation.hold.add(names.SPIN)
+    world.client.load_tree('<Spin/>')
+    with NodeRuntime.open('owner') as owner:
+        LivelinessToken(owner)
+        goal = world.client.execute(owner='/owner', owner_process=str(own))
+        wait_until(lambda: owners.sees('/owner', own), 'the owner was seen')
+
+        def restart() -> None:
+            token = owners._watches['/owner']._token
+            token._leave()
+            token._on_status(DiagnosticStatus(), own)
+
+        world.server_runtime.call(restart)
+        assert goal.result.code == Result.CANCELED and owners.sees('/owner', own)
 
 
 @pytest.mark.parametrize('process', ['7', 'x y z', ' ', 'host 1.5 3'])
