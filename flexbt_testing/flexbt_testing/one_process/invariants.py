@@ -471,7 +471,7 @@ class _Robot:
             if result.command_id in self._open:
                 self._check_open(result.command_id)
                 _, command = self._open.pop(result.command_id)
-                if result.code == CommandResult.APPLIED:
+                if result.code == CommandResult.APPLIED and command.run_id in ('', status.run_id):
                     applied.add(command.kind)
         waiting = {command.kind for _, command in self._open.values()}
         resumes = ExecutiveCommand.RESUME in applied | waiting
