@@ -347,7 +347,8 @@ class LivelinessWatch:
     def has_ended(self, writer: bytes) -> bool:
         """Return whether a writer of this node, on any topic, belongs to a process that has certainly ended. The
         middleware reports that only after the lease of the participant."""
-        return self._token.has_ended(writer)
+        process = self._token.process_of(writer)
+        return process is not None and process.has_ended()
 
     def is_held_by(self, process: ProcessIdentity) -> bool:
         """Return whether the node is alive and is this process."""
@@ -364,9 +365,8 @@ class LivelinessWatch:
         """Return whether a writer of this node, on any topic, belongs to a process that counts as gone: it has ended,
         was replaced, or is late for too long. A process that has not sent yet does not count as gone.
         """
-        return self._token.knows(writer) and (
-            self.alive is False or self._token.is_replaced(writer) or self._token.has_ended(writer)
-        )
+        process = self._token.process_of(writer)
+        return process is not None and (self.alive is False or self.is_gone_process(process))
 
     def close(self) -> None:
         """Stop watching and calling. From any thread."""
@@ -464,19 +464,9 @@ class _SeenToken:
         """True if the token is alive or was discovered."""
         return self.alive is True or self._unheard
 
-    def has_ended(self, writer: bytes) -> bool:
-        """See :meth:`LivelinessWatch.has_ended`."""
-        process = self._processes.get(guid_prefix_of(writer))
-        return process is not None and process.has_ended()
-
-    def knows(self, writer: bytes) -> bool:
-        """Return whether the process of a writer has sent a message."""
-        return guid_prefix_of(writer) in self._processes
-
-    def is_replaced(self, writer: bytes) -> bool:
-        """Return whether the process of a writer has sent messages and was replaced by another one."""
-        process = self._processes.get(guid_prefix_of(writer))
-        return process is not None and self.has_left(process)
+    def process_of(self, writer: bytes) -> ProcessIdentity | None:
+        """Return the process of a writer, on any topic; None if it has sent no message with its token."""
+        return self._processes.get(guid_prefix_of(writer))
 
     def has_left(self, process: ProcessIdentity) -> bool:
         """Return whether a process has held the token, and was replaced or is gone."""

@@ -32,7 +32,7 @@ MOST_SCANS: Final = 600
 
 @dataclass(slots=True, eq=False)
 class _Chunk:
-    """What the mirror had at ``begin``, after the call of the number ``first``, and then received; without map and
+    """Contents of the mirror at ``begin``, after the call of the number ``first``, and then received; without map and
     scans. Or the cells of a ``map`` that was received then, which lacks them.
 
     ``contents`` come before ``data``, until these are compressed.

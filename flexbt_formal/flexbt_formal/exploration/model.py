@@ -185,7 +185,7 @@ class System(ABC):
 
     @property
     def _times_required(self) -> int:
-        """How many requirements wait for a time."""
+        """Number of requirements that wait for a time."""
         return sum(getattr(one, 'seconds', None) is not None for one in self.requirements.requirements)
 
     def _lapse_labels(self) -> list[Label]:

@@ -47,7 +47,7 @@ _CHANGES: Final = {
     'os.symlink': (1, 2),
     'os.truncate': (0, None),
 }
-"""What changes a directory or file: the places of its name, and of the open directory to which that is relative."""
+"""Calls that change a file or directory: the places of its name, and of the open directory to which it is relative."""
 
 _WRITES: Final = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 

@@ -190,7 +190,7 @@ def _resolve_name(node: Node, name: str, only_expand: bool, _is_service: bool) -
 
 
 class _Signals:
-    """What rclpy does in a process at SIGTERM: it shuts the contexts down, and wakes the executors."""
+    """Handling of SIGTERM by rclpy in a process: contexts are shut down, and executors are woken."""
 
     def __init__(self) -> None:
         self._guards: WeakKeyDictionary[clocks.GuardCondition, Process] = WeakKeyDictionary()
