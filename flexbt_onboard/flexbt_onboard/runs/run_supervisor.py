@@ -109,7 +109,8 @@ class RunSupervisor(RunReader):
         return {one.behavior for one in (self.snapshot, self.interrupted) if one is not None}
 
     def nodes_changed(self) -> None:
-        """Check the nodes that behaviors need again, since one has appeared, ended, or become ready."""
+        """Look again at what needs other nodes, since one has appeared, ended, or become ready."""
+        self._stops.prepare()
         if self.run is not None:
             self.run.nodes_changed()
 

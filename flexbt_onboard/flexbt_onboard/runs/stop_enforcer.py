@@ -46,6 +46,10 @@ class StopEnforcer:
         self._since = 0.0
         self._timer: Timer | None = None
 
+    def prepare(self) -> None:
+        """Discover the servers that move the robot, so that a STOP need not wait for that."""
+        self._robot.prepare()
+
     def begins(self) -> None:
         """Prepare for a new run: release the robot, and drop cancels that are still pending.
 

@@ -68,6 +68,16 @@ def test_a_goal_of_an_executive_that_is_killed_at_once_is_not_taken_for_one_of_t
     assert run_one(Job(Plan(29, computing=0.0001, steps=(kill,)))).violations == []
 
 
+def test_a_stop_need_not_discover_what_a_program_drives_by() -> None:
+    steps = (
+        Step(0.659, 'hang', 'stop_guard', 8.977),
+        Step(1.04, 'stop', 'engineer', 0.45),
+        Step(1.108, 'kill', 'onboard_executive', 3.231),
+    )
+    plan = Plan(114126, 'nav2_robot', 'abstract', behavior='', autonomy='LOW', preemption=0.02, steps=steps)
+    assert run_one(Job(replace(plan, seconds=10.0, settle=7.0, answers=((0.296, 0.071),)))).violations == []
+
+
 ALONE: dict[int, tuple[str, tuple[Step, ...]]] = {
     1: ('a call does not see that its server is gone', (Step(4.0, 'kill', 'bt_server', 5.0),)),
     2: ('a stop cancels late', STOP.steps),
