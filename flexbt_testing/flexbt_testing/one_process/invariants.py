@@ -518,8 +518,9 @@ class _Robot:
         was_running = crashed.state in (ExecutiveStatus.RUNNING, ExecutiveStatus.PAUSED)
         is_interrupted, is_same = status.state == ExecutiveStatus.INTERRUPTED, status.run_id == crashed.run_id
         of_run = [one for one in self.events() if one.get('run') == crashed.run_id]
-        is_unknown = self._observer.has_program and not self._observer.has_whole_log
-        if is_unknown or any(one['event'] == 'started' and one['by'] not in _OPERATORS for one in of_run):
+        by = next((one['by'] for one in of_run if one['event'] == 'started'), None)
+        is_unknown = by is None and self._observer.has_program  # the log comes after the status
+        if is_unknown or (by is not None and by not in _OPERATORS):
             return  # a run that a program has started does not resume
         if SCHEDULER.now - self._observer.failed_disk_at < LIVE_SECONDS * SECOND:
             return  # operators were told that a crash would lose the run
