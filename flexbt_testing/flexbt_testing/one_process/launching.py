@@ -3,19 +3,22 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures.thread import _threads_queues
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from rclpy.executors import ExternalShutdownException
 
 from flexbt_testing.system import fork_server, processes
 from flexbt_testing.system.hold_up import hold_up
 
+from . import rclpy_globals
 from .product import end, terminate
 from .scheduler import SCHEDULER, Process
 
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
     from .programs import Program
 
 _POLL_SECONDS = 0.005
+
+rclpy_globals.install()  # before anything uses them
 
 
 def launch(program: Program, arguments: Sequence[str], on_error: Callable[[BaseException], object]) -> Process:
@@ -63,11 +68,23 @@ def _join_threads(process: Process) -> None:
         threads[0].join()
 
 
+class _Streams:
+    """A standard stream that writes to the log of the current process, if it has one, and otherwise to ``stream``."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(SCHEDULER.current.process.log or self._stream, name)
+
+
 class StartedProcess:
     """A process of an installed executable, with what :class:`flexbt_testing.system.processes.Stack` uses of Popen."""
 
-    def __init__(self, words: Sequence[str], _log: int, environment: object, fifo: object, network: object) -> None:
+    def __init__(self, words: Sequence[str], log: int, environment: object, fifo: object, network: object) -> None:
         """``words`` are the path of the executable, ``PREFIX/lib/PACKAGE/NAME``, and its arguments.
+
+        What it prints and logs goes to the file descriptor ``log``.
 
         Raises:
             ValueError: it shall have another environment, or a network of its own.
@@ -78,6 +95,11 @@ class StartedProcess:
 
         file = Path(words[0])
         self._process = launch(Program(file.parent.name, file.name), words[1:], lambda _error: None)
+        self._process.log = os.fdopen(os.dup(log), 'a', buffering=1, encoding='utf-8')
+        for name in ('stdout', 'stderr'):
+            stream = getattr(sys, name)
+            if not isinstance(stream, _Streams):
+                setattr(sys, name, _Streams(stream))
         self.pid = self._process.pid
 
     def poll(self) -> int | None:

@@ -177,9 +177,9 @@ def _log(severity: Any, name: str, text: str, *where: Any) -> None:
 
         stamp = Time(sec=SCHEDULER.wall // SECOND, nanosec=SCHEDULER.wall % SECOND)
         node.rosout.publish(Log(stamp=stamp, level=int(severity), name=name, msg=text))
-    if os.environ.get('FLEXBT_ONE_PROCESS_LOG'):
+    if process.log is not None or os.environ.get('FLEXBT_ONE_PROCESS_LOG'):
         level = REAL.RCUTILS_LOG_SEVERITY(int(severity)).name.removeprefix('RCUTILS_LOG_SEVERITY_')
-        sys.stderr.write(f'[{level}] [{(SCHEDULER.now - BOOT) / SECOND:.6f}] [{name}]: {text}\n')
+        (process.log or sys.stderr).write(f'[{level}] [{(SCHEDULER.now - BOOT) / SECOND:.6f}] [{name}]: {text}\n')
 
 
 def _resolve_name(node: Node, name: str, only_expand: bool, _is_service: bool) -> str:

@@ -22,7 +22,7 @@ from asyncio.events import _get_running_loop, _set_running_loop
 from collections import deque
 from collections.abc import Callable
 from math import ceil
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 SECOND: Final = 1_000_000_000
 STEP: Final = 1_000
@@ -69,6 +69,8 @@ class Process:
         """Function that ends the process as SIGTERM does; None before it is set up."""
         self.pausing: list[Task] = []
         """Tasks that wait for a signal."""
+        self.log: TextIO | None = None
+        """File for what it prints and logs; None for the streams of the test."""
 
     def __repr__(self) -> str:
         return f'{self.name} ({self.pid})'

@@ -18,14 +18,12 @@ from types import TracebackType
 from typing import Any, Final
 from unittest import mock
 
-from . import rclpy_globals
 from .graph import DOMAIN
 from .network import OPERATOR, Network
 from .product import end, install, terminate
 from .scheduler import BOOT, SCHEDULER, SECOND, Alarm, Process, StuckWorldError
 
 install()
-rclpy_globals.install()
 
 import numpy  # noqa: E402 - in the world, as all that follows
 import yaml  # noqa: E402
