@@ -141,12 +141,12 @@ _LONGEST: Final = 100
 _MOST: Final = 20
 
 
-def similar_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
-    """Return the known names that are similar to ``name``, best first."""
+def similar_names(name: str, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
+    """Return the known names that are similar to ``name``, best first. ``cutoff``: the least similarity, 0 to 1."""
     import difflib  # rarely needed
 
     # The comparison takes quadratic time, and hostile files may have long names.
-    return difflib.get_close_matches(name, list(known), n=most) if len(name) <= _LONGEST else []
+    return difflib.get_close_matches(name, list(known), most, cutoff) if len(name) <= _LONGEST else []
 
 
 def did_you_mean(name: object, known: Collection[str], otherwise: str | None = None) -> str:

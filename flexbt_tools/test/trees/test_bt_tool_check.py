@@ -526,18 +526,22 @@ def test_errors_of_commands_are_findings_too(tmp_path: Path) -> None:
 
 def test_node_types_that_are_not_installed(tmp_path: Path) -> None:
     tree, models = tmp_path / 'tree.xml', tmp_path / 'models.xml'
-    tree.write_text(document('Main: <Sequence><Grasp object="{cup}" force="hard"/><Condition ID="Held"/></Sequence>'))
+    tree.write_text(
+        document('Main: <Sequence><Grasp object="{cup}" force="hard"/><Condition ID="Held"/><MoveToPose/></Sequence>')
+    )
     done = tool('check', str(tree))
     assert done.out.endswith(
-        ': error: node types [Grasp], [Held] are not registered; '
+        ': error: node types [Grasp], [Held], [MoveToPose] are not registered; '
         'install their package, describe them by --models FILE, or check the rest by --allow-unknown\n'
     )
     assert done.err == '1 file: 1 error\n'
     told = json.loads(tool('check', '--json', str(tree)).out)['findings']
-    assert [one['message'] for one in told] == [f'node type [{one}] is not registered' for one in ('Grasp', 'Held')]
+    assert [one['message'] for one in told] == [
+        f'node type [{one}] is not registered' for one in ('Grasp', 'Held', 'MoveToPose')
+    ]
     assert tool('check', '--allow-unknown', str(tree)) == (0, '', '1 file: no problems found\n')
     models.write_text(
-        '<root BTCPP_format="4"><TreeNodesModel><Condition ID="Held"/><Action ID="Grasp">'
+        '<root BTCPP_format="4"><TreeNodesModel><Condition ID="Held"/><Action ID="MoveToPose"/><Action ID="Grasp">'
         '<input_port name="object" type="Cup"/><input_port name="force" type="double"/></Action>'
         '</TreeNodesModel></root>'
     )

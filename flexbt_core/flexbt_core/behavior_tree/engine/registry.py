@@ -126,8 +126,12 @@ class NodeRegistry:
         return self._manifests.get(id)
 
     def suggestions(self, id: str) -> list[str]:
-        """Return registered IDs similar to ``id``, best first."""
-        return similar_names(id, self._manifests, most=3)
+        """Return registered IDs for which ``id`` may be a slip, best first.
+
+        An ID that only shares a word with others, as MoveToPose with NavigateToPose, is one of a package that is not
+        here.
+        """
+        return similar_names(id, self._manifests, most=3, cutoff=0.8)
 
     def __contains__(self, id: str) -> bool:
         return id in self._manifests
