@@ -13,7 +13,7 @@ import pytest
 from flexbt_testing import lock_order
 
 _PROGRAM = """
-import threading
+import threading, time
 from flexbt_testing.lock_order import watch_locks
 watch_locks()
 __name__ = 'flexbt_example'
@@ -56,7 +56,11 @@ with changed:
 
 _WAITS = """
 done = threading.Event()
-threading.Timer(0.01, done.set).start()
+def end_wait():
+    while not done._cond._waiters:
+        time.sleep(0.001)
+    done.set()
+threading.Thread(target=end_wait).start()
 with first:
     done.wait()
 """
