@@ -56,7 +56,9 @@ class Freshness:
     kept for late subscribers.
 
     Messages are sent one after another. If a transit exceeds the one before by more than the time between the two
-    arrivals, a clock was set in between. The message then counts as having taken as long as the one before.
+    arrivals, a clock was set in between, and also if it is shorter than all others after a gap. The message then counts
+    as having taken as long as the one before, and after a gap longer by all of it: it may have waited. An echo shows if
+    it has not.
     """
 
     def __init__(self, lost_after: float = LOST_SECONDS) -> None:
@@ -90,8 +92,12 @@ class Freshness:
         if self._transit is None:
             self._confirmed = not first
             return
-        if before is not None and self._transit - before > since + SKEW_TOLERANCE:
-            step = self._transit - before
+        gap = since if since > LIVE_PERIODS * self._period else 0.0
+        if before is not None and (
+            self._transit - before > since + SKEW_TOLERANCE
+            or (gap and self._transit < min(self._transits, default=-math.inf) - SKEW_TOLERANCE)
+        ):
+            step = self._transit - before - gap
             self._transits = deque((one + step for one in self._transits), BASELINE_LENGTH)
             self._ahead = deque((one - step for one in self._ahead), ECHOES_REMEMBERED)
         self._transits.append(self._transit)
@@ -151,9 +157,11 @@ class Freshness:
         """Estimated age of the newest message on its arrival, s."""
         if self._transit is None:
             return 0.0
+        excess = self._transit - min(self._transits)
         if not self._ahead:
-            return max(0.0, self._transit if len(self._transits) == 1 else self._transit - min(self._transits))
-        return max(0.0, self._transit - min(self._transits), self._longest_delay(self._transit) - self._period)
+            return max(0.0, self._transit if len(self._transits) == 1 else excess)
+        longest = self._longest_delay(self._transit)
+        return max(0.0, longest - self._period, min(excess, longest))
 
     def _longest_delay(self, transit: float) -> float:
         """Return the upper bound of the delay of a message that the echoes allow for, s."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 import random
 
 import pytest
@@ -233,6 +234,32 @@ def test_a_clock_that_is_set_does_not_make_the_picture_old(step: float, is_echoe
         if is_echoed and sequence < 10:
             mirror.receive_pong(0.0)
         assert mirror.view().live, sequence
+
+
+@pytest.mark.parametrize('is_echoed', [False, True])
+@given(step=st.floats(-500.0, -16.0) | st.floats(0.0, 500.0), gap=st.integers(2, 15), waited=st.booleans())
+def test_what_has_waited_while_a_clock_was_set_is_not_live(
+    is_echoed: bool, step: float, gap: int, waited: bool
+) -> None:
+    """The link was cut, and its messages come then; or there were none, and an echo shows that the next one is new."""
+    clock, sequences = ManualClock(), itertools.count(1)
+    mirror = Mirror(clock)
+
+    def receive(sent: float) -> None:
+        mirror.receive_snapshot(snapshot('e', next(sequences)), Transit(sent, clock.now() + step * (sent > 5.0)))
+
+    for _ in range(5):
+        clock.advance(1.0)
+        receive(clock.now())
+        if is_echoed:
+            mirror.receive_pong(0.0)
+    clock.advance(gap)
+    for late in range(gap - 1, 2, -1) if waited else ():
+        receive(clock.now() - late)
+        assert not mirror.view().live
+    receive(clock.now())
+    mirror.receive_pong(-step)
+    assert mirror.view().live
 
 
 @pytest.mark.parametrize('is_echoed', [False, True])
