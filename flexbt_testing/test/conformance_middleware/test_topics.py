@@ -210,19 +210,17 @@ def test_a_lease_is_lost_and_regained(ros: Any, how: str) -> None:
     heard = Heard(ros.node('listener'), ros.topic, MANUAL, event_callbacks=events)
     ros.wait(heard.subscription.get_publisher_count)
 
-    def show_life() -> None:
+    def show_life() -> None:  # again and again: on a busy machine a lease may end before its begin is told
         if how == 'publish':
             publisher.publish(Int32())
         else:
             publisher.assert_liveliness()
 
-    show_life()
-    ros.wait(lambda: (1, 0) in counts)
+    ros.wait(lambda: show_life() or (1, 0) in counts)
     ros.wait(lambda: counts[-1] == (0, 1))
     ros.wait(lambda: lost)
     seen = len(counts)
-    show_life()
-    ros.wait(lambda: (1, 0) in counts[seen:])
+    ros.wait(lambda: show_life() or (1, 0) in counts[seen:])
 
 
 def test_a_publisher_that_ends_is_neither_alive_nor_lost(ros: Any) -> None:
