@@ -6,6 +6,8 @@ them reach which line; this is kept until a file changes. Then it tries changes 
 until the time is up. It prints each change that was not noticed as a diff, and the share that was. The exit code is 1
 when that is less than 95 %.
 
+Tests of a package that ``make test`` runs in one process run so here, too, without those that need the middleware.
+
 A change counts as noticed if a test fails, or if the tests use far more processor time than before. If they only take
 long, which may be because the machine is busy, the change counts for neither side.
 """
@@ -30,6 +32,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from workspace.side_packages import environment_with
+from workspace.test_run import IN_ONE_PROCESS
 
 ROOT: Final = Path(__file__).resolve().parents[1]
 REQUIREMENTS: Final = ROOT / 'tools' / 'requirements-mutants.txt'
@@ -159,7 +162,7 @@ def _reach_of(area: Area, copy: Path, file: Path, deadline: float) -> Reach:
         str(output),
         *(str(Path(area.package, area.package, name)) for name in area.files),
     ]
-    environment = _environment(copy / area.package)
+    environment = _environment(copy, area.package)
     try:
         subprocess.run(
             [*words, *PYTEST, str(file)],
@@ -175,9 +178,10 @@ def _reach_of(area: Area, copy: Path, file: Path, deadline: float) -> Reach:
     return Reach({name: {int(line): found for line, found in lines.items()} for name, lines in tests.items()}, seconds)
 
 
-def _environment(first: Path) -> dict[str, str]:
-    """Return the environment in which the packages in a directory are imported first."""
-    return os.environ | {'PYTHONPATH': f'{first}{os.pathsep}{os.environ["PYTHONPATH"]}'}
+def _environment(copy: Path, package: str) -> dict[str, str]:
+    """Return the environment for tests of a package that is imported from a copy."""
+    path = f'{copy / package}{os.pathsep}{os.environ["PYTHONPATH"]}'
+    return os.environ | IN_ONE_PROCESS.get(package, {}) | {'PYTHONPATH': path}
 
 
 class Measuring:
@@ -191,14 +195,20 @@ class Measuring:
 
     def pytest_runtest_logstart(self, nodeid: str) -> None:
         self._coverage.switch_context(_function(nodeid))
-        self.seconds[_function(nodeid)] -= time.process_time()
+        self.seconds[_function(nodeid)] -= _processor_time()
 
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
-        self.seconds[_function(nodeid)] += time.process_time()
+        self.seconds[_function(nodeid)] += _processor_time()
 
     def pytest_runtest_logreport(self, report: Any) -> None:
         if report.failed:
             self.failed.add(_function(report.nodeid))
+
+
+def _processor_time() -> float:
+    """Return the processor time of this process, s. In a simulated world, ``time.process_time`` stands still."""
+    used = os.times()
+    return used.user + used.system
 
 
 def _function(test: str) -> str:
@@ -212,7 +222,8 @@ def measure(output: Path, names: list[str], words: list[str]) -> None:
     from coverage import Coverage
 
     patterns = [name if name.endswith('.py') else f'{name}/*' for name in names]
-    coverage = Coverage(data_file=None, include=[str(Path.cwd() / pattern) for pattern in patterns])
+    files = [str(Path.cwd() / pattern) for pattern in patterns]
+    coverage = Coverage(data_file=None, concurrency=['thread', 'greenlet'], include=files)
     measuring = Measuring(coverage)
     coverage.start()
     pytest.main(words, plugins=[measuring])
@@ -267,7 +278,7 @@ def try_out(mutant: Mutant, tests: list[str], seconds: float, package: str, numb
     process = subprocess.Popen(
         [*limited, sys.executable, '-m', 'pytest', '-x', *PYTEST, *tests],
         cwd=own,
-        env=_environment(own / package),
+        env=_environment(own, package),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
