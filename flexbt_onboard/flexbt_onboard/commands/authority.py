@@ -18,6 +18,7 @@ Goals of the action ``execute_behavior`` come from programs, not from operators.
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from typing import Final
 
@@ -51,14 +52,13 @@ class Authority:
         status: StatusPublisher,
     ) -> None:
         self.holder = ''
-        self._requests: dict[str, float] = {}  # requesters, and when each was last connected
+        self._requests: dict[str, float] = {}  # requesters, and when each has gone; infinity: is connected
         self._runtime = runtime
         self._timeout = timeout
         self._report = report
         self._status = status
         self._presence = presence
         self._was_present = False
-        self._last_seen = 0.0
         self._timer: Timer | None = None
         self._requests_timer: Timer | None = None
         presence.add_listener(self._presence_changed)
@@ -145,11 +145,11 @@ class Authority:
         self._seen()
 
     def _request(self, operator: str) -> None:
-        now = self._runtime.steady.now()
-        if operator in self._requests:
-            self._requests[operator] = now
-            return
         there = self._presence.present
+        since = math.inf if operator in there else self._runtime.steady.now()
+        if operator in self._requests:
+            self._requests[operator] = since
+            return
         if len(self._requests) >= REQUESTS:
             absent = next((one for one in self._requests if one not in there), None)
             if absent is None or operator not in there:
@@ -157,26 +157,26 @@ class Authority:
                     f'{len(self._requests)} operators ask for the authority already; try again when there are fewer'
                 )
             del self._requests[absent]
-        self._requests[operator] = now
+        self._requests[operator] = since
         self._on_change(f'operator {operator!r} asks {self.holder!r} for the authority to command')
         self._expire_requests()
 
     def _expire_requests(self) -> None:
         """Drop the requests of operators who are gone for too long, now and whenever the next one times out."""
         now, there = self._runtime.steady.now(), self._presence.present
-        for operator, seen in list(self._requests.items()):
+        for operator, since in list(self._requests.items()):
             if operator in there:
+                self._requests[operator] = math.inf
+            elif since == math.inf:
                 self._requests[operator] = now
-            elif now >= seen + self._timeout:
+            elif now >= since + self._timeout:
                 del self._requests[operator]
                 self._on_change(f'operator {operator!r}, who asked for the authority, was gone for {self._timeout:g} s')
         if self._requests_timer is not None:
             self._requests_timer.cancel()
-            self._requests_timer = None
-        absent = [seen for operator, seen in self._requests.items() if operator not in there]
-        if absent:
-            when = min(absent) + self._timeout
-            self._requests_timer = self._runtime.post_at(when, self._expire_requests)
+        next_end = min(self._requests.values(), default=math.inf) + self._timeout
+        if next_end < math.inf:
+            self._requests_timer = self._runtime.post_at(next_end, self._expire_requests)
 
     def _pass_on(self, why: str) -> None:
         there = self._first_there()
@@ -208,23 +208,18 @@ class Authority:
 
     def _seen(self) -> None:
         """Restart the timeout: the holder gave a sign of life, or their last console has disconnected."""
-        self._last_seen = self._runtime.steady.now()
         self._was_present = self._is_present
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
         if self.holder and not self._is_present:
-            when = self._last_seen + self._timeout
-            self._timer = self._runtime.post_at(when, self._time_is_over)
+            self._timer = self._runtime.post_in(self._timeout, self._time_is_over)
 
     @property
     def _is_present(self) -> bool:
         return self.holder in self._presence.present
 
     def _time_is_over(self) -> None:
-        is_late = self._runtime.steady.now() >= self._last_seen + self._timeout
-        if self.holder and is_late and not self._is_present:  # nothing has happened since the timer was set
-            self._pass_on(f'{self.holder!r} was gone for {self._timeout:g} s')
+        self._pass_on(f'{self.holder!r} was gone for {self._timeout:g} s')
 
 
 # The owner of an operator's name is the participant that sends commands under it, as long as it exists.
