@@ -127,16 +127,15 @@ class CommandLedger(RunReader):
         excess = excess_of_command(command)
         if known is None and self._handling.is_addressed(command):
             if excess and command.kind == ExecutiveCommand.STOP:
-                self._admit(_bare_stop(command, excess), writer, arrived)
+                self._admit(_bare(command, excess), writer, arrived)  # which stops the robot all the same
             elif excess:
-                self._refuse_unkept(command, excess)
+                self._settle(command.id, excess, self._handling.fields(_bare(command)))
             else:
                 self._admit(command, writer, arrived)  # sending a status first would only delay the effect
             return
-        if excess:
-            return
         if known is None:
-            self._report.command(self._handling.fields(command), 'ignored', 'meant for another executive')
+            fields = self._handling.fields(_bare(command) if excess else command)
+            self._report.command(fields, 'ignored', 'meant for another executive')
         elif isinstance(known, CommandResult):  # a resend is answered again, but not applied again
             self._report_result(command.id)
         self._status.changed()
@@ -158,11 +157,6 @@ class CommandLedger(RunReader):
         operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
         self._report.log(ExecutiveLog.WARN, f'a command of operator {operator!r} was ignored: {why}')
         self._report.command({'operator': operator, 'kind': command.kind}, 'ignored', why)
-
-    def _refuse_unkept(self, command: ExecutiveCommand, reason: str) -> None:
-        """Refuse a command that is too large, and keep only its id."""
-        operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
-        self._settle(command.id, reason, {'id': command.id, 'operator': operator, 'kind': command.kind})
 
     def _admit(self, command: ExecutiveCommand, writer: bytes, arrived: float) -> None:
         command_id = str(command.id)
@@ -217,7 +211,14 @@ class CommandLedger(RunReader):
             del self._entries[oldest]
 
 
-def _bare_stop(command: ExecutiveCommand, excess: str) -> ExecutiveCommand:
-    """Return a STOP without the fields that may be too large, so that an oversized STOP still stops the robot."""
+def _bare(command: ExecutiveCommand, reason: str = '') -> ExecutiveCommand:
+    """Return a command without the fields that may be too large."""
     operator = one_line(command.operator_id, COMMAND_LENGTHS['operator_id'])
-    return ExecutiveCommand(id=command.id, stamp=command.stamp, kind=command.kind, operator_id=operator, reason=excess)
+    return ExecutiveCommand(
+        id=command.id,
+        stamp=command.stamp,
+        kind=command.kind,
+        operator_id=operator,
+        autonomy=command.autonomy,
+        reason=reason,
+    )

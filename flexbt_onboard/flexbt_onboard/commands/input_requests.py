@@ -197,12 +197,10 @@ def _checked_answer(asked: PendingDecision, answer: BlackboardEntry) -> Blackboa
     try:
         given = resolve_type(answer.type).name if answer.type else wanted
         if given != wanted:
-            raise CommandRefusedError(f'the request asks for a {wanted}, not for a {given}')
+            raise CommandRefusedError(f'the request asks for {wanted}, not for {given}')
         value = from_entry(BlackboardEntry(type=wanted, text=answer.text, data=answer.data))
         if choices and value not in [text_to_value(text, wanted) for text in choices]:
             raise CommandRefusedError(f'{answer.text!r} is none of the choices: {", ".join(choices)}')
         return to_entry('', value, wanted)
-    except CommandRefusedError:
-        raise
     except FlexbtError as error:
         raise CommandRefusedError(str(error)) from error

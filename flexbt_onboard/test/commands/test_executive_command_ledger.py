@@ -9,19 +9,39 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_core.clock.clock import SteadyClock
 from flexbt_core.state_machine.engine.events import CommandDecided
-from flexbt_msgs.msg import CommandResult, ExecutiveCommand
-from flexbt_onboard.commands.command_bounds import COMMAND_LENGTHS
+from flexbt_msgs.msg import (
+    BehaviorArgument,
+    BehaviorStructure,
+    BlackboardEntry,
+    CommandResult,
+    ExecutiveCommand,
+    QueueOptions,
+)
+from flexbt_onboard.behaviors.behavior import OperatorGone
+from flexbt_onboard.commands.command_bounds import (
+    ARGUMENT_LENGTHS,
+    ARGUMENTS,
+    COMMAND_LENGTHS,
+    INPUT_LENGTHS,
+    INPUTS,
+    OPTION_LENGTHS,
+    OUTCOME_LENGTH,
+    excess_of_command,
+)
 from flexbt_onboard.commands.command_ledger import OPEN_COMMANDS, REPORT_TIME, CommandHandling, CommandLedger
 from flexbt_onboard.commands.command_registry import CommandRegistry, command_fields
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.persistence.event_log import EventLog
 from flexbt_onboard.persistence.run_journal import RunJournal
+from flexbt_onboard.runs.run_events import RunBuilt, RunRefused
 
 STOP, START = ExecutiveCommand.STOP, ExecutiveCommand.START
 
@@ -32,6 +52,8 @@ class Books(CommandHandling):
     def __init__(self, remembered: int = 4096, directory: str = '') -> None:
         super().__init__()
         self.effects: list[str] = []
+        self.handed: list[tuple[ExecutiveCommand, bytes, float]] = []
+        self.events: list[tuple[str, dict[str, Any]]] = []
         self.changes = 0
         self.time = 100.0
         self.told: list[str] = []
@@ -39,8 +61,11 @@ class Books(CommandHandling):
             Path(directory, 'executive.journal') if directory else None, self.told.append, SteadyClock()
         )
         clock: Any = SimpleNamespace(stamp=None)
+        stream: Any = SimpleNamespace(add=lambda event, fields: self.events.append((event, fields)))
         report = Reporter(
-            lambda _severity, text, path='', run_id='': self.told.append(text), EventLog(None, clock, clock, print)
+            lambda _severity, text, path='', run_id='': self.told.append(text),
+            EventLog(None, clock, clock, print),
+            stream,
         )
         runtime: Any = SimpleNamespace(post=self._post)
         status: Any = SimpleNamespace(changed=self._changed)
@@ -57,10 +82,11 @@ class Books(CommandHandling):
     def is_addressed(self, command: ExecutiveCommand) -> bool:
         return not command.executive_id
 
-    def fields(self, _command: ExecutiveCommand) -> dict[str, Any]:
-        return {}
+    def fields(self, command: ExecutiveCommand) -> dict[str, Any]:
+        return {'id': command.id, 'operator': command.operator_id, 'behavior': command.behavior}
 
     def apply(self, command: ExecutiveCommand, writer: bytes, arrived: float) -> bool:
+        self.handed.append((command, writer, arrived))
         if command.kind == ExecutiveCommand.REPEAT:
             raise CommandRefusedError('no')
         if command.kind == ExecutiveCommand.LOCK:
@@ -109,13 +135,52 @@ def test_a_command_whose_handler_fails_is_refused_and_the_fault_is_told() -> Non
     assert 'ValueError: broken' in books.ledger.results()[0].reason
 
 
-def test_what_has_no_id_or_is_meant_for_another_executive_is_ignored_and_noticed() -> None:
+def test_the_event_log_has_each_command_with_its_effect_and_why() -> None:
     books = Books()
-    books.send('', START)
+    books.send('a')
+    books.send('b', ExecutiveCommand.REPEAT)
     books.send('other')
-    assert (books.results(), books.effects) == ([], [])
-    assert books.changes > 0
-    assert 'no id' in books.told[0]
+    assert books.changes == 3, 'the sender of a command for another executive looks at a status'
+    large = 'x' * 1001
+    for id, executive in (('c', ''), ('d', 'other')):
+        books.ledger.receive(
+            ExecutiveCommand(id=id, kind=START, operator_id='ann', reason=large, executive_id=executive)
+        )
+    for id in 'ef':
+        books.send(id, START)
+    built: Any = SimpleNamespace(command_id='e')
+    books.ledger.read(RunBuilt(built, BehaviorStructure(), OperatorGone.CONTINUE, 1.0))
+    books.ledger.read(RunRefused(SimpleNamespace(command_id='f'), 'broken'))  # type: ignore[arg-type]
+    too_large = 'reason has at most 1000 characters, not 1001'
+    assert books.events == [
+        ('command', {'id': id, 'operator': operator, 'behavior': '', 'effect': effect, 'why': why})
+        for id, operator, effect, why in (
+            ('a', '', 'applied', ''),
+            ('b', '', 'refused', 'no'),
+            ('other', '', 'ignored', 'meant for another executive'),
+            ('c', 'ann', 'refused', too_large),
+            ('d', 'ann', 'ignored', 'meant for another executive'),
+            ('e', '', 'applied', ''),
+            ('f', '', 'refused', 'broken'),
+        )
+    ]
+    assert books.results() == [('a', A), ('b', R), ('c', R), ('e', A), ('f', R)]
+
+
+def test_a_command_that_cannot_be_answered_is_ignored_and_told_every_few_seconds() -> None:
+    books = Books()
+    longest = COMMAND_LENGTHS['id']
+    for id, seconds in (('', 0.0), ('', COMPLAINT_SECONDS - 0.1), ('x' * (longest + 1), 0.1)):
+        books.time += seconds
+        books.ledger.receive(ExecutiveCommand(id=id, kind=START, operator_id='eva'))
+    assert (books.results(), books.handed) == ([], [])
+    reasons = ['it has no id', 'its id has 129 characters, and may have 128']
+    assert books.told == [f"a command of operator 'eva' was ignored: {why}" for why in reasons]
+    assert books.events == [
+        ('command', {'operator': 'eva', 'kind': START, 'effect': 'ignored', 'why': why}) for why in reasons
+    ]
+    books.send('x' * longest)
+    assert books.results() == [('x' * longest, A)]
 
 
 @given(st.lists(st.integers(0, 40), max_size=300))
@@ -176,9 +241,17 @@ def test_of_a_command_that_is_too_large_nothing_is_kept(tmp_path: Path) -> None:
     large = 'x' * 1_000_000
     books.ledger.receive(ExecutiveCommand(id=large, kind=START))
     books.ledger.receive(ExecutiveCommand(id='a', kind=START, reason=large, operator_id=large))
-    books.ledger.receive(ExecutiveCommand(id='b', kind=STOP, reason=large, operator_id=large))
+    stop = ExecutiveCommand(id='b', kind=STOP, reason=large, operator_id=large, stamp=Time(sec=7))
+    books.ledger.receive(stop, b'writer', 5.0)
     assert (books.results(), books.effects) == ([('a', R), ('b', A)], ['b'])
     assert 'at most 128' in books.ledger.results()[0].reason
+    ((command, *source),) = books.handed
+    assert (command.reason, command.stamp, source) == (books.ledger.results()[0].reason, stop.stamp, [b'writer', 5.0])
+    assert len(command.operator_id) <= 128
+    books.time += REPORT_TIME + 1.0
+    for id, kind in (('a', START), ('b', STOP)):
+        books.ledger.receive(ExecutiveCommand(id=id, kind=kind, reason=large, operator_id=large))
+    assert books.results() == [('a', R), ('b', A)], 'a resend is answered again'
     books.journal.close()
     assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 1000
     assert max(map(len, books.told)) < 1000
@@ -227,6 +300,45 @@ def test_every_text_of_a_command_has_a_bound_and_is_in_the_event_log() -> None:
     assert set(COMMAND_LENGTHS) == {*texts}
     fields = command_fields(ExecutiveCommand(**{name: f'the {name}' for name in texts}), 'START')
     assert {f'the {name}' for name in texts} <= set(fields.values())
+
+
+def of_length(count: int, field: str) -> Any:
+    """Return a value of a field with so many characters, bytes or outcomes."""
+    return {'data': bytes(count), 'wanted': [''] * count}.get(field, 'x' * count)
+
+
+@pytest.mark.parametrize(
+    ('part', 'lengths', 'make'),
+    [
+        ('', COMMAND_LENGTHS, lambda field, value: {field: value}),
+        ('arguments: ', ARGUMENT_LENGTHS, lambda field, value: {'arguments': [BehaviorArgument(**{field: value})]}),
+        ('inputs: ', INPUT_LENGTHS, lambda field, value: {'inputs': [BlackboardEntry(**{field: value})]}),
+        ('queue_options: ', OPTION_LENGTHS, lambda field, value: {'queue_options': [QueueOptions(**{field: value})]}),
+    ],
+)
+def test_each_part_of_a_command_has_its_limit(part: str, lengths: dict[str, int], make: Any) -> None:
+    for field, limit in lengths.items():
+        unit = {'data': 'bytes', 'wanted': 'outcomes'}.get(field, 'characters')
+        assert excess_of_command(ExecutiveCommand(**make(field, of_length(limit, field)))) == ''
+        excess = excess_of_command(ExecutiveCommand(**make(field, of_length(limit + 1, field))))
+        assert excess == f'{part}{field} has at most {limit} {unit}, not {limit + 1}'
+
+
+def test_lists_of_a_command_and_the_outcomes_in_them_have_their_limits() -> None:
+    for field, one, limit in (
+        ('arguments', BehaviorArgument(), ARGUMENTS),
+        ('inputs', BlackboardEntry(), INPUTS),
+        ('queue_options', QueueOptions(), 1),
+    ):
+        assert excess_of_command(ExecutiveCommand(**{field: [one] * limit})) == ''
+        excess = excess_of_command(ExecutiveCommand(**{field: [one] * (limit + 1)}))
+        assert excess == f'{field} has at most {limit} entries, not {limit + 1}'
+    for length, excess in (
+        (OUTCOME_LENGTH, ''),
+        (OUTCOME_LENGTH + 1, 'queue_options: an outcome has at most 256 characters, not 257'),
+    ):
+        options = QueueOptions(wanted=['', 'x' * length, 'x'])
+        assert excess_of_command(ExecutiveCommand(queue_options=[options])) == excess
 
 
 def test_every_constant_of_the_message_is_a_command() -> None:

@@ -57,7 +57,11 @@ def test_the_event_log_has_all_that_a_command_says() -> None:
         stamp=Time(sec=12, nanosec=345_678_900),
         autonomy=2,
         arguments=[BehaviorArgument(name='rooms', value='x' * (LOGGED + 1))],
-        inputs=[BlackboardEntry(key='goal', type='string', text='kitchen'), BlackboardEntry(key='map', type='bytes')],
+        inputs=[
+            BlackboardEntry(key='goal', type='string', text='kitchen'),
+            BlackboardEntry(key='map', type='bytes'),
+            BlackboardEntry(key='long', type='string', text='x' * (LOGGED + 1)),
+        ],
         hold_queue=True,
         queue_number=7,
         queue_options=[
@@ -67,7 +71,8 @@ def test_the_event_log_has_all_that_a_command_says() -> None:
         wait_interaction=0.0,
     )
     told = command_fields(command, 'ADD')
-    assert LOGGED // 2 < len(told.pop('arguments')['rooms']) <= LOGGED
+    for long in (told.pop('arguments')['rooms'], told['inputs'].pop('long').removeprefix('string: ')):
+        assert LOGGED // 2 < len(long) <= LOGGED
     assert told == {
         'id': 'the id',
         'command': 'ADD',
