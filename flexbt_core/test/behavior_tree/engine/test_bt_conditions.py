@@ -9,12 +9,15 @@ from xml.sax.saxutils import quoteattr
 
 import pytest
 
+from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.parents import Decorator
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import NodeManifest, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.controls import PauseResumeController
+from flexbt_core.behavior_tree.nodes.nav2.decorators import DistanceController, Position, SpeedController
 from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, make
@@ -272,29 +275,79 @@ def test_a_node_whose_post_condition_fails_has_not_completed(observed: bool) -> 
     assert tree.tick_once() is NodeStatus.RUNNING
 
 
+class ByDistance(DistanceController):
+    """The robot stands still."""
+
+    def position(self) -> Position | None:
+        return 0.0, 0.0
+
+
+class BySpeed(SpeedController):
+    def speed(self) -> float:
+        return 0.0
+
+
+OF_HOSTS = (ByDistance, BySpeed, PauseResumeController)
 WITH_CHILDREN = builtin_registry()
 register_nav2(WITH_CHILDREN, 'main')
-PORTS = {'queue': '1;0', 'entry': '{n}', 'if': 'n &lt; 3', 'then_skip': 'false', 'if_empty': 'FAILURE'}
+WITH_CHILDREN.register_classes(OF_HOSTS)
+NODES_WITH_CHILDREN = [one for one in WITH_CHILDREN if one.kind in (NodeKind.CONTROL, NodeKind.DECORATOR)]
+PORTS = {'queue': '1;0', 'entry': '{n}', 'if': 'n < 3', 'then_skip': 'false', 'if_empty': 'FAILURE'}
 
 
-@pytest.mark.parametrize(
-    'manifest',
-    [manifest for manifest in WITH_CHILDREN if manifest.kind in (NodeKind.CONTROL, NodeKind.DECORATOR)],
-    ids=lambda manifest: manifest.id,
-)
+EVERY_NODE_WITH_CHILDREN = pytest.mark.parametrize('manifest', NODES_WITH_CHILDREN, ids=lambda manifest: manifest.id)
+
+
+def with_children(manifest: NodeManifest, *scripts: str, **conditions: str) -> str:
+    """Return the XML of a node over leaves with these scripts."""
+    ports = {name: PORTS.get(name, '{n}') for name, port in manifest.ports.items() if port.required or name in PORTS}
+    return node(manifest.id, *map(leaf, scripts, range(len(scripts))), **ports, **conditions)
+
+
+def fewest(manifest: NodeManifest) -> int:
+    """Return how many children a node needs for a tick."""
+    least, _ = getattr(manifest.node_class, 'tickable_with', None) or manifest.children
+    return least
+
+
+@EVERY_NODE_WITH_CHILDREN
+@pytest.mark.parametrize('script', ['S', 'F', 'RS'])
+def test_a_node_that_a_pre_condition_has_completed_may_be_ticked_before_it_is_reset(
+    script: str, manifest: NodeManifest
+) -> None:
+    top = with_children(manifest, *[script] * fewest(manifest), _failureIf='n == 1')
+    tree, _ = make(node('Fallback', top, leaf('R', 9)), branch='main', extra=OF_HOSTS)
+    tree.blackboard.set('n', 1)
+    tree.tick_once()
+    for _ in range(3):
+        tree.nodes[1].execute()
+
+
+CHILD_FIRST = ('Switch', 'SkipUnlessUpdated', 'WaitValueUpdate', 'Precondition', 'PipelineSequence', 'Nonblocking')
+
+
+@EVERY_NODE_WITH_CHILDREN
+def test_a_node_is_running_while_its_first_child_begins_where_it_is_so_in_btcpp_and_nav2(
+    manifest: NodeManifest,
+) -> None:
+    tree, _ = make(with_children(manifest, *'R' * fewest(manifest)), branch='main', extra=OF_HOSTS)
+    tree.blackboard.set('n', 0)
+    running: list[TreeNode] = []
+    tree.observe(lambda node, before, after: running.append(node) if after is NodeStatus.RUNNING else None)
+    tree.tick_exactly_once()
+    assert (running[0] is tree.root) is not manifest.id.startswith(CHILD_FIRST)
+
+
+@EVERY_NODE_WITH_CHILDREN
 def test_a_node_with_post_conditions_has_the_same_statuses_when_nobody_looks(manifest: NodeManifest) -> None:
-    ports = ''.join(
-        f' {name}="{PORTS.get(name, "1")}"' for name, port in manifest.ports.items() if port.required or name in PORTS
-    )
     outcomes = set()
     for seed in range(40):
         draw = random.Random(seed)
         least, most = manifest.children
         count = draw.randint(least, least + 3 if most is None else most)
         scripts = [''.join(draw.choice('SFRK') for _ in range(draw.randint(1, 3))) for _ in range(count)]
-        children = ''.join(leaf(letters, number) for number, letters in enumerate(scripts))
-        body = f'<{manifest.id}{ports} _post="z = 1" name="top">{children}</{manifest.id}>'
-        seen, unseen = (make(body, branch='main')[0] for _ in range(2))
+        body = with_children(manifest, *scripts, _post='z = 1')
+        seen, unseen = (make(body, branch='main', extra=OF_HOSTS)[0] for _ in range(2))
         seen.observe(lambda *_: None)
         for _ in range(6):
             n, z, halts = draw.randint(1, 3), draw.choice(('set', 'unset')), draw.random() < 0.3

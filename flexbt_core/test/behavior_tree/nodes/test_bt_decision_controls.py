@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The controls that decide: IfThenElse, WhileDoElse, Switch, TryCatch, ParallelAll. Rules of BehaviorTree.CPP 4.10."""
+"""The controls that decide: branches, Switch, reactive ones, TryCatch, ParallelAll. Rules of BehaviorTree.CPP 4.10."""
 
 from __future__ import annotations
 
@@ -70,9 +70,17 @@ VECTORS: dict[str, list[tuple[str, str]]] = {
         (control('Switch2', 'S', 'S', 'S', variable='{x}', case_1='{y}', case_2='{z}'),
          'x=a S 2S | y=a S 0S | y=b S 2S | z=a S 1S | x=b S 0S'),
         (control('Switch2', 'S', 'S', 'S', case_1=''), 'S 2S'),
+        (control('Switch2', 'S', 'S', 'S', variable='', case_1=''), 'S 0S'),
         (control('Switch2', 'S', 'S', 'S', variable='a', case_2='a'), 'S 1S'),
         (control('Switch2', 'S', 'S', **SWITCH), 'error'),
         (control('Switch6', *'SSSSSSF', variable='f', **{f'case_{n}': c for n, c in enumerate('abcdef', 1)}), 'S 5S'),
+    ],
+    'Reactive': [
+        # A skipped child is halted before the next one is ticked, and a RUNNING one halts all others.
+        (control('ReactiveSequence', 'RK', 'S'), 'R 0R | S 0K 0! 1S'),
+        (control('ReactiveSequence', 'SRS', 'RR', 'S'), 'R 0S 1R | R 0R 1! | R 0S 1R | halt 1!'),
+        (control('ReactiveFallback', 'RK', 'F'), 'R 0R | F 0K 0! 1F'),
+        (control('ReactiveFallback', 'K', 'K'), 'K 0K 1K'),
     ],
     'TryCatch': [
         (control('TryCatch', 'S', 'S', 'S'), 'S 0S 1S | S 0S 1S'),

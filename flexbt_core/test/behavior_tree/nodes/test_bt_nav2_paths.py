@@ -227,6 +227,17 @@ def test_distance_controller_counts_from_where_it_begins_and_fails_when_lost() -
     assert calls == ['0F']
 
 
+def test_distance_controller_that_was_lost_from_the_beginning_goes_on_when_the_robot_is_found() -> None:
+    tree, calls = make(
+        f'<IfThenElse><ByDistance distance="2">{step("RS")}</ByDistance>{step("S", 1)}</IfThenElse>',
+        extra=(ByDistance,),
+    )
+    seen = []
+    for Robot.place in (None, (4.0, 0.0), (4.0, 0.0)):
+        seen.append(NAMES[tree.tick_once()])
+    assert (seen, calls) == (['F', 'R', 'S'], ['0R', '0S', '1S'])
+
+
 @pytest.mark.parametrize(('velocity', 'period'), [(0.0, 2.0), (0.5, 0.8), (1.0, 0.5), (9.0, 0.5), (-1.0, 2.0)])
 def test_speed_controller_follows_the_speed(velocity: float, period: float) -> None:
     clock = ManualClock()
@@ -303,6 +314,7 @@ def pausable(*scripts: str) -> tuple[Tree, list[str], PauseResumeController]:
     tree, calls = make(control('PauseResumeController', *scripts), extra=(PauseResumeController,))
     node = tree.root
     assert isinstance(node, PauseResumeController)
+    assert node.state.name == 'RESUMED'
     return tree, calls, node
 
 

@@ -138,7 +138,7 @@ class DistanceController(Decorator):
         self._lost = here is None
         if here is None:
             return FAILURE
-        if not self.active:
+        if not self.active or not self._start:  # it may have failed before it knew a position
             self._start = here
             self._first = True
         if self.stored_status is not RUNNING:
