@@ -142,8 +142,6 @@ class MotionStop:
         self._timer: Timer | None = None
         self._unasked: list[list[str]] = []  # each list has the actions of one rank
         self._patience: Timer | None = None
-        self._round = 0
-        self._zero_until = 0.0
         self._seen = Pose()
         self._seen_at = -math.inf
 
@@ -176,9 +174,7 @@ class MotionStop:
     def hold(self) -> None:
         """Hold the robot from now on, until :meth:`release`."""
         if self._timer is None:
-            self._round = 0
-            self._zero_until = self._runtime.steady.now() + _LEAST_SECONDS
-            self._act()
+            self._act(0, self._runtime.steady.now() + _LEAST_SECONDS)
 
     def cancel_others(self) -> None:
         """Cancel once the goals with which other programs move the robot."""
@@ -199,13 +195,12 @@ class MotionStop:
                 timer.cancel()
         self._timer = self._patience = None
 
-    def _act(self) -> None:
-        self._timer = self._runtime.post_in(_PERIOD, self._act)
-        if self._may_move() or self._runtime.steady.now() < self._zero_until:
+    def _act(self, periods: int, zero_until: float) -> None:
+        self._timer = self._runtime.post_in(_PERIOD, lambda: self._act(periods + 1, zero_until))
+        if self._may_move() or self._runtime.steady.now() < zero_until:
             self._command_zero()
-        if self._round % _CANCEL_PERIODS == 0:
+        if periods % _CANCEL_PERIODS == 0:
             self._cancel_all_of(self.servers())
-        self._round += 1
 
     def servers(self) -> list[str]:
         """Return the actions that move the robot and currently have a server."""
@@ -273,7 +268,7 @@ class MotionStop:
         service = f'{name}/_action/cancel_goal'
 
         def answered(_outcome: ServiceOutcome) -> None:
-            self._asked.pop(name, None)
+            del self._asked[name]
             self._ask_answered()
 
         self._asked[name] = ServiceCall(

@@ -43,7 +43,6 @@ class StopEnforcer:
         self._report = report
         self._told: Mapping[tuple[str, bytes], str] = {}
         self._run: BehaviorRun | None = None
-        self._since = 0.0
         self._timer: Timer | None = None
 
     def prepare(self) -> None:
@@ -76,8 +75,6 @@ class StopEnforcer:
         self._timer = self._runtime.post_in(seconds, self._leave_halted)
 
     def _leave_halted(self) -> None:
-        if self._run is not None:
-            return
         if self.goes_on():
             self._halt_for(_PERIOD)
         else:
@@ -92,32 +89,28 @@ class StopEnforcer:
         """
         self._run = run
         self._robot.prepare()  # for servers that have started since the run began
-        self._since = self._runtime.steady.now()
-        self._check_in(MOTION_SECONDS, run)
+        self._check_in(MOTION_SECONDS, run, self._runtime.steady.now())
 
     def _leave(self) -> None:
         self._run = None
         self._told = {}
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
         self._robot.release()
 
-    def _check_in(self, seconds: float, run: BehaviorRun) -> None:
-        self._timer = self._runtime.post_in(seconds, lambda: self._check(run))
+    def _check_in(self, seconds: float, run: BehaviorRun, stopped_at: float) -> None:
+        self._timer = self._runtime.post_in(seconds, lambda: self._check(run, stopped_at))
 
-    def _check(self, run: BehaviorRun) -> None:
-        if run is not self._run:
-            return
+    def _check(self, run: BehaviorRun, stopped_at: float) -> None:
         if run.has_ended and not run.has_goals and not self.goes_on():
             self._leave()
             return
         self._robot.hold()
-        seconds = self._runtime.steady.now() - self._since
+        seconds = self._runtime.steady.now() - stopped_at
         if seconds >= self.timeout:
             run.abort(f'aborted {self.timeout:g} s after the stop')
         run.show_not_stopped(seconds)
-        self._check_in(_PERIOD, run)
+        self._check_in(_PERIOD, run, stopped_at)
 
     def goes_on(self) -> bool:
         """Return True if a server still moves the robot. Report changes to operators."""

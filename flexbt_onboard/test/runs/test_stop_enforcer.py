@@ -9,6 +9,7 @@ from typing import Any, cast
 import pytest
 
 from flexbt_core.clock.clock import ManualClock, Timer
+from flexbt_msgs.msg import ExecutiveLog
 from flexbt_onboard.runs.stop_enforcer import HALT_SECONDS, MOTION_SECONDS, StopEnforcer
 
 
@@ -17,14 +18,15 @@ class Robot:
 
     def __init__(self) -> None:
         self.calls: list[str] = []
+        self.prepared = self.dropped = 0
         self.going_on: dict[tuple[str, bytes], str] = {}
         self.is_holding = False
 
     def prepare(self) -> None:
-        pass
+        self.prepared += 1
 
     def drop_cancels(self) -> None:
-        pass
+        self.dropped += 1
 
     def cancel_others(self) -> None:
         self.calls.append('cancel others')
@@ -68,7 +70,8 @@ class Bench:
         """Return whether the robot is held."""
         return self.robot.is_holding
 
-    def log(self, _severity: int, text: str) -> None:
+    def log(self, severity: int, text: str) -> None:
+        assert severity == ExecutiveLog.WARN
         self.lines.append(text)
 
 
@@ -91,12 +94,34 @@ def test_the_robot_is_held_as_long_as_something_goes_on_which_operators_read_onc
     bench.enforcer.halt_robot(is_running=False)
     bench.steady.advance(HALT_SECONDS + 10.0)
     assert bench.holds()
-    (line,) = bench.lines
-    assert '/spin, /wait continued after the stop' in line
+    told = (
+        'the robot is kept at rest until the next start: {} continued after the stop. Restart the node if it does not '
+        'end the goal; a node that was killed is taken for running for up to 30 s: wait, or start the next run'
+    )
+    assert bench.lines == [told.format('/spin, /wait')]
+    bench.robot.going_on = {('/wait', b'2'): '/wait'}
+    bench.steady.advance(0.5)
+    assert bench.lines[1:] == [told.format('/wait')]
+    bench.enforcer.begins()
+    bench.enforcer.halt_robot(is_running=False)
+    bench.steady.advance(HALT_SECONDS)
+    assert bench.lines[2:] == [told.format('/wait')], 'it is told again for another stop'
     bench.robot.going_on = {}
-    bench.steady.advance(1.0)
+    bench.steady.advance(0.4)
+    assert bench.holds()
+    bench.steady.advance(0.1)
     assert not bench.holds()
-    assert bench.lines[1:] == ['/spin, /wait has ended: the robot is not kept at rest any more']
+    assert bench.lines[3:] == ['/wait has ended: the robot is not kept at rest any more']
+
+
+def test_servers_are_discovered_at_the_start_of_a_run_at_its_stop_and_when_that_is_wanted(bench: Bench) -> None:
+    for act, prepared, dropped in (
+        (bench.enforcer.prepare, 1, 0),
+        (bench.enforcer.begins, 2, 1),
+        (lambda: bench.enforcer.stopping(cast(Any, Run())), 3, 1),
+    ):
+        act()
+        assert (bench.robot.prepared, bench.robot.dropped) == (prepared, dropped)
 
 
 def test_a_stop_of_a_run_cancels_what_others_have_begun(bench: Bench) -> None:
