@@ -47,6 +47,9 @@ from .scheduler import SCHEDULER
 _POSE_SECONDS: Final = 0.5
 """Time from one pose, and one feedback of a drive, to the next, s; the end of a drive tells its pose at once."""
 
+_REST_SECONDS: Final = 0.05
+"""Time from the end of a drive until a second pose shows that the robot is at rest, s."""
+
 _PLAN_SECONDS: Final = 0.05
 _TASK_SECONDS: Final = 1.0
 """Time that a plan, and a task that is no drive, takes, s."""
@@ -139,6 +142,7 @@ class AbstractRobot:
         if self._drive is not None and goal is self._drive[0]:
             self._pose, self._drive = self._now(), None
             self._tell_pose()
+            self._runtime.post_in(_REST_SECONDS, self._tell_pose)
 
     def _now(self) -> Pose:
         """Return the pose at this moment."""
