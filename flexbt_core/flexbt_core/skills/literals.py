@@ -75,11 +75,11 @@ class Literal:
         return f'{"" if self.positive else "not "}{self.predicate}{arguments}'
 
 
-def parse_literal(text: str) -> Literal:
+def parse_literal(text: str, place: str = '') -> Literal:
     """Parse a literal.
 
     Raises:
-        SkillError: the text is not a literal.
+        SkillError: the text is not a literal. The error names the ``place``.
     """
     if len(text) <= _LONGEST:
         equality = _EQUALITY.fullmatch(text)
@@ -94,7 +94,7 @@ def parse_literal(text: str) -> Literal:
     remedy = (
         'in [ ] one with a comma has to be in quotes' if split else 'such as at(robot, place), not open(door), a != b'
     )
-    raise SkillError([f'{short_repr(text)} is not a literal; {remedy}'])
+    raise SkillError([f'{place and place + ": "}{short_repr(text)} is not a literal; {remedy}'])
 
 
 def parse_literals(texts: Iterable[str | Literal]) -> tuple[Literal, ...]:

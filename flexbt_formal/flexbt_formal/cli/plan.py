@@ -124,7 +124,7 @@ def _problem(options: argparse.Namespace) -> PlanningProblem | Team:
         raise UsageError(f"{options.mission} names no goal; add it there (goal: ...), or say --goal 'on(cup, table)'")
     start = mission.start if options.start is None else options.start
     try:
-        for one, other in clashes(library, map(parse_literal, start)):
+        for one, other in clashes(library, [parse_literal(one, 'start') for one in start]):
             raise SkillError([f'start: {one} and {other} cannot hold at once ({one.predicate} is exclusive): name one'])
         if mission.robots:
             return team_problem(library, start, goal, mission.robots, mission.disturbances)

@@ -110,8 +110,8 @@ def grounded_problem(
     library: SkillLibrary, start: Iterable[str], goal: str, disturbances: Sequence[Iterable[str]] = ()
 ) -> tuple[PlanningProblem, tuple[GroundAction, ...]]:
     """Return the problem as :func:`skill_problem` does, with the skills and objects of its actions."""
-    alternatives = [[parse_literal(text) for text in one] for one in parse_goal(goal)]
-    initial = [parse_literal(text) for text in start]
+    alternatives = [[parse_literal(text, 'goal') for text in one] for one in parse_goal(goal)]
+    initial = [parse_literal(text, 'start') for text in start]
     disturbing = [_disturbance([parse_literal(text) for text in one]) for one in disturbances]
     known = library.skills.values()
     extended = SkillLibrary.of(

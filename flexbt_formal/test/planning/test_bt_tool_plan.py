@@ -166,6 +166,7 @@ def test_a_goal_may_be_nested(mission: Path) -> None:
         ('goal: cup_at(office)', 'goal: (robot_at(hall) | holding_cup', "cup.yaml:10:1: goal '(robot_at(hall) | hol"),
         ('cup_at(office)', 'cup_at(offce)', "cup.yaml:10:1: goal: cup_at(offce): 'offce' is not an object"),
         ('goal: cup_at(office)', 'goal: robot_at(hall) &', 'cup.yaml:10:1: goal '),
+        ('goal: cup_at(office)', 'goal: küche(hall)', "cup.yaml:10:1: goal: 'küche(hall)' is not a literal"),
         ('robot_at(office)', 'robot_at(office', "cup.yaml:3:1: 'robot_at(office' is not a literal"),
         (
             'start:',
@@ -191,6 +192,8 @@ def test_what_is_wrong_is_told_with_its_place(mission: Path, wrong: str, right: 
 
 def test_wrong_words_are_refused(mission: Path) -> None:
     assert tool('plan', str(mission.with_name('none.yaml'))).code == 2
+    for word in ('--goal', '--start'):
+        assert tool('plan', str(mission), word, 'küche(hall)').err.startswith(f"{word}: 'küche(hall)' is not a literal")
     for words in (['--time-limit', '0'], ['--time-limit', 'nan'], ['--disturbed', '-1'], ['--name'], ['--name', 'a/b']):
         assert tool('plan', str(mission), *words).code == 2
     mission.write_bytes(b'goal: \xff')
