@@ -57,6 +57,7 @@ class Graph:
         self.there: set[bytes] = set()
         self.silent: set[bytes] = set()
         self.told: list[str] = []
+        self.looks = 0
         this: Any = self
         self.names = OperatorNames(this, this, this)
 
@@ -64,6 +65,7 @@ class Graph:
         return f'/{participant.decode()}' if participant in self.there else ''
 
     def has_gone(self, participant: bytes) -> bool:
+        self.looks += 1
         return participant in self.silent
 
     def operators(self, text: str, is_warning: bool) -> None:
@@ -95,6 +97,7 @@ def test_the_names_of_many_consoles_that_are_there_are_all_kept(graph: Graph) ->
     graph.there = {*consoles}
     for console in consoles:
         graph.names.check(f'operator {console.decode()}', console)
+    assert graph.looks <= 2 * len(consoles), 'the more there are, the more seldom it looks who is gone'
     for console in consoles:
         with pytest.raises(CommandRefusedError):
             graph.names.check(f'operator {console.decode()}', b'other')

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import threading
@@ -96,6 +97,9 @@ def test_the_event_log_has_all_that_a_command_says() -> None:
         'wait_queue': 1.25,
         'wait_interaction': 0.0,
     }
+    for unknown in (math.inf, math.nan, -1.0):
+        waiting = command_fields(ExecutiveCommand(id='1', wait_queue=unknown, wait_interaction=unknown), 'NOTE')
+        assert waiting == {'id': '1', 'command': 'NOTE', 'given': 0.0}
     moved = ExecutiveCommand(id='1', kind=ExecutiveCommand.QUEUE_MOVE, queue_number=7, queue_before=5)
     assert command_fields(moved, 'MOVE') == {'id': '1', 'command': 'MOVE', 'given': 0.0, 'entry': 7, 'before': 5}
     released = ExecutiveCommand(id='2', kind=ExecutiveCommand.QUEUE_RELEASE, queue_number=9)
