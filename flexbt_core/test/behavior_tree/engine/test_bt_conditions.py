@@ -12,6 +12,7 @@ import pytest
 from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.parents import Decorator
 from flexbt_core.behavior_tree.engine.tree import Tree
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import NodeManifest, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, ScriptError, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
@@ -432,12 +433,13 @@ def test_why_a_tree_failed_because_of_a_condition() -> None:
 # -- scripts on the blackboard ---------------------------------------------------------------------------------------
 
 
-def pointed(text: str | None) -> Tree:
-    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Script code="{code}"/></BehaviorTree></root>'
+def pointed(text: str | None, body: str = '<Script code="{code}"/>') -> Tree:
+    xml = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(xml, 'f.xml', builtin_registry())])
-    board = Tree(TreeLibrary([load_xml(xml.replace('{code}', ''), 'g', builtin_registry())]), 'Main').blackboard
+    board = Blackboard()
     if text is not None:
         board.set('code', text)
+        board.set('n', 1)
     return Tree(library, 'Main', blackboard=board)
 
 
@@ -451,6 +453,21 @@ def test_a_script_may_be_on_the_blackboard_and_change() -> None:
     tree.blackboard.set('code', 'x = ')
     with pytest.raises(NodeExecutionError, match=r'Script::1.*a value is missing here.*\(column 5'):
         tree.tick_once()
+
+
+@pytest.mark.parametrize('code', ['n == 1', 'n == 2', 'n := 0', 'n', 'n + 1', "'a'", 'z'])
+def test_a_condition_on_the_blackboard_holds_as_one_in_the_file_does(code: str) -> None:
+    def ticked(given: str) -> list[str]:
+        bodies = node('ScriptCondition', code=given), node('Precondition', '<AlwaysSuccess/>', if_=given)
+        results = []
+        for body in bodies:
+            try:
+                results.append(pointed(code, body).tick_once().name)
+            except NodeExecutionError as error:
+                results.append(error.reason)
+        return results
+
+    assert ticked('{code}') == ticked(code)
 
 
 def test_a_script_on_the_blackboard_has_to_be_there_when_the_tree_is_made() -> None:

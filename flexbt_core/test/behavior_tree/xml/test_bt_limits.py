@@ -83,7 +83,7 @@ def test_a_stop_is_heard_between_two_rounds_of_a_tick(xml: str) -> None:
 def test_a_stop_is_heard_between_two_recoveries() -> None:
     recovery = '<RecoveryNode number_of_retries="1000000000"><AlwaysFailure/><Stop/></RecoveryNode>'
     tree = make(recovery, extra=[Stop])[0]
-    with pytest.raises(TickAbandoned):
+    with pytest.raises(TickAbandoned, match=r'RecoveryNode\): the tree is being stopped$'):
         tree.tick_once()
     assert tree.blackboard.get('count') == 5
 
