@@ -96,7 +96,8 @@ class LeafNode(TreeNode):
     def empty_output(self, port: str) -> None:
         """Write the empty value of the type of the port, such as a path without poses."""
         kind = self.ports[port].type
-        self.set_output(port, None if kind is None else kind.python_type())
+        assert kind is not None  # so it was registered
+        self.set_output(port, kind.python_type())
 
     def abandon(self) -> None:
         """End work started outside the tree, because the ticking thread hangs. Called on another thread."""

@@ -90,6 +90,12 @@ class NodeRegistry:
             problem = _port_problem(name, port)
             if problem:
                 raise RegistrationError(f'node ID [{id}], port [{name}]: {problem}')
+        for name in node_class.begins_without if issubclass(node_class, LeafNode) else ():
+            if name not in node_class.ports or node_class.ports[name].type is None:
+                raise RegistrationError(
+                    f'node ID [{id}]: begins_without names {short_repr(name)}, which has to be a port with a type: the '
+                    'empty value is that of the type'
+                )
         problem = _skill_problem(node_class)
         if problem:
             raise RegistrationError(f'node ID [{id}], skill: {problem}')

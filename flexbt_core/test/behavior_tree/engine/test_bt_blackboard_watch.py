@@ -11,6 +11,7 @@ from flexbt_core.behavior_tree.engine.blackboard_watch import MOST_WRITES, Black
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard, Entry
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.ports import INT
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.behavior_trees.scripted_nodes import registry
@@ -69,6 +70,7 @@ def test_an_entry_that_two_watch_is_watched_until_both_have_left() -> None:
     watch = BlackboardWatch(lambda: 0.0)
     for client in ('a', 'b'):
         watch.watch(client, [board])
+    assert board.declare('typed', INT).type is INT
     board.set('new', 1)  # created while it is watched
     board.set('new', 2)
     entry = board.entry('new')

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import inspect
 import re
 import threading
 import weakref
@@ -18,16 +19,19 @@ from flexbt_core.behavior_tree.engine.function_nodes import SimpleAction, simple
 from flexbt_core.behavior_tree.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode
 from flexbt_core.behavior_tree.engine.parents import Control, Decorator
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry, node_skills
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, RegistrationError, TickAbandoned, TreeLoadError
-from flexbt_core.behavior_tree.model.ports import STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.ports import STRING, inout_port, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.skills.literals import Predicate
+from flexbt_core.skills.skill import Outcome, OutcomeClass, Skill
 from flexbt_testing.waiting import DEADLINE
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
@@ -839,9 +843,27 @@ class NoKind(LeafNode):
         return SUCCESS
 
 
-@pytest.mark.parametrize('node_class', [PortsMethod, PortsProperty, PortsList, NoKind])
-def test_what_is_declared_in_another_form_is_refused_with_what_to_write(node_class: type[Any]) -> None:
-    words = 'has no kind; derive it from' if node_class is NoKind else "ports = {'name': input_port(STRING)}, not "
+class EmptiesWhatHasNoType(Returns):
+    ports = {'path': output_port()}
+    begins_without = ('path',)
+
+
+class EmptiesNoPort(Returns):
+    begins_without = ('path',)
+
+
+@pytest.mark.parametrize(
+    ('node_class', 'words'),
+    [
+        (PortsMethod, "ports = {'name': input_port(STRING)}, not "),
+        (PortsProperty, "ports = {'name': input_port(STRING)}, not "),
+        (PortsList, "ports = {'name': input_port(STRING)}, not "),
+        (NoKind, 'has no kind; derive it from'),
+        (EmptiesWhatHasNoType, "begins_without names 'path', which has to be a port with a type: the empty value"),
+        (EmptiesNoPort, "begins_without names 'path', which has to be a port with a type: the empty value"),
+    ],
+)
+def test_what_is_declared_in_another_form_is_refused_with_what_to_write(node_class: type[Any], words: str) -> None:
     with pytest.raises(RegistrationError, match=re.escape('node ID [X]: ') + '.*' + re.escape(words)):
         builtin_registry().register('X', node_class)
 
@@ -856,3 +878,49 @@ def test_attributes_that_mean_something_else_are_passed_over() -> None:
 
     manifest = builtin_registry().register('X', Other)
     assert (manifest.outcomes, manifest.example) == (None, None)
+
+
+class Grab(Work):
+    ports = {'what': input_port(STRING), 'held': output_port(STRING), 'both': inout_port(STRING)}
+    skill = Skill.of(resources=['arm'], preconditions=['near(door)'], outcomes={'SUCCESS': ['holding']}, cost=3.0)
+
+
+class Look(Check):
+    skill = Skill.of(outcomes={'SUCCESS': ['holding']}, predicates=[Predicate('holding')])
+
+
+class Clash(Look):
+    skill = Skill.of(resources=['base'], predicates=[Predicate('holding', {'what': 'arm'})])
+
+
+def test_faulty_declarations_of_a_skill_are_told_with_their_place_and_the_rest_of_it_is_kept() -> None:
+    registry = NodeRegistry()
+    registry.register_classes((Grab, Look, All))
+    told: list[str] = []
+    library = node_skills(registry, told.append)
+    line = inspect.getsourcelines(Grab)[1]
+    assert told == [
+        f"{__file__}:{line}: skill of Grab: preconditions: near(door): there is no predicate 'near' (holding)"
+    ]
+    assert library.skills.keys() == {'Grab', 'Look'}
+    grab, look = library.skills['Grab'], library.skills['Look']
+    assert (grab.preconditions, grab.resources, grab.cost, grab.duration) == ((), ('arm',), 3.0, (0.0, None))
+    assert (grab.reads, grab.writes) == (('what', 'both'), ('held', 'both'))
+    assert grab.outcomes == {'SUCCESS': Outcome(OutcomeClass.COMPLETED), 'FAILURE': Outcome(OutcomeClass.FAILED)}
+    assert look.duration == (0.0, 0.0)
+    assert (look.outcomes['FAILURE'].kind, str(look.outcomes['SUCCESS'].effects[0])) == (
+        OutcomeClass.ANSWERED,
+        'holding',
+    )
+
+
+def test_a_predicate_that_two_leaves_declare_differently_is_that_of_the_first() -> None:
+    registry = NodeRegistry()
+    registry.register_classes((Look, Clash, Grab))
+    told: list[str] = []
+    library = node_skills(registry, told.append)
+    line = inspect.getsourcelines(Clash)[1]
+    why = 'the predicate holding is declared twice, and differently; declare it once'
+    assert told[0] == f'{__file__}:{line}: skill of Clash: {why}'
+    assert library.predicates == {'holding': Predicate('holding')}
+    assert library.skills['Clash'].resources == ('base',)

@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import is_dataclass
 from typing import Any
 
 import pytest
 
-from flexbt_core.state_machine.engine.events import TransitionBlocked
+from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent, RunReader, TransitionBlocked
 from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import ExitReason
@@ -480,3 +482,76 @@ def test_steps_that_cannot_be_are_refused_and_change_nothing() -> None:
     assert bench.clear_breakpoint('/A') is None  # the breakpoint, and then the step
     assert bench.clear_breakpoint('/A') is None
     assert bench.outcome == 'done'
+
+
+# -- what is told ----------------------------------------------------------------------------------------------------
+
+SUGGESTED = "TRANSITION, '/M/subject', 'done', ('done', 'failed'), 1, '', 0.0"
+OF_MACHINE = "TRANSITION, '/M', 'done', ('done', 'failed'), -1, '', 0.0"
+TOLD = f"""
+Logged(INFO, '/M', 'its level of autonomy is Low now')
+AutonomySet('/M', 1)
+Logged(INFO, '/', 'its level of autonomy is Off now, instead of those of /M (Low)')
+AutonomySet('/', 0)
+BreakpointSet('/M/subject', True)
+BreakpointSet('/M/subject', False)
+RunPaused(True)
+StatePaused('/M/subject', True)
+RunPaused(False)
+StatePaused('/M/subject', False)
+LockSet('/M', True)
+TransitionBlocked('/M/subject', 'done', ('/M',))
+LockSet('/M', False)
+DecisionAsked(Decision('1', {SUGGESTED}))
+TransitionUnblocked('/M/subject')
+DecisionClosed(Decision('1', {SUGGESTED}))
+StateExited('/M/subject')
+StateLeft('/M/subject', '', '/M/subject', REPEATED)
+StateEntered('/M/subject')
+DecisionAsked(Decision('2', {SUGGESTED}))
+DecisionTaken('2')
+DecisionClosed(Decision('2', {SUGGESTED}))
+OutcomeTaken('/M/subject', 'done', 1)
+StateExited('/M/subject')
+StateLeft('/M/subject', 'done', '=done', OUTCOME)
+DecisionAsked(Decision('3', {OF_MACHINE}))
+OutcomeForced('/M', 'failed')
+DecisionClosed(Decision('3', {OF_MACHINE}))
+OutcomeTaken('/M', 'failed', -1)
+StateLeft('/M', 'failed', '=failed', FORCED)
+RunEnded('failed', '')
+"""
+
+
+class Teller(RunReader):
+    """Writes events with fields as lines, without the answers to commands."""
+
+    def __init__(self) -> None:
+        self.text = '\n'
+
+    def read(self, event: RunEvent) -> None:
+        if is_dataclass(event) and not isinstance(event, CommandDecided):
+            self.text += re.sub(r'\w+=|<\w+\.(\w+): [^>]*>', r'\1', repr(event)) + '\n'
+
+
+def test_every_command_and_what_follows_from_it_is_told_once() -> None:
+    state, bench = subject()
+    teller = Teller()
+    bench.run.add_reader(teller)
+    for command, arguments in (
+        (bench.set_autonomy, (Autonomy.Low, '/M')),
+        (bench.set_autonomy, (Autonomy.Off,)),
+        (bench.set_breakpoint, ('/M/subject',)),
+        (bench.clear_breakpoint, ('/M/subject',)),
+        (bench.pause, ()),
+        (bench.resume, ()),
+        (bench.lock, ('/M',)),
+        (state.end, ('done',)),
+        (bench.settle, ()),
+        (bench.unlock, ('/M',)),
+        (bench.repeat, ('/M/subject',)),
+        (bench.step_by, ('over', '2')),
+        (bench.force, ('/M', 'failed')),
+    ):
+        assert command(*arguments) is None  # type: ignore[operator]
+    assert teller.text == TOLD
