@@ -141,6 +141,7 @@ def test_a_halt_does_not_wait_for_the_thread_but_the_tree_says_that_it_is_not_at
     tree, leaf, woken = worker()
     tree.tick_once()
     assert leaf.report() == 'begun'
+    assert [one.daemon for one in threading.enumerate() if one.name == 'leaf w'] == [True], 'the process may exit'
     tree.halt()
     assert leaf.status is NodeStatus.IDLE
     assert list(tree.unfinished) == ['[w] is coming to its end']

@@ -3,13 +3,18 @@
 
 from __future__ import annotations
 
+import logging
 import re
 from dataclasses import is_dataclass
 from typing import Any
 
 import pytest
 
+from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_core.state_machine.engine import operator_commands
 from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent, RunReader, TransitionBlocked
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import ExitReason
@@ -555,3 +560,27 @@ def test_every_command_and_what_follows_from_it_is_told_once() -> None:
     ):
         assert command(*arguments) is None  # type: ignore[operator]
     assert teller.text == TOLD
+
+
+def test_a_run_that_nobody_reads_writes_to_the_log(caplog: pytest.LogCaptureFixture) -> None:
+    def enter(state: Scripted, _: Any) -> None:
+        for severity in Severity:
+            state.log(severity, severity.name)
+
+    first, second = Scripted(do={'on_enter': enter}), Scripted('done', 'failed', do={'execute': lambda *_: 1 / 0})
+    made = machine(Child('A', first, {'done': 'B'}), Child('B', second, {'done': 'ended', 'failed': 'ended'}))
+    run = MachineRun(define(made), ManualClock())
+    with caplog.at_level(logging.DEBUG):
+        run.start()
+        run.step()
+        run.command(1, operator_commands.repeat, '/A')
+        run.step()
+        first.end('done')
+        run.step()
+    lines = [f'{record.levelname} {record.getMessage()}' for record in caplog.records]
+    told = ['DEBUG /A: DEBUG', 'INFO /A: INFO', 'INFO /A: HINT', 'WARNING /A: WARN', 'ERROR /A: ERROR']
+    assert sorted(lines[:5]) == sorted(told)
+    assert lines[5] == 'INFO /A > (again), the state is entered again'
+    assert lines[11] == 'INFO /A > done, the state returned an outcome'
+    assert lines[12].startswith('ERROR /B: execute raised:\nTraceback')
+    assert lines[13:] == ['INFO /B > failed, the state, or another one, raised an exception']

@@ -87,11 +87,11 @@ def test_the_time_is_wall_time_not_that_of_the_run() -> None:
 UNCONFIRMED = 'not confirmed to have halted 3 s after the stop: braking'
 
 
-def stopped_while_braking() -> tuple[Braking, Bench]:
+def stopped_while_braking(reason: str = 'lunch') -> tuple[Braking, Bench]:
     """Return a run that was stopped, and whose time to halt is over."""
     state = Braking()
     bench = Bench(before_next(state))
-    bench.stop('lunch')
+    bench.stop(reason)
     bench.pass_time(3.0)
     return state, bench
 
@@ -112,13 +112,14 @@ def test_a_stop_that_is_not_confirmed_is_told_and_goes_on_until_it_is() -> None:
     assert bench.clock.next_timer() is None
 
 
-def test_a_stop_that_is_never_confirmed_ends_as_an_error_after_a_while() -> None:
-    state, bench = stopped_while_braking()
+@pytest.mark.parametrize(('reason', 'shown'), [('lunch', 'lunch; '), ('', '')])
+def test_a_stop_that_is_never_confirmed_ends_as_an_error_after_a_while(reason: str, shown: str) -> None:
+    state, bench = stopped_while_braking(reason)
     bench.pass_time(6.9)
     assert bench.shown_end()[0] is None
     bench.pass_time(0.2)
     assert bench.shown_end()[0] == 'error'
-    assert bench.run.message == 'lunch; aborted 10 s after the stop, while /Inner/A/B: braking'
+    assert bench.run.message == f'{shown}aborted 10 s after the stop, while /Inner/A/B: braking'
     assert (state.calls('on_exit'), state.calls('on_stop')) == (1, 1)
 
 

@@ -117,6 +117,20 @@ def test_what_was_being_left_is_passed_on() -> None:
     assert (second.trace, after.active) == (['on_start', 'on_enter', 'execute'], ('/S1',))
 
 
+def test_what_was_being_left_to_be_repeated_is_entered_again() -> None:
+    def made() -> OperatableStateMachine:
+        return line(Scripted(do={'halting': lambda *_: 'braking'}), Scripted())
+
+    before = Bench(made())
+    assert before.repeat('/S0') is None
+    position = through_json(position_of(before.run))
+    assert position.leaving == {'/S0': ''}
+    after = Bench(made(), at=position)
+    after.pass_time(3.0)
+    assert [transition[:3] for transition in after.transitions] == [('/S0', '', '/S0')]
+    assert after.trace[-2:] == ['on_enter /S0', 'execute /S0']
+
+
 def test_what_had_to_wait_for_something_with_priority_is_not_resumed_but_entered() -> None:
     def made(urgent: Scripted, beside: Scripted) -> OperatableStateMachine:
         first = machine(Child('U', urgent, {'done': 'ended'}), priority=True)
