@@ -210,6 +210,7 @@ def test_halting_may_take_several_ticks() -> None:
     notes.clear()
     # Begun again, the node waits for its end.
     assert tree.tick_once() is RUNNING
+    assert tree.nodes[2].status is RUNNING
     clock.advance(2.0)
     assert tree.take_wake()
     assert tree.tick_once() is SUCCESS

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from typing import Any
 
@@ -275,18 +276,26 @@ def test_port_errors_name_node_port_and_key() -> None:
     node = probe('number="{n}" real="2.5"')
     with pytest.raises(PortError, match=r'port \[number\] \(blackboard key \[n\]\) of Probe at \[p\]: .*never written'):
         node.get_input('number')
-    with pytest.raises(PortError, match=r'port \[text\] of Probe at \[p\]: it is not given'):
-        node.get_input('text')
-    with pytest.raises(PortError, match='declares no such port'):
-        node.get_input('nonsense')
-    with pytest.raises(PortError, match='not declared as an input'):
-        node.get_input('result')
-    with pytest.raises(PortError, match='not declared as an output'):
-        node.set_output('number', 1)
-    with pytest.raises(PortError, match='has to point'):
-        node.set_output('real', 1.0)
-    with pytest.raises(PortError, match='declares no such port'):
-        node.set_output('nonsense', 1.0)
+    for call, port, reason in (
+        (lambda: node.get_input('text'), 'text', 'it is not given'),
+        (lambda: node.get_input('nonsense'), 'nonsense', 'Probe declares no such port'),
+        (lambda: node.get_input('result'), 'result', 'it is not declared as an input'),
+        (lambda: node.set_output('number', 1), 'number', 'it is not declared as an output'),
+        (
+            lambda: node.set_output('real', 1.0),
+            'real',
+            "an output has to point to the blackboard, as in {key}, not '2.5'",
+        ),
+        (lambda: node.set_output('nonsense', 1.0), 'nonsense', 'Probe declares no such port'),
+        (lambda: node.port_key('nonsense'), 'nonsense', 'Probe declares no such port'),
+    ):
+        with pytest.raises(PortError, match=re.escape(reason)) as caught:
+            call()
+        error = caught.value
+        shown = '' if error.key is None else f' (blackboard key [{error.key}])'
+        assert str(error).startswith(f'port [{port}]{shown} of Probe at [p]: ')
+        assert (error.node_path, error.node_id, error.port, error.uid) == ('p', 'Probe', port, 1)
+        assert not error.is_absent or port == 'text'
     node.blackboard.unset('n')
     node.blackboard.set('n', '99999999999')
     with pytest.raises(PortError, match='out of the range'):
@@ -305,6 +314,8 @@ def test_outputs() -> None:
     assert type(node.blackboard.get('r')) is int
     with pytest.raises(PortError, match='not an integer'):
         node.set_output('result', 2.5)
+    with pytest.raises(PortError, match='out of the range'):
+        node.set_output('result', 2**31)
     node.set_output('real', 3)
     assert node.get_input('real') == 3.0
     node.set_output('echo', 'hello')

@@ -66,6 +66,28 @@ def test_an_output_is_written_through_three_levels_of_remapping() -> None:
     assert (bench.outcome, bench.run.userdata()) == ('done', {'place': 'kitchen'})
 
 
+def test_the_operator_sees_the_values_of_active_machines_their_writers_and_what_is_still_to_be_written() -> None:
+    def made() -> OperatableStateMachine:
+        waits = Scripted(do={'on_enter': write(inner=2)}, input_keys=['place'], output_keys=['inner'])
+        inside = machine(Child('W', waits, {'done': 'ended'}), input_keys=['place', 'more'], defaults={'more': 0})
+        return machine(
+            Child('A', writer(goal=1), ENDS | {'done': 'M'}),
+            Child('M', inside, {'ended': 'N'}, remapping={'place': 'goal'}),
+            Child('N', reader('goal', []), ENDS, remapping={'goal': 'late'}),
+            input_keys=['late'],
+        )
+
+    bench = Bench(made(), userdata={'late': 0}, start=False)
+    run = bench.run
+    assert (run.unwritten('/M'), run.unwritten('/M/W')) == (['goal'], [])
+    run.start()
+    bench.settle()
+    assert run.userdata_of_machines() == {'/': {'late': 0, 'goal': 1}, '/M': {'more': 0, 'inner': 2}}
+    assert run.writers_of_machines() == {'/': {'goal': ('/A', 0.0)}, '/M': {'inner': ('/M/W', 0.0)}}
+    assert (run.unwritten('/M'), run.unwritten('/M/W'), run.unwritten('/N')) == ([], [], [])
+    assert run.unwritten('/Nowhere/W') == []
+
+
 @pytest.mark.parametrize(
     ('do', 'words'),
     [
