@@ -189,20 +189,22 @@ class Mission:
 
         return Condition(asks, f'a question of {state}', lambda: self._hint(state))
 
-    def ended(self, outcome: str) -> Condition:
-        """Return the condition that the run has ended with this outcome."""
+    def ended(self, outcome: str = '') -> Condition:
+        """Return the condition that the run has ended, with this outcome if one is given."""
 
         def has_ended(view: View) -> bool:
             snapshot = view.snapshot
-            return snapshot is not None and snapshot.state is ExecutiveState.IDLE and snapshot.outcome == outcome
+            if snapshot is None or snapshot.state is not ExecutiveState.IDLE:
+                return False
+            return bool(snapshot.outcome) and snapshot.outcome == (outcome or snapshot.outcome)
 
         def hint() -> str:
             states = self.view.structure.states if self.view.structure else ()
             known = [name for one in states if one.path == '/' for name in one.outcomes]
-            is_known = outcome in known or not known
+            is_known = outcome in ('', *known) or not known
             return '' if is_known else f' (the behavior has no such outcome{did_you_mean(outcome, known)})'
 
-        return Condition(has_ended, f'the end of the run by {outcome}', hint)
+        return Condition(has_ended, f'the end of the run{outcome and f" by {outcome}"}', hint)
 
     def place(self, name: str) -> Pose:
         """Return the pose of a named place."""

@@ -52,7 +52,8 @@ def test_the_robot_gets_to_the_kitchen(world: World) -> None:
     assert world.transitions[-2:] == [('/AskGoal', 'received'), ('/Drive', 'done')]
     assert world.blackboard('goal')['pose']['position']['x'] == pytest.approx(world.place('kitchen').x)
     world.decline('/AskGoal')
-    world.run_until(world.ended('finished'))
+    world.run_until(world.ended())
+    assert world.ended('finished')(world.view) and not world.ended('failed')(world.view)
     assert world.outcome == 'finished'
 
 
