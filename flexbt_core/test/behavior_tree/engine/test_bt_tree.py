@@ -768,7 +768,7 @@ def test_the_error_of_a_node_names_it_once(node_class: type[Any]) -> None:
             assert woken.wait(DEADLINE)
     reason = 'a tick must not return IDLE' if issubclass(node_class, SimpleAction) else 'of its own'
     assert str(caught.value) == f'exception in node [x] (Test): {reason}'
-    assert caught.value.__cause__ is None
+    assert caught.value.__cause__ is caught.value.cause is None
 
 
 def test_what_an_earlier_run_has_left_is_emptied_where_it_was_not_given() -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree.engine.leaf import SyncAction
 from flexbt_core.behavior_tree.engine.tree import Tree
-from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.errors import (
     BlackboardError,
@@ -25,10 +25,13 @@ from flexbt_core.behavior_tree.model.errors import (
     TreeLoadError,
 )
 from flexbt_core.behavior_tree.model.ports import (
+    ANY,
     BOOL,
     DOUBLE,
     INT,
     INT64,
+    KEY,
+    NODE_STATUS,
     STRING,
     UINT8,
     UINT64,
@@ -214,6 +217,85 @@ def test_every_conversion_gives_the_type_or_an_error_of_ours(value: Any) -> None
         assert cast(converted, kind) == converted or math.isnan(converted)
 
 
+OUT_OF_INT = 'is out of the range of int, -2147483648 to 2147483647'
+
+
+@pytest.mark.parametrize(
+    ('value', 'kind', 'message'),
+    [
+        ('+5', INT, "can't convert text '+5' to int"),
+        (str(2**31), INT, f'2147483648 {OUT_OF_INT}'),
+        (3e9, INT, f'3000000000 {OUT_OF_INT}'),
+        (2.5, INT, '2.5 is not an integer, and cannot be read as int'),
+        (None, INT, 'no safe conversion from NoneType to int'),
+        ('x', DOUBLE, "can't convert text 'x' to double"),
+        ('1e999', DOUBLE, 'the number 1e999 does not fit into a double'),
+        (2**53, DOUBLE, 'loss of precision when the integer 9007199254740992 is read as double'),
+        ('2', BOOL, "can't convert text '2' to bool; write one of 0 false False FALSE 1 true True TRUE"),
+        (2, BOOL, 'of the integers only 0 and 1 can be read as bool, not 2'),
+        (-0.5, BOOL, 'a negative number cannot be read as bool: -0.5'),
+        ('1;x', list_of(INT), "can't convert text 'x' to int"),
+        ('json:{}', list_of(INT), "'{}' is not a list of JSON"),
+        ('json:["a"]', list_of(INT), "'a' is not of type int"),
+        ('json:[1', list_of(INT), "can't convert text 'json:[1' to std::vector<int>: Expecting ',' delimiter: "
+         'line 1 column 3 (char 2)'),
+        ('json:' + '[' * 501, list_of(INT), 'nested more than 500 deep'),
+        ('?', NODE_STATUS, "'?' is not a status; write one of IDLE RUNNING SUCCESS FAILURE SKIPPED"),
+        ('', KEY, "can't convert text '' to key: a key cannot be empty"),
+        ('a', ANY, 'an entry that may hold anything does not say what a text means'),
+        ('a', PortType('pose', int), 'pose cannot be written as text'),
+    ],
+)  # fmt: skip
+def test_a_value_that_cannot_be_converted_is_refused_with_the_reason(value: Any, kind: PortType, message: str) -> None:
+    with pytest.raises(ConversionError) as caught:
+        kind.parse(value) if isinstance(value, str) else cast(value, kind)
+    assert str(caught.value) == message
+
+
+POSE = PortType('pose', object)
+
+
+@pytest.mark.parametrize(
+    ('declared', 'held', 'value', 'message'),
+    [
+        (POSE, EMPTY, 'a', 'has the type pose, which cannot be changed; it was now used as std::string'),
+        (INT, EMPTY, 2.5, 'has the type int, which cannot be changed; it was now used as double: '
+         '2.5 is not an integer, and cannot be read as int'),
+        (STRING, EMPTY, 5, 'has the type std::string, which cannot be changed; it was now used as int'),
+        (BOOL, EMPTY, 5, 'has the type bool, which cannot be changed; it was now used as int'),
+        (POSE, EMPTY, 5, 'has the type pose, which cannot be changed; it was now used as int'),
+        (INT, '7', 3, "of type int holds '7', and so does not take 3; it has to be removed first"),
+        (STRING, 5, 'a', "of type std::string holds 5, and so does not take 'a'; it has to be removed first"),
+    ],
+)  # fmt: skip
+def test_a_write_that_an_entry_does_not_take_names_both(
+    declared: PortType, held: Any, value: Any, message: str
+) -> None:
+    board = Blackboard()
+    board.declare('k', declared).value = held
+    with pytest.raises(BlackboardError) as caught:
+        board.set('k', value)
+    assert str(caught.value) == f'entry [k] {message}'
+    assert not caught.value.is_absent
+
+
+def test_what_is_not_there_is_named() -> None:
+    board = Blackboard()
+    with pytest.raises(BlackboardError) as missing:
+        board.get('k')
+    board.declare('k', INT)
+    with pytest.raises(BlackboardError) as empty:
+        board.get('k')
+    messages = ['missing key [k]', 'entry [k] was declared but never written']
+    assert [str(missing.value), str(empty.value)] == messages
+    assert missing.value.is_absent and empty.value.is_absent
+    with pytest.raises(BlackboardError, match=r'^entry \[n\]: the integer 1180591620717411303424 does not fit into 64'):
+        board.set('n', 2**70)
+    for value, kind, shown in ((2.5, DOUBLE, 'double'), (EMPTY, None, 'one without a type')):
+        with pytest.raises(BlackboardError, match=rf'^entry \[k\] has the type int, .*; it was now used as {shown}$'):
+            board.put('k', value, kind)
+
+
 @pytest.mark.parametrize(
     ('text', 'key'),
     [
@@ -349,15 +431,11 @@ def test_port_errors_within_a_tick_are_errors_of_the_node() -> None:
 @pytest.mark.parametrize(
     ('name', 'port', 'words'),
     [
-        ('name', input_port(INT), 'reserved'),
-        ('ID', input_port(INT), 'reserved'),
-        ('_skipIf', input_port(INT), 'reserved'),
-        ('1st', input_port(INT), 'begin with a letter'),
-        ('a b', input_port(INT), 'not allowed'),
-        ('', input_port(INT), 'empty'),
-        ('n', input_port(INT, default='x'), 'does not fit'),
-        ('n', output_port(INT, default='3'), 'pointer'),
-        ('n', 'no port', 'not a Port'),
+        ('name', input_port(INT), "'name' is a reserved attribute name"),
+        ('', input_port(INT), 'a port name cannot be empty'),
+        ('n', input_port(INT, default='x'), "the default does not fit the type: can't convert text 'x' to int"),
+        ('n', output_port(INT, default='3'), "the default of an output has to be a pointer, as in {key}, not '3'"),
+        ('n', 'no port', "'no port' is not a Port; use input_port, output_port or inout_port"),
     ],
 )
 def test_bad_ports_are_refused_at_registration(name: str, port: Port, words: str) -> None:
@@ -367,8 +445,9 @@ def test_bad_ports_are_refused_at_registration(name: str, port: Port, words: str
         def tick(self) -> NodeStatus:
             return NodeStatus.SUCCESS
 
-    with pytest.raises(RegistrationError, match=words):
+    with pytest.raises(RegistrationError) as caught:
         builtin_registry().register('Bad', Bad)
+    assert str(caught.value) == f'node ID [Bad], port [{name}]: {words}'
 
 
 def test_bad_registrations_are_refused() -> None:
@@ -376,15 +455,17 @@ def test_bad_registrations_are_refused() -> None:
         pass
 
     registry = builtin_registry()
+    taken = 'is registered already, for flexbt_core.behavior_tree.nodes.sequences.Sequence; choose another ID'
+    derive = 'derive it from SyncAction, StatefulAction, Condition, Decorator or Control'
     for id, node_class, words in [
-        ('Sequence', Probe, 'registered already'),
-        ('Root', Probe, 'reserved'),
-        ('a.b', Probe, 'not allowed'),
-        ('Abstract', Abstract, 'does not implement tick'),
-        ('Number', int, 'not a node class'),
+        ('Sequence', Probe, f' {taken}'),
+        ('Root', Probe, ": 'Root' is a reserved name"),
+        ('Abstract', Abstract, f': {Abstract.__qualname__} does not implement tick'),
+        ('Number', int, f": <class 'int'> is not a node class; {derive}"),
     ]:
-        with pytest.raises(RegistrationError, match=words):
+        with pytest.raises(RegistrationError) as caught:
             registry.register(id, node_class)
+        assert str(caught.value) == f'node ID [{id}]{words}'
     assert len(registry) == len(builtin_registry())
 
 
@@ -500,3 +581,27 @@ def test_types_of_one_name_are_the_same_and_a_clash_names_both() -> None:
     board.declare('x', PortType('speed', float, 'real'))
     with pytest.raises(BlackboardError, match=r'\[x\].* speed.* double'):
         board.declare('x', DOUBLE)
+
+
+@pytest.mark.parametrize(('value', 'kind'), [(3, INT), (3.5, DOUBLE), ('a', STRING), (EMPTY, None), ((1,), None)])
+@pytest.mark.parametrize('present', ['nothing', 'declared', 'untyped'])
+def test_what_a_node_copies_to_a_key_of_the_root_is_put_there(value: Any, kind: PortType | None, present: str) -> None:
+    found = []
+    for is_root in (True, False):
+        root = Blackboard()
+        if present != 'nothing':
+            root.declare('x', INT if present == 'declared' else None)
+        try:
+            (root if is_root else Blackboard(root)).put('x' if is_root else '@x', value, kind)
+        except BlackboardError as error:
+            found.append(str(error))
+        entry = root.entry('x')
+        assert entry is not None
+        found.append((str(entry.type), entry.value, entry.sequence))
+    half = len(found) // 2
+    assert found[:half] == found[half:]
+
+
+def test_a_list_of_what_no_text_means_has_none_either() -> None:
+    kind = list_of(PortType('pose', object))
+    assert (kind.name, kind.python_type, kind.from_text) == ('std::vector<pose>', list, None)

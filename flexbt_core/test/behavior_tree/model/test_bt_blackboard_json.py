@@ -259,6 +259,7 @@ def test_types_of_ones_own_are_known_where_a_tree_has_declared_them() -> None:
     red = {'__type': 'demo::Waypoint', 'name': 'r', 'x': 1.0}
     import_blackboard(board, {'color': {'type': 'Color', 'value': red}}, TYPES)
     assert board.get('color') == Waypoint('r', 1.0)
+    assert export_blackboard(board, TYPES) == ({'color': red}, [])
 
 
 def test_it_is_shown_as_behaviortree_cpp_shows_it() -> None:

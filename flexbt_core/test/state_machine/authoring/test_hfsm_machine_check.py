@@ -12,8 +12,8 @@ from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child, StateKind
-from flexbt_core.state_machine.model.event_state import EventState
-from flexbt_core.state_machine.model.userdata import MachineError, StateMachineError
+from flexbt_core.state_machine.model.event_state import EventState, state_skill
+from flexbt_core.state_machine.model.userdata import MachineError, MachineProblem, StateMachineError
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine
 from flexbt_testing.waiting import DEADLINE
 
@@ -269,3 +269,25 @@ def test_an_input_of_a_container_that_nothing_reads_need_not_be_given() -> None:
 def test_names_that_are_no_text_are_refused_since_no_message_can_have_them(make: Any) -> None:
     with pytest.raises(StateMachineError, match='it is not text; in YAML, quote it'):
         make()
+
+
+def test_a_refused_machine_has_records_for_programs() -> None:
+    error = MachineError(['one; mend it', MachineProblem('/A', 'two')])
+    assert str(error) == 'one; mend it; /A: two'
+    told = [{key: record[key] for key in ('rule', 'severity', 'node', 'message', 'fix')} for record in error.records]
+    refused = {'rule': 'refused', 'severity': 'error'}
+    assert told == [
+        refused | {'node': '', 'message': 'one; mend it', 'fix': 'mend it'},
+        refused | {'node': '/A', 'message': 'two', 'fix': ''},
+    ]
+
+
+@pytest.mark.parametrize('is_instant', [True, False])
+def test_an_instant_state_takes_no_time(is_instant: bool) -> None:
+    class Own(Scripted):
+        pass
+
+    Own.is_instant = is_instant
+    skill = state_skill(Own('done', 'failed', input_keys=['a'], output_keys=['b']))
+    assert (skill.name, skill.reads, skill.writes, tuple(skill.outcomes)) == ('Own', ('a',), ('b',), ('done', 'failed'))
+    assert skill.duration == (0.0, 0.0 if is_instant else None)
