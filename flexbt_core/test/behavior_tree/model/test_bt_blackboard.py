@@ -586,7 +586,7 @@ def test_types_of_one_name_are_the_same_and_a_clash_names_both() -> None:
 @pytest.mark.parametrize(('value', 'kind'), [(3, INT), (3.5, DOUBLE), ('a', STRING), (EMPTY, None), ((1,), None)])
 @pytest.mark.parametrize('present', ['nothing', 'declared', 'untyped'])
 def test_what_a_node_copies_to_a_key_of_the_root_is_put_there(value: Any, kind: PortType | None, present: str) -> None:
-    found = []
+    found: list[object] = []
     for is_root in (True, False):
         root = Blackboard()
         if present != 'nothing':
