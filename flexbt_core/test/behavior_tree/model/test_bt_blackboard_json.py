@@ -207,34 +207,60 @@ def test_a_value_within_itself_is_refused_in_time() -> None:
     endless: list[Any] = []
     endless.append(endless)
     board.set('endless', endless)
-    assert 'deep' in export_blackboard(board, TYPES)[1][0]
+    assert export_blackboard(board, TYPES) == ({}, ['entry [endless]: a value is nested more than 100 deep'])
     nested: Any = []
     for _ in range(2000):
         nested = [nested]
-    with pytest.raises(BlackboardError, match='deep'):
+    with pytest.raises(BlackboardError, match=r'^entry \[nested\]: a value is nested more than 100 deep$'):
         import_blackboard(board, {'nested': nested}, TYPES)
 
 
+def test_a_class_is_registered_once_and_has_fields_that_json_holds() -> None:
+    class Odd:
+        """Has a field that is no number."""
+
+    types = JsonTypes()
+    types.register('demo::Odd', Odd, lambda odd: {'x': math.nan}, lambda fields: Odd())
+    for name, python_type in (('demo::Odd', int), ('other', Odd), ('list', str)):
+        with pytest.raises(
+            ValueError, match=f'^the JSON type {name!r}, or its class .*{python_type.__name__}, is regist'
+        ):
+            types.register(name, python_type, dict, dict)
+    board = Blackboard()
+    board.set('odd', Odd())
+    document, (problem,) = export_blackboard(board, types)
+    assert not document
+    assert problem.startswith('entry [odd]: a demo::Odd gives fields that JSON cannot hold: Out of range float values')
+    assert export_blackboard(board, TYPES)[1][0].endswith('Odd has no JSON form; register one for its class')
+
+
+NEITHER = 'an object has to have \'__type\' beside its fields, or only "type" and "value"; this one has'
+
+
 @pytest.mark.parametrize(
-    ('item', 'fragment'),
+    ('item', 'reason'),
     [
-        ({}, "'__type'"),
-        ({'x': 1}, "'x'"),
-        ({'__type': 'Nothing'}, "'Nothing' is not known"),
-        ({'type': 'Nothing', 'value': 1}, "'Nothing' is not known"),
-        ({'type': 'uint8_t', 'value': 300}, '300'),
-        ({'type': 'int', 'value': [1]}, 'int'),
-        ({'type': 'bool', 'value': 2}, 'bool'),
-        ([{'no': 'type'}], '__type'),
-        ({'__type': 'demo::Waypoint', 'name': 'a'}, 'x'),
-        ({'__type': 'dict', 'value': [[[], 1]]}, 'unhashable'),
-        ({'__type': 'BT::NodeStatus', 'value': 'DONE'}, 'DONE'),
+        ({}, f'{NEITHER} nothing'),
+        ({'x': 1}, f"{NEITHER} 'x'"),
+        ({'type': 'int', 'value': 1, 'more': 2}, f"{NEITHER} 'type', 'value', 'more'"),
+        ({'__type': 'Nothing'}, "the type 'Nothing' is not known"),
+        ({'type': 'Nothing', 'value': 1}, "the type 'Nothing' is not known"),
+        ({'type': 'uint8_t', 'value': 300}, '300 is out of the range of uint8_t, 0 to 255'),
+        ({'type': 'int', 'value': [1]}, 'no safe conversion from list to int'),
+        ({'type': 'bool', 'value': 2}, 'of the integers only 0 and 1 can be read as bool, not 2'),
+        ([{'no': 'type'}], "an object within a value has to have a '__type'"),
+        ({'__type': 'demo::Waypoint', 'name': 'a'}, 'not a demo::Waypoint: Waypoint.__init__() missing 1 required '
+         "positional argument: 'x'"),
+        ({'__type': 'dict', 'value': [[[], 1]]}, "not a dict: unhashable type: 'list'"),
+        ({'__type': 'tuple', 'value': 3}, 'the value of a tuple has to be a list'),
+        ({'__type': 'BT::NodeStatus', 'value': 'DONE'}, "not a BT::NodeStatus: 'DONE'"),
+        ({'__type': 'double', 'value': 'x'}, "not a double: 'x'"),
     ],
-)
-def test_an_item_that_is_not_understood_is_named_with_the_reason(item: Any, fragment: str) -> None:
-    with pytest.raises(BlackboardError, match=r'entry \[bad\]') as raised:
-        import_blackboard(Blackboard(), {'good': 1, 'bad': item}, TYPES)
-    assert fragment in str(raised.value)
+)  # fmt: skip
+def test_an_item_that_is_not_understood_is_named_with_the_reason(item: Any, reason: str) -> None:
+    with pytest.raises(BlackboardError) as raised:
+        import_blackboard(Blackboard(), {'good': 1, 'bad': item, 'worse': item}, TYPES)
+    assert str(raised.value) == f'entry [bad]: {reason}; entry [worse]: {reason}'
 
 
 def test_an_entry_that_has_a_type_converts_and_counts_the_write() -> None:
