@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import fractions
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child
-from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason
 from flexbt_core.state_machine.model.state_host import Progress, Severity
 from flexbt_core.state_machine.model.userdata import StateError
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
@@ -210,13 +211,66 @@ def test_the_progress_of_a_state_has_the_types_of_its_message(value: Any, is_usa
         assert bench.faults[0][0] == '/A'
 
 
+def test_progress_keeps_to_the_bounds_of_its_message_and_is_known_if_it_has_a_figure() -> None:
+    assert Progress('7') == Progress('7', -1.0, -1.0, -1, 0, None)
+    assert Progress(poses=-5, recoveries=-5) == Progress(poses=-1, recoveries=0)
+    most = Progress(poses=10**9, recoveries=10**9)
+    assert (most.poses, most.recoveries) == (2**15 - 1, 2**16 - 1)
+    assert not Progress('7').is_known
+    for figures in ({'distance': 0.0}, {'time': 0.0}, {'poses': 0}, {'recoveries': 1}, {'goal': 'here'}):
+        assert Progress(**figures).is_known  # type: ignore[arg-type]
+    plain = Progress(*('7', 1, 2, 3.0, 4.0))
+    assert [type(one) for one in (plain.distance, plain.time, plain.poses, plain.recoveries)] == [
+        float,
+        float,
+        int,
+        int,
+    ]
+
+
+def test_what_a_state_is_made_with_is_what_people_can_write() -> None:
+    @dataclass
+    class Options:
+        speed: float = 0.5
+        tool: object = None
+
+    class Drive(Scripted):
+        def __init__(self) -> None:
+            super().__init__(rate=2.0)
+            self._goal = 'dock'
+            self.options = Options()
+
+    made = Drive().made_with
+    assert {name: made.get(name) for name in ('goal', 'speed', 'desired_rate', 'tool', 'is_resumed')} == {
+        'goal': 'dock', 'speed': '0.5', 'desired_rate': '2.0', 'tool': None, 'is_resumed': None,
+    }  # fmt: skip
+    assert Drive().type_name == 'Drive'
+
+
+@pytest.mark.parametrize('write', ['info', 'hint', 'warn', 'error'])
+def test_a_line_for_the_operator_has_the_severity_of_its_method(write: str) -> None:
+    state = Scripted(do={'on_enter': lambda state, _: getattr(state, f'log_{write}')('hot')})
+    assert Bench(nested(state, 'A')).lines == [(Severity[write.upper()], '/A', 'hot')]
+
+
+def test_what_a_state_declares_wrongly_is_refused_with_the_reason() -> None:
+    suggests = Scripted('done', 'failed', do={'on_enter': lambda state, _: state.ask('?', 'gone')})
+    assert "/A: suggests 'gone', which is none of done, failed" in Bench(nested(suggests, 'A')).faults[0][1]
+    with pytest.raises(StateError, match=r'^Scripted: desired_rate has to be positive, or None, not 0$'):
+        Scripted(rate=0)
+    keys: Any = [True]
+    for what, options in (('an outcome', {'outcomes': keys}), ('a userdata key', {'input_keys': keys})):
+        with pytest.raises(StateError, match=f'^EventState: True cannot be {what}: it is not text; in YAML, quote it$'):
+            EventState(**options)
+
+
 def test_outside_of_a_run_there_is_nothing_to_use_and_waking_is_harmless() -> None:
     state = passing()
     for _ in range(2):
         state.wake()
         assert state.path == 'Scripted'
         for use in (lambda: state.clock, lambda: state.services, lambda: state.ask('?'), lambda: state.wake_at(1.0)):
-            with pytest.raises(StateError, match='Scripted: is not part of a run'):
+            with pytest.raises(StateError, match=r'^Scripted: is not part of a run; this works only in its callbacks$'):
                 use()
         assert Bench(nested(state, 'A')).outcome == 'done'
 
