@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree.engine.leaf import StatefulAction, SyncAction
+from flexbt_core.behavior_tree.engine.node import TreeNode
 from flexbt_core.behavior_tree.engine.tick_control import MOST_WAITING, TickCommand, TickControl
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
@@ -162,14 +163,18 @@ def test_the_hold_of_a_host_and_the_pause_of_a_command_are_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ('services', 'why'), [({'goes_on': 'it has no brake'}, 'it has no brake'), ({'raises': True}, 'no brake')]
+    ('services', 'why'),
+    [
+        ({'goes_on': 'it has no brake'}, 'it has no brake'),
+        ({'raises': True}, "on_pause raised RuntimeError('no brake')"),
+    ],
 )
 def test_what_goes_on_in_a_pause_is_told(services: dict[str, Any], why: str) -> None:
     running, control, _ = motor(**services)
     control.command(PAUSE, lambda reason: None)
     control.tick(running)
     (told,) = control.not_paused
-    assert told.startswith('motor') and why in told
+    assert told == f'motor: {why}'
     control.command(RESUME, lambda reason: None)
     control.tick(running)
     assert not control.not_paused
@@ -181,7 +186,7 @@ def test_a_leaf_that_says_nothing_of_pauses_goes_on() -> None:
     control.tick(running)
     control.command(PAUSE, lambda reason: None)
     control.tick(running)
-    assert 'does not declare' in control.not_paused[0]
+    assert control.not_paused == ('Runs::1: it does not declare how it is paused',)
 
 
 def test_time_goes_on_while_a_tree_is_paused() -> None:
@@ -207,8 +212,8 @@ def test_a_step_whose_tick_raises_is_answered_and_the_error_goes_on() -> None:
     control.command(STEP, answers.append)
     with pytest.raises(NodeExecutionError):
         control.tick(running)
-    assert answers[0] == ''
-    assert 'scripted fault' in answers[1]
+    reason = 'the tick raised: exception in node [Raises::1] (Raises): RuntimeError: scripted fault'
+    assert answers == ['', reason]
 
 
 def test_commands_that_flood_a_tree_that_blocks_are_refused_and_those_before_have_their_effect() -> None:
@@ -217,7 +222,7 @@ def test_commands_that_flood_a_tree_that_blocks_are_refused_and_those_before_hav
     for _ in range(MOST_WAITING + 5):
         control.command(PAUSE, answers.append)
     assert len(answers) == 5
-    assert f'{MOST_WAITING} commands wait' in answers[0]
+    assert answers[0] == f'{MOST_WAITING} commands wait for the end of the tick that is under way'
     control.tick(tree('<Runs/>', services={'ticks': 0}))
     assert answers[5:] == [''] * MOST_WAITING
     assert control.paused
@@ -273,3 +278,56 @@ def test_many_threads_step_a_tree_and_each_step_is_one_tick() -> None:
     assert not thread.is_alive()
     assert ask(RESUME) == 'the tree has ended'
     clock.close()
+
+
+def test_while_a_tree_is_held_within_a_tick_leaves_hold_and_only_a_step_waits_for_its_end() -> None:
+    deeds: list[str] = []
+    running = tree(
+        '<Parallel><Motor name="motor"/><Runs name="runs"/></Parallel>', services={'deeds': deeds, 'ticks': 0}
+    )
+    control = TickControl(lambda: None, lambda paused: deeds.append(f'change {paused}'))
+
+    def command(command: TickCommand, name: str) -> None:
+        control.command(command, lambda refusal: deeds.append(f'{name} {refusal or "done"}'))
+
+    def hold(node: TreeNode) -> NodeStatus:
+        command(RESUME, 'before')
+        command(STEP, 'too early')
+        with control.held_in_tick(running):
+            deeds.append('held')
+            command(PAUSE, 'within')
+            command(STEP, 'after')
+        deeds.append('released')
+        return NodeStatus.IDLE
+
+    control.tick(running)
+    running.callbacks.set_pre_tick(running.nodes[2], hold)
+    deeds.clear()
+    assert control.tick(running) is NodeStatus.RUNNING
+    assert deeds == [
+        'paused',
+        'change True',
+        'before done',
+        'held',
+        'within done',
+        'change False',
+        'resumed',
+        'released',
+    ]
+    running.callbacks.clear()
+    deeds.clear()
+    assert control.tick(running) is NodeStatus.RUNNING
+    assert deeds == [
+        'too early the tree is not paused; pause it before you step it',
+        'paused',
+        'change True',
+        'paused',
+        'after done',
+    ]
+    assert control.not_paused == ('runs: it does not declare how it is paused',)
+    # A step that is held is answered, and the pause before it stays.
+    running.callbacks.set_pre_tick(running.nodes[2], hold)
+    deeds.clear()
+    command(STEP, 'held step')
+    assert control.tick(running) is NodeStatus.RUNNING
+    assert deeds == ['paused', 'before done', 'held step done', 'held', 'within done', 'released', 'paused']

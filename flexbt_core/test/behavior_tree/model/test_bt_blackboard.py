@@ -605,3 +605,27 @@ def test_what_a_node_copies_to_a_key_of_the_root_is_put_there(value: Any, kind: 
 def test_a_list_of_what_no_text_means_has_none_either() -> None:
     kind = list_of(PortType('pose', object))
     assert (kind.name, kind.python_type, kind.from_text) == ('std::vector<pose>', list, None)
+
+
+@pytest.mark.parametrize('make', [input_port, inout_port])
+def test_a_port_is_what_it_was_made_with(make: Any) -> None:
+    plain, full = make(), make(STRING, default='a', description='b', literal=KEY, nav2_branch='main')
+    assert (full.type, full.default, full.description, full.literal, full.nav2_branch) == (
+        STRING,
+        'a',
+        'b',
+        KEY,
+        'main',
+    )
+    assert (plain.type, plain.literal, plain.nav2_branch, plain.description, plain.declares) == (
+        None,
+        None,
+        '',
+        '',
+        True,
+    )
+    assert [port.required for port in (plain, full, make(optional=True), make(default=None))] == [True] + [False] * 3
+    assert full.documentation == 'b (Nav2 main only)'
+    written = output_port(INT, default='{x}', description='b', nav2_branch='main')
+    assert (written.type, written.default, written.documentation) == (INT, '{x}', 'b (Nav2 main only)')
+    assert not written.readable and not written.required and plain.readable
