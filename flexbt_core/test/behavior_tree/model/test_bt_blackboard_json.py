@@ -225,7 +225,7 @@ def test_a_class_is_registered_once_and_has_fields_that_json_holds() -> None:
         with pytest.raises(
             ValueError, match=f'^the JSON type {name!r}, or its class .*{python_type.__name__}, is regist'
         ):
-            types.register(name, python_type, dict, dict)
+            types.register(name, python_type, lambda value: {}, lambda fields: fields)
     board = Blackboard()
     board.set('odd', Odd())
     document, (problem,) = export_blackboard(board, types)

@@ -217,9 +217,10 @@ def test_progress_keeps_to_the_bounds_of_its_message_and_is_known_if_it_has_a_fi
     most = Progress(poses=10**9, recoveries=10**9)
     assert (most.poses, most.recoveries) == (2**15 - 1, 2**16 - 1)
     assert not Progress('7').is_known
-    for figures in ({'distance': 0.0}, {'time': 0.0}, {'poses': 0}, {'recoveries': 1}, {'goal': 'here'}):
-        assert Progress(**figures).is_known  # type: ignore[arg-type]
-    plain = Progress(*('7', 1, 2, 3.0, 4.0))
+    figures: list[dict[str, Any]] = [{'distance': 0}, {'time': 0}, {'poses': 0}, {'recoveries': 1}, {'goal': 'here'}]
+    assert all(Progress(**figure).is_known for figure in figures)
+    given: Any = ('7', 1, 2, 3.0, 4.0)
+    plain = Progress(*given)
     assert [type(one) for one in (plain.distance, plain.time, plain.poses, plain.recoveries)] == [
         float,
         float,
