@@ -15,6 +15,7 @@ long, which may be because the machine is busy, the change counts for neither si
 from __future__ import annotations
 
 import argparse
+import ast
 import difflib
 import hashlib
 import json
@@ -122,10 +123,24 @@ class Reach(NamedTuple):
         lines = self.tests.get(str(mutant.file), {})
         found: set[str] = set()
         for line in mutant.lines:
-            if lines.get(line) == []:  # run by an import alone, as the head of a function is
-                line = min((other for other, tests in lines.items() if other > line and tests), default=line)
-            found.update(lines.get(line, ()))
+            # Of a statement of several lines, only some may be known: not those with a part of a text.
+            known = [lines[one] for one in _statement(mutant.before, line) if one in lines]
+            if known and not any(known):  # run by an import alone, as the head of a function is
+                known = [tests for other, tests in sorted(lines.items()) if other > line and tests][:1]
+            found.update(*known)
         return sorted(found, key=self.seconds.__getitem__)
+
+
+def _statement(text: str, line: int) -> range:
+    """Return the lines of the innermost statement at a line, without those of its body."""
+    found = range(line, line + 1)
+    for node in ast.walk(ast.parse(text)):  # the outer ones first
+        if isinstance(node, ast.stmt):
+            body = getattr(node, 'body', None)
+            end = body[0].lineno if body else (node.end_lineno or node.lineno) + 1
+            if node.lineno <= line < end:
+                found = range(node.lineno, end)
+    return found
 
 
 # -- the tests that reach a line -------------------------------------------------------------------------------------

@@ -317,3 +317,4 @@ def test_a_pose_is_another_one_if_it_is_further_or_turned_further_than_noise(
                 is_another = angle > motion_stop._REST_RADIANS or length > motion_stop._REST_METRES
                 assert motion_stop._differ(one, other) is motion_stop._differ(other, one) is is_another
     assert motion_stop._differ(one, Pose(position=Point(x=math.nan)))
+    assert not motion_stop._differ(Pose(), Pose(position=Point(x=motion_stop._REST_METRES)))

@@ -61,7 +61,7 @@ class Bench:
         self.steady = ManualClock()
         self.robot = Robot()
         self.lines: list[str] = []
-        self.enforcer = StopEnforcer(cast(Any, self), cast(Any, self.robot), 2.0, cast(Any, self))
+        self.enforcer = StopEnforcer(cast(Any, self), cast(Any, self.robot), 1.8, cast(Any, self))
 
     def post_in(self, seconds: float, fn: Callable[[], object]) -> Timer:
         return self.steady.call_at(self.steady.now() + seconds, lambda: (fn(), None)[1])
@@ -161,10 +161,10 @@ def test_a_run_that_does_not_stop_is_held_shown_and_given_up(bench: Bench) -> No
     bench.enforcer.stopping(cast(Any, run))
     bench.steady.advance(MOTION_SECONDS - 0.1)
     assert not bench.holds()
-    bench.steady.advance(1.6)
-    assert bench.holds() and run.shown == [0.3, 0.8, 1.3, 1.8] and not run.aborted
-    bench.steady.advance(0.5)
-    assert run.aborted[:1] == ['aborted 2 s after the stop']
+    bench.steady.advance(1.5)
+    assert bench.holds() and run.shown == [0.3, 0.8, 1.3] and not run.aborted
+    bench.steady.advance(0.2)
+    assert run.shown[3:] == [1.8] and run.aborted == ['aborted 1.8 s after the stop']
     run.has_ended = run.has_goals = True
     bench.steady.advance(5.0)
     assert bench.holds()
