@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any, Final
 
 from action_msgs.msg import GoalStatus, GoalStatusArray
@@ -140,7 +139,7 @@ class MotionStop:
         self._asked: dict[str, ServiceCall] = {}
         self._busy: dict[str, set[bytes]] = {}  # by action: writers with an active goal
         self._timer: Timer | None = None
-        self._unasked: list[list[str]] = []  # each list has the actions of one rank
+        self._unasked: list[str] = []  # in the order of their ranks
         self._patience: Timer | None = None
         self._seen = Pose()
         self._seen_at = -math.inf
@@ -183,13 +182,13 @@ class MotionStop:
 
     def drop_cancels(self) -> None:
         """Drop the cancels that still wait for their servers, since they would cancel the goals of the next run."""
-        self._unasked = []
+        self._unasked.clear()
         for call in self._asked.values():
             call.cancel()
 
     def release(self) -> None:
         """Stop holding the robot, so that it can move again."""
-        self._unasked = []
+        self._unasked.clear()
         for timer in (self._timer, self._patience):
             if timer is not None:
                 timer.cancel()
@@ -242,24 +241,19 @@ class MotionStop:
 
     def _cancel_all_of(self, actions: Sequence[str]) -> None:
         """Cancel all goals of actions, rank by rank: when the earlier ranks have answered, or after a short time."""
-        unasked = self._unasked = [list(rank) for _, rank in groupby(sorted(actions, key=_rank), _rank)]
+        self._unasked = sorted(actions, key=_rank)
         if self._patience is not None:
             self._patience.cancel()
-
-        def lose_patience() -> None:
-            while unasked and unasked is self._unasked:
-                self._ask_next()
-
-        self._patience = self._runtime.post_in(_FRONT_SECONDS, lose_patience)
+        self._patience = self._runtime.post_in(_FRONT_SECONDS, self._ask_all)
         self._ask_answered()
 
-    def _ask_answered(self) -> None:
-        while self._unasked and all(_rank(name) >= _rank(self._unasked[0][0]) for name in self._asked):
-            self._ask_next()
+    def _ask_all(self) -> None:
+        while self._unasked:
+            self._cancel_all(self._unasked.pop(0))
 
-    def _ask_next(self) -> None:
-        for name in self._unasked.pop(0):
-            self._cancel_all(name)
+    def _ask_answered(self) -> None:
+        while self._unasked and all(_rank(name) >= _rank(self._unasked[0]) for name in self._asked):
+            self._cancel_all(self._unasked.pop(0))
 
     def _cancel_all(self, name: str) -> None:
         self._listen(name)
