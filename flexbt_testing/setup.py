@@ -20,6 +20,6 @@ setup(
     description='What tests stand on: scripted servers, operators, processes, bad links, random trees and machines.',
     license='BSD-3-Clause',
     entry_points={
-        'console_scripts': [],
+        'console_scripts': ['nemesis = flexbt_testing.executables:nemesis'],
     },
 )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Missions of whole robots under faults that a seed draws: ``make nemesis SEEDS=100``.
+"""Missions of whole robots under faults that a seed draws: ``make nemesis SEEDS=100``, or ``nemesis --behavior NAME``.
 
 A plan is drawn before the run: what operators do, which processes are killed or stopped, what happens to the link, and
 when. Each plan runs in a process of its own, forked from a world that is ready. The invariants of :mod:`.invariants`
@@ -9,18 +9,25 @@ are checked meanwhile. A plan that breaks one is shrunk, and kept with all that 
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import subprocess
 import sys
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from .live import TakenOver, take_over, take_over_at
+from .live import TakenOver, take_over, take_over_at  # isort: skip - it prepares this interpreter
+
+from flexbt_core.errors import FlexbtError
+from flexbt_core.values.text import one_line
+
 from .mutations import MUTATIONS, Mutation
-from .nemesis_run import SECONDS, WORLDS, Job, Plan, Run, Stage, Step, run_all, run_one, warm_up
+from .nemesis_run import NEEDED, SECONDS, WORLDS, Job, Plan, Run, Stage, Step, run_all, run_one, warm_up
+from .programs import named_programs
 
 _AGAIN: Final = 100
 """Each of this many seeds is run again, in another interpreter."""
@@ -56,7 +63,7 @@ def shrink(job: Job, broken: set[int], say: Callable[[str], object], most: int =
     for simpler in (
         {'preemption': 0.0},
         {'computing': 0.0},
-        {'world': 'navigate', 'motion': 'abstract', 'behavior': 'Navigate'},
+        {'world': 'navigate', 'motion': 'abstract', 'behavior': 'Navigate', 'arguments': ()},
         {'autonomy': 'HIGH'},
         {'settle': 1.5},
         {'answers': plan.answers[:1]},
@@ -167,6 +174,13 @@ def _is_uneven(job: Job) -> bool:
     return is_about and _again(job) != _again(job, PYTHONHASHSEED='7')
 
 
+def _parameter(text: str) -> tuple[str, str]:
+    name, separator, value = text.partition('=')
+    if not name or not separator:
+        raise argparse.ArgumentTypeError(f'{text!r}: expected PARAMETER=VALUE')
+    return name, value
+
+
 def play_live(plan: Plan, text: str) -> int:
     """Run a plan until an operator takes over (see :mod:`.live`). Its faults go on, its operators do not."""
     stage = Stage(plan.world, plan.motion)
@@ -181,6 +195,22 @@ def play_live(plan: Plan, text: str) -> int:
     return 0
 
 
+def _robots(world: str) -> list[str]:
+    """Return the namespaces of the robots of a world that is no demonstration.
+
+    Raises:
+        LookupError: there is no such world, or a robot lacks a program.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        programs = named_programs(world, Path(), Path(scratch), 'abstract')
+    robots = [one.namespace for one in programs if one.executable == 'onboard_executive']
+    there = {(one.namespace, one.executable) for one in programs}
+    for robot, name in itertools.product(robots or [''], NEEDED):
+        if (robot, name) not in there:
+            raise LookupError(f'the world {world!r} has no {name}{robot and f" in the namespace {robot}"}')
+    return robots
+
+
 def main() -> int:
     """Run what the command line asks for. Return the exit code."""
     parser = argparse.ArgumentParser(prog='nemesis', description=(__doc__ or '').split('\n\n')[0])
@@ -188,7 +218,14 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=0, help='the first seed, or the only one')
     parser.add_argument('--seconds', type=float, default=SECONDS, help='simulated time of the faults, s')
     parser.add_argument(
-        '--world', default='', choices=('', *WORLDS), help='a demonstration; drawn by the seed if not given'
+        '--world',
+        default='',
+        help=f'a demonstration ({", ".join(WORLDS)}), a world file, or module:function, which returns programs; drawn '
+        'by the seed if neither this nor a behavior is given',
+    )
+    parser.add_argument('--behavior', default='', help='a behavior; drawn by the seed if not given')
+    parser.add_argument(
+        'parameters', nargs='*', type=_parameter, metavar='PARAMETER=VALUE', help='parameters of the behavior'
     )
     parser.add_argument('--motion', default='', choices=('', 'full', 'abstract'), help='the same for the robot')
     parser.add_argument('--jobs', type=int, default=2, help='runs at once')
@@ -205,8 +242,15 @@ def main() -> int:
     def say(text: str) -> None:
         print(text, flush=True)
 
+    world = given.world or ('navigate' if given.behavior else '')
+    try:
+        robots = _robots(world) if world not in ('', *WORLDS) else []
+    except (LookupError, FlexbtError) as error:
+        parser.error(one_line(str(error.args[0])))
+
     def draw(seed: int, motion: str = '') -> Plan:
-        return Plan.draw(seed, given.seconds, given.world, given.motion or motion)
+        plan = Plan.draw(seed, given.seconds, world, given.motion or motion, given.behavior, robots)
+        return replace(plan, arguments=tuple(given.parameters))
 
     if given.seeds or given.mutants is not None:
         warm_up()
@@ -215,6 +259,9 @@ def main() -> int:
     mutation = next((one for one in MUTATIONS if one.name == given.mutation), None)
     seeds = range(given.seed, given.seed + max(1, given.seeds))
     plans = [Plan.read(given.plan.read_text())] if given.plan else [draw(seed) for seed in seeds]
+    if given.behavior and (wrong := run_one(Job(replace(plans[0], steps=(), seconds=1.0))).violations):
+        say('\n    '.join(['without any fault:', *map(str, wrong)]))
+        return 2
     if given.live:
         return play_live(plans[0], given.live)
     if given.hash:

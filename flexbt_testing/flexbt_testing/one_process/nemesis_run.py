@@ -66,6 +66,9 @@ _PROCESSOR_SECONDS: Final = 120
 _SIMULATED_SECONDS: Final = 250.0
 """Simulated time after which a run is ended, s."""
 
+NEEDED: Final = ('bt_server', 'onboard_executive', 'stop_guard')
+"""What each robot of a world has, beside a simulator and a navigation."""
+
 WORLDS: Final = ('navigate', 'night_watch', 'nav2_robot', 'goals')
 """The demonstrations."""
 
@@ -118,6 +121,8 @@ class Plan:
     world: str = 'navigate'
     motion: str = 'abstract'
     behavior: str = 'Navigate'
+    arguments: tuple[tuple[str, str], ...] = ()
+    """Parameters of the behavior, with their values as text."""
     autonomy: str = 'HIGH'
     preemption: float = 0.0
     """Probability that a task is interrupted where it acquires a lock."""
@@ -131,13 +136,24 @@ class Plan:
     """Delay (s) of each answer, and a number from 0 to 1 that decides the place; then nobody answers any more."""
 
     @classmethod
-    def draw(cls, seed: int, seconds: float = SECONDS, world: str = '', motion: str = '') -> Plan:
-        """Draw the plan of a seed, in a world and with a motion of the robot, or in drawn ones."""
+    def draw(
+        cls,
+        seed: int,
+        seconds: float = SECONDS,
+        world: str = '',
+        motion: str = '',
+        behavior: str = '',
+        robots: Sequence[str] = (),
+    ) -> Plan:
+        """Draw the plan of a seed, in a world, with a motion of the robot and a behavior, or with drawn ones.
+
+        ``robots`` are the namespaces of the robots, where the world is no demonstration.
+        """
         draw = random.Random(f'plan {seed}')
         drawn = draw.choice(('navigate', *WORLDS)), draw.choice(('full', *['abstract'] * 9))
         world, motion = world or drawn[0], motion or drawn[1]
-        behavior = draw.choice(_BEHAVIORS[world])
-        robots = ('alpha/', 'beta/') if world == 'night_watch' else ('',)
+        behavior = behavior or draw.choice(_BEHAVIORS.get(world, ('Navigate',)))
+        robots = [named(one, '') for one in robots] or (('alpha/', 'beta/') if world == 'night_watch' else ('',))
 
         def step(acts: Sequence[str], targets: Sequence[str]) -> Step:
             act, target, robot = draw.choice(acts), draw.choice(targets), draw.choice(robots)
@@ -190,7 +206,8 @@ class Plan:
         found = yaml.safe_load(text)
         steps = tuple(Step(**one) for one in found.pop('steps', ()))
         answers = tuple((delay, place) for delay, place in found.pop('answers', cls.answers))
-        return cls(**found, steps=steps, answers=answers)
+        arguments = tuple((name, value) for name, value in found.pop('arguments', ()))
+        return cls(**found, steps=steps, answers=answers, arguments=arguments)
 
 
 class _Operator:
@@ -205,12 +222,14 @@ class _Operator:
         self._patience = 6.0
         """Time for which a command is sent again until it is answered, s."""
         self._answered: set[tuple[str, str]] = set()
+        self.problem = ''
 
     def give(self, make: Callable[[CommandBuilder, Any], Any]) -> bool:
-        """Send a command, if what is on display allows it; return whether it was sent."""
+        """Send a command, if what is on display allows it; return whether it was sent. :attr:`problem` says why not."""
         try:
             command = make(self._make, self.mirror.view())
-        except ConsoleError:
+        except ConsoleError as error:
+            self.problem = str(error)
             return False
         self._given.append(command)
         self.commands[command.id] = self._link.send(command, self._patience)
@@ -254,12 +273,13 @@ class _Operator:
         return self.give(lambda make, view: make.start(view, behavior, arguments, level))
 
     def answer(self, decision: Decision, place: float) -> None:
-        """Answer a question with a place, or confirm what a state suggests."""
+        """Answer a question with a place, or decline it; or confirm what a state suggests."""
         view = self.mirror.view()
         self._answered.add((view.snapshot.run_id if view.snapshot else '', decision.id))
         if decision.kind is DecisionKind.INPUT:
-            name = _chosen(sorted(view.places), place)
-            self.give(lambda make, view: make.answer(view, decision.id, name, unseen=True))
+            name = _chosen(sorted(view.places) or [''], place)
+            if not self.give(lambda make, view: make.answer(view, decision.id, name, unseen=True)):
+                self.give(lambda make, view: make.decline(view, decision.id))
         else:
             outcome = decision.outcome or decision.outcomes[0]
             self.give(lambda make, view: make.choose(view, decision, outcome, unseen=True))
@@ -319,7 +339,7 @@ class Stage:
         files = {'journal_directory': '~/files', 'event_log_directory': '~/files'}
         programs = [
             replace(one, parameters={**one.parameters, **files}) if one.executable == 'onboard_executive' else one
-            for one in named_programs(world, Path(), Path(), motion)
+            for one in named_programs(world, Path(), Path(tempfile.mkdtemp()), motion)
         ]
         self.world = World(0, programs).__enter__()
         with mock.patch.object(SCHEDULER.current, 'process', SCHEDULER.process('operator 2')):
@@ -428,8 +448,9 @@ class Run:
             engineer = self._operators[named(name, 'engineer')]
             if plan.behavior:
                 other = [('home', f'{name}_dock'), ('partner', 'beta' if name == 'alpha' else 'alpha')]
-                arguments = other if plan.behavior == 'Night Watch' else []
-                engineer.start(plan.behavior, AutonomyLevel[plan.autonomy], arguments)
+                arguments = other if plan.behavior == 'Night Watch' else plan.arguments
+                started = engineer.start(plan.behavior, AutonomyLevel[plan.autonomy], arguments)
+                assert started, f'{plan.behavior!r} cannot be started: {engineer.problem}'
             world.at(world.now, lambda engineer=engineer: self._answer(engineer, list(plan.answers)))  # type: ignore[misc]
         world.run(self._end_at + 0.1 - world.now)
         self._mend()
@@ -558,19 +579,35 @@ class Run:
                 operator.answer(decision, place)
 
     def _check_usable(self, mission: Mission, operator: _Operator) -> None:
-        """Start a mission, drive, and stop it: everything must work again."""
+        """Start a mission, drive, and stop it: everything must work again.
+
+        Where the behavior Navigate cannot be had, the one of the plan is started.
+        """
         if mission is self._world:
             self._operators[named(mission.namespace, 'pilot')].act('release', 0.0)
         mission.run_until(lambda view: bool(view.snapshot and view.snapshot.authority in ('', 'engineer')), 10.0)
         self._end_run(operator)
-        mission.run_until(lambda view: view.behaviors and view.places, 10.0, 'the lists of behaviors and places')
+        is_own = self._plan.world not in WORLDS
+        wanted = 'the list of behaviors' if is_own else 'the lists of behaviors and places'
+        mission.run_until(lambda view: view.behaviors and (is_own or view.places), 10.0, wanted)
         self._say('a mission that must work')
+        view = mission.view
+        if not view.places or all(one.name != 'Navigate' for one in view.behaviors or ()):
+            self._check_own(mission)
+            return
         mission.start('Navigate')
         mission.run_until(mission.asks('/AskGoal'), 30.0, 'a question')
         pose, length = mission.robot.pose, mission.robot.length
         assert pose is not None, 'the robot has no pose'
         mission.answer('/AskGoal', max(mission.view.places, key=lambda place: mission.place(place).distance(pose)))
         mission.run_until(lambda _view: mission.robot.length > length + 0.3, 30.0, 'a drive')
+        mission.stop()
+        self._world.run(1.5)
+        assert mission.robot.at_rest, 'the robot moves after the last stop'
+
+    def _check_own(self, mission: Mission) -> None:
+        """Start and stop the behavior of the plan."""
+        mission.start(self._plan.behavior, **dict(self._plan.arguments))
         mission.stop()
         self._world.run(1.5)
         assert mission.robot.at_rest, 'the robot moves after the last stop'

@@ -210,17 +210,19 @@ def test_a_lease_is_lost_and_regained(ros: Any, how: str) -> None:
     heard = Heard(ros.node('listener'), ros.topic, MANUAL, event_callbacks=events)
     ros.wait(heard.subscription.get_publisher_count)
 
-    def show_life() -> None:  # again and again: on a busy machine a lease may end before its begin is told
+    def is_told_alive(since: int) -> bool:
+        """Show life, again and again: on a busy machine a lease may end before its begin is told."""
         if how == 'publish':
             publisher.publish(Int32())
         else:
             publisher.assert_liveliness()
+        return (1, 0) in counts[since:]
 
-    ros.wait(lambda: show_life() or (1, 0) in counts)
+    ros.wait(lambda: is_told_alive(0))
     ros.wait(lambda: counts[-1] == (0, 1))
     ros.wait(lambda: lost)
     seen = len(counts)
-    ros.wait(lambda: show_life() or (1, 0) in counts[seen:])
+    ros.wait(lambda: is_told_alive(seen))
 
 
 def test_a_publisher_that_ends_is_neither_alive_nor_lost(ros: Any) -> None:

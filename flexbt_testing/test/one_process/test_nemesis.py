@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Generator
 from dataclasses import replace
 from pathlib import Path
@@ -76,6 +77,48 @@ def test_a_stop_need_not_discover_what_a_program_drives_by() -> None:
     )
     plan = Plan(114126, 'nav2_robot', 'abstract', behavior='', autonomy='LOW', preemption=0.02, steps=steps)
     assert run_one(Job(replace(plan, seconds=10.0, settle=7.0, answers=((0.296, 0.071),)))).violations == []
+
+
+@pytest.mark.parametrize(
+    ('world', 'robots'),
+    [
+        ('flexbt_demo_behaviors/goals/flat.yaml', ['']),
+        ('flexbt_demo_behaviors.night_watch.watch:watch_processes', ['alpha', 'beta']),
+    ],
+)
+def test_a_behavior_with_parameters_in_another_world(world: str, robots: list[str]) -> None:
+    assert nemesis._robots(world) == robots
+    plan = Plan.draw(3, 4.0, world, 'abstract', 'Ask Operator', robots)
+    assert {one.target.rpartition('/')[0] for one in plan.steps} >= {*robots}
+    plan = replace(plan, arguments=(('question', 'Is it ready?'),))
+    assert plan == Plan.read(plan.text())
+    assert run_one(Job(plan)).violations == []
+
+
+def test_a_behavior_that_there_is_not_is_told_once(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, 'argv', ['nemesis', '--behavior', 'Navigat', '--seeds', '9', '--motion', 'abstract'])
+    assert nemesis.main() == 2
+    told = capfd.readouterr().out
+    assert told.startswith('without any fault:\n') and told.count("there is no behavior 'Navigat'") == 1
+
+
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        (['--world', 'nowhere'], "there is no world 'nowhere'"),
+        (['--world', 'none.yaml'], 'none.yaml: not a file name'),
+        (['--behavior', 'Navigate', 'speed'], "'speed': expected PARAMETER=VALUE"),
+    ],
+)
+def test_wrong_words_are_refused(
+    words: list[str], told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, 'argv', ['nemesis', *words])
+    with pytest.raises(SystemExit):
+        nemesis.main()
+    assert told in capsys.readouterr().err
 
 
 ALONE: dict[int, tuple[str, tuple[Step, ...]]] = {
