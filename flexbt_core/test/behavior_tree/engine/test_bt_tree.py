@@ -583,6 +583,30 @@ def test_an_unknown_tree_is_named_with_those_that_are_known() -> None:
         Tree(library('<AlwaysSuccess/>', '<AlwaysSuccess/>'), 'Nope')
 
 
+@pytest.mark.parametrize(
+    ('bodies', 'reason'),
+    [
+        (
+            ['<SubTree ID="Nope"/>'],
+            "'Nope'>: there is no tree [Nope]; load the file that defines it, too. Known trees: Main",
+        ),
+        (
+            ['<SubTree ID="T1"/>', '<Sequence><SubTree ID="T2"/></Sequence>', '<SubTree ID="T1"/>'],
+            "'T1'>: recursion: tree [T1] contains itself (T1 > T2 > T1)",
+        ),
+        (
+            ['<Inverter><SubTree ID="Main"/></Inverter>'],
+            "'Main'>: recursion: tree [Main] contains itself (Main > Main)",
+        ),
+    ],
+)
+def test_a_library_that_cannot_be_is_refused_with_the_place(bodies: list[str], reason: str) -> None:
+    with pytest.raises(TreeLoadError) as caught:
+        library(*bodies)
+    (error,) = caught.value.errors
+    assert str(error) == f'file.xml:{error.line}:{error.column}: <SubTree {reason}'
+
+
 def test_two_sub_trees_with_one_path_are_refused() -> None:
     with pytest.raises(TreeLoadError, match=r'two sub-trees have the path \[s\]; give them different names$'):
         tree('<Sequence><SubTree ID="T1" name="s"/><SubTree ID="T1" name="s"/></Sequence>', '<AlwaysSuccess/>')

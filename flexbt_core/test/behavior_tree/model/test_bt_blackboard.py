@@ -497,8 +497,10 @@ def test_sub_tree_ports_constants_models_and_autoremap() -> None:
     assert tree.blackboard.get('result') == 20
     second.blackboard.set('_private', 1)
     assert '_private' not in tree.blackboard
-    with pytest.raises(TreeLoadError, match=r'declares the port \[number\]'):
+    with pytest.raises(TreeLoadError) as caught:
         TreeLibrary([load_xml(text.replace('number="{n}"', ''), 'f', registry)])
+    reason = 'the model of [S] declares the port [number]; add number="{key}"'
+    assert str(caught.value) == f"f:3:7: <SubTree 'given'>: {reason}"
 
 
 def test_a_converter_of_the_host_that_raises_is_a_load_error() -> None:

@@ -288,6 +288,18 @@ def test_types_of_ones_own_are_known_where_a_tree_has_declared_them() -> None:
     assert export_blackboard(board, TYPES) == ({'color': red}, [])
 
 
+@pytest.mark.parametrize('name', ['demo::Waypoint', 'Waypoint'])
+def test_a_registered_class_is_known_by_both_of_its_names(name: str) -> None:
+    board = Blackboard()
+    import_blackboard(board, {'a': {'type': name}, 'b': {'type': f'std::vector<{name}>'}}, TYPES)
+    kinds = [entry.type for entry in board.entries().values()]
+    assert [(kind.name, kind.python_type) for kind in kinds if kind is not None] == [
+        ('Waypoint', Waypoint),
+        ('std::vector<Waypoint>', list),
+    ]
+    assert TYPES.port_type('std::vector<Nothing>') is None
+
+
 def test_it_is_shown_as_behaviortree_cpp_shows_it() -> None:
     """What its Groot2Publisher replies for the same tree and entries (4.8.2, seen on the wire)."""
     board = Blackboard()

@@ -166,14 +166,21 @@ def test_what_is_wrong_is_said_at_load(body: str, message: str) -> None:
 
 @pytest.mark.parametrize(
     ('content', 'message'),
-    [('1;x', r'port \[queue\]'), (None, r'port \[queue\].*no such entry'), (7, r'port \[queue\].*not a int')],
+    [
+        ('1;x', "can't convert text 'x' to int"),
+        (None, 'the blackboard has no such entry, or it was never written'),
+        (7, 'a queue is a deque, a list, a tuple or a text, not a int'),
+    ],
 )
 def test_a_queue_on_the_blackboard_that_cannot_be_used_is_an_error_of_the_port(content: Any, message: str) -> None:
     tree, _ = make(loop('S', '{q}'))
     if content is not None:
         tree.blackboard.set('q', content)
-    with pytest.raises(NodeExecutionError, match=message):
+    with pytest.raises(NodeExecutionError) as caught:
         tree.tick_once()
+    assert isinstance(caught.value.cause, PortError)
+    assert str(caught.value.cause) == f'port [queue] (blackboard key [q]) of LoopInt at [loop]: {message}'
+    assert caught.value.cause.is_absent is (content is None)
 
 
 def test_a_write_through_a_remapping_is_seen_and_two_watchers_see_it_independently() -> None:

@@ -198,6 +198,29 @@ def test_differs_a_value_that_cannot_be_copied_is_handed_on_itself_with_one_warn
     assert text.startswith(f"the {type(value).__name__} in userdata key 'thing' cannot be copied (")
 
 
+class Unprintable(Exception):
+    def __str__(self) -> str:
+        raise ValueError
+
+
+@pytest.mark.parametrize(
+    ('error', 'reason'),
+    [(ValueError('it is open'), 'it is open'), (ValueError(), 'ValueError'), (Unprintable(), 'Unprintable')],
+)
+def test_the_warning_says_why_a_value_cannot_be_copied(error: Exception, reason: str) -> None:
+    class Handle:
+        def __deepcopy__(self, memo: object) -> Handle:
+            raise error
+
+    state = reader('lock', [])
+    bench = Bench(nested_in_root(state), userdata={'lock': Handle()})
+    ((_, _, text),) = bench.lines
+    assert text == (
+        f"the Handle in userdata key 'lock' cannot be copied ({reason}): states get the object itself, and see what "
+        'others change in it'
+    )
+
+
 def test_a_default_that_cannot_be_copied_is_that_of_each_visit() -> None:
     driver, seen = Driver(), list[Any]()
     made = machine(Child('One', reader('driver', seen), ENDS))

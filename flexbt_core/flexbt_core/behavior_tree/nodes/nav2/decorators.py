@@ -234,7 +234,7 @@ class PathLongerOnApproach(Decorator):
     times the previous path. The node keeps comparing with that path while the child is RUNNING or skipped.
     """
 
-    __slots__ = ('_first', '_new', '_old')
+    __slots__ = ('_new', '_old')
 
     ports = {
         'path': input_port(optional=True, description='the path that is planned'),
@@ -247,22 +247,19 @@ class PathLongerOnApproach(Decorator):
         super().__init__(config)
         self._new: Any = None
         self._old: Any = None
-        self._first = True
 
     def tick(self) -> NodeStatus:
         self._new = self.get_input_or('path', self._new)
         old, new = _poses(self._old), _poses(self._new)
-        if not old or not new or old[-1].pose != new[-1].pose:
-            self._first = True
         if self.stored_status is not RUNNING:
             self.status = RUNNING
-        if not self._first and self._much_longer(old, new):
+        is_same_goal = bool(old and new) and old[-1].pose == new[-1].pose
+        if is_same_goal and self._much_longer(old, new):
             status = self.tick_child()
             if status is SUCCESS or status is FAILURE:
                 self._old = self._new
             return status
         self._old = self._new
-        self._first = False
         return SUCCESS
 
     def _much_longer(self, old: Sequence[Any], new: Sequence[Any]) -> bool:
