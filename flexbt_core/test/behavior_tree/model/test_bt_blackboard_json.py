@@ -278,6 +278,15 @@ def test_an_entry_that_has_a_type_converts_and_counts_the_write() -> None:
     assert identical(entry.value, 4.5)
 
 
+def test_nothing_is_written_if_one_type_does_not_fit_although_its_value_would() -> None:
+    board = Blackboard()
+    for key in 'ab':
+        board.set(key, 0)
+    with pytest.raises(BlackboardError, match=r'^entry \[b\]: '):
+        import_blackboard(board, {'a': 1, 'b': {'type': 'std::string', 'value': 5}}, TYPES)
+    assert board.snapshot() == {'a': 0, 'b': 0}
+
+
 def test_types_of_ones_own_are_known_where_a_tree_has_declared_them() -> None:
     color = PortType('Color', Waypoint)
     board = Blackboard()

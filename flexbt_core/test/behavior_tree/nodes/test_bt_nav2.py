@@ -10,10 +10,13 @@ import pytest
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.clock.clock import ManualClock
-from flexbt_testing.behavior_trees.steps import NAMES, check, control, make
+from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, step
 
 # Tree, and what happens to it (the notation of flexbt_testing.behavior_trees.steps).
 VECTORS: list[tuple[str, str]] = [
+    # A controller that a pre-condition has completed, and nobody reset, waits for a change of the goal.
+    (f'<IfThenElse><GoalUpdatedController _failureIf="x">{step("S")}</GoalUpdatedController>{step("S", 1)}</IfThenElse>',
+     "x=1 F | x=0 R | goal='a' S 0S 1S"),
     # RecoveryNode
     (control('RecoveryNode', 'S', 'S'), 'S 0S'),
     (control('RecoveryNode', 'FS', 'S'), 'S 0F 1S 0S'),

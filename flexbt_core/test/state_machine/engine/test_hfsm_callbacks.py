@@ -267,6 +267,7 @@ def test_what_a_state_declares_wrongly_is_refused_with_the_reason() -> None:
 
 def test_outside_of_a_run_there_is_nothing_to_use_and_waking_is_harmless() -> None:
     state = passing()
+    assert (state.is_resumed, state.exit_reason, state.bound_to) == (False, None, None)
     for _ in range(2):
         state.wake()
         assert state.path == 'Scripted'
