@@ -15,8 +15,8 @@ from flexbt_testing.behavior_trees.steps import NAMES, check, control, make, ste
 # Tree, and what happens to it (the notation of flexbt_testing.behavior_trees.steps).
 VECTORS: list[tuple[str, str]] = [
     # A controller that a pre-condition has completed, and nobody reset, waits for a change of the goal.
-    (f'<IfThenElse><GoalUpdatedController _failureIf="x">{step("S")}</GoalUpdatedController>{step("S", 1)}</IfThenElse>',
-     "x=1 F | x=0 R | goal='a' S 0S 1S"),
+    (f'<IfThenElse><GoalUpdatedController _failureIf="x">{step("S")}</GoalUpdatedController>{step("S", 1)}'
+     '</IfThenElse>', "x=1 F | x=0 R | goal='a' S 0S 1S"),
     # RecoveryNode
     (control('RecoveryNode', 'S', 'S'), 'S 0S'),
     (control('RecoveryNode', 'FS', 'S'), 'S 0F 1S 0S'),

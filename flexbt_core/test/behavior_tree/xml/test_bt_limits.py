@@ -83,8 +83,9 @@ def test_a_stop_is_heard_between_two_rounds_of_a_tick(xml: str) -> None:
 def test_a_stop_is_heard_between_two_recoveries() -> None:
     recovery = '<RecoveryNode number_of_retries="1000000000"><AlwaysFailure/><Stop/></RecoveryNode>'
     tree = make(recovery, extra=[Stop])[0]
-    with pytest.raises(TickAbandoned, match=r'RecoveryNode\): the tree is being stopped$'):
+    with pytest.raises(TickAbandoned, match=r'RecoveryNode\): the tree is being stopped$') as caught:
         tree.tick_once()
+    assert (caught.value.node_path, caught.value.uid) == (tree.root.path, tree.root.uid)
     assert tree.blackboard.get('count') == 5
 
 
