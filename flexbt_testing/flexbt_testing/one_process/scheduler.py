@@ -287,8 +287,8 @@ class Scheduler:
         """Count a look of the task at the clock, or at a lock that it does not wait for, or a wait of no time."""
         self.looks += 1
         if self.looks > MOST_LOOKS:
+            self.looks = 0  # an alarm may look at the clock meanwhile
             self.block('what it polls for', self.now + SECOND // 1000)
-            self.looks = 0
 
     def pick(self, count: int) -> int:
         """Return the index of one of several candidates: the first one, or one that the seed draws."""

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from flexbt_testing import lock_order
-from flexbt_testing.one_process.scheduler import SCHEDULER, SECOND
+from flexbt_testing.one_process.scheduler import MOST_LOOKS, SCHEDULER, SECOND
 
 
 def test_threads_of_a_former_world_never_run_again() -> None:
@@ -49,6 +49,16 @@ def test_any_number_of_tasks_may_start_each_other() -> None:
 
     start(0)
     assert ended == [*range(2 * sys.getrecursionlimit(), -1, -1)]
+
+
+def test_an_alarm_may_look_at_the_clock_while_a_task_that_polls_is_made_to_wait() -> None:
+    began, woken = SCHEDULER.now, threading.Event()
+    SCHEDULER.call_at(began + SECOND // 2000, time.monotonic)
+    SCHEDULER.call_at(began + SECOND, woken.set)
+    for _ in range(2 * MOST_LOOKS):
+        time.monotonic()
+    assert not woken.is_set()
+    assert SCHEDULER.now < began + SECOND // 100
 
 
 def test_what_nobody_else_can_raise_reaches_the_test_where_it_waits() -> None:
