@@ -291,3 +291,50 @@ def test_a_state_can_be_in_one_run_at_a_time() -> None:
     assert (first.active, state.calls('on_stop')) == (('/A',), 0)
     first.stop()
     assert Bench(made).active == ('/A',)
+
+
+def test_what_a_state_reports_of_its_work_is_text_and_a_report_that_raises_is_a_fault() -> None:
+    class Reports(Scripted):
+        def activity(self) -> list[Any]:
+            return ['drives', 5]
+
+        def not_paused(self) -> list[Any]:
+            return self.do['lines'](self, None)  # type: ignore[no-any-return]
+
+    state = Reports(do={'lines': lambda *_: ['fan: it is loud', 7]})
+    bench = Bench(nested(state, 'A'))
+    (leaf,) = bench.run.active_states()
+    assert (leaf.activity(), leaf.not_paused(), leaf.progress()) == (['drives', '5'], [], None)
+    bench.pause()
+    assert leaf.not_paused() == ['fan: it is loud', '7']
+    assert leaf.next_wake() is None
+    state.do['lines'] = lambda *_: 1 / 0
+    assert leaf.not_paused() is None
+    assert bench.faults[0][0] == '/A' and bench.faults[0][1].startswith('not_paused raised:\nTraceback')
+
+
+def test_a_command_that_raises_is_refused_and_the_run_continues() -> None:
+    def broken(run: Any, what: str) -> str | None:
+        raise KeyError(what)
+
+    bench = Bench(nested(Scripted(), 'A'))
+    assert bench.answer_to(broken, 'x') == "fault in the state machine: KeyError: 'x'"
+    ((path, text),) = bench.faults
+    assert path == '/' and text.startswith('a command raised; the run continues:\nTraceback')
+    assert text.endswith("KeyError: 'x'")
+    assert (bench.active, bench.run.is_ending) == (('/A',), False)
+    bench.stop()
+    assert bench.run.is_ending
+
+
+def test_a_run_is_woken_for_its_readers_too() -> None:
+    class Reader(Bench):
+        due: float | None = None
+
+        def next_wake(self) -> float | None:
+            return self.due
+
+    state = Scripted(do={'on_enter': lambda state, _: state.wake_at(5.0)})
+    bench = Reader(nested(state, 'A'))
+    for bench.due, due in ((None, 5.0), (7.0, 5.0), (3.0, 3.0)):
+        assert bench.run.next_wake == due

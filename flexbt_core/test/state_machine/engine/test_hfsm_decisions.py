@@ -12,7 +12,7 @@ from flexbt_core.state_machine.engine.operator_commands import force, set_autono
 from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import ExitReason
-from flexbt_testing.state_machines.bench import Bench, Do, Scripted, machine, nested
+from flexbt_testing.state_machines.bench import Bench, Do, Scripted, machine, nested, passing
 
 HIGH = {'done': Autonomy.High, 'failed': Autonomy.Off}
 
@@ -238,3 +238,24 @@ def test_commands_that_callbacks_give_are_applied_each_once() -> None:
     bench[0].settle()
     assert bench[0].answers == ['/B is not active (active: /A)', None]
     assert bench[0].active == ('/B',)
+
+
+def test_a_decision_is_about_what_its_state_declares_and_that_of_a_machine_about_its_outputs() -> None:
+    def asked(state: Scripted, labels: str, **keys: Any) -> tuple[dict[str, Any], list[str]]:
+        remap = dict.fromkeys(state.input_keys, 'shared')
+        inner = machine(Child('S', state, {'done': 'done'}, {'done': Autonomy.Full}, remap), **keys)
+        level = {} if labels == 'S' else {'done': Autonomy.Full}
+        bench = Bench(
+            machine(Child('M', inner, {'done': 'done'}, level), outcomes=['done'], input_keys=['shared']),
+            userdata={'shared': 7},
+        )
+        if labels == 'M':
+            bench.confirm()
+        return bench.run.subject(bench.decision)
+
+    keys = {'outcomes': ['done'], 'input_keys': ['shared'], 'defaults': {'more': 1}}
+    assert asked(passing(), 'S', **keys) == ({'shared': 7, 'more': 1}, [])
+    reads = Scripted(outcome='done', input_keys=['own'], output_keys=['late'])
+    assert asked(reads, 'S', **keys) == ({'shared': 7}, [])
+    assert asked(passing(), 'M', **keys) == ({'shared': 7, 'more': 1}, [])
+    assert asked(passing(), 'M', **keys, output_keys=['more']) == ({'more': 1}, [])

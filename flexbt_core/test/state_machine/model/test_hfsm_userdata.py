@@ -14,7 +14,7 @@ import pytest
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.state_host import Severity
-from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_core.state_machine.model.userdata import UserData, UserDataError
 from flexbt_testing.state_machines.bench import Bench, Do, Scripted, machine, passing
 
 
@@ -337,3 +337,17 @@ def test_a_value_given_at_the_start_is_taken_over_a_default() -> None:
     assert Bench(made, userdata={'a': 2}).outcome == 'ended'
     assert Bench(made).outcome == 'ended'
     assert seen == [2, 1]
+
+
+def test_defaults_of_a_machine_are_attributes_or_items() -> None:
+    userdata = machine().userdata
+    userdata.goal = 'dock'
+    userdata['speed'] = 2
+    assert (userdata.goal, userdata['goal'], userdata.speed) == ('dock', 'dock', 2)
+    assert ('goal' in userdata, 'late' in userdata, userdata.values()) == (True, False, {'goal': 'dock', 'speed': 2})
+    for key in ('late', '_late'):
+        with pytest.raises(AttributeError, match=f"^the machine has no default for userdata key '{key}'$"):
+            getattr(userdata, key)
+    for key in ('', '_x'):
+        with pytest.raises(UserDataError, match=f"^'{key}' cannot be a userdata key: it is empty or begins with an"):
+            userdata[key] = 1
