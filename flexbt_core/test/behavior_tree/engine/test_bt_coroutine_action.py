@@ -307,3 +307,13 @@ def test_coroutines_give_the_trace_of_actions_written_as_state_machines(monkeypa
     assert len(cases) > 40
     for case, trace in zip(cases, expected, strict=True):
         assert bt_scripted.Run(case).trace() == trace, case['xml']
+
+
+def test_a_result_that_nobody_has_reset_is_kept() -> None:
+    async def fails(self: Dance) -> NodeStatus:
+        self.note('run')
+        return FAILURE
+
+    tree, notes = dance(fails, '<IfThenElse><Dance name="d"/><AlwaysSuccess/></IfThenElse>')
+    assert [tree.tick_once() for _ in range(2)] == [FAILURE, FAILURE]
+    assert notes == ['run']

@@ -102,6 +102,12 @@ def decorator(tag: str, script: str = 'F', **ports: str) -> str:
         (control('PipelineSequence', 'S', 'F'), [F1, 'top: PipelineSequence: child 2 of 2 failed']),
         (decorator('RateController', hz='1'), [F0, 'top: RateController: the child failed']),
         (decorator('SingleTrigger'), [F0, 'top: SingleTrigger: the child failed']),
+        (
+            f'<PipelineSequence name="top"><SingleTrigger name="once">{step("S")}</SingleTrigger>{step("R", 1)}'
+            '</PipelineSequence>',
+            ['once: SingleTrigger: the child [S_0] had its one run before',
+             'top: PipelineSequence: child 1 of 2 failed'],
+        ),
     ],
 )  # fmt: skip
 def test_each_node_tells_its_part(body: str, expected: list[str]) -> None:

@@ -314,3 +314,21 @@ def test_any_order_of_ticks_halts_and_results_keeps_to_one_call_at_a_time(ops: l
         assert bool(tree.unfinished) == (under_way is True)
     leaf.orders.put(SUCCESS)
     assert leaf.most_at_work <= 1
+
+
+def test_what_is_for_run_alone_is_refused_outside_and_a_result_that_nobody_has_reset_is_kept() -> None:
+    tree = make('<IfThenElse><Worker name="w" out="{x}"/><AlwaysSuccess/></IfThenElse>', Worker)
+    leaf = tree.nodes[1]
+    assert isinstance(leaf, Worker)
+    with pytest.raises(RuntimeError, match=r'^sleep is for run alone$'):
+        leaf.sleep(1.0)
+    leaf.set_output('out', 5)
+    assert tree.blackboard.get('x') == 5
+    assert not leaf.halt_requested
+    woken = Woken(tree)
+    assert tree.tick_once() is RUNNING
+    leaf.orders.put(FAILURE)
+    woken.wait()
+    assert [tree.tick_once() for _ in range(2)] == [FAILURE, FAILURE]
+    assert [leaf.report() for _ in range(2)] == ['begun', 'ended']
+    assert leaf.reports.empty()

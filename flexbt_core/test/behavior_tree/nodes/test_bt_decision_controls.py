@@ -143,6 +143,14 @@ def test_the_name_of_an_enum_constant_is_its_number() -> None:
     assert calls == ['1S']
 
 
+def test_a_case_that_is_no_text_and_a_number_that_no_double_holds_are_passed_over() -> None:
+    tree, calls = make(control('Switch2', 'S', 'S', 'S', variable='1e999', case_1='{y}', case_2='2e999'))
+    tree.blackboard.unset('y')
+    tree.blackboard.set('y', [1])
+    assert tree.tick_once() is NodeStatus.SUCCESS
+    assert calls == ['2S']
+
+
 # -- why a node failed -------------------------------------------------------------------------------------------------
 
 CAUSES = [

@@ -20,6 +20,10 @@ def loop(script: str, queue: str, tag: str = 'LoopInt', **ports: str) -> str:
     return f'<{tag} name="loop" queue="{queue}" value="{{v}}"{attributes}>{step(script)}</{tag}>'
 
 
+def retry(first: str) -> str:
+    return f'<RetryUntilSuccessful num_attempts="{{n}}"><Sequence>{first}{step("F")}</Sequence></RetryUntilSuccessful>'
+
+
 def watch(tag: str, script: str, entry: str = '{x}') -> str:
     return f'<{tag} name="watch" entry="{entry}">{step(script)}</{tag}>'
 
@@ -47,6 +51,11 @@ VECTORS: list[tuple[str, str]] = [
     (loop('S', '{q}'), "q='x' error"),
     (loop('S', '{q}'), 'error'),
     (loop('S', '{q}'), 'q=5 error'),
+    # The number of attempts may change, or be removed, while the node is at work.
+    (retry('<Script code="n := 2"/>'), 'n=4 F 0F 0F'),
+    (retry('<Script code="n := 4"/>'), 'n=1 F 0F 0F 0F 0F'),
+    (retry('<UnsetBlackboard key="n"/>'), 'n=2 error 0F'),
+    ('<SetBlackboard value="{x}" output_key="y"/>', 'F | -x error | x=1 S'),
     # RunOnce
     (f'<RunOnce>{step("RS")}</RunOnce>', 'R 0R | S 0S | K | halt | K'),
     (f'<RunOnce>{step("RFS")}</RunOnce>', 'R 0R | halt 0! | F 0F | K'),
