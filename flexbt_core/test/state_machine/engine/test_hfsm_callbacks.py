@@ -299,7 +299,7 @@ def test_what_a_state_reports_of_its_work_is_text_and_a_report_that_raises_is_a_
             return ['drives', 5]
 
         def not_paused(self) -> list[Any]:
-            return self.do['lines'](self, None)  # type: ignore[no-any-return]
+            return self.do['lines'](self, None)
 
     state = Reports(do={'lines': lambda *_: ['fan: it is loud', 7]})
     bench = Bench(nested(state, 'A'))
