@@ -75,9 +75,9 @@ class SetBlackboard(SyncAction):
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        value = config.values.get('value')
-        self._source = None if value is None else value.key
-        self._text = '' if value is None else value.text
+        value = config.values['value']
+        self._source = value.key
+        self._text = value.text
         # Caches for a constant key: the entry with the constant text converted to its fixed type; or the copied entry,
         # if it has the same type, with the class of its value.
         self._entry = MISSING

@@ -232,3 +232,12 @@ def test_requirements_know_its_leaves_by_their_names_and_types(library: TreeLibr
         monitor.ticked(tree.tick_once())
         clock.advance(1.0)
     assert [one.where for one in found] == ['grow/AlwaysFailure', 'grow/work']
+
+
+def test_an_unknown_tree_and_an_entry_that_is_missing_in_it_are_errors_of_its_nodes(library: TreeLibrary) -> None:
+    with pytest.raises(NodeExecutionError) as raised:
+        Watched(library, 'Nope').tree.tick_once()
+    reason = 'LookupError: there is no tree [Nope] to be made below [grow]'
+    assert str(raised.value) == f'exception in node [grow] (Grow): {reason}'
+    with pytest.raises(NodeExecutionError, match=r'exception in node \[grow/Sleep::4\] \(Sleep\): PortError: port'):
+        Watched(library, 'Misfit').tree.tick_once()

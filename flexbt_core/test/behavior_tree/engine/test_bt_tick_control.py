@@ -128,6 +128,8 @@ class Motor(StatefulAction):
 
     def on_resume(self) -> None:
         self.services['deeds'].append('resumed')
+        if 'stuck' in self.services:
+            raise RuntimeError('it is stuck')
 
 
 def motor(**services: Any) -> tuple[Tree, TickControl, list[str]]:
@@ -331,3 +333,16 @@ def test_while_a_tree_is_held_within_a_tick_leaves_hold_and_only_a_step_waits_fo
     command(STEP, 'held step')
     assert control.tick(running) is NodeStatus.RUNNING
     assert deeds == ['paused', 'before done', 'held step done', 'held', 'within done', 'released', 'paused']
+
+
+def test_a_command_at_which_a_leaf_raises_is_answered_with_it() -> None:
+    running, control, _ = motor(stuck=True)
+    answers: list[str] = []
+    control.command(PAUSE, answers.append)
+    control.tick(running)
+    control.command(RESUME, answers.append)
+    with pytest.raises(NodeExecutionError, match='it is stuck'):
+        control.tick(running)
+    reason = 'exception in node [motor] (Motor): RuntimeError: it is stuck'
+    assert answers == ['', f'a leaf raised: {reason}']
+    assert (control.reason, control.paused) == ('', False)

@@ -917,6 +917,48 @@ def test_attributes_that_mean_something_else_are_passed_over() -> None:
     assert (manifest.outcomes, manifest.example) == (None, None)
 
 
+class BadOutcome(Returns):
+    skill = Skill.of(outcomes={'DONE': []})
+
+
+def test_a_skill_with_an_unknown_outcome_is_refused_and_an_id_in_use_keeps_its_type_if_the_host_says_so() -> None:
+    registry = NodeRegistry()
+    problem = "'DONE' is not an outcome of a leaf; it ends by SUCCESS or FAILURE"
+    with pytest.raises(RegistrationError, match=f'^node ID \\[X\\], skill: {problem}$'):
+        registry.register('X', BadOutcome)
+    first = registry.register('X', Returns)
+    clashes: list[str] = []
+    registry.on_clash = lambda id, error: clashes.append(f'{id}: {error}')
+    assert registry.register('X', Work) is first
+    assert clashes == [f'X: node ID [X] is registered already, for {__name__}.Returns; choose another ID']
+
+
+class Hangs(Work):
+    def on_resume(self) -> None:
+        raise OSError('no current')
+
+    def abandon(self) -> None:
+        self.services['abandoned'] = self.services.get('abandoned', '') + self.name
+
+
+def test_leaves_that_run_are_resumed_and_abandoned_and_one_that_raises_is_named() -> None:
+    registry = builtin_registry()
+    registry.register('Hangs', Hangs)
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel failure_count="2"><Hangs name="a"/><AlwaysSuccess/>'
+        '<Hangs name="b"/></Parallel></BehaviorTree></root>'
+    )
+    running = Tree(TreeLibrary([load_xml(text, 'file', registry)]), 'Main', services={})
+    assert running.tick_once() is RUNNING
+    running.abandon()
+    assert running.context.services == {'abandoned': 'ab'}
+    assert running.pause() == (f'a: {LeafNode.goes_on}', f'b: {LeafNode.goes_on}')
+    with pytest.raises(NodeExecutionError, match=r'in node \[a\] \(Hangs\): OSError: no current$') as caught:
+        running.resume()
+    assert caught.value.trace.chain == ('Parallel::1', 'a')
+    assert isinstance(caught.value.__cause__, OSError)
+
+
 class Grab(Work):
     ports = {'what': input_port(STRING), 'held': output_port(STRING), 'both': inout_port(STRING)}
     skill = Skill.of(resources=['arm'], preconditions=['near(door)'], outcomes={'SUCCESS': ['holding']}, cost=3.0)
