@@ -42,8 +42,10 @@ from flexbt_core.behavior_tree.model.ports import (
     inout_port,
     input_port,
     list_of,
+    number_from_text,
     output_port,
     pointer_key,
+    separated,
 )
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
@@ -559,6 +561,25 @@ def test_the_outermost_scope_of_a_key_is_found_through_remappings_but_not_for_pr
 def test_a_key_leads_to_the_root_once() -> None:
     with pytest.raises(BlackboardError, match=r"'@' is used several times in the key \[@a@b\]"):
         Blackboard().declare('@a@b', None)
+
+
+def test_a_key_that_leads_nowhere_has_no_entry_and_takes_none() -> None:
+    top = Blackboard()
+    top.remap('a', 'b')
+    inner = Blackboard(top)
+    inner.remap('c', 'a')
+    assert (inner.parent, top.parent, inner.root) == (top, None, top)
+    assert (top.entry('a'), inner.entry('c'), 'c' in inner) == (None, None, False)
+    for board, key in ((top, 'a'), (inner, 'c')):
+        with pytest.raises(BlackboardError, match=r'^key \[a\] is remapped to a parent blackboard, but there is none$'):
+            board.set(key, 1)
+
+
+def test_keys_in_a_text_are_between_semicolons() -> None:
+    assert separated(' a ; ;b;; c d ') == ['a', 'b', 'c d']
+    assert [number_from_text(text) for text in ('2.50', '-.5e1', 'inf', '2x', '', '1e999')] == [
+        2.5, -5.0, math.inf, None, None, None,
+    ]  # fmt: skip
 
 
 def test_the_entries_of_a_scope_are_those_that_it_has() -> None:
