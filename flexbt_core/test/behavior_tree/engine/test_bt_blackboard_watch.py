@@ -80,6 +80,7 @@ def test_an_entry_that_two_watch_is_watched_until_both_have_left() -> None:
     board.set('new', 3)
     assert watch.writes(entry).count == 3
     watch.leave('b')
+    watch.leave('nobody')
     board.set('new', 4)
     board.set('later', 5)
     assert type(entry) is Entry and type(board.entry('later')) is Entry and not watch.writes(entry).count

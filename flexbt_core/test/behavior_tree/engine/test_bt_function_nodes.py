@@ -64,6 +64,13 @@ def named(name: str, node_class: type[TreeNode]) -> type[TreeNode]:
     return node_class
 
 
+@pytest.mark.parametrize(
+    ('result', 'status'), [(True, SUCCESS), (False, FAILURE), (SUCCESS, SUCCESS), (FAILURE, FAILURE)]
+)
+def test_a_condition_may_give_a_truth_or_a_status(result: Any, status: NodeStatus) -> None:
+    assert make('<Own/>', named('Own', simple_condition(lambda _: result))).tick_once() is status
+
+
 @pytest.mark.parametrize('result', [RUNNING, None, True, NodeStatus.IDLE])
 def test_a_function_that_gives_nonsense_is_an_error_of_its_node(result: Any) -> None:
     tree = make('<Own name="own"/>', named('Own', simple_action(lambda _: result)))

@@ -490,8 +490,11 @@ def test_steps_that_cannot_be_are_refused_and_change_nothing() -> None:
     assert 'paused' in str(bench.step_by('into', first))
     bench.resume()
     assert walk(bench, 'into') == ['/M/B']
+    teller = Teller()
+    bench.run.add_reader(teller)
     assert bench.clear_breakpoint('/A') is None  # the breakpoint, and then the step
     assert bench.clear_breakpoint('/A') is None
+    assert teller.text.count("BreakpointSet('/A', False)") == 2
     assert bench.outcome == 'done'
 
 

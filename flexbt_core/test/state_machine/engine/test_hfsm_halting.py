@@ -8,7 +8,10 @@ from typing import Any
 import pytest
 
 from flexbt_core.clock.clock import ManualClock
+from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.engine import RunLimits
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import ExitReason
 from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested
@@ -121,6 +124,19 @@ def test_a_stop_that_is_never_confirmed_ends_as_an_error_after_a_while(reason: s
     assert bench.shown_end()[0] == 'error'
     assert bench.run.message == f'{shown}aborted 10 s after the stop, while /Inner/A/B: braking'
     assert (state.calls('on_exit'), state.calls('on_stop')) == (1, 1)
+
+
+def test_a_stop_waits_no_longer_than_for_the_states_if_its_own_time_is_shorter() -> None:
+    clock = ManualClock()
+    limits = RunLimits(exit_timeout=3.0, stop_timeout=2.0)
+    run = MachineRun(define(before_next(Braking())), clock, [], limits=limits)
+    run.start()
+    run.step()
+    run.preempt('lunch')
+    for now, outcome in ((0.0, None), (2.9, None), (3.0, 'error')):
+        clock.set(now)
+        run.step()
+        assert run.outcome == outcome
 
 
 def test_a_stop_that_is_not_confirmed_can_be_aborted() -> None:
