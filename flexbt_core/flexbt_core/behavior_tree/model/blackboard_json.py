@@ -270,7 +270,7 @@ def _encode(value: Any, types: JsonTypes, depth: int) -> Any:
         items = [_encode(item, types, depth + 1) for item in value]
         return {TYPE_FIELD: value.__class__.__qualname__, 'value': items}
     if value.__class__ is dict:
-        pairs = [[_encode(part, types, depth + 1) for part in pair] for pair in value.items()]
+        pairs = [[_encode(part, types, depth + 2) for part in pair] for pair in value.items()]  # lists in a list
         return {TYPE_FIELD: 'dict', 'value': pairs}
     raise ConversionError(f'a {value.__class__.__qualname__} has no JSON form; register one for its class')
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import re
 from collections import deque
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -213,6 +214,27 @@ def test_a_value_within_itself_is_refused_in_time() -> None:
         nested = [nested]
     with pytest.raises(BlackboardError, match=r'^entry \[nested\]: a value is nested more than 100 deep$'):
         import_blackboard(board, {'nested': nested}, TYPES)
+
+
+@pytest.mark.parametrize(
+    ('wrap', 'most'),
+    [(lambda inner: [inner], 100), (lambda inner: (inner,), 100), (lambda inner: {1: inner}, 50)],
+)
+def test_a_value_is_as_deep_as_can_be_read_again_and_no_deeper(wrap: Any, most: int) -> None:
+    nested = 0
+    for _ in range(most):
+        nested = wrap(nested)
+    board, copied = Blackboard(), Blackboard()
+    board.set('a', nested)
+    document, problems = export_blackboard(board, TYPES)
+    import_blackboard(copied, document, TYPES)
+    assert (problems, copied.get('a')) == ([], nested)
+    refused = 'entry [a]: a value is nested more than 100 deep'
+    board.set('a', wrap(nested))
+    assert export_blackboard(board, TYPES) == ({}, [refused])
+    before, _, after = json.dumps(document['a']).partition('0')
+    with pytest.raises(BlackboardError, match=f'^{re.escape(refused)}$'):
+        import_blackboard(copied, {'a': json.loads(before * 2 + '0' + after * 2)}, TYPES)
 
 
 def test_a_class_is_registered_once_and_has_fields_that_json_holds() -> None:
