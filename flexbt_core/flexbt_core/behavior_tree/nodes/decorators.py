@@ -263,7 +263,7 @@ class RunOnce(DecoratorNode):
     Then returns SKIPPED, or the child's result if ``then_skip`` is false.
     """
 
-    __slots__ = ('_result',)
+    __slots__ = ('_result', '_skip')
 
     running_at_completion = None
     ports = {
@@ -283,11 +283,17 @@ class RunOnce(DecoratorNode):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._result: NodeStatus | None = None
+        given = config.values['then_skip']
+        # None: read it at each tick.
+        self._skip: bool | None = given.literal if given.key is None else None
 
     def execute(self) -> NodeStatus:
         result = self._result
         if result is not None:
-            if self.get_input_or('then_skip', True):
+            skip = self._skip
+            if skip is None:
+                skip = self.get_input_or('then_skip', True)
+            if skip:
                 return SKIPPED
             self.status = result
             return result

@@ -9,6 +9,7 @@ from typing import Final
 from flexbt_core.behavior_tree.engine.leaf import StatefulAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig, TreeNode, halt_child
 from flexbt_core.behavior_tree.engine.parents import DecoratorNode
+from flexbt_core.behavior_tree.model.blackboard import MISSING
 from flexbt_core.behavior_tree.model.outcomes import Example, Exchanged, Lasting, TimeLimit
 from flexbt_core.behavior_tree.model.ports import UNSIGNED, input_port
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
@@ -79,7 +80,7 @@ class Timeout(DecoratorNode):
 class Delay(DecoratorNode):
     """Waits once, ``delay_msec`` milliseconds, before it ticks the child. RUNNING meanwhile, for at least one tick."""
 
-    __slots__ = ('_begun',)
+    __slots__ = ('_begun', '_delay')
 
     running_at_completion = False
     ports = {'delay_msec': input_port(UNSIGNED, description='time to wait in ms')}
@@ -89,9 +90,13 @@ class Delay(DecoratorNode):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._begun = False
+        self._delay = MISSING
 
     def execute(self) -> NodeStatus:
-        delay: int = self.get_input('delay_msec')
+        delay = self._delay.value
+        if delay.__class__ is not int:
+            delay = self.get_input('delay_msec')
+            self._delay = self.ready_entry('delay_msec')
         if not self._begun:
             self._begun = True
             self.wake_at(self.clock.now() + delay / 1000.0)
