@@ -19,6 +19,7 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model import ports
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
 from flexbt_core.behavior_tree.model.blackboard_json import (
+    JsonObject,
     JsonTypes,
     export_blackboard,
     import_blackboard,
@@ -329,6 +330,24 @@ def test_a_registered_class_is_known_by_both_of_its_names(name: str) -> None:
         ('std::vector<Waypoint>', list),
     ]
     assert TYPES.port_type('std::vector<Nothing>') is None
+
+
+class Family(JsonTypes):
+    """Classes with types of their own, as messages have."""
+
+    def of_class(self, python_type: type[Any]) -> JsonObject | None:
+        known = super().of_class(python_type)
+        return None if known is None else known._replace(type=PortType('family/Waypoint', Waypoint))
+
+
+def test_a_new_entry_gets_the_type_that_the_family_of_its_class_has() -> None:
+    family = Family()
+    family.register('demo::Waypoint', Waypoint, asdict, lambda fields: Waypoint(**fields))
+    board = Blackboard()
+    red = {'__type': 'demo::Waypoint', 'name': 'r', 'x': 1.0}
+    import_blackboard(board, {'a': red}, family)
+    assert str(board.entries()['a'].type) == 'family/Waypoint'
+    assert export_blackboard(board, family) == ({'a': red}, [])
 
 
 def test_it_is_shown_as_behaviortree_cpp_shows_it() -> None:

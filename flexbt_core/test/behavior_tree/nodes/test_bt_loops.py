@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, PortError, TreeLoadError
-from flexbt_core.behavior_tree.model.ports import PortType
+from flexbt_core.behavior_tree.model.ports import INT, PortType
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.loops import Loop
 from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, make, step
@@ -245,3 +245,20 @@ def test_a_loop_over_elements_of_ones_own_type_is_a_class_of_one_line() -> None:
     assert seen == [(1, 2), (3, 4)]
     with pytest.raises(TreeLoadError, match='queue of pair'):
         make('<LoopPair queue="1,x" value="{v}"><AlwaysSuccess/></LoopPair>', extra=(LoopPair,))
+
+
+@pytest.mark.parametrize('value', ['5', '{v}'])
+@pytest.mark.parametrize('key', ['a', '{k}'])
+def test_a_key_that_is_on_the_blackboard_is_looked_up_for_each_write(value: str, key: str) -> None:
+    tree, _ = make(f'<SetBlackboard value="{value}" output_key="{key}"/>')
+    board = tree.blackboard
+    for name in 'ab':
+        board.declare(name, INT)
+    board.set('v', 5)
+    for board_key in ('a', 'a', 'b', 'a'):
+        board.set('k', board_key)
+        for name in 'ab':
+            board.set(name, 0)
+        assert tree.tick_once() is NodeStatus.SUCCESS
+        written = board_key if key == '{k}' else 'a'
+        assert (board.get('a'), board.get('b')) == ((5, 0) if written == 'a' else (0, 5))
