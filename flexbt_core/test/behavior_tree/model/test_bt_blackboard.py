@@ -228,6 +228,8 @@ OUT_OF_INT = 'is out of the range of int, -2147483648 to 2147483647'
         ('+5', INT, "can't convert text '+5' to int"),
         (str(2**31), INT, f'2147483648 {OUT_OF_INT}'),
         (3e9, INT, f'3000000000 {OUT_OF_INT}'),
+        ('9' * 20, UINT64, f'{"9" * 20} is out of the range of uint64_t, 0 to {2**64 - 1}'),
+        ('9' * 21, UINT64, f"can't convert text '{'9' * 21}' to uint64_t"),
         (2.5, INT, '2.5 is not an integer, and cannot be read as int'),
         (None, INT, 'no safe conversion from NoneType to int'),
         ('x', DOUBLE, "can't convert text 'x' to double"),

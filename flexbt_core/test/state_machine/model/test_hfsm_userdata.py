@@ -14,7 +14,7 @@ import pytest
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.state_host import Severity
-from flexbt_core.state_machine.model.userdata import UserData, UserDataError
+from flexbt_core.state_machine.model.userdata import Scope, UserData, UserDataError
 from flexbt_testing.state_machines.bench import Bench, Do, Scripted, machine, passing
 
 
@@ -351,3 +351,13 @@ def test_defaults_of_a_machine_are_attributes_or_items() -> None:
     for key in ('', '_x'):
         with pytest.raises(UserDataError, match=f"^'{key}' cannot be a userdata key: it is empty or begins with an"):
             userdata[key] = 1
+
+
+def test_a_scope_has_its_own_keys_and_those_inputs_that_have_a_value() -> None:
+    outer = Scope({'a': 1})
+    scope = Scope({'own': 2}, outer, {'given': 'a', 'late': 'z'})
+    assert [key in scope for key in ('own', 'given', 'late', 'a', 'none')] == [True, True, False, False, False]
+    assert (scope.get('own'), scope.get('given'), scope.visible()) == (2, 1, {'given': 1, 'own': 2})
+    for key in ('late', 'a', 'none'):
+        with pytest.raises(KeyError):
+            scope.get(key)
