@@ -204,9 +204,11 @@ def test_scripts_of_the_completion_run_once(observed: bool) -> None:
     assert tree.blackboard.get('n') == 11
 
 
-def test_a_loop_that_a_pre_condition_has_completed_and_nobody_reset_has_nothing_to_do() -> None:
+def test_a_loop_that_a_pre_condition_has_completed_and_nobody_reset_has_no_constant_queue() -> None:
     loop = node('LoopInt', leaf('S'), queue='1;2', value='{v}', _failureIf='x')
     check(node('IfThenElse', loop, leaf('S', 1)), 'x=1 F | x=0 S 1S | R 0S')
+    shared = node('LoopInt', leaf('S'), queue='{q}', value='{v}', _failureIf='x')
+    check(node('IfThenElse', shared, leaf('S', 1)), "x=1 q='1' F | x=0 R 0S | S 1S")
 
 
 def test_a_node_that_another_decorator_wraps_completes_first() -> None:

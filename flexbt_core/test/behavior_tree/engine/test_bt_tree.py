@@ -587,8 +587,8 @@ def test_an_unknown_tree_is_named_with_those_that_are_known() -> None:
     ('bodies', 'reason'),
     [
         (
-            ['<SubTree ID="Nope"/>'],
-            "'Nope'>: there is no tree [Nope]; load the file that defines it, too. Known trees: Main",
+            ['<SubTree ID="Nope"/>', '<AlwaysSuccess/>'],
+            "'Nope'>: there is no tree [Nope]; load the file that defines it, too. Known trees: Main, T1",
         ),
         (
             ['<SubTree ID="T1"/>', '<Sequence><SubTree ID="T2"/></Sequence>', '<SubTree ID="T1"/>'],
