@@ -183,7 +183,9 @@ def _serve(connection: socket.socket) -> tuple[dict[str, Any], list[int]] | None
     """
     left: set[int] = set()
     while True:
-        data, files, _, _ = socket.recv_fds(connection, _MAX_REQUEST, 2)
+        data = b''
+        with contextlib.suppress(ConnectionError):  # the caller is gone, with an answer on its way
+            data, files, _, _ = socket.recv_fds(connection, _MAX_REQUEST, 2)
         if not data:
             for pid in left:
                 os.kill(pid, signal.SIGKILL)
@@ -199,7 +201,8 @@ def _serve(connection: socket.socket) -> tuple[dict[str, Any], list[int]] | None
             for file in files:
                 os.close(file)
             left.add(answer)
-        connection.send(str(answer).encode())
+        with contextlib.suppress(ConnectionError):
+            connection.send(str(answer).encode())
 
 
 def _become(request: Mapping[str, Any], files: Sequence[int]) -> str:

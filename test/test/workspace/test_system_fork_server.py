@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import select
 import signal
+import socket
 import subprocess
 from pathlib import Path
 
@@ -93,6 +95,24 @@ def test_forks_end_with_whoever_had_them_started(sleeper: str, tmp_path: Path) -
     server.close()
     assert select.select([end], [], [], 60.0)[0]
     os.close(end)
+
+
+def test_a_fork_that_nobody_has_waited_for_ends_too(
+    sleeper: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ask(server: fork_server.ForkServer, request: object, files: list[int]) -> int:
+        return socket.send_fds(server._socket, [json.dumps(request).encode()], files)
+
+    monkeypatch.setattr(fork_server.ForkServer, '_ask', ask)
+    server = fork_server.ForkServer(sleeper)
+    reader, writer = os.pipe()
+    server.start(['sleeper'], writer, os.environ)
+    os.close(writer)
+    server.close()
+    while select.select([reader], [], [], 60.0)[0] and os.read(reader, 1000):
+        pass
+    assert select.select([reader], [], [], 0.0)[0], 'no process has the other end any more'
+    os.close(reader)
 
 
 def test_programs_have_modules_of_their_environment_and_are_waited_for_in_bounded_time(
