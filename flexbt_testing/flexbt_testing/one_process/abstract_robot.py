@@ -142,7 +142,11 @@ class AbstractRobot:
         if self._drive is not None and goal is self._drive[0]:
             self._pose, self._drive = self._now(), None
             self._tell_pose()
-            self._runtime.post_in(_REST_SECONDS, self._tell_pose)
+            self._runtime.post_in(_REST_SECONDS, self._tell_rest)
+
+    def _tell_rest(self) -> None:
+        if self._drive is None:
+            self._tell_pose()
 
     def _now(self) -> Pose:
         """Return the pose at this moment."""

@@ -175,7 +175,7 @@ def test_the_command_line_changes_a_test(tmp_path: Path) -> None:
         r'  as it was: leaves /Drive by done \(outcome\) at 35\.40 s\n'
         r'  changed:   RESUME refused at 10\.00 s\n'
         r'the ends\n'
-        r'  as it was: at 35\.42 s in /AskGoal; the robot at \(10\.00, 2\.30\), 10\.44 m driven\n'
+        r'  as it was: at 35\.42 s in /AskGoal; the robot at \(10\.00, 2\.30\), 9\.54 m driven\n'
         r'  changed:   at 10\.\d\d s in /Drive; the robot at .*\n'
         r'  changed:   at 10\.\d\d s AssertionError: RESUME: refused, the run is not paused',
         ran.stdout,
