@@ -10,17 +10,11 @@ newest=12
 [ -z "${ROS_DISTRO:-}" ] || [ -n "${ROS_WHEELS:-}${_ROS_WHEELS_BOOTSTRAP_COMPLETE:-}" ] || newest=14
 
 # Prints the interpreter behind a name (behind a version manager's shim, behind an activated virtual environment),
-# when it is of a supported version. With a second argument: only when it can also make virtual environments. "optimized":
-# and compile modules, and was itself compiled with optimizations, as those of Debian are. Version managers compile
-# without: FlexBT is 1.4 times slower with such a Python.
+# when it is of a supported version. With a second argument: only when it can also make virtual environments.
 probe() {
-  "$1" -E -c 'import os, sys, sysconfig
+  "$1" -E -c 'import sys
 if not (3, 11) <= sys.version_info[:2] <= (3, int(sys.argv[1])): sys.exit(1)
 if len(sys.argv) > 2: import ensurepip, venv
-if sys.argv[2:] == ["optimized"]:
-    if not os.path.exists(sysconfig.get_path("include") + "/Python.h"): sys.exit(1)
-    options = sysconfig.get_config_var("CONFIG_ARGS") or ""
-    if "--enable-optimizations" not in options and sys.base_prefix != "/usr": sys.exit(1)
 print(getattr(sys, "_base_executable", "") or sys.executable)' "$newest" ${2:+"$2"} 2>/dev/null
 }
 
@@ -33,9 +27,8 @@ if [ -n "${PYTHON:-}" ]; then
 else
   candidates='python3 python3.12 python3.11 /usr/bin/python3'
   python=
-  for kind in optimized with-venv ''; do
-    for candidate in $candidates; do python=$(probe "$candidate" $kind) && break 2; done
-  done
+  for candidate in $candidates; do python=$(probe "$candidate" with-venv) && break; done
+  [ -n "$python" ] || for candidate in $candidates; do python=$(probe "$candidate") && break; done
   if [ -z "$python" ]; then
     printf 'error: no Python 3.11 to 3.%s was found.\n' "$newest" >&2
     for candidate in $candidates; do
