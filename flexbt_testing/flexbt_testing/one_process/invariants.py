@@ -453,7 +453,8 @@ class _Robot:
             self._after_crash(crashed, status)
         if before is not None and before.executive_id == status.executive_id and before.sequence >= status.sequence:
             self._say(6, f'status {status.sequence} follows {before.sequence}')
-        if before is not None and not (before.active_states or status.active_states):
+        is_bare = not (status.active_states or status.decisions)  # a container may wait to be left
+        if before is not None and is_bare and not before.active_states:
             is_same = before.state == status.state == ExecutiveStatus.RUNNING and before.run_id == status.run_id
             since = max(self._statuses[-2][0], self._awake_at, self._observer.failed_disk_at)
             if is_same and SCHEDULER.now - since > SHOWN_SECONDS * SECOND:
@@ -522,7 +523,7 @@ class _Robot:
         is_unknown = by is None and self._observer.has_program  # the log comes after the status
         if is_unknown or (by is not None and by not in _OPERATORS):
             return  # a run that a program has started does not resume
-        if SCHEDULER.now - self._observer.failed_disk_at < LIVE_SECONDS * SECOND:
+        if self._statuses[-2][0] - self._observer.failed_disk_at < LIVE_SECONDS * SECOND:
             return  # operators were told that a crash would lose the run
         who = f'{self._mission.label}executive'
         told = [one.what for one in self._world.events if one.who == who]  # the event log may have been lost
