@@ -453,8 +453,8 @@ class _Robot:
             self._after_crash(crashed, status)
         if before is not None and before.executive_id == status.executive_id and before.sequence >= status.sequence:
             self._say(6, f'status {status.sequence} follows {before.sequence}')
-        is_bare = not (status.active_states or status.decisions)  # a container may wait to be left
-        if before is not None and is_bare and not before.active_states:
+        # A container that waits to be left has a decision, and no state.
+        if before is not None and not any(one.active_states or one.decisions for one in (before, status)):
             is_same = before.state == status.state == ExecutiveStatus.RUNNING and before.run_id == status.run_id
             since = max(self._statuses[-2][0], self._awake_at, self._observer.failed_disk_at)
             if is_same and SCHEDULER.now - since > SHOWN_SECONDS * SECOND:
