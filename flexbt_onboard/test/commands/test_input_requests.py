@@ -71,28 +71,16 @@ def test_the_server_admits_goals_as_the_executive_does_and_has_a_limit(desk: Des
 def test_operators_see_who_asks_for_what(desk: Desk) -> None:
     subject = DecisionSubject(id='of a client', entries=[SPEED])
     goals = [desk.ask(choices=['1', '2'], subject=subject), desk.ask('string')]
-    shown = PendingDecision(
-        id='input-1',
-        kind=PendingDecision.INPUT,
-        path='/A',
-        required_autonomy=-1,
-        prompt='how many?',
-        input_type='int32',
-        input_choices=['1', '2'],
-        subject=['speed'],
-        subject_number=1,
-        since=Time(sec=5),
-    )
-    other = PendingDecision(
-        id='input-2',
-        kind=PendingDecision.INPUT,
-        path='/A',
-        required_autonomy=-1,
-        prompt='how many?',
-        input_type='string',
-        since=Time(sec=5),
-    )
-    assert desk.requests.decisions() == [shown, other]
+
+    def shown(id: str, **fields: Any) -> PendingDecision:
+        asked: dict[str, Any] = {'path': '/A', 'prompt': 'how many?', 'since': Time(sec=5)}
+        return PendingDecision(id=id, kind=PendingDecision.INPUT, required_autonomy=-1, **asked, **fields)
+
+    about: dict[str, Any] = {'input_choices': ['1', '2'], 'subject': ['speed'], 'subject_number': 1}
+    assert desk.requests.decisions() == [
+        shown('input-1', input_type='int32', **about),
+        shown('input-2', input_type='string'),
+    ]
     assert desk.requests.subjects() == [DecisionSubject(id='input-1', number=1, entries=[SPEED])]
     assert [desk.requests.is_open(f'input-{number}') for number in (1, 2, 3)] == [True, True, False]
     for number, goal in enumerate(goals, 1):

@@ -67,7 +67,7 @@ _SIMULATED_SECONDS: Final = 250.0
 """Simulated time after which a run is ended, s."""
 
 NEEDED: Final = ('bt_server', 'onboard_executive', 'stop_guard')
-"""What each robot of a world has, beside a simulator and a navigation."""
+"""Programs of each robot of a world, beside a simulator and a navigation."""
 
 WORLDS: Final = ('navigate', 'night_watch', 'nav2_robot', 'goals')
 """The demonstrations."""
@@ -592,25 +592,22 @@ class Run:
         mission.run_until(lambda view: view.behaviors and (is_own or view.places), 10.0, wanted)
         self._say('a mission that must work')
         view = mission.view
-        if not view.places or all(one.name != 'Navigate' for one in view.behaviors or ()):
-            self._check_own(mission)
-            return
+        if view.places and any(one.name == 'Navigate' for one in view.behaviors or ()):
+            self._drive(mission)
+        else:
+            mission.start(self._plan.behavior, **dict(self._plan.arguments))
+        mission.stop()
+        self._world.run(1.5)
+        assert mission.robot.at_rest, 'the robot moves after the last stop'
+
+    def _drive(self, mission: Mission) -> None:
+        """Send the robot to the farthest place, and wait until it drives."""
         mission.start('Navigate')
         mission.run_until(mission.asks('/AskGoal'), 30.0, 'a question')
         pose, length = mission.robot.pose, mission.robot.length
         assert pose is not None, 'the robot has no pose'
         mission.answer('/AskGoal', max(mission.view.places, key=lambda place: mission.place(place).distance(pose)))
         mission.run_until(lambda _view: mission.robot.length > length + 0.3, 30.0, 'a drive')
-        mission.stop()
-        self._world.run(1.5)
-        assert mission.robot.at_rest, 'the robot moves after the last stop'
-
-    def _check_own(self, mission: Mission) -> None:
-        """Start and stop the behavior of the plan."""
-        mission.start(self._plan.behavior, **dict(self._plan.arguments))
-        mission.stop()
-        self._world.run(1.5)
-        assert mission.robot.at_rest, 'the robot moves after the last stop'
 
     def _end_run(self, operator: _Operator) -> None:
         """Stop what runs, or abort what was interrupted, until the executive is idle."""

@@ -196,7 +196,7 @@ class Mission:
             snapshot = view.snapshot
             if snapshot is None or snapshot.state is not ExecutiveState.IDLE:
                 return False
-            return bool(snapshot.outcome) and snapshot.outcome == (outcome or snapshot.outcome)
+            return snapshot.outcome == outcome if outcome else bool(snapshot.outcome)
 
         def hint() -> str:
             states = self.view.structure.states if self.view.structure else ()
