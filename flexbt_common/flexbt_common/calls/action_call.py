@@ -127,6 +127,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         self._result_repeat = _RESULT_REPEAT[0]
         self._ended_seen: float | None = None
         self._gone_since: float | None = None
+        self._was_silent = False
         self._unknown_since = math.inf
         super().__init__(link, on_done, server_timeout)  # starts the call
 
@@ -201,8 +202,12 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             return
         if self._is_gone():
             self._lose(f'{self._link} went away without an answer to the goal')
-        else:
-            self._after('watch', WATCH_SECONDS, self._await_acceptance)
+            return
+        if self._has_returned() and self._cancel_requested and self._cancel_timeout is None:
+            self._cancel_repeat = _CANCEL_REPEAT[0]
+            self._drop('accept')
+            self._not_accepted()
+        self._after('watch', WATCH_SECONDS, self._await_acceptance)
 
     def _early_cancel_answered(self, future: Any, asked: float) -> None:
         """Handle the answer to a cancel that was sent at the time ``asked``, before the acceptance was known."""
@@ -283,7 +288,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
     def _watch(self) -> None:
         if self.done:
             return
-        now, was_gone = self._runtime.steady.now(), self._gone_since is not None
+        now, was_gone = self._runtime.steady.now(), self._has_returned() or self._gone_since is not None
         if self._is_gone():
             self._lose(f'{self._link} is gone: its process ended, or is out of reach')
             return
@@ -316,6 +321,13 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             return False
         self._gone_since = now if self._gone_since is None else self._gone_since
         return now - self._gone_since >= self._outage_timeout and not self._may_come_back()
+
+    def _has_returned(self) -> bool:
+        """Return whether the server was silent at the last call, and is not now: perhaps in another process, whose
+        end of the first one cannot be known if that died before its token was heard."""
+        was_silent = self._was_silent
+        self._was_silent = self._servers is not None and self._servers.are_silent
+        return was_silent and not self._was_silent
 
     def _may_come_back(self) -> bool:
         """Return whether a server that cannot be reached may still work on the goal."""

@@ -177,6 +177,15 @@ RARE: dict[str, tuple[Plan, set[int]]] = {
         Plan(1, settle=7.0, steps=(_HANG,), answers=((0.3, 0.3),)),
         {1},
     ),
+    'a server that has returned is not asked for the goal': (
+        Plan(
+            1,
+            settle=1.5,
+            steps=(Step(0.0, 'kill', 'navigation', 9.0, 'command 2'), Step(0.4, 'stop', 'pilot', 0.2, 'fault 1')),
+            answers=((0.1, 0.8),),
+        ),
+        {10},
+    ),
     'trees go on after a long hang': (replace(_PROGRAM, settle=7.0, steps=(_HANG,)), {1}),
     'a goal that is replaced does not end': (
         replace(_PROGRAM, steps=(Step(3.0, 'goal_pose', 'engineer', 0.5),)),
