@@ -107,6 +107,10 @@ TRANSFORM_TOLERANCE: Final = 0.1
 """Time for which a leaf waits for a transform, s of wall time, as in Nav2. The first transform of a server may take
 longer, since the node starts to receive tf then. Must be too short for the thread of the tree to count as hanging."""
 
+_IMPATIENT_SECONDS: Final = 1.0
+"""Time for which leaves do not wait again for a transform for which one has waited in vain, s of wall time: a tick of
+many leaves would take many times as long as that of one."""
+
 
 class RobotFrames:
     """The pose of the robot, by the topic of the pose or by tf, and poses in other frames, by tf. From any thread.
@@ -118,6 +122,7 @@ class RobotFrames:
         self._runtime = runtime
         self._pose = pose
         self._timeout = FIRST_TIMEOUT
+        self._in_vain: dict[tuple[str, str], float] = {}  # ends of waits for frames, on the steady clock
         self.global_frame = global_frame
         self.robot_base_frame = robot_base_frame
 
@@ -156,7 +161,8 @@ class RobotFrames:
         asked = PoseStamped(pose=pose.pose)
         asked.header.frame_id = source  # no stamp: use the newest transforms, as Nav2 does
         answers: queue.SimpleQueue[PoseStamped | TransformError] = queue.SimpleQueue()
-        timeout = self._timeout
+        since = self._runtime.steady.now() - _IMPATIENT_SECONDS
+        timeout = 0.0 if self._in_vain.get((source, frame), since) > since else self._timeout
         self._runtime.post(
             lambda: TransformListener.of(self._runtime).transform_pose(asked, frame, answers.put, answers.put, timeout)
         )
@@ -166,6 +172,9 @@ class RobotFrames:
             raise TransformError(f'the node did not look for the transform of {source!r} to {frame!r}') from None
         self._timeout = TRANSFORM_TOLERANCE
         if isinstance(answer, TransformError):
+            if timeout:
+                self._in_vain = {frames: end for frames, end in self._in_vain.items() if end > since}
+                self._in_vain[source, frame] = self._runtime.steady.now()
             raise answer
         answer.header.stamp = pose.header.stamp
         return answer

@@ -28,6 +28,7 @@ from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
+from flexbt_common.transform_listener import TransformListener
 from flexbt_common.values.entries import from_entry, to_entry
 from flexbt_msgs.action import BtExecute
 from flexbt_server.nav2 import motion_actions
@@ -407,6 +408,26 @@ def test_the_pose_of_the_robot_in_any_frame(world: ServerWorld) -> None:
     assert not leaves(world, '<GoalReached goal="{a}"/>', a=pose_stamped(3.3, 1.0))
     assert not leaves(world, '<GetCurrentPose global_frame="nowhere"/>')
     assert not leaves(world, '<TransformAvailable parent="nowhere" child="map"/>')
+
+
+def test_one_leaf_waits_for_an_unknown_transform_and_the_others_do_not(
+    world: ServerWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    waits: list[str] = []
+    look_up = TransformListener.lookup
+
+    def kept(
+        self: TransformListener, target: str, source: str, time: Any, found: Any, failed: Any, wait: float
+    ) -> None:
+        waits.extend([source] if wait else [])
+        look_up(self, target, source, time, found, failed, wait)
+
+    monkeypatch.setattr(TransformListener, 'lookup', kept)
+    unknown = ['shed'] * 30 + ['attic']
+    asks = ''.join(f'<Inverter><TransformAvailable parent="{one}" child="map"/></Inverter>' for one in unknown)
+    run(world, f'<Sequence>{asks}</Sequence>')
+    assert waits.count('attic') == 1
+    assert 1 <= waits.count('shed') < 10, 'once a second'
 
 
 @pytest.mark.parametrize(('leaf', 'kind', 'topic'), [
