@@ -83,9 +83,9 @@ def _again(job: Job, **environment: str) -> str:
     """Return the hash of a run in another interpreter, with another hash of strings."""
     mutation = job.mutation.name if job.mutation else ''
     words = [sys.executable, '-m', __spec__.name, '--plan', '/dev/stdin', '--hash', '--mutation', mutation]
-    others = {**os.environ, 'PYTHONHASHSEED': str(job.plan.seed + 1), **environment}
+    others = {**os.environ, 'PYTHONHASHSEED': str((job.plan.seed + 1) % 2**32), **environment}
     ended = subprocess.run(words, env=others, input=job.plan.text(), check=False, capture_output=True, text=True)
-    return (ended.stdout or ended.stderr).split()[-1]
+    return ended.stdout.split()[-1] if ended.returncode == 0 else ended.stderr
 
 
 def hunt(jobs: Sequence[Job], at_once: int, out: Path, say: Callable[[str], object], shrinks: bool = True) -> int:

@@ -213,9 +213,10 @@ def test_mutations_that_few_seeds_find_are_found_by_plans_made_for_them() -> Non
 
 
 def test_a_mutation_that_runs_differently_is_found_by_running_it_twice() -> None:
-    job = Job(Plan(0, steps=nemesis._RESTART), next(one for one in MUTATIONS if '(12)' in one.name))
+    job = Job(Plan(2**40, steps=nemesis._RESTART), next(one for one in MUTATIONS if '(12)' in one.name))
     assert run_one(job).violations == []
     assert nemesis._is_uneven(job)
+    assert nemesis._again(replace(job, mutation=None)) == run_one(replace(job, mutation=None)).hash
 
 
 def _run_in_child(mutation: Mutation) -> bool:
