@@ -432,6 +432,7 @@ class ActionClient(Destroyable):
         return taken and taken[0]
 
     def is_action_server_available(self) -> bool:
+        self.goal.node.context.check('Failed to check if action server is available')
         clients = (self.goal, self.cancel, self.result)
         return all(client.service_server_is_available() for client in clients) and bool(
             self.feedback.matches and self.status.matches

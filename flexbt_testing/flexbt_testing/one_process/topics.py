@@ -256,7 +256,9 @@ class Publisher(Endpoint):
         self.kept: deque[Sample] | None = deque(maxlen=self.qos.depth) if is_latched else None
         self.sent = 0
         self._is_manual = self.qos.liveliness == _MANUAL_BY_TOPIC and bool(self.qos.lease)
-        self.is_asserted = not self._is_manual
+        self._is_asserted = not self._is_manual
+        self.shown: dict[Subscription, bool] = {}
+        """The subscriptions that have heard an assertion since their match, and whether it still holds."""
         self._lease: Alarm | None = None
         if self.qos.lease and not self._is_manual:
             self.process.watchers.append(self._follow_process)
@@ -338,16 +340,24 @@ class Publisher(Endpoint):
             self._lease.cancel()
 
     def _regain(self) -> None:
-        if not self.is_asserted:
-            self.is_asserted = True
-            for subscription in self.matches:
-                subscription.count_alive(1, -1)
+        self._is_asserted = True
+        for subscription in self.matches:
+            is_shown = self.shown.get(subscription)
+            if not is_shown:
+                self.shown[subscription] = True
+                subscription.count_alive(1, 0 if is_shown is None else -1)
 
     def _lose(self) -> None:
-        self.is_asserted = False
+        self._is_asserted = False
         self.tell(PublisherEvent.RCL_PUBLISHER_LIVELINESS_LOST, total_count=1)
-        for subscription in self.matches:
+        for subscription in self.shown:
+            self.shown[subscription] = False
             subscription.count_alive(-1, 1)
+
+    def show_itself(self) -> None:
+        """Show new subscriptions that it is alive, if the middleware asserts that by itself."""
+        if self.qos.lease and self._is_asserted and not self._is_manual:
+            self._regain()
 
     def _destroy(self) -> None:
         if self in self.topic.publishers:
@@ -428,6 +438,7 @@ class Subscription(Endpoint):
             self.topic.subscriptions.remove(self)
         for publisher in self.matches:
             publisher.matches.remove(self)
+            publisher.shown.pop(self, None)
             publisher.tell(PublisherEvent.RCL_PUBLISHER_MATCHED, current_count=-1, total_count=0)
         self.matches = []
 
@@ -462,8 +473,7 @@ def _match(publisher: Publisher, subscription: Subscription) -> None:
     subscription.matches.append(publisher)
     publisher.tell(PublisherEvent.RCL_PUBLISHER_MATCHED, current_count=1, total_count=1)
     subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_MATCHED, current_count=1, total_count=1)
-    if publisher.qos.lease:
-        subscription.count_alive(int(publisher.is_asserted), int(not publisher.is_asserted))
+    publisher.show_itself()
     if publisher.kept is not None and subscription.qos.durability == _TRANSIENT_LOCAL and publisher.process.is_alive:
         for sample in list(publisher.kept)[-subscription.qos.depth :]:
             publisher.send_to(subscription, sample)
@@ -473,6 +483,7 @@ def _part(publisher: Publisher, subscription: Subscription) -> None:
     """Tell a subscription that a publisher has ended."""
     subscription.matches.remove(publisher)
     subscription.last_arrivals.pop(publisher.pointer, None)
-    if publisher.qos.lease:
-        subscription.count_alive(-int(publisher.is_asserted), -int(not publisher.is_asserted))
+    is_shown = publisher.shown.pop(subscription, None)
+    if is_shown is not None:
+        subscription.count_alive(-int(is_shown), -int(not is_shown))
     subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_MATCHED, current_count=-1, total_count=0)

@@ -219,10 +219,25 @@ def test_a_lease_is_lost_and_regained(ros: Any, how: str) -> None:
         return (1, 0) in counts[since:]
 
     ros.wait(lambda: is_told_alive(0))
+    assert counts[0] == (1, 0)
     ros.wait(lambda: counts[-1] == (0, 1))
     ros.wait(lambda: lost)
     seen = len(counts)
     ros.wait(lambda: is_told_alive(seen))
+
+
+def test_a_publisher_that_has_shown_no_life_is_neither_alive_nor_not(ros: Any) -> None:
+    counts: list[tuple[int, int]] = []
+    talker = ros.node('talker')
+    publisher = talker.create_publisher(Int32, ros.topic, MANUAL)
+    events = SubscriptionEventCallbacks(
+        liveliness=lambda event: counts.append((event.alive_count, event.not_alive_count))
+    )
+    heard = Heard(ros.node('listener'), ros.topic, MANUAL, event_callbacks=events)
+    ros.wait(heard.subscription.get_publisher_count)
+    talker.destroy_publisher(publisher)
+    ros.wait(lambda: not heard.subscription.get_publisher_count())
+    assert not counts
 
 
 def test_a_publisher_that_ends_is_neither_alive_nor_lost(ros: Any) -> None:
