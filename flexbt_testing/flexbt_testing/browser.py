@@ -52,6 +52,7 @@ def started_browser(profile: Path) -> Iterator[Any]:
     """Provide Selenium's driver of a new browser whose profile is in this folder. Skip the test without Selenium."""
     pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
     from selenium import webdriver
+    from selenium.common.exceptions import WebDriverException
     from selenium.webdriver.chrome.service import Service
 
     options = webdriver.ChromeOptions()
@@ -66,6 +67,8 @@ def started_browser(profile: Path) -> Iterator[Any]:
     try:
         yield driver
     finally:
+        with contextlib.suppress(WebDriverException):  # it ends before it answers; the driver would end only its script
+            driver.execute_cdp_cmd('Browser.close', {})
         driver.quit()
 
 

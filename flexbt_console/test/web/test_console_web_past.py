@@ -239,5 +239,7 @@ def test_the_page_goes_to_a_failure_and_back_and_confirms_nothing_there(
         browser.until_text('past', 'RECORDING')
         browser.until_text('timeline-title', 'patrol.mcap')
         browser.until(lambda: browser.run('return document.querySelectorAll(".lanes .states").length') == 1)
+        # It is short, and has the whole width all the same.
+        browser.until(lambda: browser.run('return document.querySelector(".lanes .before")?.getBBox().width ?? 0') < 40)
         browser.driver.find_element('id', 'past').click()
         browser.until_text('pose', 'x 3.00')

@@ -28,7 +28,7 @@ const COLORS = HighlightStyle.define([
 const THEME = EditorView.theme({
   '&': {flex: '1', minWidth: '0', height: '100%', color: 'var(--text)', backgroundColor: 'var(--back)', fontSize: '13px'},
   '&.cm-focused': {outline: 'none'},
-  '.cm-scroller': {fontFamily: 'var(--mono)', lineHeight: '1.5'},
+  '.cm-scroller': {fontFamily: 'var(--mono)', lineHeight: '1.5', scrollbarWidth: 'thin'},
   '.cm-content': {caretColor: 'var(--text)'},
   '.cm-cursor': {borderLeftColor: 'var(--text)', borderLeftWidth: '2px'},
   '.cm-gutters': {backgroundColor: 'var(--pane)', color: 'var(--dim)', borderRight: '1px solid var(--line)'},

@@ -154,7 +154,7 @@ class Studio {
   showFiles(files) {
     this.files = files;
     const wanted = byId('files-filter').value.toLowerCase(), shown = files.filter((one) => one.file.toLowerCase().includes(wanted));
-    byId('files').replaceChildren(...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', onclick: () => this.go(one.file)}, this.open.get(one.file)?.isChanged ?? one.changed ? '● ' : '', ...one.file.split(/(?<=[/_])/).flatMap((part) => [html('wbr'), part])), html('span', {class: 'hint'}, one.kind))));
+    byId('files').replaceChildren(...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', title: one.file, onclick: () => this.go(one.file)}, this.open.get(one.file)?.isChanged ?? one.changed ? '● ' : '', html('span', {class: 'folder dim'}, one.file.slice(0, one.file.lastIndexOf('/') + 1)), html('span', {}, ...one.file.split('/').at(-1).split(/(?<=_)/).flatMap((part) => [html('wbr'), part]))), html('span', {class: 'hint'}, one.kind))));
     byId('files-count').textContent = shown.length === files.length ? `${files.length}` : `${shown.length} of ${files.length}`;
     if (!files.length) byId('files').append(html('li', {class: 'empty'}, 'No trees or machines are in this folder yet. Make one with New.'));
   }
@@ -193,6 +193,8 @@ class Studio {
       byId('text-hint').textContent = this.pane.isPlain ? 'plain: studio --get-editor installs CodeMirror' : file.language;
       this.palette.show(this.entries());
       this.showFiles(this.files);
+      const list = byId('files'), row = list.querySelector('[aria-current]');
+      if (row) list.scrollTop += row.getBoundingClientRect().top - list.getBoundingClientRect().top - (list.clientHeight - row.offsetHeight) / 2;
       this.viewed(file);
       this.found(file);
     }

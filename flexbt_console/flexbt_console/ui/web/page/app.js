@@ -20,7 +20,7 @@ const tell = (text, tone) => {
   byId('told').textContent = text;
   byId('told').className = tone;
   byId('log').querySelector('.shown')?.classList.remove('shown');  // what is told below is in the log, and is seen there when it is replaced
-  if (text) addLog(text, `${tone} shown`);
+  if (text) addLog(text, `${tone} sent shown`);
 };
 const send = (message) => {
   const sent = link.send(message);

@@ -99,7 +99,7 @@ export class DecisionBar {
       decision.choices.forEach((choice, index) => {
         const wanted = choice.value === decision.wanted;
         const leads = choice.leads ? ` → ${choice.leads.replace(/^=/, 'ends with ')}` : '';
-        choices.append(element('button', {type: 'button', class: wanted && 'wanted', 'data-choice': choice.value, onclick: () => this.answer(choice.value, decision.id)},
+        choices.append(element('button', {type: 'button', class: wanted && 'primary', 'data-choice': choice.value, onclick: () => this.answer(choice.value, decision.id)},
           `${index + 1} ${choice.text}${wanted ? ' (wanted)' : ''}${leads}`));
       });
       if (decision.wants_value) {

@@ -6,7 +6,7 @@ import {html, svg} from './elements.js';
 const LANES = ['states', 'nodes', 'decisions', 'commands', 'goals', 'faults'];
 const SIGNS = {states: '▶', decisions: '?', commands: '◆', goals: '◎', faults: '✗', success: '✓', failure: '✗', halted: '■'};
 const ROW = 19, AXIS = 20, CHARACTER = 6.7, LEAST_TEXT = 26;
-const USUAL_SPAN = 60, LEAST_SPAN = 0.5, ZOOM = 1.5, SLOP = 4;
+const USUAL_SPAN = 60, FIRST_SPAN = 5, LEAST_SPAN = 0.5, ZOOM = 1.5, SLOP = 4;
 const MOST_ROWS = 200;
 const MOST_ENTRIES = 3000;  // of a lane, as on the server
 const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400];
@@ -43,7 +43,7 @@ export class Timeline {
 
   // Other lanes come: of another robot, or of a recording.
   clear() {
-    Object.assign(this, {entries: new Map(), rows: new Map(), chosen: null, at: null, revision: 0, begin: 0, end: 0, heard: performance.now(), wall: 0, isLive: true, span: USUAL_SPAN, right: null});
+    Object.assign(this, {entries: new Map(), rows: new Map(), chosen: null, at: null, revision: 0, begin: 0, end: 0, heard: performance.now(), wall: 0, isLive: true, span: USUAL_SPAN, right: null, isGrowing: true});
     this.redraw();
   }
 
@@ -81,6 +81,7 @@ export class Timeline {
   get from() { return this.to - this.span; }
 
   zoom(by, around = this.at ?? this.to) {
+    this.isGrowing = false;
     const part = (this.to - around) / this.span;
     this.span = Math.min(Math.max(by * this.span, LEAST_SPAN), Math.max(USUAL_SPAN, 1.1 * (this.now - this.begin)));
     const right = around + part * this.span;
@@ -89,6 +90,7 @@ export class Timeline {
   }
 
   all() {
+    this.isGrowing = false;
     this.span = Math.max(LEAST_SPAN, 1.04 * (this.now - this.begin));
     this.right = this.isLive ? null : this.end + 0.02 * this.span;
     this.redraw();
@@ -211,6 +213,7 @@ export class Timeline {
     this.live.disabled = this.at === null;
     this.live.hidden = this.wall === null;
     if (!this.isShown) return;
+    if (this.isGrowing) this.span = Math.min(USUAL_SPAN, Math.max(FIRST_SPAN, 1.05 * (this.now - this.begin)));  // a short run has the whole width
     this.left = width < 480 ? 70 : 120;
     this.scale = (width - this.left - 6) / this.span;
     const {from, to, left} = this, x = (time) => left + (time - from) * this.scale;
@@ -231,7 +234,7 @@ export class Timeline {
     for (let tick = Math.ceil((from + (this.wall ?? 0)) / step) * step - (this.wall ?? 0); tick <= to; tick += step) {
       if (tick < this.begin - step) continue;
       const text = step < 1 && this.wall !== null ? `${this.clock(tick)}.${Math.round(10 * ((this.wall + tick) % 1))}` : this.clock(tick);
-      parts.push(svg('line', {class: 'tick', x1: x(tick), x2: x(tick), y1: 0, y2: height}), svg('text', {class: 'axis', x: x(tick) + 3, y: 13}, text));
+      parts.push(svg('line', {class: 'tick', x1: x(tick), x2: x(tick), y1: 0, y2: height}), ...(x(tick) + CHARACTER * text.length + 6 < width ? [svg('text', {class: 'axis', x: x(tick) + 3, y: 13}, text)] : []));
     }
     if (x(this.begin) > left) parts.push(svg('rect', {class: 'before', x: left, y: AXIS, width: x(this.begin) - left, height: height - AXIS}));
     rows.forEach((row, at) => {
