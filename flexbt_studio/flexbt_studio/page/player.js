@@ -245,7 +245,7 @@ export class Player {
       graph.describe(item, 'status', text.replace(/[▶✓✗»■∅•] ?/gu, ''));
       if (!text) continue;
       if (status) element.classList.add(`st-${status.toLowerCase()}`);
-      element.append(svg('g', {class: 'run-status'}, svg('rect', {x: x + 10, y: y - 10, width: widthOf(text, FONT) + 12, height: 17, rx: 4}), svg('text', {x: x + 16, y: y + 2.5}, text)));
+      element.append(svg('g', {class: 'run-status'}, svg('rect', {x: x + 4, y: y - 14, width: widthOf(text, FONT) + 12, height: 17, rx: 4}), svg('text', {x: x + 10, y: y - 1.5}, text)));
     }
   }
 
