@@ -121,6 +121,7 @@ class ExecutiveLink(RobotLink):
         self._executives = 0
         self._reachable = False
         self._id = uuid.uuid4().hex
+        self._epoch = time.time() - mirror.now()
         self._heard = 0.0
         self._picture: list[ReceivedMessages] = []
         self._sender = ExecutiveSender(
@@ -428,11 +429,15 @@ class ExecutiveLink(RobotLink):
             self.mirror.sender_replaced(was_executive=succession is Succession.NEXT)
             self._runtime.post(self._hear_picture)  # messages that it sent before it was known were lost
         self._heard = self._runtime.listening_time.looked
-        transit = Transit(received.sent, time.time()) if received.sent > 0.0 else None
+        transit = Transit(received.sent, self._own_time()) if received.sent > 0.0 else None
         self.mirror.receive_snapshot(record_of(message), transit)
         if self.mirror.wants_ping():
-            seconds, nanoseconds = divmod(time.time_ns(), 10**9)
+            seconds, nanoseconds = divmod(int(self._own_time() * 1e9), 10**9)
             self._pings.publish(Header(stamp=Time(sec=seconds, nanosec=nanoseconds), frame_id=self._id))
+
+    def _own_time(self) -> float:
+        """Return the time on this computer's wall clock, s, as if nobody had set it since the link was created."""
+        return self._epoch + self.mirror.now()
 
     def _on_guard(self, received: Received) -> None:
         message = self._unpacked(received, msg.StopGuardStatus, names.STOP_GUARD_STATUS)

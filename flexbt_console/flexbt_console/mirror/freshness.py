@@ -105,7 +105,13 @@ class Freshness:
         self._confirmed = self._confirmed or young or bool(self._ahead)
 
     def echoed(self, now: float, ahead: float) -> None:
-        """Note an echo that was sent ``ahead`` seconds after the ping, each on the wall clock of its own computer."""
+        """Note an echo that was sent ``ahead`` seconds after the ping, each on the wall clock of its own computer.
+
+        If the newest message had arrived before it was sent, by this echo, the sender's clock was set back between the
+        two. The next messages may come from before that as well, so the echo says nothing about them.
+        """
+        if self._transit is not None and self._transit + ahead < -SKEW_TOLERANCE:
+            return
         self._ahead.append(ahead)
         self._echoed = now
         self._confirmed = self._confirmed or self._transit is not None

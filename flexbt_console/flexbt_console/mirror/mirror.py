@@ -80,7 +80,8 @@ class Change(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transit:
-    """Wall-clock times of a message in seconds: of sending on the sender's computer, of arrival on ours."""
+    """Wall-clock times of a message in seconds: of sending on the sender's computer, of arrival on ours. Ours should not
+    jump when it is set."""
 
     sent: float
     received: float
@@ -334,7 +335,8 @@ class Mirror:
             return self._freshness.wants_ping(self._now())
 
     def receive_pong(self, ahead: float) -> None:
-        """Note an echo that was sent ``ahead`` seconds after the ping, each on its own computer's wall clock."""
+        """Note an echo that was sent ``ahead`` seconds after the ping, each on the clock of its computer, as in
+        :class:`Transit`."""
         with self._taking(Change.LINK, 'receive_pong', ahead) as now:
             self._freshness.echoed(now, ahead)
 

@@ -262,6 +262,29 @@ def test_what_has_waited_while_a_clock_was_set_is_not_live(
     assert mirror.view().live
 
 
+@given(back=st.floats(16.0, 500.0), gap=st.integers(4, 15), since=st.integers(0, 15), overtaken=st.integers(0, 15))
+def test_an_echo_from_after_a_clock_was_set_back_makes_nothing_live_that_was_sent_before(
+    back: float, gap: int, since: int, overtaken: int
+) -> None:
+    """The echo overtakes messages that were held by the link, the last ones of them from after the clock was set."""
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    for sequence in range(1, 6 + gap):
+        if sequence < 6:
+            clock.advance(1.0)
+        elif sequence == 6:
+            clock.advance(gap)
+        if sequence == 6 + overtaken % gap:
+            mirror.receive_pong(-back)
+        sent = float(sequence) - back * (sequence > 5 + gap - since % gap)
+        mirror.receive_snapshot(snapshot('e', sequence), Transit(sent, clock.now()))
+        if sequence < 6:
+            mirror.receive_pong(0.0)
+        assert mirror.view().live is (sequence < 6) or sequence > 2 + gap
+    mirror.receive_pong(-back)
+    assert mirror.view().live
+
+
 @pytest.mark.parametrize('is_echoed', [False, True])
 def test_a_computer_that_has_slept_takes_nothing_from_before_for_new(is_echoed: bool) -> None:
     """Its steady clock has stood still: neither a step of the wall clock, nor a command to be sent once more."""
