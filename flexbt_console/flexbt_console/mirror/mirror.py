@@ -80,8 +80,8 @@ class Change(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transit:
-    """Wall-clock times of a message in seconds: of sending on the sender's computer, of arrival on ours. Ours should not
-    jump when it is set."""
+    """Wall-clock times of a message in seconds: of sending on the sender's computer, of arrival on ours. Setting our
+    clock should not change ours."""
 
     sent: float
     received: float
