@@ -76,7 +76,7 @@ const where = /name="[^"]*n2"/.exec(at.value).index + 6;
 at.setRangeText(letter, where, where, 'end');
 at.dispatchEvent(new InputEvent('input', {bubbles: true}));
 const name = at.value.slice(where, where + letter.length + 2);
-until(() => [...document.querySelectorAll('#picture .detail')].some((one) => one.textContent.includes(name)), begin);
+until(() => [...document.querySelectorAll('#picture .type')].some((one) => one.textContent.includes(name)), begin);
 """
 _PAN: Final = """
 const done = arguments[arguments.length - 1], pane = document.getElementById('graph-body'), times = [];
