@@ -319,7 +319,7 @@ class Observer:
     def _check_goals(self) -> None:
         """Check that no goal goes on after its client, a process of the robot, has died, or has given it up."""
         for key, goal in self._goals.items():
-            if goal.status in _ENDED or not goal.server.is_alive or goal.server.held_up is not None:
+            if goal.status in _ENDED or not goal.server.works:
                 continue
             died = self.died.get(goal.client) if goal.client.name.endswith(_MOVERS) else None
             if died is not None and SCHEDULER.now - max(died, self.faulted_at) > ORPHAN_SECONDS * SECOND:
@@ -586,13 +586,16 @@ class _Robot:
         simulator = self._world.processes[self._nodes['simulator']]
         self._see_processes()
         executive = self._world.processes[self._executive]
-        if not executive.is_alive or executive.held_up is not None:
+        if not executive.works:
             self._observer.faulted_at = max(self._observer.faulted_at, now)
         if not simulator.is_alive:  # the next one begins elsewhere
             robot.pose, robot.at_rest = None, True
-        if not simulator.is_alive or simulator.held_up is not None:
+        if not simulator.works:
             self._driven_at = now
             return
+        guard = self._world.processes[named(self.namespace, 'stop_guard')]
+        if not (executive.works or guard.works):
+            self._stop_at = None  # nobody is there to stop it
         if self._stop_at is not None and now >= self._stop_at and not robot.at_rest:
             self._say(2, f'it moves {(now - self._stop_at) / SECOND:.2f} s after it had to be at rest', 'stop')
         if robot.at_rest:
@@ -653,7 +656,7 @@ class _Robot:
         """Note since when each node has been there, or has not."""
         for name, (was_there, _) in self._since.items():
             process = self._world.processes[self._nodes[name]]
-            is_there = process.is_alive and process.held_up is None and process not in self._observer.died
+            is_there = process.works and process not in self._observer.died
             if process.held_up is not None:
                 self._since[name] = is_there, SCHEDULER.now + 10 * SECOND
             elif was_there is not is_there:

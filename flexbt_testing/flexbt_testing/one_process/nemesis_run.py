@@ -524,7 +524,7 @@ class Run:
     def _hurt(self, step: Step) -> None:
         """Kill, terminate or stop a process for a time."""
         name, process = self._process(step.target)
-        if not process.is_alive or process.held_up is not None:
+        if not process.works:
             return
         if step.act == 'hang':
             self._observer.hangs(name, step.amount)

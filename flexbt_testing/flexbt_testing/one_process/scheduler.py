@@ -75,6 +75,11 @@ class Process:
     def __repr__(self) -> str:
         return f'{self.name} ({self.pid})'
 
+    @property
+    def works(self) -> bool:
+        """True if it has not ended, and is not stopped."""
+        return self.is_alive and self.held_up is None
+
 
 class Task:
     """A thread of a process of the world."""
