@@ -157,12 +157,12 @@ class Entity(Destroyable):
 
 
 class _Rules:
-    """The ROS arguments of a process or node: renaming rules, parameters and parameter files."""
+    """The ROS arguments of a process or node: renaming rules, and parameters in their order, with files as ``('', path)``."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self.renaming: list[tuple[str, str]] = []
         self.parameters: list[tuple[str, str]] = []
-        self.files: list[str] = []
+        self.has_rosout = '--disable-rosout-logs' not in arguments
         words = iter(arguments)
         is_for_ros = False
         for word in words:
@@ -175,7 +175,7 @@ class _Rules:
             elif is_for_ros and word in ('-p', '--param'):
                 self.parameters.append(_pair(next(words, '')))
             elif is_for_ros and word == '--params-file':
-                self.files.append(next(words, ''))
+                self.parameters.append(('', next(words, '')))
             elif is_for_ros and word in ('--log-level', '--log-config-file', '-e', '--enclave', '--log-file-name'):
                 next(words, '')
 
@@ -257,7 +257,9 @@ class Node(Destroyable):
             raise RCLError('error creating node: rcl context is not valid')
         self.context = context
         self.process, self.domain = context.process, context.domain
-        own = _Rules(['--ros-args', *(cli_args or ())] if cli_args and '--ros-args' not in cli_args else cli_args or ())
+        words = ['--ros-args', *(cli_args or ())] if '--ros-args' not in (cli_args or ()) else cli_args or ()
+        REAL.rclpy_remove_ros_args(words)  # which raises for what it does not know
+        own = _Rules(words)
         everywhere = context.rules if use_global_arguments else _Rules(())
         renaming = own.renaming + everywhere.renaming
         # As in rcl: the first rule that matches, and the rules of a namespace see the new name.
@@ -274,7 +276,6 @@ class Node(Destroyable):
             for rule, value in renaming
             if not rule.rpartition(':')[2].startswith('__') and rule.rpartition(':')[0] in ('', self.name)
         ]
-        self._files = everywhere.files + own.files
         self._parameters = everywhere.parameters + own.parameters
         DOMAIN.nodes.append(self)
         self.rosout: Any = None
@@ -361,16 +362,16 @@ class Node(Destroyable):
         return [(name, sorted(types)) for name, types in found.items()]
 
     def get_parameters(self, parameter_class: Any) -> dict[str, Any]:
-        """Return the parameters that files and arguments give this node, arguments last."""
+        """Return the parameters that files and arguments give this node, the later ones instead of earlier ones."""
         given: dict[str, Any] = {}
-        for file in self._files:
-            for pattern, content in _nodes('', read_parameters(Path(file).read_text()) or {}):
-                if self._is_meant(pattern):
-                    given.update(_flat('', content))
         for key, value in self._parameters:
             pattern, _, name = key.rpartition(':')
-            if not pattern or self._is_meant(pattern):
-                given[name] = read_parameters(value)
+            if not name:
+                for pattern, content in _nodes('', _composed(Path(value).read_text())):
+                    if self._is_meant(pattern):
+                        given.update(_flat('', content))
+            elif not pattern or self._is_meant(pattern):
+                given[name] = _plain(_composed(value))
         # An empty list has no type.
         return {name: parameter_class(name, value=value if value != [] else None) for name, value in given.items()}
 
@@ -381,12 +382,13 @@ class Node(Destroyable):
         return re.fullmatch(expression, self.get_fully_qualified_name()) is not None
 
 
-def _nodes(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    for name, inner in content.items():
-        if name == 'ros__parameters':
-            yield prefix, inner or {}
-        elif isinstance(inner, dict):
-            yield from _nodes(f'{prefix}/{name.strip("/")}', inner)
+def _nodes(prefix: str, content: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the patterns of nodes in a parameter file, in which one may occur several times, with their parameters."""
+    for name, inner in content.value if content is not None and content.id == 'mapping' else ():
+        if name.value == 'ros__parameters':
+            yield prefix, _plain(inner) or {}
+        else:
+            yield from _nodes(f'{prefix}/{name.value.strip("/")}', inner)
 
 
 def _flat(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -407,14 +409,14 @@ _INTEGER: Final = re.compile(r'[+-]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)')
 _REAL_NUMBER: Final = re.compile(r'[+-]?((\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|\.?(inf|nan))', re.IGNORECASE)
 
 
-def read_parameters(text: str) -> Any:
-    """Return the content of YAML as the parser of rcl reads it, which knows other numbers and booleans than PyYAML."""
+def _composed(text: str) -> Any:
     import yaml
 
-    return _plain(yaml.compose(text, yaml.SafeLoader))
+    return yaml.compose(text, yaml.SafeLoader)
 
 
 def _plain(node: Any) -> Any:
+    """Return YAML as the parser of rcl reads it, which knows other numbers and booleans than PyYAML."""
     import yaml
 
     if isinstance(node, yaml.MappingNode):

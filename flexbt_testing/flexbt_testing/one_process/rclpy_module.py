@@ -35,7 +35,7 @@ class Node(graph.Node):
         rosout_qos: Any = None,  # since Kilted
     ) -> None:
         super().__init__(name, namespace, context, cli_args, use_global_arguments)
-        if enable_rosout:
+        if enable_rosout and context.rules.has_rosout:
             from rcl_interfaces.msg import Log
             from rclpy.duration import Duration
             from rclpy.qos import DurabilityPolicy, QoSProfile

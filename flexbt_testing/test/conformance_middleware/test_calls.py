@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import re
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -348,6 +349,30 @@ def test_parameters_come_from_arguments_and_files(ros: Any, tmp_path: Any) -> No
         node.get_parameter('d')
     with pytest.raises(ParameterAlreadyDeclaredException):
         node.declare_parameter('a', 2)
+
+
+def test_of_the_values_of_a_parameter_the_last_one_counts(ros: Any, tmp_path: Any) -> None:
+    file = tmp_path / 'parameters.yaml'
+    contents = ('/**', '{a: 1, b: 1}'), ('own', '{a: 2}'), ('/**', '{b: 3, c: 4}')
+    file.write_text(''.join(f'{pattern}:\n  ros__parameters: {values}\n' for pattern, values in contents))
+    words = ['--ros-args', '-p', 'a:=0', '-p', 'd:=0', '--params-file', str(file), '-p', 'c:=5']
+    node = ros.node('own', context=ros.context(words), automatically_declare_parameters_from_overrides=True)
+    assert [node.get_parameter(name).value for name in 'abcd'] == [2, 3, 5, 0]
+
+
+@pytest.mark.parametrize(('word', 'kind'), [
+    ('-r no-rule', r'RCLInvalidROSArgsError: Failed to parse ROS arguments: .*no-rule'),
+    ('--no-option', r"UnknownROSArgsError: \['--no-option'\]"),
+])  # fmt: skip
+def test_arguments_of_a_node_that_are_of_no_use_are_refused(ros: Any, word: str, kind: str) -> None:
+    with pytest.raises(Exception) as raised:
+        ros.node('own', spins=False, cli_args=['--ros-args', *word.split()])
+    assert re.match(kind, f'{type(raised.value).__name__}: {raised.value}')
+
+
+def test_a_context_can_keep_logs_from_the_topic(ros: Any) -> None:
+    node = ros.node('own', context=ros.context(['--ros-args', '--disable-rosout-logs']), enable_rosout=True)
+    assert not node.count_publishers('/rosout')
 
 
 PARAMETERS = {
