@@ -157,7 +157,7 @@ class Entity(Destroyable):
 
 
 class _Rules:
-    """The ROS arguments of a process or node: renaming rules, and parameters in their order, with files as ``('', path)``."""
+    """The ROS arguments of a process or node: renaming rules; parameters in their order, a file as ``('', path)``."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         self.renaming: list[tuple[str, str]] = []
