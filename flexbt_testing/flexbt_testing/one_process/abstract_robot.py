@@ -91,7 +91,8 @@ class AbstractRobot:
         node.create_service(SetFault, f'{names.SIMULATOR}/set_fault', self._set_fault)
         self._amcl = LifecycleSubnode(runtime, names.AMCL)  # programs wait until it is active
         self._tell_again()
-        LivelinessWatch(runtime, names.BT_SERVER, self._owner_changed)
+        LivelinessWatch(runtime, names.BT_SERVER, lambda is_alive: None if is_alive else self._end_all())
+        runtime.health.on_hang(lambda hang: runtime.post(self._end_all) if hang.was_out_of_reach else None)
         LivelinessToken(runtime).set_ready(True)
 
     def _serve(self, name: str, kind: Any, begin: Callable[[ServedGoal, Any], None]) -> None:
@@ -104,9 +105,9 @@ class AbstractRobot:
         server = GoalServer(self._runtime, kind, name, lambda goal: begin(goal, kind.Result()), cancel)
         self._servers[name] = kind, server
 
-    def _owner_changed(self, is_alive: bool) -> None:
-        """End the goals of a BT server that is gone, as navigation does."""
-        for _, server in self._servers.values() if not is_alive else ():
+    def _end_all(self) -> None:
+        """End all goals, as navigation does: their owner is gone, or may have gone while this process was stopped."""
+        for _, server in self._servers.values():
             server.end_all(ServedGoal.abort)
 
     def _end_in(self, seconds: float, goal: ServedGoal, result: Any) -> None:
