@@ -28,16 +28,16 @@ MARK_STYLES: Final = {
     'Control': MarkStyle('#dce6f5', '#2a3c58', '→ sequence   ? fallback   ⇉ parallel   ↺ recovery'),
     'Decorator': MarkStyle('#ece3f3', '#46365a', 'decorator'),
     'SubTree': MarkStyle('#f5ead0', '#57482a', 'sub-tree'),
-    'Action': MarkStyle('#e1f0dc', '#2c4a2a', 'action'),
-    'Condition': MarkStyle('#f8e0dc', '#5a3330', 'condition'),
+    'Action': MarkStyle('#ffffff', '#2b2f36', 'action (round corners)'),
+    'Condition': MarkStyle('#dff1f1', '#1f4245', 'condition'),
     'Unknown': MarkStyle('#eeeeee', '#3a3d42', 'action or condition: its type is not known here'),
-    'State': MarkStyle('#fff3c4', '#57501f', 'state'),
+    'State': MarkStyle('#ffffff', '#2b2f36', 'state'),
     'Outcome': MarkStyle('#dddddd', '#454545', 'outcome of the machine'),
     'Region': MarkStyle('#e1f0dc', '#2c4a2a', 'where this holds: what is done, and what is left then'),
     'Goal': MarkStyle('#fff3c4', '#57501f', 'the goal holds'),
     'Nowhere': MarkStyle('#f8e0dc', '#5a3330', 'no way to the goal any more'),
 }
-"""Styles of nodes, by the class of their elements in a picture."""
+"""Styles of nodes, by the class of their elements in a picture. Green and red are left to statuses."""
 
 
 class LineStyle(NamedTuple):
