@@ -63,6 +63,7 @@ class Area(NamedTuple):
 _ENGINES: Final = ('behavior_tree', 'state_machine')
 _TESTS_OF_ENGINES: Final = (
     *(f'flexbt_core/test/{engine}' for engine in _ENGINES),
+    'flexbt_core/test/monitors',
     'flexbt_server/test/nav2/test_nav2_node_types.py',
     'flexbt_server/test/nav2/test_nav2_path_and_goal_leaves.py',
     'flexbt_tools/test/trees/test_bt_tool_reachability.py',

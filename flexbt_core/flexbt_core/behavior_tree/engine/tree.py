@@ -165,7 +165,7 @@ class Tree:
         while context.expansions:
             leaf, (library, key, blackboard) = context.expansions.popitem()
             self._drop(leaf)
-            uid = len(self.nodes) + 1
+            uid = 1 + sum(len(part.nodes) for part in (self._trunk, *self._expanded.values()))
             try:
                 part = instantiate(library, key, blackboard, context, self._substitute, leaf.path, uid)
             except Exception as error:

@@ -13,7 +13,7 @@ from flexbt_core.behavior_tree.engine.observers import LogReader, StatusLog
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
-from flexbt_core.behavior_tree.model.definition import TreeLibrary
+from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
 from flexbt_core.behavior_tree.model.ports import STRING, input_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
@@ -168,6 +168,7 @@ def test_its_nodes_are_nodes_of_the_running_tree(library: TreeLibrary) -> None:
     assert tree.tick_once() is SUCCESS
     assert watched.board.get('ended') == 1
     watched.check()
+    assert tree.nodes[len(trunk)].status is IDLE  # the root of the tree can be ticked again
 
 
 def test_halt_pause_and_resume_reach_its_leaves(library: TreeLibrary) -> None:
@@ -232,6 +233,23 @@ def test_requirements_know_its_leaves_by_their_names_and_types(library: TreeLibr
         monitor.ticked(tree.tick_once())
         clock.advance(1.0)
     assert [one.where for one in found] == ['grow/AlwaysFailure', 'grow/work']
+
+
+def test_nodes_are_substituted_by_the_paths_that_they_get(library: TreeLibrary) -> None:
+    paths: list[str] = []
+
+    def substitute(definition: NodeDefinition, path: str) -> NodeDefinition:
+        paths.append(path)
+        return definition
+
+    board = Blackboard()
+    board.set('trees', 'Short;Short;Long')
+    tree = Tree(library, 'Main', blackboard=board, clock=ManualClock(), services=library, substitute=substitute)
+    trunk = len(tree.nodes)
+    assert paths == [node.path for node in tree.nodes]
+    assert tree.tick_once() is RUNNING
+    made = [node.path for node in tree.nodes[trunk:]]
+    assert made[0] == f'grow/Sequence::{trunk + 1}' and paths[-len(made) :] == made
 
 
 def test_an_unknown_tree_and_an_entry_that_is_missing_in_it_are_errors_of_its_nodes(library: TreeLibrary) -> None:

@@ -832,8 +832,12 @@ def test_what_an_earlier_run_has_left_is_emptied_where_it_was_not_given() -> Non
     again = Tree(known, 'Main', blackboard=board)
     again.empty_outputs({'path'})
     assert (board.get('path'), board.get('outer')) == ('a way', '')
-    Tree(known, 'Main', blackboard=board).empty_outputs()
+    last = Tree(known, 'Main', blackboard=board)
+    last.empty_outputs()
     assert board.get('path') == ''
+    board.unset('path')
+    last.empty_outputs()
+    assert board.get_or('path', 'removed') == 'removed'
 
 
 # -- registering -------------------------------------------------------------------------------------------
@@ -917,6 +921,16 @@ def test_attributes_that_mean_something_else_are_passed_over() -> None:
     assert (manifest.outcomes, manifest.example) == (None, None)
 
 
+@pytest.mark.parametrize(('skill', 'problem'), [
+    (Skill.of(cost=-1.0), 'cost: -1.0 has to be a number from 0 on'),
+    (Skill.of(outcomes={'SUCCESS': ['a', 'not a']}), 'outcomes SUCCESS: has a and not a as effects'),
+])  # fmt: skip
+def test_a_skill_that_is_wrong_by_itself_is_refused_with_its_place(skill: Skill, problem: str) -> None:
+    wrong = type('Wrong', (Returns,), {'skill': skill})
+    with pytest.raises(RegistrationError, match=f'^node ID \\[X\\], skill: {problem}'):
+        NodeRegistry().register('X', wrong)
+
+
 class BadOutcome(Returns):
     skill = Skill.of(outcomes={'DONE': []})
 
@@ -991,6 +1005,22 @@ def test_faulty_declarations_of_a_skill_are_told_with_their_place_and_the_rest_o
         OutcomeClass.ANSWERED,
         'holding',
     )
+
+
+class LookAtNothing(Look):
+    skill = Skill.of(resources=['eye'], predicates=[Predicate('not')])
+
+
+def test_a_faulty_predicate_is_told_at_the_leaf_that_declares_it() -> None:
+    registry = NodeRegistry()
+    registry.register_classes((Look, LookAtNothing))
+    told: list[str] = []
+    library = node_skills(registry, told.append)
+    line = inspect.getsourcelines(LookAtNothing)[1]
+    (one,) = told
+    assert one.startswith(f"{__file__}:{line}: skill of LookAtNothing: predicate not: 'not' cannot name a predicate")
+    assert library.skills['LookAtNothing'].resources == ('eye',)
+    assert library.skills['Look'].predicates == (Predicate('holding'),)
 
 
 def test_a_predicate_that_two_leaves_declare_differently_is_that_of_the_first() -> None:

@@ -193,6 +193,9 @@ def test_the_message_of_a_wrong_tree_says_which_node_and_what_it_needs() -> None
     tree, _ = make(control('Switch3', 'S', 'S'))
     with pytest.raises(NodeExecutionError, match=r'\[top\] \(Switch3\): Switch3 has 4 children, not 2'):
         tree.tick_once()
+    tree, _ = make(control('IfThenElse', 'S'))
+    with pytest.raises(NodeExecutionError, match='IfThenElse has 2 to 3 children, not 1'):
+        tree.tick_once()
     tree, _ = make(control('IfThenElse', 'K', 'S'))
     with pytest.raises(NodeExecutionError, match=r'the condition \[K_0\] was skipped'):
         tree.tick_once()
