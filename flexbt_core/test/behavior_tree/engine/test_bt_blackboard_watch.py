@@ -70,7 +70,10 @@ def test_an_entry_that_two_watch_is_watched_until_both_have_left() -> None:
     watch = BlackboardWatch(lambda: 0.0)
     for client in ('a', 'b'):
         watch.watch(client, [board])
-    assert board.declare('typed', INT).type is INT
+    made, plain = board.declare('typed', INT), other.declare('typed', INT)
+    assert (made.value, made.type, made.sequence, made.present) == (plain.value, INT, plain.sequence, plain.present)
+    board.unset('typed')
+    assert [one.value for one in watch.writes(made).latest] == ['removed']
     board.set('new', 1)  # created while it is watched
     board.set('new', 2)
     entry = board.entry('new')

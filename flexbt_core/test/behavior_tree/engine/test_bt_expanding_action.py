@@ -99,6 +99,7 @@ XML = """<root BTCPP_format="4">
   </Sequence></BehaviorTree>
   <BehaviorTree ID="Broken"><Sequence><Break name="broken"/></Sequence></BehaviorTree>
   <BehaviorTree ID="Misfit"><Sleep msec="{text}"/></BehaviorTree>
+  <BehaviorTree ID="Uncounted"><Repeat num_cycles="{count}"><AlwaysSuccess/></Repeat></BehaviorTree>
   <BehaviorTree ID="Main"><Sequence>
     <Grow name="grow" trees="{trees}"/><Script code="ended := true"/>
   </Sequence></BehaviorTree>
@@ -259,3 +260,7 @@ def test_an_unknown_tree_and_an_entry_that_is_missing_in_it_are_errors_of_its_no
     assert str(raised.value) == f'exception in node [grow] (Grow): {reason}'
     with pytest.raises(NodeExecutionError, match=r'exception in node \[grow/Sleep::4\] \(Sleep\): PortError: port'):
         Watched(library, 'Misfit').tree.tick_once()
+    reason = r'exception in node \[grow/Repeat::4\] \(Repeat\): PortError: port \[num_cycles\]'
+    with pytest.raises(NodeExecutionError, match=reason) as raised:
+        Watched(library, 'Uncounted').tree.tick_once()
+    assert (raised.value.node_path, raised.value.uid) == ('grow/Repeat::4', 4)

@@ -49,6 +49,8 @@ def test_an_action_a_condition_and_a_decorator_are_a_function_each() -> None:
         'UntilTen': simple_decorator(until_ten),
     }
     assert classes['Double'].__doc__ == 'Write twice the input.'
+    told = {(one.__name__, one.__module__) for one in classes.values()}
+    assert told == {(name, __name__) for name in ('double', 'is_ten', 'until_ten')}
     for name, node_class in classes.items():
         node_class.__name__ = name
     body = '<UntilTen><Sequence><Double in="{x}" out="{y}"/><IsTen in="{y}"/></Sequence></UntilTen>'
