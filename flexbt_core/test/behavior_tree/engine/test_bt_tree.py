@@ -1007,18 +1007,25 @@ def test_faulty_declarations_of_a_skill_are_told_with_their_place_and_the_rest_o
     )
 
 
+class Reach(Returns):
+    skill = Skill.of(resources=['hand'], outcomes={'SUCCESS': ['near(cup)']})
+
+
 class LookAtNothing(Look):
     skill = Skill.of(resources=['eye'], predicates=[Predicate('not')])
 
 
-def test_a_faulty_predicate_is_told_at_the_leaf_that_declares_it() -> None:
+def test_a_faulty_predicate_or_effect_is_told_at_the_leaf_that_declares_it() -> None:
     registry = NodeRegistry()
-    registry.register_classes((Look, LookAtNothing))
+    registry.register_classes((Look, LookAtNothing, Reach))
     told: list[str] = []
     library = node_skills(registry, told.append)
-    line = inspect.getsourcelines(LookAtNothing)[1]
-    (one,) = told
-    assert one.startswith(f"{__file__}:{line}: skill of LookAtNothing: predicate not: 'not' cannot name a predicate")
+    for text, leaf, words in zip(told, (LookAtNothing, Reach), (
+        "skill of LookAtNothing: predicate not: 'not' cannot name a predicate",
+        "skill of Reach: outcomes SUCCESS: near(cup): there is no predicate 'near'",
+    ), strict=True):  # fmt: skip
+        assert text.startswith(f'{__file__}:{inspect.getsourcelines(leaf)[1]}: {words}')
+    assert library.skills['Reach'].resources == ('hand',)
     assert library.skills['LookAtNothing'].resources == ('eye',)
     assert library.skills['Look'].predicates == (Predicate('holding'),)
 
