@@ -248,7 +248,6 @@ class LeafRun:
         self.exit_reason = ExitReason.OUTCOME
         self.choice = None
         self.entered_at = self._engine.clock.now()
-        self.is_paused = False
         if self.clock.is_behind:
             self.clock.catch_up()
         self._wake_times.clear()

@@ -73,9 +73,13 @@ class Region:
         self.is_leaving = self.is_approved = False
         self.coming = None
         self._halt_wait.cancel()
-        self._wait_for(None, None)
+        self.wait_no_longer()
         if self.child is not None:
             self.child.leave(reason)
+
+    def wait_no_longer(self) -> None:
+        """End the wait for a decision or a lock, and report it."""
+        self._wait_for(None, None)
 
     def halting(self) -> str | None:
         """Return what has not halted yet in this region."""
@@ -128,7 +132,7 @@ class Region:
         assert self.child is not None  # checked by the caller
         self.child.outcome = outcome
         self.is_approved = True
-        self._wait_for(None, None)
+        self.wait_no_longer()
 
     # -- transitions -------------------------------------------------------------------------------------------------
 
@@ -145,7 +149,7 @@ class Region:
         kind, wanted, prompt = DecisionKind.TRANSITION, child.outcome, ''
         if wanted is None:
             if child.choice is None:
-                self._wait_for(None, None)
+                self.wait_no_longer()
                 return False
             kind = DecisionKind.CHOICE
             prompt, wanted = child.choice
@@ -201,7 +205,7 @@ class Region:
     def _leave_child(self, child: RegionChild, outcome: str | None) -> None:
         """Leave the child by an outcome, or by None to enter it again."""
         self._engine.count_transition(child.path)
-        self._wait_for(None, None)
+        self.wait_no_longer()
         self.is_approved = False
         child.outcome = outcome
         if outcome is not None and self._engine.readings[OutcomeTaken]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, get_args, get_origin, get_type_hints
+from typing import Any, Final, TypeAlias, get_args, get_origin, get_type_hints
 
 from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
 from flexbt_core.state_machine.model.definition import MachineDefinition, StateDefinition, StateKind
@@ -95,7 +95,10 @@ def _is_of(value: Any, kind: Any) -> bool:
 
 # Read the position of a run, and continue there in another one.
 
+_Writers: TypeAlias = Mapping[str, Mapping[str, tuple[str, float]]]
+
 _NONE_STAYS: Final[Mapping[str, LeafRun]] = {}
+_UNKNOWN: Final[_Writers] = {}
 
 
 def position_of(run: MachineRun) -> RunPosition:
@@ -183,6 +186,8 @@ def _impossible(machine: MachineDefinition, position: RunPosition) -> Iterator[s
     if machine.kind is not StateKind.CONCURRENCY and len(children) != 1 and not is_done:
         found = ', '.join(child.path for child in children) or 'none'
         yield f'one state of {machine.path} has to be active, not {found}'
+    elif machine.path not in position.userdata:
+        yield f'the userdata of {machine.path} is missing'
     for child in children:
         if isinstance(child, MachineDefinition) and child.path in position.active:
             if child.path not in position.leaving:
@@ -212,22 +217,27 @@ def start_at(run: MachineRun, position: RunPosition) -> None:
     run.start(enter)
 
 
-def restore(run: MachineRun, position: RunPosition, staying: Mapping[str, LeafRun] = _NONE_STAYS) -> None:
+def restore(
+    run: MachineRun, position: RunPosition, staying: Mapping[str, LeafRun] = _NONE_STAYS, writers: _Writers = _UNKNOWN
+) -> None:
     """Put the machine of a run, with no state entered yet, at a position.
 
-    Later steps enter its states, except those in ``staying``, by path, which stay active.
+    Later steps enter its states, except those in ``staying``, by path, which stay active. ``writers`` are those of the
+    userdata, as in :meth:`MachineRun.writers_of_machines`.
     """
-    _Restoring(position, staying).machine(run.root, run.scope)
+    _Restoring(position, staying, writers).machine(run.root, run.scope)
 
 
 class _Restoring:
-    def __init__(self, position: RunPosition, staying: Mapping[str, LeafRun]) -> None:
+    def __init__(self, position: RunPosition, staying: Mapping[str, LeafRun], writers: _Writers) -> None:
         self._position = position
         self._staying = staying
+        self._writers = writers
 
     def machine(self, machine: ContainerRun, scope: Scope) -> None:
         position = self._position
-        scope.restore(position.userdata.get(machine.path, {}))
+        scope.restore(position.userdata[machine.path])
+        scope.writers.update(self._writers.get(machine.path, {}))
         machine.activate(scope)
         machine.outcome = position.wanted.get(machine.path)
         is_concurrent = machine.definition.kind is StateKind.CONCURRENCY
@@ -251,7 +261,7 @@ class _Restoring:
                 child.take_priority()
         elif isinstance(child, ContainerRun):
             region.child = child
-            self.machine(child, child.new_scope(machine.scope, position.userdata.get(child.path, ())))
+            self.machine(child, child.new_scope(machine.scope, position.userdata[child.path]))
         elif child.path in self._staying:
             region.child = self._stay(machine, child)
         elif outcome is not None:
@@ -302,11 +312,12 @@ def switch_machine(run: MachineRun, definition: MachineDefinition) -> str | None
         reasons = _raising(leaves)
     if reasons:
         return f'the run cannot continue with that machine: {"; ".join(reasons)}'
+    writers = run.writers_of_machines()
     run.go_on_with(root)
     for leaf in old.leaves():
         if leaf.path not in staying:
             leaf.stop()
-    restore(run, replace(target, approved=()), staying)
+    restore(run, replace(target, approved=()), staying, writers)
     run.tell(MachineSwitched(definition))
     return None
 

@@ -25,7 +25,6 @@ from .controls import Controls
 from .engine import Engine, HaltTimeout, RunEnd, RunLimits
 from .events import (
     CommandDecided,
-    DecisionClosed,
     Faulted,
     HaltAwaited,
     LoggingReader,
@@ -316,12 +315,11 @@ class MachineRun(Engine):
 
     def go_on_with(self, root: ContainerRun) -> None:
         """Replace the machine by another one, of which no state has been entered yet."""
-        for decision in self.decisions:
-            self.tell(DecisionClosed(decision))
+        for region in self.regions():
+            region.wait_no_longer()
         self.root = root
         self.controls.move_to(root.definition)
         self.pausing.release(ROOT_PATH)
-        self.pausing.has_changed = True
         now, self.scope = self.scope.now, Scope(root.definition.defaults)
         self.scope.now = now
 

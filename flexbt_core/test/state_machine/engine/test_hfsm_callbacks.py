@@ -293,24 +293,32 @@ def test_a_state_can_be_in_one_run_at_a_time() -> None:
     assert Bench(made).active == ('/A',)
 
 
-def test_what_a_state_reports_of_its_work_is_text_and_a_report_that_raises_is_a_fault() -> None:
+def test_what_a_state_reports_of_its_work_is_text() -> None:
     class Reports(Scripted):
         def activity(self) -> list[Any]:
             return ['drives', 5]
 
         def not_paused(self) -> list[Any]:
-            return self.do['lines'](self, None)
+            return ['fan: it is loud', 7]
 
-    state = Reports(do={'lines': lambda *_: ['fan: it is loud', 7]})
-    bench = Bench(nested(state, 'A'))
+    bench = Bench(nested(Reports(), 'A'))
     (leaf,) = bench.run.active_states()
     assert (leaf.activity(), leaf.not_paused(), leaf.progress()) == (['drives', '5'], [], None)
     bench.pause()
     assert leaf.not_paused() == ['fan: it is loud', '7']
     assert leaf.next_wake() is None
-    state.do['lines'] = lambda *_: 1 / 0
-    assert leaf.not_paused() is None
-    assert bench.faults[0][0] == '/A' and bench.faults[0][1].startswith('not_paused raised:\nTraceback')
+
+
+@pytest.mark.parametrize('report', ['activity', 'progress', 'not_paused'])
+def test_a_report_that_raises_is_a_fault_of_that_report(report: str) -> None:
+    state = Scripted()
+    setattr(state, report, lambda: 1 / 0)
+    bench = Bench(nested(state, 'A'))
+    bench.pause()
+    (leaf,) = bench.run.active_states()
+    assert getattr(leaf, report)() is None
+    ((path, text),) = bench.faults
+    assert path == '/A' and text.startswith(f'{report} raised:\nTraceback')
 
 
 def test_a_command_that_raises_is_refused_and_the_run_continues() -> None:

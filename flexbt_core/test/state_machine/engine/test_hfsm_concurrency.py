@@ -10,6 +10,7 @@ import pytest
 
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, OperatableStateMachine
+from flexbt_core.state_machine.engine.events import RunEvent, RunReader, StatePaused
 from flexbt_core.state_machine.engine.region import ContainerRun
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child, StateKind
@@ -401,6 +402,36 @@ def test_a_paused_state_that_is_stopped_is_not_resumed() -> None:
     case.begin()
     case.bench.stop()
     assert case.beside.trace[-3:] == ['on_pause', 'on_exit PREEMPTED', 'on_stop']
+
+
+def test_a_state_that_is_left_while_it_is_paused_is_paused_no_longer_and_begins_its_next_visit_as_any() -> None:
+    class Pauses(RunReader):
+        reads = (StatePaused,)
+
+        def read(self, event: RunEvent) -> None:
+            told.append(event)
+
+    told: list[RunEvent] = []
+    busy = ['braking']
+    beside, urgent = Scripted(do={'halting': lambda *_: busy[0] if busy else None}), Scripted()
+    first = machine(Child('U', urgent, {'done': 'ended'}), priority=True)
+    both = machine(Child('B', beside), Child('P', first), conditions=[('ended', [('P', 'ended')])])
+    bench = Bench(machine(Child('Both', both, {'ended': 'Both'})), start=False)
+    bench.run.add_reader(Pauses())
+    bench.run.start()
+    bench.settle()
+    assert bench.force('/Both/P/U', 'done') is None
+    leaf = bench.run.active_states()[0]
+    assert (leaf.path, leaf.is_paused, beside.trace[-2:]) == ('/Both/B', False, ['on_pause', 'on_exit PARENT_LEFT'])
+    before = leaf.clock.now()
+    bench.pass_time(1.0)
+    assert leaf.clock.now() - before == 1.0, 'its last work may need time'
+    busy.clear()
+    beside.wake()
+    bench.settle()
+    assert (beside.trace[-2:], urgent.trace[-2:]) == (['on_enter', 'on_pause'], ['on_enter', 'execute'])
+    assert told == [StatePaused('/Both/B', is_paused) for is_paused in (True, False, True)]
+    bench.stop()
 
 
 def test_a_state_that_raises_in_on_pause_or_on_resume_fails() -> None:

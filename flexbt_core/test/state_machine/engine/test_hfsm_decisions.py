@@ -242,20 +242,22 @@ def test_commands_that_callbacks_give_are_applied_each_once() -> None:
 
 def test_a_decision_is_about_what_its_state_declares_and_that_of_a_machine_about_its_outputs() -> None:
     def asked(state: Scripted, labels: str, **keys: Any) -> tuple[dict[str, Any], list[str]]:
-        remap = dict.fromkeys(state.input_keys, 'shared')
+        names = {'own': 'shared', 'lost': 'absent', 'out': 'more'}
+        remap = {key: names[key] for key in (*state.input_keys, *state.output_keys) if key in names}
         inner = machine(Child('S', state, {'done': 'done'}, {'done': Autonomy.Full}, remap), **keys)
         level = {} if labels == 'S' else {'done': Autonomy.Full}
         bench = Bench(
-            machine(Child('M', inner, {'done': 'done'}, level), outcomes=['done'], input_keys=['shared']),
+            machine(Child('M', inner, {'done': 'done'}, level), outcomes=['done'], input_keys=['shared', 'absent']),
             userdata={'shared': 7},
         )
         if labels == 'M':
             bench.confirm()
         return bench.run.subject(bench.decision)
 
-    keys = {'outcomes': ['done'], 'input_keys': ['shared'], 'defaults': {'more': 1}}
+    keys = {'outcomes': ['done'], 'input_keys': ['shared', 'absent'], 'defaults': {'more': 1}}
     assert asked(passing(), 'S', **keys) == ({'shared': 7, 'more': 1}, [])
-    reads = Scripted(outcome='done', input_keys=['own'], output_keys=['late'])
-    assert asked(reads, 'S', **keys) == ({'shared': 7}, [])
+    reads = Scripted(outcome='done', input_keys=['own', 'lost'], output_keys=['out', 'late'])
+    assert asked(reads, 'S', **keys) == ({'shared': 7, 'more': 1}, ['absent'])
+    assert asked(Scripted(outcome='done', input_keys=['shared']), 'S', **keys) == ({'shared': 7}, [])
     assert asked(passing(), 'M', **keys) == ({'shared': 7, 'more': 1}, [])
     assert asked(passing(), 'M', **keys, output_keys=['more']) == ({'more': 1}, [])

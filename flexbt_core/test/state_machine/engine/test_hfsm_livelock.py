@@ -43,9 +43,10 @@ def test_a_chain_of_instantaneous_states_is_one_step() -> None:
 def test_a_loop_without_a_wait_ends_the_run_and_names_the_states(depth: int, machines: int) -> None:
     bench = Bench(loop_of(*(deep(depth) for _ in range(machines))))
     assert bench.outcome == 'error'
-    assert bench.run.message.startswith(
-        f'livelock: {MAX_TRANSITIONS} transitions without waiting for anything, the last of them from /'
-    )
+    ((path, text),) = bench.faults
+    assert text == f'{MAX_TRANSITIONS} transitions without waiting for anything'
+    assert bench.run.message.startswith(f'livelock: {text}, the last of them from /')
+    assert path in bench.run.message
     assert ', /M' in bench.run.message
     assert bench.steps == 1
     assert MAX_TRANSITIONS - 1 <= len(bench.transitions) <= MAX_TRANSITIONS

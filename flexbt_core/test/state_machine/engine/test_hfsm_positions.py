@@ -9,9 +9,17 @@ from typing import Any
 
 import pytest
 
+from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
-from flexbt_core.state_machine.engine.events import RunEvent
-from flexbt_core.state_machine.engine.resume import RunPosition, position_of, start_at
+from flexbt_core.state_machine.engine.events import (
+    DecisionAsked,
+    DecisionClosed,
+    RunEvent,
+    RunReader,
+    TransitionBlocked,
+    TransitionUnblocked,
+)
+from flexbt_core.state_machine.engine.resume import RunPosition, position_of, start_at, switch_machine
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import EventState
@@ -94,7 +102,8 @@ def test_what_was_done_and_waited_for_the_operator_is_not_done_again() -> None:
     before = Bench(made())
     old = before.decision
     position = through_json(position_of(before.run))
-    assert (position.wanted, position.decisions[0]['outcome']) == ({'/A/B': 'done'}, 'done')
+    shown = {'id': old.id, 'kind': 'TRANSITION', 'path': '/A/B', 'outcome': 'done', 'prompt': ''}
+    assert (position.wanted, position.decisions) == ({'/A/B': 'done'}, (shown,))
     after = Bench(made(), at=position)
     assert not [event for event in after.trace if event.startswith('on_enter')]
     assert (after.decision.path, after.decision.outcome) == (old.path, old.outcome)
@@ -160,38 +169,81 @@ def test_a_paused_run_goes_on_when_it_is_resumed() -> None:
     assert state.trace == ['on_start', 'on_enter resumed', 'execute']
 
 
-def test_positions_are_whole_at_each_event() -> None:
-    """What is written down at any moment is a place to go on at."""
+def calculation() -> OperatableStateMachine:
+    """Return states that pass values down and up through machines that rename them, have own ones, or give defaults."""
 
-    class Writing(Bench):
+    def state(read: str, written: str) -> Scripted:
+        def write(state: Scripted, userdata: Any) -> None:
+            userdata[written] = [*userdata[read], state.path]
+
+        return Scripted(outcome='done', input_keys=[read], output_keys=[written], do={'execute': write})
+
+    deep = line(state('in', 'own'), state('own', 'out'), input_keys=['in'], output_keys=['out'])
+    inner = machine(
+        Child('N', deep, {'ended': 'S'}, {}, {'in': 'value', 'out': 'between'}),
+        Child('S', state('between', 'result'), {'done': 'D'}),
+        Child('D', state('given', 'given'), {'done': 'ended'}),
+        input_keys=['value', 'given'],
+        output_keys=['result', 'given'],
+        defaults={'given': ['default']},
+    )
+    both = machine(
+        Child('A', inner, {}, {}, {'value': 'x', 'result': 'a'}),
+        Child('B', line(state('x', 'b'), state('b', 'y'), state('x', 'b'), input_keys=['x'], output_keys=['y', 'b'])),
+        conditions=[('ended', [('A', 'ended'), ('B', 'ended')])],
+        input_keys=['x'],
+        output_keys=['a', 'b', 'y', 'given'],
+    )
+    return line(state('start', 'x'), both, state('a', 'end'), defaults={'start': []})
+
+
+def test_a_run_calculates_the_same_wherever_it_was_interrupted_or_switched() -> None:
+    """What is written down at any moment is a place to go on at, and a switch at any moment changes no value."""
+
+    class Whole(Bench):
+        events = 0
+
         def read(self, event: RunEvent) -> None:
             super().read(event)
+            self.events += 1
             if self.run.outcome is None and not self.run.message:
                 positions.append(through_json(position_of(self.run)))
 
-    def made() -> OperatableStateMachine:
-        both = machine(
-            Child('A', nested(passing(), 'X')),
-            Child('B', line(passing(), passing())),
-            conditions=[('ended', [('A', 'done'), ('B', 'ended')])],
-        )
-        return line(passing(), both, nested(passing(), 'A/B'))
+    class Switched(Bench):
+        def read(self, event: RunEvent) -> None:
+            super().read(event)
+            if next(countdown, None) == 0:
+                self.run.command('', switch_machine, define(calculation()))
 
     positions: list[RunPosition] = []
-    assert Writing(made()).outcome == 'ended'
-    assert len(positions) > 10
+    whole = Whole(calculation())
+    assert (whole.outcome, len(positions) > 40) == ('ended', True)
+    assert whole.run.userdata()['end'] == ['/S0', '/S1/A/N/S0', '/S1/A/N/S1', '/S1/A/S', '/S2']
     for position in positions[1:]:
-        assert Bench(made(), at=position).outcome == 'ended'
+        after = Bench(calculation(), at=position)
+        assert (after.outcome, after.run.userdata()) == ('ended', whole.run.userdata())
+    answers = list[str | None]()
+    for number in range(whole.events):
+        countdown = iter(range(number, -1, -1))
+        after = Switched(calculation())
+        assert (after.outcome, after.run.userdata()) == ('ended', whole.run.userdata())
+        assert after.run.scope.writers == whole.run.scope.writers
+        answers += after.answers
+    assert answers.count(None) > 20
 
 
 @pytest.mark.parametrize(
     ('change', 'reason'),
     [
-        ({'active': ['/S0', '/S1']}, 'one state of / has to be active, not /S0, /S1'),
+        (
+            {'active': ['/S0', '/S1']},
+            'one state of / has to be active, not /S0, /S1; one state of /S1 has to be active, not none',
+        ),
         ({'active': []}, 'one state of / has to be active, not none'),
-        ({'active': ['/S7']}, "the machine has no state '/S7'"),
+        ({'active': ['/S7']}, "the machine has no state '/S7'; one state of / has to be active, not none"),
         ({'active': ['/S1']}, 'one state of /S1 has to be active, not none'),
-        ({'active': ['/S0', '/S0/A']}, '/S0 cannot have anything active in it'),
+        ({'userdata': {}}, 'the userdata of / is missing'),
+        ({'active': ['/S0', '/S0/A']}, "the machine has no state '/S0/A'; /S0 cannot have anything active in it"),
         ({'wanted': {'/S0': 'x'}}, "/S0 has no outcome 'x'"),
         ({'levels': {'/': 4}}, "there is no level 4 of '/'"),
         ({'locked': ['/x']}, "the machine has no state '/x'"),
@@ -205,7 +257,7 @@ def test_a_position_that_cannot_be_is_refused(change: dict[str, Any], reason: st
     bench = Bench(made(), start=False)
     with pytest.raises(StateMachineError) as caught:
         start_at(bench.run, RunPosition.from_plain(plain))
-    assert reason in str(caught.value)
+    assert str(caught.value) == f'the run cannot continue there: {reason}'
 
 
 def test_data_that_is_no_position_is_refused() -> None:
@@ -269,6 +321,37 @@ def test_what_waits_for_the_operator_is_asked_again_after_a_switch() -> None:
     assert bench.outcome == 'ended'
 
 
+@pytest.mark.parametrize('is_waiting', [False, True])
+def test_each_wait_ends_at_a_switch_and_begins_again_if_the_other_machine_waits_too(is_waiting: bool) -> None:
+    class Waits(RunReader):
+        reads = (DecisionAsked, DecisionClosed, TransitionBlocked, TransitionUnblocked)
+
+        def read(self, event: RunEvent) -> None:
+            told.append(event)
+
+    def made(is_waiting: bool) -> OperatableStateMachine:
+        inner = line(Scripted()) if is_waiting else line(Scripted(), Scripted())
+        return machine(
+            Child('A', Scripted(outcome='done'), {}, {'done': Autonomy.Full if is_waiting else Autonomy.Off}),
+            Child('M', inner),
+            conditions=[('ended', [('A', 'done'), ('M', 'ended')])],
+        )
+
+    told: list[RunEvent] = []
+    bench = Bench(made(True))
+    asked, blocked = bench.decision, TransitionBlocked('/M/S0', 'done', ('/M',))
+    bench.lock('/M')
+    bench.force('/M/S0', 'done')
+    assert bench.run.blocked == [blocked]
+    bench.run.add_reader(Waits())
+    assert bench.switch(made(is_waiting)) is None
+    assert told[:2] == [DecisionClosed(asked), TransitionUnblocked('/M/S0')]
+    if is_waiting:
+        assert told[2:] == [DecisionAsked(bench.decision), blocked]
+    else:
+        assert (told[2:], bench.active) == ([], ('/M/S1',))
+
+
 class Other(Scripted):
     """Another kind of state."""
 
@@ -276,15 +359,18 @@ class Other(Scripted):
 @pytest.mark.parametrize(
     ('made', 'reason'),
     [
-        (machine(Child('B', Scripted(), {'done': 'ended'})), "the machine has no state '/A'"),
+        (
+            machine(Child('B', Scripted(), {'done': 'ended'})),
+            "the machine has no state '/A'; one state of / has to be active, not none",
+        ),
         (
             machine(Child('A', Other(), {'done': 'ended'})),
             f'/A is active, and would be of class {__name__}.Other '
             'instead of flexbt_testing.state_machines.bench.Scripted',
         ),
         (
-            machine(Child('A', Scripted('done', 'x'), {'done': 'ended', 'x': 'ended'})),
-            '/A is active, and would have other outcomes (x)',
+            machine(Child('A', Scripted('done', 'x', 'y'), {'done': 'ended', 'x': 'ended', 'y': 'ended'})),
+            '/A is active, and would have other outcomes (x, y)',
         ),
         (
             machine(Child('A', Scripted(output_keys=['k']), {'done': 'ended'})),
@@ -292,6 +378,7 @@ class Other(Scripted):
         ),
         (
             machine(Child('A', nested(Scripted(), 'B'), {'done': 'ended'})),
+            'one state of /A has to be active, not none; '
             '/A is active, and would be a container of kind MACHINE instead of a state',
         ),
         (
@@ -312,9 +399,7 @@ def test_a_switch_that_cannot_be_is_refused_and_changes_nothing(made: Operatable
     state = Scripted()
     bench = Bench(machine(Child('A', state, {'done': 'ended'})))
     before = bench.run.definition
-    refusal = bench.switch(made)
-    assert refusal is not None
-    assert reason in refusal
+    assert bench.switch(made) == f'the run cannot continue with that machine: {reason}'
     assert (bench.run.definition, bench.active) == (before, ('/A',))
     state.end('done')
     bench.settle()
@@ -340,18 +425,30 @@ def test_a_switch_is_refused_while_something_is_left_and_when_a_new_state_cannot
     assert '/S1: its state is part of a run already' in refusal
 
 
-def test_inputs_of_the_new_machine_come_from_the_userdata_or_its_defaults() -> None:
-    def made(**options: Any) -> OperatableStateMachine:
-        return machine(Child('A', Scripted(), {'done': 'ended'}), input_keys=['k'], **options)
+@pytest.mark.parametrize('reads', [(), ('k',)])
+@pytest.mark.parametrize('defaults', [{}, {'k': 2}])
+@pytest.mark.parametrize('given', [{}, {'k': 1}])
+def test_inputs_of_the_new_machine_come_from_the_userdata_or_its_defaults(
+    given: dict[str, int], defaults: dict[str, int], reads: tuple[str, ...]
+) -> None:
+    bench = Bench(line(Scripted()), userdata=given)
+    made = line(Scripted(), Scripted(input_keys=reads), input_keys=['k'], defaults=defaults)
+    is_missing = bool(reads) and not given and not defaults
+    assert (bench.switch(made) is not None) is is_missing
+    assert bench.run.userdata() == {**defaults, **given}
 
-    bench = Bench(made(), userdata={'k': 1})
-    assert bench.switch(made()) is None
-    assert bench.switch(made(defaults={'k': 2})) is None
-    assert bench.run.userdata() == {'k': 1}
-    bench = Bench(line(Scripted()))
-    inner = machine(Child('S0', Scripted(), {'done': 'ended'}), input_keys=['k'], defaults={'k': 2})
-    assert bench.switch(inner) is None
-    assert bench.run.userdata() == {'k': 2}
+
+def test_what_had_ended_beside_the_active_states_is_remembered_unless_it_is_gone() -> None:
+    def made(*labels: str, needed: str) -> OperatableStateMachine:
+        children = [Child(label, passing() if label in 'AB' else Scripted()) for label in labels]
+        return machine(*children, conditions=[('ended', [(label, 'done') for label in needed])])
+
+    bench = Bench(made('A', 'B', 'C', needed='ABC'))
+    assert position_of(bench.run).ended == {'/A': 'done', '/B': 'done'}
+    assert bench.switch(made('B', 'C', 'D', needed='BC')) is None
+    assert (position_of(bench.run).ended, bench.active) == ({'/B': 'done'}, ('/C', '/D'))
+    assert bench.force('/C', 'done') is None
+    assert bench.outcome == 'ended'
 
 
 def test_settings_of_what_both_machines_have_stay() -> None:

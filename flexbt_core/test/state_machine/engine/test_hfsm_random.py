@@ -17,13 +17,70 @@ from hfsm_reference_model import LIVELOCK, Model
 from hypothesis import HealthCheck, settings
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from flexbt_core.state_machine.engine.events import (
+    BreakpointSet,
+    DecisionAsked,
+    DecisionClosed,
+    LockSet,
+    RunEvent,
+    RunReader,
+    StatePaused,
+    TransitionBlocked,
+    TransitionUnblocked,
+)
 from flexbt_core.state_machine.engine.resume import RunPosition, position_of
+from flexbt_core.state_machine.engine.run import MachineRun
+from flexbt_core.state_machine.model.autonomy import Decision
 from flexbt_testing.state_machines.bench import Bench
 from flexbt_testing.state_machines.random_machines import Puppet, RandomNode, build, random_machine
 
 KINDS = {'TRANSITION': 'transition', 'CHOICE': 'choice'}
 CALLBACKS = ('on_enter', 'on_exit', 'on_pause', 'on_resume')
 NUMBERS = st.integers(0, 200)
+
+
+class Follower(RunReader):
+    """Follows a run by what it is told: an operator's view that never asks the run again."""
+
+    def __init__(self, run: MachineRun) -> None:
+        self.view = view_of(run)
+        run.add_reader(self)
+
+    def read(self, event: RunEvent) -> None:
+        paused, decisions, blocked, locked, breakpoints = self.view
+        match event:
+            case StatePaused(path, is_paused):
+                assert is_paused is (path not in paused)
+                paused ^= {path}
+            case DecisionAsked(decision):
+                assert decision.path not in decisions
+                decisions[decision.path] = decision
+            case DecisionClosed(decision):
+                assert decisions.pop(decision.path) == decision
+            case TransitionBlocked(path):
+                blocked[path] = event
+            case TransitionUnblocked(path):
+                del blocked[path]
+            case LockSet(path, is_set):
+                assert is_set is (path not in locked)
+                locked ^= {path}
+            case BreakpointSet(path, is_set):
+                assert is_set is (path not in breakpoints)
+                breakpoints ^= {path}
+
+
+View = tuple[set[str], dict[str, Decision], dict[str, TransitionBlocked], set[str], set[str]]
+
+
+def view_of(run: MachineRun) -> View:
+    """Return what a run shows: paused states, decisions, blocked transitions, locks, breakpoints."""
+    return (
+        {leaf.path for leaf in run.active_states() if leaf.is_paused},
+        {one.path: one for one in run.decisions},
+        {region.blocked.path: region.blocked for region in run.regions() if region.blocked is not None},
+        set(run.locked),
+        set(run.breakpoints),
+    )
 
 
 def running(run: RandomRun) -> bool:
@@ -44,6 +101,7 @@ class RandomRun(RuleBasedStateMachine):
         machine, puppets = build(self.root)
         self.puppets = puppets
         self.bench = Bench(machine, autonomy=level, max_transitions=LIVELOCK, at=at)
+        self.follower = Follower(self.bench.run)
         if at is None:
             self.model = Model(self.root, level)
 
@@ -253,6 +311,10 @@ class RandomRun(RuleBasedStateMachine):
         before = self.bench.snapshots[-1]
         self.bench.show()
         assert self.bench.snapshots.pop() == before
+
+    @invariant()
+    def what_was_told_adds_up_to_what_is(self) -> None:
+        assert self.follower.view == view_of(self.bench.run)
 
     @invariant()
     def another_step_would_change_nothing(self) -> None:
