@@ -535,6 +535,8 @@ def test_a_scope_with_keys_of_its_own_shares_all_others() -> None:
     first.set('_private', 2)
     assert (first.get('count'), second.get('path'), shared.get('path'), shared.get('_private')) == (4, [1], [1], 2)
     assert sorted(first) == ['_private', 'code', 'count', 'path'] and sorted(shared) == ['_private', 'code', 'path']
+    first.unset('count')
+    assert sorted(first) == ['_private', 'code', 'path']
     second.unset('path')
     assert 'path' not in shared and first.lock is shared.lock
 

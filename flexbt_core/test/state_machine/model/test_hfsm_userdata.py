@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import sys
 import threading
@@ -125,13 +126,13 @@ def test_what_there_is_can_be_listed() -> None:
         seen.extend([list(userdata), len(userdata), 'a' in userdata, 'b' in userdata, 'c' in userdata, repr(userdata)])
 
     seen: list[Any] = []
-    state = Scripted(outcome='done', do={'execute': look}, input_keys=['a', 'b'])
+    state = Scripted(outcome='done', do={'execute': look}, input_keys=['a', 'b', 'd'])
     bench = Bench(
-        machine(Child('One', state, {'done': 'ended'}, {}, {'a': 'z'}), input_keys=['z', 'b', 'c']),
-        userdata={'z': 'zebra', 'c': 3},
+        machine(Child('One', state, {'done': 'ended'}, {}, {'a': 'z'}), input_keys=['z', 'b', 'c', 'd']),
+        userdata={'z': 'zebra', 'c': 3, 'd': 4},
     )
     assert bench.outcome == 'ended'
-    assert seen == [['a'], 1, True, False, False, "UserData(a='zebra')"]
+    assert seen == [['a', 'd'], 2, True, False, False, "UserData(a='zebra', d=4)"]
 
 
 def test_what_is_only_read_is_a_copy_and_what_is_written_too_is_the_thing_itself() -> None:
@@ -345,6 +346,7 @@ def test_defaults_of_a_machine_are_attributes_or_items() -> None:
     userdata['speed'] = 2
     assert (userdata.goal, userdata['goal'], userdata.speed) == ('dock', 'dock', 2)
     assert ('goal' in userdata, 'late' in userdata, userdata.values()) == (True, False, {'goal': 'dock', 'speed': 2})
+    assert copy.copy(userdata).values() == userdata.values()
     for key in ('late', '_late'):
         with pytest.raises(AttributeError, match=f"^the machine has no default for userdata key '{key}'$"):
             getattr(userdata, key)
@@ -358,6 +360,6 @@ def test_a_scope_has_its_own_keys_and_those_inputs_that_have_a_value() -> None:
     scope = Scope({'own': 2}, outer, {'given': 'a', 'late': 'z'})
     assert [key in scope for key in ('own', 'given', 'late', 'a', 'none')] == [True, True, False, False, False]
     assert (scope.get('own'), scope.get('given'), scope.visible()) == (2, 1, {'given': 1, 'own': 2})
-    for key in ('late', 'a', 'none'):
-        with pytest.raises(KeyError):
+    for key, missing in (('late', 'z'), ('a', 'a'), ('none', 'none')):
+        with pytest.raises(KeyError, match=f"^'{missing}'$"):
             scope.get(key)
