@@ -230,7 +230,7 @@ class Region:
         if outcome is not None:
             label = child.definition.transitions[outcome].state
             following = container.children[label] if label is not None else None
-            ends = container.outcome_after(child, outcome) if following is None else None
+            ends = container.outcome_after(child, outcome)
         shown = following.path if following is not None else f'={ends}' if ends is not None else ''
         engine.tell(StateLeft(child.path, outcome or '', shown, child.exit_reason))
         self.is_leaving = False

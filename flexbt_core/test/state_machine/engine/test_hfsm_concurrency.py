@@ -465,8 +465,13 @@ def test_priority_within_priority() -> None:
 
 
 def test_the_engine_has_one_region_for_a_machine_and_one_for_each_child_of_a_concurrency_container() -> None:
-    _, _, made = two()
+    _, _, both = two()
+    made = machine(
+        Child('Both', both, {'done': 'Then', 'failed': 'Then'}), Child('Then', Scripted(), {'done': 'ended'})
+    )
     root = Bench(made).run.root
-    both = root.children['Both']
-    assert isinstance(both, ContainerRun)
-    assert (len(root.regions), len(both.regions)) == (1, 2)
+    around = root.children['Both']
+    assert isinstance(around, ContainerRun)
+    inner = around.children['Both']
+    assert isinstance(inner, ContainerRun)
+    assert [len(one.regions) for one in (root, around, inner)] == [1, 1, 2]

@@ -389,6 +389,15 @@ def test_a_state_that_goes_on_may_change_its_mind() -> None:
     assert bench.outcome == 'failed'
 
 
+def test_such_a_state_leaves_at_once_by_an_outcome_that_needs_nobody() -> None:
+    state = Stubborn('done', 'free', outcome='done', rate=1.0)
+    bench = Bench(nested(state, 'A', {'done': Autonomy.Full, 'free': Autonomy.Off}))
+    assert bench.decision.outcome == 'done'
+    state.outcome = 'free'
+    bench.pass_time(1.0)
+    assert bench.outcome == 'free'
+
+
 def test_what_such_a_state_was_forced_to_or_failed_by_stands() -> None:
     def boom(*_: Any) -> Any:
         raise ArithmeticError
@@ -483,7 +492,7 @@ def test_steps_that_cannot_be_are_refused_and_change_nothing() -> None:
     bench = stepped()
     first = bench.decision.id
     assert 'in no container' in str(bench.step_by('out', first))
-    assert "no step 'sideways'" in str(bench.step_by('sideways', first))
+    assert bench.step_by('sideways', first) == "there is no step 'sideways'; there are into, over, out"
     assert 'not pending' in str(bench.step_by('over', '99'))
     assert bench.run.controls.step is None and bench.decision.path == '/A'
     bench.pause()

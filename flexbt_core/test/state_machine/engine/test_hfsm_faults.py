@@ -244,6 +244,22 @@ def test_nothing_is_entered_any_more_when_a_state_has_ended_the_run() -> None:
     assert second.trace == ['on_start', 'on_stop']
 
 
+@pytest.mark.parametrize('is_blocked', [False, True])
+def test_nothing_is_executed_any_more_when_a_state_has_ended_the_run(is_blocked: bool) -> None:
+    class Continuing(Scripted):
+        runs_while_blocked = True
+
+    first, second = Continuing(outcome='done' if is_blocked else None), Scripted()
+    ended = [('ended', [('A', 'done'), ('B', 'done')])]
+    bench = Bench(machine(Child('A', first, {}, {'done': Autonomy.Full}), Child('B', second), conditions=ended))
+    assert bool(bench.run.decisions) is is_blocked
+    first.do['execute'] = boom
+    first.wake()
+    second.wake()
+    bench.settle()
+    assert (bench.outcome, second.calls('execute')) == ('error', 1)
+
+
 def once(do: Do) -> Do:
     """Only the first time."""
     times: Iterator[Do] = iter([do])
