@@ -14,7 +14,7 @@ from flexbt_core.state_machine.authoring.machine import ConcurrencyContainer, Op
 from flexbt_core.state_machine.authoring.wrappers import with_retry
 from flexbt_core.state_machine.authoring.yaml_form import read_machine
 from flexbt_core.state_machine.model.autonomy import Autonomy
-from flexbt_core.state_machine.model.definition import Child, MachineDefinition, StateDefinition
+from flexbt_core.state_machine.model.definition import Child, MachineDefinition, StateDefinition, child_path
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import MachineError
 from flexbt_testing.hostile_yaml import HOSTILE_YAML
@@ -145,6 +145,10 @@ def test_all_forms_give_the_same_definition() -> None:
     assert contents(define(at_once())) == expected
     assert contents(read_machine(TEXT, STATES)) == expected
     assert len(expected) == 7
+
+
+def test_a_path_has_the_labels_as_they_are() -> None:
+    assert [child_path(parent, 'LID') for parent in ('/', '/BOX', '/BOX/X')] == ['/LID', '/BOX/LID', '/BOX/X/LID']
 
 
 def test_a_definition_cannot_be_changed() -> None:
