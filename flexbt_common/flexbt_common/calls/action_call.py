@@ -186,7 +186,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             return
         # The server may still have the goal: its answer may be late or lost.
         asked, answer = self._runtime.steady.now(), self._link.cancel(self._goal_id)
-        if self._cancel_requested and self._cancel_timeout is None:
+        if self._is_relied_on:
             self._when_answered(answer, lambda future: self._early_cancel_answered(future, asked))
             self._after('accept', self._next_cancel(), self._not_accepted)
             return
@@ -203,7 +203,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         if self._is_gone():
             self._lose(f'{self._link} went away without an answer to the goal')
             return
-        if self._has_returned() and self._cancel_requested and self._cancel_timeout is None:
+        if self._has_returned() and self._is_relied_on:
             self._cancel_repeat = _CANCEL_REPEAT[0]
             self._drop('accept')
             self._not_accepted()
@@ -322,9 +322,17 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         self._gone_since = now if self._gone_since is None else self._gone_since
         return now - self._gone_since >= self._outage_timeout and not self._may_come_back()
 
+    @property
+    def _is_relied_on(self) -> bool:
+        """True if the goal was canceled by a caller that waits for its end without a time limit."""
+        return self._cancel_requested and self._cancel_timeout is None
+
     def _has_returned(self) -> bool:
-        """Return whether the server was silent at the last call, and is not now: perhaps in another process, whose
-        end of the first one cannot be known if that died before its token was heard."""
+        """Return whether the server was silent at the last call, and is not now.
+
+        Another process may have taken its place: if the first one died before its token was heard, nothing else shows
+        that.
+        """
         was_silent = self._was_silent
         self._was_silent = self._servers is not None and self._servers.are_silent
         return was_silent and not self._was_silent
@@ -334,8 +342,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
         servers = self._servers
         if servers is None:
             return False
-        is_relied_on = self._cancel_requested and self._cancel_timeout is None
-        return servers.are_silent if is_relied_on else servers.are_late and not servers.are_gone
+        return servers.are_silent if self._is_relied_on else servers.are_late and not servers.are_gone
 
     def _cancel(self) -> None:
         if self.done:

@@ -198,7 +198,7 @@ def calculation() -> OperatableStateMachine:
 
 
 def test_a_run_calculates_the_same_wherever_it_was_interrupted_or_switched() -> None:
-    """What is written down at any moment is a place to go on at, and a switch at any moment changes no value."""
+    """Continue at each moment from the position that was written down, or switch there: no value changes."""
 
     class Whole(Bench):
         events = 0

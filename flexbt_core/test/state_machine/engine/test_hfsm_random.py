@@ -40,7 +40,7 @@ NUMBERS = st.integers(0, 200)
 
 
 class Follower(RunReader):
-    """Follows a run by what it is told: an operator's view that never asks the run again."""
+    """A view of a run that knows only its events, as an operator has it."""
 
     def __init__(self, run: MachineRun) -> None:
         self.view = view_of(run)
