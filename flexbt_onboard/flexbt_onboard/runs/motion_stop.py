@@ -204,11 +204,10 @@ class MotionStop:
     def servers(self) -> list[str]:
         """Return the actions that move the robot and currently have a server."""
         node = self._runtime.node
-        there = {name for name, _ in node.get_service_names_and_types()}
         return [
             name
             for name in self._parameters.motion_actions
-            if node.resolve_service_name(f'{name}/_action/cancel_goal') in there
+            if node.count_services(node.resolve_service_name(f'{name}/_action/cancel_goal'))
         ]
 
     def _listen(self, name: str) -> None:

@@ -77,8 +77,8 @@ class Surroundings:
         self.zeros.append(self.steady.now())
         self.messages.append(message)
 
-    def get_service_names_and_types(self) -> list[tuple[str, list[str]]]:
-        return [(f'/robot/{name}/_action/cancel_goal', []) for name in self.servers]
+    def count_services(self, service: str) -> int:
+        return sum(service == f'/robot/{name}/_action/cancel_goal' for name in self.servers)
 
     def resolve_service_name(self, name: str) -> str:
         return f'/robot/{name}'
