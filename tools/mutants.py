@@ -9,7 +9,8 @@ when that is less than 95 %.
 Tests of a package that ``make test`` runs in one process run so here, too, without those that need the middleware.
 
 A change counts as noticed if a test fails, or if the tests use far more processor time than before. If they only take
-long, which may be because the machine is busy, the change counts for neither side.
+long, which may be because the machine is busy, the change counts for neither side. Neither does a change that mypy
+refuses, such as None for a string: ``make lint`` finds it.
 """
 
 from __future__ import annotations
@@ -284,11 +285,27 @@ def mutants(area: Area, copy: Path, seed: int) -> Iterator[Mutant]:
             yield Mutant(file, before, after)
 
 
-def try_out(mutant: Mutant, tests: list[str], seconds: float, package: str, number: int) -> str:
-    """Return ``noticed``, ``not noticed`` or ``undecided``."""
-    own = OUTPUT / f'worker_{number}'
+def try_out(mutant: Mutant, tests: list[str], seconds: float, package: str, own: Path) -> str:
+    """Return ``noticed``, ``not noticed``, ``not reached``, ``undecided`` or ``refused`` by mypy."""
     changed = own / mutant.file
     changed.write_text(mutant.after, encoding='utf-8')
+    try:
+        if not is_typed(own, package, mutant.file):
+            return 'refused'
+        return _tested(tests, seconds, package, own) if tests else 'not reached'
+    finally:
+        changed.write_text(mutant.before, encoding='utf-8')
+
+
+def is_typed(own: Path, package: str, *files: Path) -> bool:
+    """Return whether mypy accepts files of the copy ``own``."""
+    places = [own / package, *sorted(file.parent for file in ROOT.glob('*/setup.py'))]
+    mypy = [sys.executable, '-m', 'mypy', '--config-file', str(ROOT / 'pyproject.toml'), *map(str, files)]
+    environment = os.environ | {'MYPYPATH': os.pathsep.join(map(str, places))}
+    return subprocess.run(mypy, cwd=own, env=environment, stdout=subprocess.DEVNULL, check=False).returncode == 0
+
+
+def _tested(tests: list[str], seconds: float, package: str, own: Path) -> str:
     limit = int(CPU_SECONDS + CPU_TIMES * seconds)
     limited = ['sh', '-c', 'ulimit -t "$0" && exec "$@"', str(limit)]
     process = subprocess.Popen(
@@ -307,7 +324,6 @@ def try_out(mutant: Mutant, tests: list[str], seconds: float, package: str, numb
         if process.poll() is None:
             os.killpg(process.pid, 9)
             process.wait()
-        changed.write_text(mutant.before, encoding='utf-8')
     return 'not noticed' if code == 0 else 'noticed'
 
 
@@ -356,29 +372,30 @@ def main() -> int:
     begin = time.monotonic()
     deadline = begin + 60.0 * options.minutes
     copy, reached = prepared(area, begin + 30.0 * options.minutes)
-    for number in range(WORKERS):
-        shutil.rmtree(OUTPUT / f'worker_{number}', ignore_errors=True)
-        shutil.copytree(copy, OUTPUT / f'worker_{number}', ignore=shutil.ignore_patterns('__pycache__'))
+    workers = [OUTPUT / f'worker_{number}' for number in range(WORKERS)]
+    for own in workers:
+        shutil.rmtree(own, ignore_errors=True)
+        shutil.copytree(copy, own, ignore=shutil.ignore_patterns('__pycache__'))
+        if not is_typed(own, area.package, *(Path(area.package, area.package, name) for name in area.files)):
+            sys.exit(f'mypy refuses {area.package} without a change; see make lint')
     results: Counter[str] = Counter()
     made = mutants(area, copy, options.seed)
     lock = threading.Lock()
 
-    def work(number: int) -> None:
+    def work(own: Path) -> None:
         while time.monotonic() < deadline:
             with lock:
                 mutant = next(made, None)
             if mutant is None:
                 return
             tests = reached.of(mutant)
-            result = 'not reached'
-            if tests:
-                result = try_out(mutant, tests, sum(map(reached.seconds.__getitem__, tests)), area.package, number)
+            result = try_out(mutant, tests, sum(map(reached.seconds.__getitem__, tests)), area.package, own)
             results[result] += 1
-            if result != 'noticed':
+            if result not in ('noticed', 'refused'):
                 print(f'{result}: {len(tests)} tests\n{mutant.diff}\n', flush=True)
 
     with ThreadPoolExecutor(WORKERS) as pool:
-        list(pool.map(work, range(WORKERS)))
+        list(pool.map(work, workers))
     missed = results['not noticed'] + results['not reached']
     share = results['noticed'] / max(1, results['noticed'] + missed)
     print(f'{options.area}, seed {options.seed}: {share:.1%} noticed; {dict(results)}')
