@@ -41,7 +41,7 @@ from flexbt_core.state_machine.engine.resume import RunPosition, start_at, switc
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy, Decision
 from flexbt_core.state_machine.model.definition import Child
-from flexbt_core.state_machine.model.event_state import EventState, ExitReason
+from flexbt_core.state_machine.model.event_state import EventState, ExitReason, called_state
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_core.state_machine.model.userdata import UserData
 
@@ -113,6 +113,9 @@ class Scripted(EventState):
         self._calls[callback] += 1
         self.trace.append(callback + detail)
         if isinstance(self.services, Bench):
+            called = called_state()  # itself, or what wraps it
+            assert called is not None
+            assert called is not self or self.services.run.calling == (self.path, callback)
             self.services.trace.append(f'{callback} {self.path}{detail}')
         return self.do[callback](self, userdata) if callback in self.do else None
 
@@ -195,6 +198,8 @@ class Bench(RunReader):
         self._has_changed = False
         self.answers: list[str | None] = []
         """Answers to commands: None, or the reason for a refusal."""
+        self.answered: list[object] = []
+        """IDs of the commands of these answers."""
         self.wake_event = WakeEvent()
         self.violations: list[Violation] = []
         self.run = MachineRun(
@@ -226,6 +231,7 @@ class Bench(RunReader):
                 self.faults.append((event.path, event.text))
             case CommandDecided():
                 self.answers.append(event.refusal)
+                self.answered.append(event.command_id)
             case StateLeft():
                 self._has_changed = True
                 self.transitions.append((event.path, event.outcome, event.target, event.reason))

@@ -562,7 +562,7 @@ class Conditions:
         """Complete the node with the result of this pre-condition, or halt it if it was RUNNING."""
         node, result = self._node, script.result
         if result is not SKIPPED:
-            node.decided_by = script if result is FAILURE else None
+            node.decided_by = script
             self.complete(result)
             node.status = result
         elif node.stored_status is RUNNING:

@@ -56,8 +56,6 @@ class Timeout(DecoratorNode):
             self._stop()
             self.child.status = IDLE
             self.status = status
-        elif status is RUNNING:
-            self.status = RUNNING
         return status
 
     def _stop(self) -> None:
@@ -112,8 +110,6 @@ class Delay(DecoratorNode):
             self._begun = False
             self.child.status = IDLE
             self.status = status
-        elif status is RUNNING:
-            self.status = RUNNING
         return status
 
     def halt(self) -> None:
@@ -127,15 +123,12 @@ class Sleep(StatefulAction):
 
     __slots__ = ('_deadline',)
 
+    _deadline: float
     goes_on = ''  # it only waits
 
     ports = {'msec': input_port(UNSIGNED, description='time to sleep in ms')}
     outcomes = Lasting((RUNNING, SUCCESS), 'msec', 0.001)
     example = Example('<Sleep msec="100"/>', ticks=(RUNNING, SUCCESS))
-
-    def __init__(self, config: NodeConfig) -> None:
-        super().__init__(config)
-        self._deadline = 0.0
 
     def on_start(self) -> NodeStatus:
         msec: int = self.get_input('msec')

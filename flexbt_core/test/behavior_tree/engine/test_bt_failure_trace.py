@@ -86,6 +86,12 @@ def decorator(tag: str, script: str = 'F', **ports: str) -> str:
             ['top: LoopInt: the queue is empty (if_empty="FAILURE")'],
         ),
         ('<ScriptCondition name="top" code="1 > 3"/>', ['top: ScriptCondition: [1 > 3] does not hold']),
+        ('<WasEntryUpdated name="top" entry="{x}"/>',
+         ['top: WasEntryUpdated: entry [x] was not written since the last tick']),
+        ('<SetBlackboard name="top" value="{x}" output_key="y"/>',
+         ['top: the entry [x] that is to be copied was never written']),
+        ('<InitialPoseReceived name="top"/>', ['top: no first pose of the robot was received']),
+        ('<AreErrorCodesPresent name="top" error_codes_to_check="9;7"/>', ['top: error code 0 is none of [7, 9]']),
         ('<AlwaysSuccess name="top" _failureIf="3 > 1"/>', ['top: AlwaysSuccess: [3 > 1] of _failureIf holds']),
         (
             f'<Sequence name="top"><Sequence name="in" _failureIf="true">{step("F")}</Sequence></Sequence>',

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import operator
 import random
 from collections.abc import Callable
 from typing import Any
@@ -197,6 +198,9 @@ def test_nodes_whose_source_is_not_to_be_had_are_watched_as_well() -> None:
     log: list[int] = []
     tree = make('<Inverter><Made/></Inverter>', more=(names['Made'],))
     tree.observe(StatusLog(log))
+    (watched,) = (type(node) for node in tree.nodes if node.id == 'Made')
+    names_of = operator.attrgetter('__name__', '__qualname__', '__module__', '__doc__')
+    assert watched is not names['Made'] and names_of(watched) == names_of(names['Made'])
     reader = LogReader(tree.nodes, transition)
     assert tree.tick_once() is FAILURE
     assert [(uid, after) for uid, _, after in reader.read(log)] == [

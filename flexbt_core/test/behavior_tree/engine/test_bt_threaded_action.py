@@ -132,8 +132,10 @@ def test_nonsense_from_a_thread_is_an_error(nonsense: Any) -> None:
     tree.tick_once()
     leaf.orders.put(nonsense)
     woken.wait()
-    with pytest.raises(NodeExecutionError, match=r'\[w\]'):
+    with pytest.raises(NodeExecutionError, match=r'\[w\]') as caught:
         tree.tick_once()
+    unfinished = 'run has to return when the work is done; RUNNING is not a result'
+    assert (caught.value.reason == unfinished) is (nonsense is RUNNING)
     tree.halt()
 
 

@@ -23,7 +23,13 @@ from flexbt_core.behavior_tree.engine.registry import NodeRegistry, node_skills
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError, RegistrationError, TickAbandoned, TreeLoadError
+from flexbt_core.behavior_tree.model.errors import (
+    NodeExecutionError,
+    PortError,
+    RegistrationError,
+    TickAbandoned,
+    TreeLoadError,
+)
 from flexbt_core.behavior_tree.model.ports import STRING, inout_port, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
@@ -61,6 +67,22 @@ class Work(StatefulAction):
         self.halts += 1
         if self.services.get('halt error') == self.name:
             raise RuntimeError(f'{self.name} cannot stop')
+
+
+class Patient(Work):
+    """Asks for a tick in 5 s, whatever comes before it."""
+
+    def on_start(self) -> NodeStatus:
+        self.wake_at(self.clock.now() + 5.0)
+        return self.result()
+
+
+class Instant(SyncAction):
+    """A ``Work`` of one tick."""
+
+    def tick(self) -> NodeStatus:
+        result = self.services[self.name].pop(0)
+        return self.fail(result) if isinstance(result, str) else result
 
 
 class Returns(SyncAction):
@@ -122,7 +144,7 @@ class Stubborn(Decorator):
         raise ValueError('no')
 
 
-NODES = (HaltedControl, HaltedDecorator, Stubborn, Work, Returns, Check, Pass, All)
+NODES = (HaltedControl, HaltedDecorator, Stubborn, Work, Patient, Instant, Returns, Check, Pass, All)
 
 
 def library(*bodies: str, **trees: str) -> TreeLibrary:
@@ -231,6 +253,19 @@ def test_next_wake_is_the_earliest_deadline_and_goes_with_its_node() -> None:
     assert running.next_wake is None
     running.tick_once()
     running.halt()
+    assert running.next_wake is None
+
+
+@pytest.mark.parametrize('end', [SUCCESS, FAILURE, SKIPPED, IDLE, ZeroDivisionError('oops'), None])
+def test_a_leaf_that_has_ended_or_was_halted_asks_for_no_tick(end: Any) -> None:
+    services = {'a': [RUNNING, RUNNING if end is None else end], 'b': [RUNNING, FAILURE if end is None else RUNNING]}
+    running = tree('<Parallel failure_count="1"><Patient name="a"/><Work name="b"/></Parallel>', services=services)
+    assert (running.tick_once(), running.next_wake) == (RUNNING, 5.0)
+    if end is IDLE or isinstance(end, Exception):
+        with pytest.raises(NodeExecutionError):
+            running.tick_once()
+    else:
+        running.tick_once()
     assert running.next_wake is None
 
 
@@ -396,14 +431,15 @@ def test_the_failure_of_a_timeout_is_its_own() -> None:
     assert running.failure is None
 
 
-def test_a_reason_is_not_kept_for_the_next_failure() -> None:
+@pytest.mark.parametrize('leaf', ['Work', 'Instant'])
+def test_a_reason_is_not_kept_for_the_next_failure(leaf: str) -> None:
     services: dict[str, Any] = {'a': ['one', FAILURE]}
-    running = tree('<Work name="a"/>', services=services)
+    running = tree(f'<{leaf} name="a"/>', services=services)
     running.tick_once()
     assert running.failure is not None
     assert running.failure.reason == 'one'
     running.tick_once()
-    assert running.failure.reason == 'Work returned FAILURE'
+    assert running.failure.reason == f'{leaf} returned FAILURE'
 
 
 def test_exceptions_name_the_innermost_node_and_leave_the_tree_to_be_halted() -> None:
@@ -453,6 +489,13 @@ def test_ports_that_fail_within_a_node_of_the_engine_name_it() -> None:
         running.tick_once()
     running.blackboard.set('n', 2)
     assert running.tick_once() is SUCCESS
+    running = tree('<SetBlackboard name="s" value="{n}" output_key="m"/>')
+    running.blackboard.unset('n')
+    with pytest.raises(NodeExecutionError) as caught:
+        running.tick_once()
+    cause = caught.value.cause
+    assert isinstance(cause, PortError) and (cause.port, cause.key, cause.is_absent) == ('value', 'n', True)
+    assert str(cause).endswith('[s]: the blackboard has no such entry')
 
 
 def test_skipped_is_given_but_not_stored() -> None:
@@ -608,8 +651,12 @@ def test_a_library_that_cannot_be_is_refused_with_the_place(bodies: list[str], r
 
 
 def test_two_sub_trees_with_one_path_are_refused() -> None:
-    with pytest.raises(TreeLoadError, match=r'two sub-trees have the path \[s\]; give them different names$'):
-        tree('<Sequence><SubTree ID="T1" name="s"/><SubTree ID="T1" name="s"/></Sequence>', '<AlwaysSuccess/>')
+    body = '<Sequence><SubTree ID="T1" name="s"/><SubTree ID="T1" name="s"/></Sequence>'
+    with pytest.raises(TreeLoadError, match=r'two sub-trees have the path \[s\]; give them different names$') as caught:
+        tree(body, '<AlwaysSuccess/>')
+    (error,) = caught.value.errors
+    xml = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}'
+    assert error.column == xml.rindex('name="s"') + 1
 
 
 def test_paths_and_uids_are_those_of_btcpp() -> None:
@@ -967,10 +1014,12 @@ def test_leaves_that_run_are_resumed_and_abandoned_and_one_that_raises_is_named(
     running.abandon()
     assert running.context.services == {'abandoned': 'ab'}
     assert running.pause() == (f'a: {LeafNode.goes_on}', f'b: {LeafNode.goes_on}')
+    assert running.context.paused
     with pytest.raises(NodeExecutionError, match=r'in node \[a\] \(Hangs\): OSError: no current$') as caught:
         running.resume()
     assert caught.value.trace.chain == ('Parallel::1', 'a')
     assert isinstance(caught.value.__cause__, OSError)
+    assert not running.context.paused
 
 
 class Grab(Work):

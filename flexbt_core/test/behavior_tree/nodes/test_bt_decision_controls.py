@@ -13,6 +13,7 @@ from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.script.values import SAME_NUMBER
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, first_failure, make, step
 
@@ -63,6 +64,7 @@ VECTORS: dict[str, list[tuple[str, str]]] = {
         # The whole text is a number, or it is none.
         (control('Switch2', 'S', 'S', 'S', **SWITCH), "x='2' S 1S | x='2.00' S 1S | x='2x' S 2S | x='02' S 1S"),
         (control('Switch2', 'S', 'S', 'S', **SWITCH), "x='1.9999999' S 1S | x='1.999' S 2S | x='2e0' S 1S"),
+        (control('Switch2', 'S', 'S', 'S', **SWITCH), f"x='{2.0 + SAME_NUMBER!r}' S 1S"),
         (control('Switch2', 'S', 'S', 'S', variable='nan', case_1='inf', case_2='nan'), 'S 1S'),
         # It is reactive: another value halts what runs.
         (control('Switch2', 'R', 'RS', 'R', **SWITCH), "x=a R 0R | x='2' R 0! 1R | S 1S | x=z R 2R | halt 2! | R 2R"),
@@ -254,11 +256,16 @@ def test_try_catch_is_a_fallback_of_a_sequence_and_a_forced_failure(tries: list[
 
 
 @pytest.mark.parametrize(
-    ('port', 'never'), [('success_count', 'it can never succeed'), ('failure_count', 'it can never fail')]
+    ('tag', 'port', 'never'),
+    [
+        ('Parallel', 'success_count', 'it can never succeed'),
+        ('Parallel', 'failure_count', 'it can never fail'),
+        ('ParallelAll', 'max_failures', 'it can never fail'),
+    ],
 )
-def test_a_threshold_above_the_number_of_children_is_an_error(port: str, never: str) -> None:
-    tree, _ = make(control('Parallel', 'S', 'S', **{port: '3'}))
-    with pytest.raises(NodeExecutionError, match=f'{port} 3 is more than its 2 children: {never}'):
+def test_a_threshold_above_the_number_of_children_is_an_error(tag: str, port: str, never: str) -> None:
+    tree, _ = make(control(tag, 'S', 'S', **{port: '3'}))
+    with pytest.raises(NodeExecutionError, match=f'{port} 3 is more than its 2 children: {never}$'):
         tree.tick_once()
 
 

@@ -17,6 +17,9 @@ VECTORS: list[tuple[str, str]] = [
     # A controller that a pre-condition has completed, and nobody reset, waits for a change of the goal.
     (f'<IfThenElse><GoalUpdatedController _failureIf="x">{step("S")}</GoalUpdatedController>{step("S", 1)}'
      '</IfThenElse>', "x=1 F | x=0 R | goal='a' S 0S 1S"),
+    # The others begin at once.
+    *((f'<IfThenElse><{tag} _failureIf="x">{step("S")}</{tag}>{step("S", 1)}</IfThenElse>', 'x=1 F | x=0 S 0S 1S')
+      for tag in ('RateController', 'SingleTrigger')),
     # RecoveryNode
     (control('RecoveryNode', 'S', 'S'), 'S 0S'),
     (control('RecoveryNode', 'FS', 'S'), 'S 0F 1S 0S'),
@@ -149,11 +152,14 @@ def test_goal_updated_fires_once_for_each_change() -> None:
     condition = next(node for node in tree.nodes if node.id == 'GoalUpdated')
     tree.blackboard.set('goal', (1, 2))
     results = []
-    for goal in [(1, 2), (1, 2), (3, 4), (3, 4)]:
-        tree.blackboard.set('goal', goal)
+    for goal in [(1, 2), (1, 2), (3, 4), (3, 4), None, (3, 4)]:
+        if goal is None:
+            tree.blackboard.unset('goal')  # the last one stays
+        else:
+            tree.blackboard.set('goal', goal)
         # Status kept from tick to tick, as below a control that does not reset it.
         results.append(NAMES[condition.execute()])
-    assert results == ['F', 'F', 'S', 'F']
+    assert results == ['F', 'F', 'S', 'F', 'F', 'F']
     tree.blackboard.set('goals', [(1, 2)])
     assert NAMES[condition.execute()] == 'S'
     condition.status = NodeStatus.IDLE

@@ -216,7 +216,7 @@ def test_distance_controller_counts_from_where_it_begins_and_fails_when_lost() -
     tree, calls = make(f'<ByDistance name="by">{step("F")}</ByDistance>', extra=(ByDistance,))
     assert tree.tick_once() is NodeStatus.FAILURE
     assert tree.failure is not None
-    assert tree.failure.path == 'F_0'
+    assert tree.failure.lines() == ['F_0: Step returned FAILURE', 'by: ByDistance: the child failed']
     Robot.place = None
     calls.clear()
     assert tree.tick_once() is NodeStatus.FAILURE

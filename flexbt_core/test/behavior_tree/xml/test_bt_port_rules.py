@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, ClassVar, NamedTuple
 
 import pytest
@@ -168,13 +169,19 @@ CLASHES = {
     'JSON that is nested without end': (f'<Numbers input="json:{"[" * 9999}"/>',),
     'a bad number': ('<Int input="not_a_number" output="{r}"/>',),
     'a bad literal of a type of ones own': ('<Point input="1.5" output="{r}"/>',),
+    'a key that is at the root of the root': ('<Int input="1" output="{@@v}"/>',),
 }
 
 
 @pytest.mark.parametrize('what', CLASHES)
 def test_types_that_clash_are_refused_when_the_tree_is_made(registry: NodeRegistry, what: str) -> None:
-    with pytest.raises(TreeLoadError):
-        make(registry, sequence(*CLASHES[what]))
+    body = sequence(*CLASHES[what])
+    with pytest.raises(TreeLoadError) as caught:
+        make(registry, body)
+    (error,) = caught.value.errors
+    head = '<root BTCPP_format="4" main_tree_to_execute="M"><BehaviorTree ID="M">'
+    place = f'{head}{body}'[error.column - 1 :]
+    assert re.match(r'(in|out)put="', place) and f'port [{place.partition("=")[0]}]' in error.message
 
 
 def test_the_type_of_an_entry_cannot_be_changed_by_a_copy(registry: NodeRegistry) -> None:

@@ -83,6 +83,21 @@ def test_it_waits_for_the_others_to_be_at_rest_before_it_wants_its_outcome() -> 
     assert (bench.outcome, bench.faults) == ('failed', [])
 
 
+def test_a_child_that_has_ended_counts_when_it_is_at_rest() -> None:
+    one, other, made = two()
+    braking = ['braking']
+    one.do['halting'] = lambda *_: next(iter(braking), None)
+    bench = Bench(made)
+    for state in (one, other):
+        state.end('done')
+        bench.settle()
+    assert [taken[:3] for taken in bench.transitions] == [('/Both/B', 'done', '')]
+    braking.clear()
+    one.wake()
+    bench.settle()
+    assert bench.transitions[1][:3] == ('/Both/A', 'done', '=done')
+
+
 def test_a_child_that_never_comes_to_rest_does_not_hold_it_up_for_ever() -> None:
     one, other, made = two()
     one.do['halting'] = lambda *_: 'braking'

@@ -138,6 +138,15 @@ def test_what_comes_to_rest_in_a_pause_is_followed_after_it() -> None:
     assert bench.active == ('/B',)
 
 
+def test_all_commands_that_have_arrived_in_a_pause_are_applied_at_once() -> None:
+    _, bench = subject()
+    bench.pause()
+    for number in range(3):
+        bench.run.command(number, operator_commands.set_breakpoint, '/M')
+    bench.settle()
+    assert bench.answers[-3:] == [None, *['/M has a breakpoint already'] * 2]
+
+
 def test_stop_works_during_a_pause() -> None:
     state, bench = subject()
     bench.pause()

@@ -96,6 +96,7 @@ def test_a_machine_that_has_ended_and_waits_may_be_forced() -> None:
     first.outcome = 'failed'
     bench = Bench(two(first, second), autonomy=Autonomy.Low)
     assert (bench.decision.path, bench.decision.outcome, bench.active) == ('/Inner', 'out', ())
+    assert bench.force('/Inner/First', 'done') == '/Inner/First is not active (active: none)'
     assert bench.force('/Inner', 'never', bench.decision.id) is None
     assert bench.outcome == 'ended'
     assert first.calls('on_exit') == 1

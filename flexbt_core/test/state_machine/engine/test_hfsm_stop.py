@@ -99,9 +99,9 @@ def test_the_first_reason_of_a_stop_stays() -> None:
 
 
 def give_commands(bench: Bench) -> None:
-    bench.run.command('', confirm, '1')
-    bench.run.command('', force, '/A', 'done')
-    bench.run.command('', set_autonomy, Autonomy.Off)
+    bench.run.command('a', confirm, '1')
+    bench.run.command('b', force, '/A', 'done')
+    bench.run.command('c', set_autonomy, Autonomy.Off)
 
 
 @pytest.mark.parametrize('how', ['end', 'stop', 'fault'])
@@ -115,7 +115,7 @@ def test_commands_after_the_end_are_refused_at_once_each(how: str) -> None:
     outcome = {'end': 'done', 'stop': 'preempted', 'fault': 'error'}[how]
     assert bench.outcome == outcome
     give_commands(bench)
-    assert bench.answers == ['the run has ended'] * 3
+    assert (bench.answers, bench.answered) == (['the run has ended'] * 3, ['a', 'b', 'c'])
     bench.run.preempt('too late')
     assert not bench.run.step()
     assert (bench.outcome, bench.run.message) == (outcome, bench.run.message)
@@ -142,7 +142,7 @@ def test_commands_that_are_given_before_a_stop_has_its_effect_are_refused() -> N
     give_commands(bench)
     bench.run.preempt('now')
     bench.settle()
-    assert bench.answers == ['the run is ending'] * 3
+    assert (bench.answers, bench.answered) == (['the run is ending'] * 3, ['a', 'b', 'c'])
     assert state.trace[-2:] == ['on_exit PREEMPTED', 'on_stop']
 
 

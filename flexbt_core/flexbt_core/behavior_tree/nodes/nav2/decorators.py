@@ -25,7 +25,7 @@ class RateController(Decorator):
     requests a wake-up at its end.
     """
 
-    __slots__ = ('_first', '_period', '_start')
+    __slots__ = ('_period', '_start')
 
     ports = {'hz': input_port(DOUBLE, default='10.0', description='rate in 1/s')}
     example = Example(
@@ -37,26 +37,23 @@ class RateController(Decorator):
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._period = 0.0
-        self._start = 0.0
-        self._first = True
+        self._period = self._start = 0.0
 
     def tick(self) -> NodeStatus:
         now = self.clock.now()
-        if not self.active:
+        begins = not self.active
+        if begins:
             hz: float = self.get_input('hz')
             if not hz > 0.0:
                 raise ValueError(f'port [hz] has to be a positive rate, not {hz}')
             self._period = 1.0 / hz
             self._start = now
-            self._first = True
         if self.stored_status is not RUNNING:
             self.status = RUNNING
         # Compare with the wake-up time: a difference of times could round to less than the period.
-        if not self._first and self.child.stored_status is not RUNNING and now < self._start + self._period:
+        if not begins and self.child.stored_status is not RUNNING and now < self._start + self._period:
             self.wake_at(self._start + self._period)
             return RUNNING
-        self._first = False
         status = self.tick_child()
         if status is SUCCESS:
             self._start = now
@@ -115,7 +112,7 @@ class DistanceController(Decorator):
     node. Ticks a RUNNING child at every tick. FAILURE while the position of the robot is unknown.
     """
 
-    __slots__ = ('_first', '_lost', '_start')
+    __slots__ = ('_lost', '_start')
 
     ports = {
         'distance': input_port(DOUBLE, default='1.0', description='m'),
@@ -126,7 +123,6 @@ class DistanceController(Decorator):
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
         self._start: Position = ()
-        self._first = True
         self._lost = False
 
     @abstractmethod
@@ -138,15 +134,15 @@ class DistanceController(Decorator):
         self._lost = here is None
         if here is None:
             return FAILURE
-        if not self.active or not self._start:  # it may have failed before it knew a position
+        distance: float = self.get_input('distance')
+        begins = not self.active or not self._start  # it may have failed before it knew a position
+        if begins:
             self._start = here
-            self._first = True
         if self.stored_status is not RUNNING:
             self.status = RUNNING
-        moved_on = math.dist(self._start, here) >= self.get_input('distance')
-        if not (self._first or moved_on or self.child.stored_status is RUNNING):
+        moved_on = math.dist(self._start, here) >= distance
+        if not (begins or moved_on or self.child.stored_status is RUNNING):
             return RUNNING
-        self._first = False
         status = self.tick_child()
         if status is SUCCESS:
             self._start = here
@@ -164,7 +160,7 @@ class SpeedController(Decorator):
     RUNNING child at every tick. It uses the clock of the tree, and requests a wake-up at the end of the period.
     """
 
-    __slots__ = ('_first', '_latched', '_period', '_start')
+    __slots__ = ('_latched', '_period', '_start')
 
     ports = {
         'min_rate': input_port(DOUBLE, default='0.1', description='rate at min_speed and below, 1/s'),
@@ -178,7 +174,6 @@ class SpeedController(Decorator):
         super().__init__(config)
         self._latched: tuple[Any, Any] = (None, None)
         self._period = self._start = 0.0
-        self._first = True
 
     @abstractmethod
     def speed(self) -> float:
@@ -187,11 +182,11 @@ class SpeedController(Decorator):
     def tick(self) -> NodeStatus:
         now = self.clock.now()
         goals = read_goals(self, self._latched)
-        if not self.active or goals != self._latched:
+        begins = not self.active or goals != self._latched
+        if begins:
             self._latched = goals
             self._period = 1.0 / self._rate('max_rate')
             self._start = now
-            self._first = True
         if self.stored_status is not RUNNING:
             self.status = RUNNING
         due = now >= self._start + self._period
@@ -199,8 +194,7 @@ class SpeedController(Decorator):
             self._period = 1.0 / self._scaled_rate()
             self._start = now
         self.wake_at(self._start + self._period)
-        if due or self._first or self.child.stored_status is RUNNING:
-            self._first = False
+        if due or begins or self.child.stored_status is RUNNING:
             return self.tick_child()
         return RUNNING
 
