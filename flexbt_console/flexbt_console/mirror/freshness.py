@@ -56,9 +56,9 @@ class Freshness:
     kept for late subscribers.
 
     Messages are sent one after another. If a transit exceeds the one before by more than the time between the two
-    arrivals, a clock was set in between, and also if it is shorter than all others after a gap. The message then counts
-    as having taken as long as the one before, and after a gap longer by all of it: it may have waited. An echo shows if
-    it has not.
+    arrivals, a clock was set in between, and also if it is shorter than all others after a gap, unless it is at most a
+    heartbeat period: then the others have waited. The message counts as having taken as long as the one before, and
+    after a gap longer by all of it: it may have waited. An echo shows if it has not.
     """
 
     def __init__(self, lost_after: float = LOST_SECONDS) -> None:
@@ -93,16 +93,16 @@ class Freshness:
             self._confirmed = not first
             return
         gap = since if since > LIVE_PERIODS * self._period else 0.0
+        is_young = -SKEW_TOLERANCE <= self._transit <= self._period
         if before is not None and (
             self._transit - before > since + SKEW_TOLERANCE
-            or (gap and self._transit < min(self._transits, default=-math.inf) - SKEW_TOLERANCE)
+            or (gap and not is_young and self._transit < min(self._transits, default=-math.inf) - SKEW_TOLERANCE)
         ):
             step = self._transit - before - gap
             self._transits = deque((one + step for one in self._transits), BASELINE_LENGTH)
             self._ahead = deque((one - step for one in self._ahead), ECHOES_REMEMBERED)
         self._transits.append(self._transit)
-        young = -SKEW_TOLERANCE <= self._transit <= self._period
-        self._confirmed = self._confirmed or young or bool(self._ahead)
+        self._confirmed = self._confirmed or is_young or bool(self._ahead)
 
     def echoed(self, now: float, ahead: float) -> None:
         """Note an echo that was sent ``ahead`` seconds after the ping, each on the wall clock of its own computer.

@@ -139,14 +139,17 @@ def test_no_heartbeat_period_keeps_a_picture_live_for_long(period: float, transi
         assert view.link is LinkState.LOST
 
 
-def test_a_kept_message_of_a_silent_executive_is_not_live() -> None:
-    """A late subscriber gets the last message, however old: only the next one shows that somebody is there."""
+@pytest.mark.parametrize('gap', [0.0, 5.0])
+@pytest.mark.parametrize(('age', 'link'), [(0.9, LinkState.LIVE), (600.0, LinkState.LOST)])
+def test_a_kept_message_of_a_silent_executive_is_as_old_as_it_is(age: float, link: LinkState, gap: float) -> None:
+    """A late subscriber gets the last message, however old. The next one is not, and shows that somebody is there."""
     clock = ManualClock()
     mirror = Mirror(clock)
-    mirror.receive_snapshot(snapshot('e', 7), Transit(sent=0.0, received=600.0))
+    mirror.receive_snapshot(snapshot('e', 7), Transit(sent=0.0, received=age))
     view = mirror.view()
-    assert view.link is LinkState.LOST and view.age == 600.0
-    mirror.receive_snapshot(snapshot('e', 8), Transit(sent=600.5, received=600.5))
+    assert view.link is link and view.age == age
+    clock.advance(gap)
+    mirror.receive_snapshot(snapshot('e', 8), Transit(sent=age + gap, received=age + gap + 0.01))
     assert mirror.view().link is LinkState.LIVE
 
 
