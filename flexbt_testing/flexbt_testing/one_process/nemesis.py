@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import math
 import os
 import subprocess
 import sys
@@ -17,8 +18,9 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from .live import TakenOver, take_over, take_over_at  # isort: skip - it prepares this interpreter
 
@@ -181,6 +183,27 @@ def _parameter(text: str) -> tuple[str, str]:
     return name, value
 
 
+def _number(text: str, kind: Callable[[str], float] = float, least: float = 0.0) -> Any:
+    try:
+        if least <= kind(text) < math.inf:
+            return kind(text)
+    except ValueError:
+        pass
+    raise argparse.ArgumentTypeError(f'{text!r} is not a {"whole " * (kind is int)}number from {least:g} on')
+
+
+def _plan(file: str) -> Plan:
+    try:
+        return Plan.read(Path(file).read_text())
+    except (OSError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f'{file}: {error}') from error
+
+
+def _live(text: str) -> str:
+    _number((text.split() or [''])[0])
+    return text
+
+
 def play_live(plan: Plan, text: str) -> int:
     """Run a plan until an operator takes over (see :mod:`.live`). Its faults go on, its operators do not."""
     stage = Stage(plan.world, plan.motion)
@@ -214,9 +237,12 @@ def _robots(world: str) -> list[str]:
 def main() -> int:
     """Run what the command line asks for. Return the exit code."""
     parser = argparse.ArgumentParser(prog='nemesis', description=(__doc__ or '').split('\n\n')[0])
-    parser.add_argument('--seeds', type=int, default=0, help='number of seeds to run, from --seed on')
-    parser.add_argument('--seed', type=int, default=0, help='the first seed, or the only one')
-    parser.add_argument('--seconds', type=float, default=SECONDS, help='simulated time of the faults, s')
+    count = partial(_number, kind=int)
+    parser.add_argument('--seeds', type=count, default=0, help='number of seeds to run, from --seed on')
+    parser.add_argument('--seed', type=count, default=0, help='the first seed, or the only one')
+    parser.add_argument(
+        '--seconds', type=partial(_number, least=1.0), default=SECONDS, help='simulated time of the faults, s'
+    )
     parser.add_argument(
         '--world',
         default='',
@@ -228,21 +254,26 @@ def main() -> int:
         'parameters', nargs='*', type=_parameter, metavar='PARAMETER=VALUE', help='parameters of the behavior'
     )
     parser.add_argument('--motion', default='', choices=('', 'full', 'abstract'), help='the same for the robot')
-    parser.add_argument('--jobs', type=int, default=2, help='runs at once')
-    parser.add_argument('--plan', type=Path, help='run this plan, such as out/nemesis/7/plan.yaml, instead of a seed')
+    parser.add_argument('--jobs', type=partial(_number, kind=int, least=1), default=2, help='runs at once')
+    parser.add_argument('--plan', type=_plan, help='run this plan, such as out/nemesis/7/plan.yaml, instead of a seed')
     parser.add_argument('--mutants', nargs='?', const='', help='run mutations of the product, those with this text')
     parser.add_argument('--mutation', default='', help='run the seeds or the plan with this mutation')
     parser.add_argument('--hash', action='store_true', help='print nothing but the hash of the run')
     parser.add_argument('--as-drawn', action='store_true', help='do not shrink the plans that break an invariant')
     parser.add_argument('--out', type=Path, default=Path('out/nemesis'), help='directory of what is kept')
     live = 'run the seed until this time of its world, then in real time, with a console that has these arguments'
-    parser.add_argument('--live', metavar='"SECONDS ARGUMENTS"', help=live)
+    parser.add_argument('--live', type=_live, metavar='"SECONDS ARGUMENTS"', help=live)
     given = parser.parse_args()
 
     def say(text: str) -> None:
         print(text, flush=True)
 
-    world = given.world or ('navigate' if given.behavior else '')
+    if given.parameters and not given.behavior:
+        parser.error(f'{given.parameters[0][0]}: a parameter is of a behavior, which --behavior names')
+    mutation = next((one for one in MUTATIONS if one.name == given.mutation), None)
+    if given.mutation and mutation is None:
+        parser.error(f'--mutation {given.mutation!r}: there are {", ".join(one.name for one in MUTATIONS)}')
+    world = given.plan.world if given.plan else given.world or ('navigate' if given.behavior else '')
     try:
         robots = _robots(world) if world not in ('', *WORLDS) else []
     except (LookupError, FlexbtError) as error:
@@ -256,9 +287,8 @@ def main() -> int:
         warm_up()
     if given.mutants is not None:
         return min(judge(draw, given.jobs, say, given.mutants), 1)
-    mutation = next((one for one in MUTATIONS if one.name == given.mutation), None)
     seeds = range(given.seed, given.seed + max(1, given.seeds))
-    plans = [Plan.read(given.plan.read_text())] if given.plan else [draw(seed) for seed in seeds]
+    plans = [given.plan] if given.plan else [draw(seed) for seed in seeds]
     if given.behavior and (wrong := run_one(Job(replace(plans[0], steps=(), seconds=1.0))).violations):
         say('\n    '.join(['without any fault:', *map(str, wrong)]))
         return 2

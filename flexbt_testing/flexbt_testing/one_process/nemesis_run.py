@@ -46,6 +46,7 @@ from flexbt_console.mirror.records import (
 )
 from flexbt_console.recording.run_file import write_recording
 from flexbt_console.recording.topics import TOPICS
+from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import ExecutiveLog
 from flexbt_sim.messages import stamped
 from flexbt_sim.world import Pose
@@ -92,6 +93,12 @@ _ACTS: Final = (
 _ACTS_WITH_PROGRAM: Final = (*_ACTS, *['goal_pose'] * 5)
 _MOMENTS: Final = (*['command'] * 2, *['goal'] * 3, 'cancel', *['fault'] * 4)
 _FAILING: Final = ('follow_path', 'compute_path_to_pose')
+_KNOWN: Final = (
+    {*_FAULTS, *_ACTS_WITH_PROGRAM},
+    {*_PROCESSES, *_OPERATORS, *_FAILING, 'operator', 'robot'},
+    {*_MOMENTS, ''},
+)
+"""Acts of steps, their targets without the robot, and kinds of moments."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +118,14 @@ class Step:
     target: str
     amount: float
     moment: str = ''
+
+
+def _checked(step: Step) -> Step:
+    words = step.act, step.target.rpartition('/')[2], step.moment.partition(' ')[0]
+    for word, known in zip(words, _KNOWN, strict=True):
+        if word not in known:
+            raise ValueError(f'{word!r} is none of {", ".join(sorted(known))}')
+    return replace(step, time=float(step.time), amount=float(step.amount))
 
 
 @dataclass(frozen=True)
@@ -202,12 +217,22 @@ class Plan:
 
     @classmethod
     def read(cls, text: str) -> Plan:
-        """Return the plan of a YAML text. Raises what YAML and the constructor raise for others."""
-        found = yaml.safe_load(text)
-        steps = tuple(Step(**one) for one in found.pop('steps', ()))
-        answers = tuple((delay, place) for delay, place in found.pop('answers', cls.answers))
-        arguments = tuple((name, value) for name, value in found.pop('arguments', ()))
-        return cls(**found, steps=steps, answers=answers, arguments=arguments)
+        """Return the plan of a YAML text.
+
+        Raises:
+            ValueError: it is no plan.
+        """
+        try:
+            found = dict(yaml.safe_load(text))
+            steps = tuple(_checked(Step(**one)) for one in found.pop('steps', ()))
+            answers = tuple((delay, place) for delay, place in found.pop('answers', cls.answers))
+            arguments = tuple((name, value) for name, value in found.pop('arguments', ()))
+            plan = cls(**found, steps=steps, answers=answers, arguments=arguments)
+            if plan.motion not in ('full', 'abstract'):
+                raise ValueError(f'motion {plan.motion!r} is neither full nor abstract')
+            return plan
+        except (yaml.YAMLError, AttributeError, TypeError, ValueError) as error:
+            raise ValueError(f'it is no plan: {one_line(str(error))}') from error
 
 
 class _Operator:

@@ -110,6 +110,12 @@ def test_a_behavior_that_there_is_not_is_told_once(
         (['--world', 'nowhere'], "there is no world 'nowhere'"),
         (['--world', 'none.yaml'], 'none.yaml: not a file name'),
         (['--behavior', 'Navigate', 'speed'], "'speed': expected PARAMETER=VALUE"),
+        (['speed=3'], 'speed: a parameter is of a behavior'),
+        (['--mutation', 'a stop'], "--mutation 'a stop': there are "),
+        (['--jobs', '0'], "'0' is not a whole number from 1 on"),
+        (['--seconds', 'nan'], "'nan' is not a number from 1 on"),
+        (['--live', 'soon prompt'], "'soon' is not a number from 0 on"),
+        (['--plan', 'none.yaml'], 'none.yaml: [Errno 2] No such file'),
     ],
 )
 def test_wrong_words_are_refused(
@@ -119,6 +125,24 @@ def test_wrong_words_are_refused(
     with pytest.raises(SystemExit):
         nemesis.main()
     assert told in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('text', 'told'),
+    [
+        ('- steps', 'dictionary'),
+        ('speed: 3', "'speed'"),
+        ('{seed: 1, motion: fast}', "motion 'fast' is neither full nor abstract"),
+        ('{seed: 1, steps: [{time: 1.0, act: kil, target: bt_server, amount: 1.0}]}', "'kil' is none of "),
+        ('{seed: 1, steps: [{time: 1.0, act: kill, target: alpha/server, amount: 1.0}]}', "'server' is none of "),
+        ('{seed: 1, steps: [{time: soon, act: kill, target: bt_server, amount: 1.0}]}', "'soon'"),
+        ('{seed: 1, steps: [{time: 1.0, act: stop, target: pilot, amount: 0, moment: gol 1}]}', "'gol' is none of "),
+    ],
+)
+def test_what_is_no_plan_is_told(text: str, told: str) -> None:
+    with pytest.raises(ValueError, match='it is no plan: ') as raised:
+        Plan.read(text)
+    assert told in str(raised.value)
 
 
 ALONE: dict[int, tuple[str, tuple[Step, ...]]] = {
