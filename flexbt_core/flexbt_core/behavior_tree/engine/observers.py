@@ -231,8 +231,7 @@ def watch(node: TreeNode) -> None:
         node_class = _logged(node_class)
     elif observers:
         node_class = _watched(node_class)
-    if node_class is not type(node):
-        node.__class__ = node_class
+    node.__class__ = node_class
 
 
 @kept_by_class

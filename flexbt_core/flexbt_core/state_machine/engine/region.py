@@ -247,12 +247,13 @@ class Region:
     def _end_is_blocked(self, child: RegionChild) -> bool:
         """Return whether the end of the container, which follows from a child that was left, waits for a lock. The lock
         may have been set meanwhile; a lock of the child itself comes too late."""
-        outcome, locked = child.outcome, list[str]()
+        outcome, blocked = child.outcome, None
         if outcome is not None and self.container.outcome_after(child, outcome) is not None:
             inside = self._engine.locked_inside(self._left_by(child, outcome))
-            locked = [path for path in inside if not is_inside(path, child.path)]
-        self._wait_for(None, TransitionBlocked(child.path, outcome or '', tuple(locked)) if locked else None)
-        return bool(locked)
+            locked = tuple(path for path in inside if not is_inside(path, child.path))
+            blocked = TransitionBlocked(child.path, outcome, locked) if locked else None
+        self._wait_for(None, blocked)
+        return blocked is not None
 
 
 # A machine or container in a run: its regions, its userdata, and how it ends.

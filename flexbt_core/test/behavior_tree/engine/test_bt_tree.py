@@ -940,15 +940,24 @@ class EmptiesNoPort(Returns):
     begins_without = ('path',)
 
 
+EMPTIED = "'path', which has to be a port with a type: the empty value is that of the type"
+BASES = 'SyncAction, StatefulAction, Condition, Decorator or Control'
+
+
 @pytest.mark.parametrize(
     ('node_class', 'words'),
     [
         (PortsMethod, "ports = {'name': input_port(STRING)}, not "),
         (PortsProperty, "ports = {'name': input_port(STRING)}, not "),
         (PortsList, "ports = {'name': input_port(STRING)}, not "),
-        (NoKind, 'has no kind; derive it from'),
-        (EmptiesWhatHasNoType, "begins_without names 'path', which has to be a port with a type: the empty value"),
-        (EmptiesNoPort, "begins_without names 'path', which has to be a port with a type: the empty value"),
+        (
+            NoKind,
+            'NoKind has no kind; derive it from SyncAction, StatefulAction or Condition, or write kind = '
+            'NodeKind.ACTION',
+        ),
+        *((emptying, f'begins_without names {EMPTIED}') for emptying in (EmptiesWhatHasNoType, EmptiesNoPort)),
+        (int, f'{int!r} is not a node class; derive it from {BASES}'),
+        (StatefulAction, 'StatefulAction does not implement on_halted, on_running, on_start'),
     ],
 )
 def test_what_is_declared_in_another_form_is_refused_with_what_to_write(node_class: type[Any], words: str) -> None:

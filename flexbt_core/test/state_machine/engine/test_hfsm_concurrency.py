@@ -123,6 +123,8 @@ def test_each_child_has_a_decision_of_its_own_and_they_are_answered_in_any_order
     bench = Bench(both, autonomy=Autonomy.Low)
     first, second = bench.run.decisions
     assert [(one.path, one.outcome) for one in (first, second)] == [('/A', 'done'), ('/B', 'failed')]
+    pending = f'{first.id}, {second.id}'
+    assert bench.confirm('x') == f"decision 'x' is not pending any more (pending: {pending})"
     assert bench.force('/B', 'done', first.id) == f"decision '{first.id}' is about /A, not about /B"
     assert bench.force('/B', 'done', second.id) is None
     assert (bench.active, bench.run.decisions) == (('/A',), [first])

@@ -432,6 +432,9 @@ def test_levels_of_sub_trees_are_told_where_they_differ() -> None:
     bench.set_autonomy(Autonomy.Low, '/M')
     bench.set_autonomy(Autonomy.Full, '/M/A/B')
     assert bench.run.controls.levels() == {'/': 3, '/M': 1, '/M/A/B': 3}
+    bench.set_autonomy(Autonomy.Off)
+    replaced = 'its level of autonomy is Off now, instead of those of /M (Low), /M/A/B (Full)'
+    assert bench.lines[-1] == (Severity.INFO, '/', replaced)
 
 
 def test_a_state_that_takes_longer_than_its_period_is_left_all_the_same() -> None:
