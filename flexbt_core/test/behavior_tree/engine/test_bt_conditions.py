@@ -261,6 +261,7 @@ def test_a_script_that_fails_names_node_attribute_and_place(body: str, place: st
     assert caught.value.node_path == place
     assert words in str(caught.value)
     assert isinstance(caught.value.cause, ScriptError)
+    assert caught.value.cause.is_absent is ('has no entry [z]' in str(caught.value))
 
 
 @pytest.mark.parametrize('observed', [False, True])

@@ -33,6 +33,7 @@ from flexbt_core.behavior_tree.model.errors import (
 from flexbt_core.behavior_tree.model.ports import STRING, inout_port, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.clock.waiting import WakeEvent
@@ -992,7 +993,9 @@ class BadOutcome(Returns):
 
 
 def test_a_skill_with_an_unknown_outcome_is_refused_and_an_id_in_use_keeps_its_type_if_the_host_says_so() -> None:
-    registry = NodeRegistry()
+    scripts = ScriptLibrary()
+    registry = NodeRegistry(scripts)
+    assert registry.scripts is scripts
     problem = "'DONE' is not an outcome of a leaf; it ends by SUCCESS or FAILURE"
     with pytest.raises(RegistrationError, match=f'^node ID \\[X\\], skill: {problem}$'):
         registry.register('X', BadOutcome)

@@ -122,6 +122,13 @@ def test_what_cannot_be_forced_is_refused_with_the_reason(path: str, outcome: st
     assert first.trace == ['on_start', 'on_enter', 'execute']
 
 
+def test_where_several_states_are_active_all_are_named() -> None:
+    children = (Child(label, Scripted()) for label in 'ABC')
+    bench = Bench(machine(*children, conditions=[('ended', [('A', 'done'), ('B', 'done')])]))
+    assert bench.force('/C', 'done') is None
+    assert bench.force('/C', 'done') == '/C is not active (active: /A, /B)'
+
+
 def test_an_answer_to_an_earlier_decision_is_refused() -> None:
     """Each visit of the same state, with the same outcome, is another decision."""
     first, second = states()

@@ -397,7 +397,7 @@ class Other(Scripted):
 )
 def test_a_switch_that_cannot_be_is_refused_and_changes_nothing(made: OperatableStateMachine, reason: str) -> None:
     state = Scripted()
-    bench = Bench(machine(Child('A', state, {'done': 'ended'})))
+    bench = Bench(machine(Child('Before', passing(), {'done': 'A'}), Child('A', state, {'done': 'ended'})))
     before = bench.run.definition
     assert bench.switch(made) == f'the run cannot continue with that machine: {reason}'
     assert (bench.run.definition, bench.active) == (before, ('/A',))
