@@ -34,6 +34,7 @@ from flexbt_console.mirror.records import (
     SubjectValue,
 )
 from flexbt_console.mirror.trees import MirroredStatus, StatusChange, TreeReport
+from flexbt_console.ui.web.access import Access
 from flexbt_testing.browser import NEEDS_BROWSER, Browser
 
 selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
@@ -650,6 +651,24 @@ def test_a_page_that_names_no_robot_stays_at_the_one_it_has_got(browser: Browser
         browser.until_live()
         browser.until(lambda: others.opened == ['/calm'])
         assert browser.run('return document.getElementById("robot").value') == '/calm'
+
+
+def test_a_page_whose_token_is_wrong_waits_and_takes_another_at_once(browser: Browser) -> None:
+    """The server was started again with a new one: each wrong token would hold up all pages of this computer."""
+    robot = WebRobot()
+    robot.show()
+    with served({'/': robot.station()}, Access('127.0.0.1', 'before')) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/#token=before')
+        browser.until_live()
+        browser.run(
+            'const wait = setTimeout; window.waits = [];'
+            'window.setTimeout = (act, ms) => { window.waits.push(ms); return wait(act, ms); }'
+        )
+    with served({'/': robot.station()}, Access('127.0.0.1', 'after'), port):
+        browser.until_text('alarm', 'the token is missing or wrong')
+        browser.until(lambda: browser.run('return Math.max(...window.waits)') == 20_000)
+        browser.run('location.hash = "#token=after"')
+        browser.until_live()
 
 
 def test_fifty_robots_have_a_line_each_and_keep_the_focus(browser: Browser) -> None:

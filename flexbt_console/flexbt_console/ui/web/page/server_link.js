@@ -5,6 +5,8 @@ const SILENT_MS = 3500, LOOK_MS = 500;
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
 const REFUSED_WAIT_MS = 1000;  // the server is there: what it waits for is shown soon when it comes
+const FORBIDDEN_WAIT_MS = 20000;  // each wrong token, as of a server that was started again, makes all pages of this computer wait 2 s
+const FORBIDDEN = 1008;  // policy violation
 
 // What the browser remembers of both pages, if it does.
 export const remembered = (key, usual) => { try { return JSON.parse(localStorage.getItem(`flexbt-${key}`)) ?? usual; } catch { return usual; } };
@@ -23,6 +25,7 @@ export class Connection {
     const on = (event, act) => addEventListener(event, act, {signal: this.over.signal});
     on('pagehide', () => this.drop());  // a page that the browser keeps for "back" is not connected
     on('pageshow', (event) => { if (event.persisted) this.open(); });
+    on('hashchange', () => { if (!this.socket) this.open(); });  // another token may be right
   }
 
   open() {
@@ -32,7 +35,11 @@ export class Connection {
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => { socket.send(JSON.stringify({hello: token, ...this.hello()})); this.opened?.(); };
     socket.onmessage = ({data}) => { if (this.socket === socket) { this.wait = FIRST_WAIT_MS; this.take(data); } };
-    socket.onclose = ({reason}) => { if (this.socket === socket) this.lost(reason); };
+    socket.onclose = ({code, reason}) => {
+      if (this.socket !== socket) return;
+      if (code === FORBIDDEN) this.wait = FORBIDDEN_WAIT_MS;
+      this.lost(reason);
+    };
   }
 
   drop() { const before = this.socket; clearTimeout(this.again); this.socket = null; before?.close(); }
