@@ -350,14 +350,14 @@ class Journal:
             write_whole(descriptor, data)
             os.fsync(descriptor)
             fresh.replace(self.file)
+            directory = os.open(self.file.parent, os.O_RDONLY)
+            try:
+                os.fsync(directory)
+            finally:
+                os.close(directory)
         except OSError:
             os.close(descriptor)
             raise
-        directory = os.open(self.file.parent, os.O_RDONLY)
-        try:
-            os.fsync(directory)
-        finally:
-            os.close(directory)
         if self._descriptor >= 0:
             os.close(self._descriptor)
         self._descriptor, self._count, self._size, self._least_size = descriptor, len(lines) + 1, len(data), len(data)

@@ -10,6 +10,7 @@ import math
 import os
 import random
 import shutil
+import stat
 import subprocess
 import sys
 import tempfile
@@ -28,6 +29,7 @@ from nav_msgs.msg import Path as NavPath
 from flexbt_core.clock.clock import ManualClock, SteadyClock
 from flexbt_core.errors import FlexbtError
 from flexbt_onboard.errors import OnboardError
+from flexbt_onboard.persistence import journal as journal_module
 from flexbt_onboard.persistence.journal import (
     FORMAT,
     REMEMBERED_COMMANDS,
@@ -444,6 +446,26 @@ def test_a_directory_that_disappears_is_told_and_made_again(tmp_path: Path, open
         assert state_of(list(read_journal(file.read_bytes()).lines)) == journal.state
         with pytest.raises(OnboardError, match='in use by another'):
             opened(file)
+
+
+def test_a_directory_that_cannot_be_synced_is_told_and_costs_no_files(
+    tmp_path: Path, opened: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+    failed: list[int] = []
+
+    def sync(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode):
+            failed.append(descriptor)
+            raise OSError(errno.EIO, 'the disk is broken')
+
+    monkeypatch.setattr(os, 'fsync', sync)
+    monkeypatch.setattr(journal_module, 'RETRY_SECONDS', 0.01)
+    files = len(os.listdir('/proc/self/fd'))
+    opened(tmp_path / 'e.journal', told.append)
+    wait_until(lambda: len(failed) > 50, 'the attempts')
+    assert len(os.listdir('/proc/self/fd')) < files + 25
+    assert len(told) == 1 and 'the disk is broken' in told[0]
 
 
 class SlowDisk:
