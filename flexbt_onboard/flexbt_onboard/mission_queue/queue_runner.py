@@ -13,7 +13,7 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.message_fields import options_message, options_of, seconds_of, time_message
 from flexbt_core.clock.clock import Timer
 from flexbt_core.state_machine.engine.events import RunEvent, RunReader
-from flexbt_core.state_machine.model.definition import ERROR
+from flexbt_core.state_machine.model.definition import ERROR, PREEMPTED
 from flexbt_core.values.text import truncate_middle
 from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, ExecutiveCommand, ExecutiveLog, MissionQueue
 from flexbt_msgs.msg import QueueEntry as QueueEntryMessage
@@ -23,7 +23,7 @@ from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.link.reporter import Reporter
 from flexbt_onboard.persistence.queue_entries import Change, EndedRun, QueueEntry
 from flexbt_onboard.persistence.run_journal import RunJournal
-from flexbt_onboard.runs.run_events import RunOver, RunRequested
+from flexbt_onboard.runs.run_events import RunOver, RunRefused, RunRequested
 from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 from .conditions import StartConditions, check_options
@@ -168,6 +168,8 @@ class QueueRunner(RunReader):
             case RunRequested(request):
                 self._queue.running, self._started = request.queue_entry, self._now()
                 self._after_change()
+            case RunOver(RunRefused(message=message, is_stopped=True)):
+                self._ended(PREEMPTED, message, is_forced=False)  # no failure of the entry
             case RunOver(end):
                 self._ended(end.outcome, end.message, is_forced=end.is_forced)
 

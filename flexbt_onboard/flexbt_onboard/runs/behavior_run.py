@@ -354,7 +354,7 @@ class BehaviorRun(RunReader):
 
     def _refuse(self, reason: str) -> None:
         if self._ends():
-            self._tell(RunRefused(self._request, reason))
+            self._tell(RunRefused(self._request, reason, self._stop_reason is not None))
             self._refuse_switches()
 
     def _end(self, outcome: str, message: str) -> None:

@@ -58,10 +58,14 @@ class RunBuilt(RunEvent):
 
 @dataclass(slots=True)
 class RunRefused(RunEvent):
-    """The event that a run could not start. It is the last event of the run, which has no outcome."""
+    """The event that a run could not start. It is the last event of the run, which has no outcome.
+
+    ``is_stopped``: it was stopped before it began.
+    """
 
     request: RunRequest
     message: str
+    is_stopped: bool = False
     outcome: ClassVar[str] = ''
     is_forced: ClassVar[bool] = False
 

@@ -102,8 +102,21 @@ def machine_of(state: type[EventState]) -> OperatableStateMachine:
     return machine
 
 
+class Slow:
+    """A behavior that takes its time to be built."""
+
+    goes, entered = threading.Event(), threading.Event()
+
+    @classmethod
+    def machine(cls) -> OperatableStateMachine:
+        cls.entered.set()
+        assert cls.goes.wait(60.0)
+        return machine_of(Work)
+
+
 BEHAVIORS = [behavior_of(lambda: machine_of(Gate), 'Gate'), behavior_of(lambda: machine_of(Work), 'Work')]
 BEHAVIORS += [behavior_of(lambda: machine_of(Break), 'Break'), behavior_of(lambda: machine_of(Ask), 'Ask')]
+BEHAVIORS += [behavior_of(Slow.machine, 'Slow')]
 
 
 class QueueBench(ExecutiveBench):
@@ -187,6 +200,21 @@ def test_a_stop_holds_the_queue_also_while_nothing_runs(bench: QueueBench) -> No
     bench.applied(C.QUEUE_CLEAR, queue_number=later)
     bench.wait_entries()
     assert Work.ran == 0
+
+
+@pytest.mark.parametrize('on_failure', [CONTINUE, DROP, RETRY])
+def test_an_entry_that_is_stopped_while_it_is_built_stays_and_runs_again(bench: QueueBench, on_failure: int) -> None:
+    Slow.goes.clear()
+    bench.add('Slow', on_failure=on_failure, retries=1)
+    assert Slow.entered.wait(20.0)
+    bench.applied(C.STOP)
+    Slow.goes.set()
+    bench.wait_held("entry 1 ended by 'preempted': stopped before it began")
+    wait_until(lambda: not bench.queue.entries[0].running, bench.queue)
+    assert (bench.numbers(), bench.queue.entries[0].failures, Work.ran) == ([1], 0, 0)
+    bench.release()
+    bench.wait_entries()
+    assert Work.ran == 1
 
 
 def test_faults_and_forced_ends_hold_whatever_is_said_of_failures(bench: QueueBench) -> None:

@@ -461,10 +461,10 @@ def test_a_directory_that_cannot_be_synced_is_told_and_costs_no_files(
 
     monkeypatch.setattr(os, 'fsync', sync)
     monkeypatch.setattr(journal_module, 'RETRY_SECONDS', 0.01)
-    files = len(os.listdir('/proc/self/fd'))
+    files = len(list(Path('/proc/self/fd').iterdir()))
     opened(tmp_path / 'e.journal', told.append)
     wait_until(lambda: len(failed) > 50, 'the attempts')
-    assert len(os.listdir('/proc/self/fd')) < files + 25
+    assert len(list(Path('/proc/self/fd').iterdir())) < files + 25
     assert len(told) == 1 and 'the disk is broken' in told[0]
 
 
