@@ -126,22 +126,24 @@ class Reach(NamedTuple):
         found: set[str] = set()
         for line in mutant.lines:
             # Of a statement of several lines, only some may be known: not those with a part of a text.
-            known = [lines[one] for one in _statement(mutant.before, line) if one in lines]
+            statement, is_head = _statement(mutant.before, line)
+            known = [lines[one] for one in statement if one in lines]
             if known and not any(known):  # run by an import alone, as the head of a function is
-                known = [tests for other, tests in sorted(lines.items()) if other > line and tests][:1]
+                later = [tests for other, tests in sorted(lines.items()) if other > line and tests]
+                known = later[:1] if is_head else list(lines.values())
             found.update(*known)
         return sorted(found, key=self.seconds.__getitem__)
 
 
-def _statement(text: str, line: int) -> range:
-    """Return the lines of the innermost statement at a line, without those of its body."""
-    found = range(line, line + 1)
+def _statement(text: str, line: int) -> tuple[range, bool]:
+    """Return the lines of the innermost statement at a line, without those of its body, and whether it has one."""
+    found = range(line, line + 1), False
     for node in ast.walk(ast.parse(text)):  # the outer ones first
         if isinstance(node, ast.stmt):
             body = getattr(node, 'body', None)
             end = body[0].lineno if body else (node.end_lineno or node.lineno) + 1
             if node.lineno <= line < end:
-                found = range(node.lineno, end)
+                found = range(node.lineno, end), body is not None
     return found
 
 
