@@ -499,6 +499,16 @@ def test_ports_that_fail_within_a_node_of_the_engine_name_it() -> None:
     assert str(cause).endswith('[s]: the blackboard has no such entry')
 
 
+@pytest.mark.parametrize('value', ['a', '{k}'])
+def test_each_write_of_set_blackboard_counts_once(value: str) -> None:
+    running = tree(f'<SetBlackboard value="{value}" output_key="n"/>')
+    running.blackboard.set('k', 1)
+    for count in range(1, 5):
+        assert running.tick_once() is SUCCESS
+        entry = running.blackboard.entry('n')
+        assert entry is not None and entry.sequence == count
+
+
 def test_skipped_is_given_but_not_stored() -> None:
     running = tree('<Sequence><Returns name="r"/></Sequence>', services={'return': SKIPPED})
     assert running.tick_once() is SKIPPED
