@@ -104,19 +104,20 @@ class TreeGoals:
     def _after_hang(self, hang: Hang) -> None:
         """Hold all trees after the process was stopped, until it has handled the pending messages. From any thread."""
         if hang.was_out_of_reach:
-            self._returned = f'{hang}: what was said meanwhile comes first'
+            returned = self._returned = f'{hang}: what was said meanwhile comes first'
             self._hold_all()
-            self._runtime.post(lambda: self._come_back(str(hang), hang.seconds))
+            self._runtime.post(lambda: self._come_back(returned, str(hang), hang.seconds))
 
-    def _come_back(self, hang: str, seconds: float) -> None:
+    def _come_back(self, returned: str, hang: str, seconds: float) -> None:
         """Stop all goals after a stop of ``peer_timeout`` or more: other nodes count the process as gone by then."""
         if seconds >= self._parameters.peer_timeout:
             self.stop_each(f'{hang}: who waited for the tree has given it up')
-        self._runtime.post_in(RETURN_SECONDS, self._go_on)
+        self._runtime.post_in(RETURN_SECONDS, lambda: self._go_on(returned))
 
-    def _go_on(self) -> None:
-        self._returned = ''
-        self._hold_all()
+    def _go_on(self, returned: str) -> None:
+        if self._returned is returned:  # not stopped again since
+            self._returned = ''
+            self._hold_all()
 
     def _hold_all(self) -> None:
         for running in self.running.all():

@@ -19,11 +19,13 @@ from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.runtime.health import Hang
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute, BtGetData
 from flexbt_msgs.msg import TreeStatus
 from flexbt_msgs.srv import ControlTree
+from flexbt_server.actions import tree_goals
 from flexbt_server.actions.goal_owners import OWNER_SECONDS, GoalOwners
 from flexbt_testing.behavior_trees.faulty_leaves import Held
 from flexbt_testing.nodes import server_nodes
@@ -405,6 +407,31 @@ def test_a_tree_whose_owner_is_late_is_held_and_goes_on_and_ends_when_it_is_gone
         go_on.set()
         wait_until(lambda: len(spin.goals) == 2, 'sent again')
     assert goal.result.code == Result.CANCELED and 'is gone' in goal.result.message
+
+
+def test_a_process_that_is_stopped_again_holds_its_trees_for_the_whole_time_once_more(
+    world: ServerWorld, operator: Operator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world.client.load_tree(COUNTING)
+    goal = world.client.execute()
+    runtime, passed = world.server_runtime, threading.Event()
+
+    def stop(seconds_held: float) -> None:
+        monkeypatch.setattr(tree_goals, 'RETURN_SECONDS', seconds_held)
+        runtime.health._tell(Hang('the whole process', 2.0, is_over=True, was_out_of_reach=True))
+        runtime.call(lambda: None)
+
+    wait_until(lambda: goal.feedback, 'the tree')
+    stop(0.2)
+    stop(1000.0)
+    runtime.call(lambda: runtime.post_in(0.3, passed.set))
+    assert passed.wait(DEADLINE)
+    (running,) = world.server.goals.running.all()
+    assert running.run._control.reason.startswith('the whole process answers again, after 2.0 s')
+    stop(0.0)
+    wait_until(lambda: not running.run._control.reason, 'the tree goes on')
+    goal.call.cancel(DEADLINE)
+    goal.wait()
 
 
 def test_an_owner_that_hangs_is_gone_after_the_time_that_was_set() -> None:
