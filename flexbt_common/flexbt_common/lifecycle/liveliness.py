@@ -569,6 +569,7 @@ class _SeenToken:
     def release(self) -> None:
         """Stop listening if no watcher is left and the token is not alive."""
         if not self.listeners and not self.alive:
+            self._unheard = False  # ends the reviews
             self._runtime.forget(_key(self.topic))
             self._runtime.node.destroy_subscription(self._messages.subscription)
 

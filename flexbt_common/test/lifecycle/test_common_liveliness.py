@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from flexbt_common import discovery
 from flexbt_common.lifecycle import liveliness
@@ -165,6 +166,29 @@ def test_a_node_that_is_found_and_says_nothing_is_late_and_then_gone(monkeypatch
             assert told.next() == ('late', True)
             assert told.watch.problem == 'it was found, and has not been heard yet'
             assert [told.next() for _ in range(2)] == [('late', False), ('alive', False)]
+
+
+def test_a_node_that_says_nothing_is_not_reviewed_when_nobody_watches_it_any_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(liveliness, '_STARTED', time.monotonic() - START_SECONDS)
+    reviews, passed = list[object](), threading.Event()
+    review = liveliness._SeenToken._review
+
+    def counted(token: liveliness._SeenToken) -> None:
+        reviews.append(token)
+        review(token)
+
+    monkeypatch.setattr(liveliness._SeenToken, '_review', counted)
+    with NodeRuntime.open('watcher') as runtime, NodeRuntime.open('silent') as silent:
+        silent.call(lambda: silent.node.create_publisher(DiagnosticStatus, 'living/alive', liveliness._qos()))
+        watch = LivelinessWatch(runtime, 'living')
+        wait_until(lambda: watch.late, 'the silent node')
+        watch.close()
+        runtime.call(reviews.clear)
+        runtime.call(lambda: runtime.post_in(1.0, passed.set))
+        assert passed.wait(DEADLINE)
+        assert len(reviews) <= 1
 
 
 @pytest.mark.dds('another process takes part')
