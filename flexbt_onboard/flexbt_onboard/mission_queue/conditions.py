@@ -89,7 +89,7 @@ class StartConditions:
         self._pose_problem = pose_problem
         self._battery: LatestMessage | None = None
         self._charge: BatteryState | None = None
-        self._charged_at = 0.0
+        self._charged_at = self._looked_at = 0.0
 
     def obstacle(self, entry: QueueEntry, now: float) -> str:
         """Return why an entry may not start, '' if it may; ``now`` is the time on the executive's clock, s."""
@@ -107,7 +107,8 @@ class StartConditions:
             )
         newest, now = self._battery.message, self._runtime.steady.now()
         if newest is not self._charge:
-            self._charge, self._charged_at = newest, now
+            self._charge, self._charged_at = newest, self._looked_at  # or later: it waits until it is taken
+        self._looked_at = now
         if newest is None or now - self._charged_at > OLD_SECONDS or math.isnan(newest.percentage):
             return f'the charge of the battery is not known ({self._battery_topic})'
         # 0 to 1 by definition, but some drivers publish percent.

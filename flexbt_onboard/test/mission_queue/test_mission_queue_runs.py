@@ -28,7 +28,7 @@ from flexbt_core.values.places import Place
 from flexbt_msgs.msg import BehaviorArgument, BlackboardEntry, CommandResult, ExecutiveStatus, QueueOptions
 from flexbt_msgs.msg import ExecutiveCommand as C
 from flexbt_onboard.behaviors.run_building import RunRequest
-from flexbt_onboard.mission_queue import queue_runner
+from flexbt_onboard.mission_queue import conditions, queue_runner
 from flexbt_onboard.mission_queue.mission_queue import ENTRIES, QUEUE_SIZE
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.persistence.journal import Journal
@@ -351,6 +351,35 @@ def test_conditions_of_battery_and_place(bench: QueueBench) -> None:
     for options, why in (({'place': 'dok', 'distance': 1.0}, 'did you mean'), ({'window': '25:00-1'}, '22:00-06:00')):
         wrong = [QueueOptions(on_failure=HOLD, **options)]
         assert why in bench.refused(C.QUEUE_ADD, behavior='Work', queue_options=wrong)
+
+
+def test_a_charge_that_has_arrived_long_ago_while_another_behavior_ran_does_not_count(
+    bench: QueueBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conditions, 'OLD_SECONDS', 0.5)
+    node, old = bench.console.node, threading.Event()
+    batteries = bench.console.call(
+        lambda: node.create_publisher(BatteryState, 'battery_state', qos_profile_sensor_data)
+    )
+    bench.applied(C.QUEUE_HOLD)
+    bench.add('Gate')
+    number = bench.add('Work', battery=0.5)
+    bench.release()
+    bench.wait_active('/Only')
+    wait_until(batteries.get_subscription_count, 'the subscription')
+    batteries.publish(BatteryState(percentage=0.9))
+    bench.runtime.call(lambda: bench.runtime.post_in(1.0, old.set))
+    assert old.wait(60.0)
+    Gate.outcome = 'finished'
+    bench.wait_entries(number)
+    bench.wait_for_text(number, 'charge of the battery is not known')
+    assert Work.ran == 0
+
+    def done() -> bool:
+        batteries.publish(BatteryState(percentage=0.9))
+        return not bench.numbers()
+
+    wait_until(done, 'the run')
 
 
 def test_of_two_operators_the_slower_one_is_refused(bench: QueueBench) -> None:
