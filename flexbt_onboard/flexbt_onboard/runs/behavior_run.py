@@ -173,12 +173,14 @@ class BehaviorRun(RunReader):
             machine.preempt(reason)
 
     def abort(self, reason: str) -> None:
-        """End a stopped run as an error. Do nothing if it was not stopped, or less than EXIT_TIMEOUT s ago.
+        """End a stopped run as an error. Do nothing if it has ended, was not stopped, or less than EXIT_TIMEOUT s ago.
 
         If a state does not return from a callback, the thread of the run is abandoned. It ends when the callback
         returns, and until then affects only its own goals and states.
         """
-        if self._stop_reason is None or self._services.runtime.steady.now() - self._stopped_at < EXIT_TIMEOUT:
+        if self._has_ended or self._stop_reason is None:
+            return
+        if self._services.runtime.steady.now() - self._stopped_at < EXIT_TIMEOUT:
             return
         if self._machine is not None:
             self._machine.abort(reason)

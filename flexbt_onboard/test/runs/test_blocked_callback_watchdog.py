@@ -143,11 +143,13 @@ def test_an_executive_is_late_for_others_while_a_state_does_not_return() -> None
         wait_until(given_up, 'the end')
         wait_until(lambda: not watch.late, 'not late')
         assert bench.wait_idle() == 'error'
+        run.abort('as long as its goals go on')
         bench.start('Slow')
         wait_until(lambda: watch.late, 'late again')
         go.set()
         wait_until(lambda: not watch.late, 'not late again')
         assert bench.wait_idle() == 'done'
+        assert sum('its thread is left behind' in line.text for line in bench.logs) == 1
     finally:
         go.set()
         bench.close()
