@@ -339,10 +339,13 @@ class GoalServer:
                 for goal in self.listed.values()
                 if goal is known or not until or Time.from_msg(goal.info.stamp).nanoseconds <= until
             ]
-        for goal in asked:
-            if self._cancelable and not goal.has_ended:
-                response.goals_canceling.append(goal.info)
-                self._cancel(goal)
+        active = [goal for goal in asked if not goal.has_ended]
+        if active and not self._cancelable:
+            response.return_code = CancelGoal.Response.ERROR_REJECTED
+            return response
+        for goal in active:
+            response.goals_canceling.append(goal.info)
+            self._cancel(goal)
         return response
 
     def _cancel(self, goal: _Goal) -> None:

@@ -288,7 +288,8 @@ def test_a_server_that_is_not_cancelable_refuses() -> None:
         served = Served(runtime, cancelable=False)
         client = Client(client_runtime)
         handle = client.send()
-        assert not client.answer(handle.cancel_goal_async).goals_canceling
+        response = client.answer(handle.cancel_goal_async)
+        assert (response.return_code, list(response.goals_canceling)) == (CancelGoal.Response.ERROR_REJECTED, [])
         assert served.goal().active and not served.goal().cancel_requested
 
 
