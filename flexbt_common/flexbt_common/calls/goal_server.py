@@ -381,7 +381,7 @@ class GoalServer:
         self.results.keep(goal.id, response)
         self._list_soon()
         self._runtime.post_in(_LISTED_SECONDS, lambda: self.listed.pop(goal.id))
-        self._runtime.post_in(RESULT_SECONDS, functools.partial(self.results.drop, goal.id))
+        self._runtime.post_in(RESULT_SECONDS, functools.partial(self.results.drop, goal.id, response))
 
     def _list_soon(self) -> None:
         if not self._is_listed_soon:
@@ -469,7 +469,9 @@ class _Results:
         ):
             self.drop(next(iter(self._responses)))
 
-    def drop(self, goal_id: bytes) -> None:
-        """Drop the result of a goal, if any."""
+    def drop(self, goal_id: bytes, response: Any = None) -> None:
+        """Drop the result of a goal, if any; with ``response`` only that one, and not one of a later goal."""
+        if response is not None and self._responses.get(goal_id) is not response:
+            return
         self._responses.pop(goal_id, None)
         self._lengths.pop(goal_id, None)

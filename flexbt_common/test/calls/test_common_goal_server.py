@@ -151,6 +151,20 @@ def test_results_are_not_kept_for_ever(served: Served, client: Client, monkeypat
     wait_until(lambda: served.goals and served.goals[0].id not in served.server.results, 'the end of the result')
 
 
+def test_the_result_of_a_later_goal_with_the_same_id_is_kept_for_its_own_time(
+    served: Served, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    served.on_goal = lambda goal: goal.succeed(result(f'goal {len(served.goals)}'))
+    goal_id, passed = uuid.uuid4().bytes, threading.Event()
+    for seconds in (0.5, 1000.0):
+        monkeypatch.setattr('flexbt_common.calls.goal_server.RESULT_SECONDS', seconds)
+        handle = client.send(goal_id)
+        wait_until(lambda: not served.server.listed, 'the end of the listing')
+    served.runtime.call(lambda: served.runtime.post_in(0.6, passed.set))
+    assert passed.wait(DEADLINE)
+    assert client.answer(handle.get_result_async).result.error_msg == 'goal 2'
+
+
 def test_the_result_comes_before_the_list_that_tells_of_the_end(
     served: Served, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
