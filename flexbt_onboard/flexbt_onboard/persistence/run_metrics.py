@@ -267,7 +267,7 @@ class _Reader:
             now = max(now, self._now)
         self._now = metrics.end = now
         path = str(event.get('path', ''))
-        if kind == 'started':
+        if kind in ('started', 'resumed') and not metrics.behavior:
             metrics.behavior, metrics.by = str(event.get('behavior', '')), str(event.get('by', ''))
         elif kind == 'skills':
             self._declare(event.get('skills'))

@@ -51,13 +51,16 @@ def ended_runs(file: Path) -> Iterator[RunMetrics]:
         assert log.stdout is not None
         for event in events_in(log.stdout):
             run = str(event.get('run', ''))
+            if event['event'] == 'executive':
+                for events in runs.values():
+                    events.append(event)  # a run goes on after a crash
             if not run:
                 continue
             known = runs.setdefault(run, [])
             known.append(event)
             del known[:-MOST_EVENTS]
             if event['event'] == 'ended':
-                first = {**known[0], 'event': 'started', 'behavior': event.get('behavior', '')}
+                first = {**known[0], 'event': 'started', 'run': run, 'behavior': event.get('behavior', '')}
                 has_start = known[0]['event'] in ('started', 'resumed')
                 yield from metrics_of(known if has_start else [first, *known], wall=True)
                 del runs[run]

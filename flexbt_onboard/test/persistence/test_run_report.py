@@ -10,8 +10,10 @@ import random
 import subprocess
 import sys
 import threading
+from contextlib import nullcontext
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 from xml.etree import ElementTree
 
@@ -27,6 +29,7 @@ from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.persistence.run_metrics import RunMetrics, metrics_of, read_events
 from flexbt_onboard.persistence.run_report import as_json, as_text, main, timeline
+from flexbt_onboard.persistence.run_spans import ended_runs
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -100,25 +103,33 @@ def test_times_visits_and_waiting_are_those_of_the_run(seed: int) -> None:
     assert all(float(bar.get('x', 0)) + float(bar.get('width', 0)) <= 260 + 900 + 1 for bar in bars)
 
 
-def test_a_crash_ends_what_was_active_and_the_run_may_go_on_later() -> None:
+def test_a_crash_ends_what_was_active_and_the_run_may_go_on_later(monkeypatch: pytest.MonkeyPatch) -> None:
     def event(time: float, event: str, **fields: Any) -> dict[str, Any]:
         return {'time': time, 'stamp': time, 'event': event, **fields}
 
-    (run,) = metrics_of(
-        [
-            event(0.0, 'started', run='r', behavior='B', by='ann'),
-            event(1.0, 'entered', run='r', path='/A'),
-            event(2.0, 'waiting', run='r', decision='d', path='/A', kind='choice'),
-            event(60.0, 'executive', state='started'),
-            event(61.0, 'resumed', run='r', behavior='B', by='ann'),
-            event(61.0, 'entered', run='r', path='/A'),
-            event(63.0, 'left', run='r', path='/A', outcome='done', target='=finished', reason='forced'),
-            event(63.0, 'ended', run='r', outcome='finished', message=''),
-        ]
-    )
-    of_a = next(one for one in run.paths() if one.path == '/A')
-    assert (of_a.visits, of_a.total, run.outcome) == (2, 3.0, 'finished')
-    assert [visit.outcome for visit in run.visits if visit.path == '/A'] == ['', 'done']
+    story = [
+        event(0.0, 'started', run='r', behavior='B', by='ann'),
+        event(1.0, 'entered', run='r', path='/A'),
+        event(2.0, 'waiting', run='r', decision='d', path='/A', kind='choice'),
+        event(60.0, 'executive', state='started'),
+        event(61.0, 'resumed', run='r', behavior='B', by='bob'),
+        event(61.0, 'entered', run='r', path='/A'),
+        event(63.0, 'left', run='r', path='/A', outcome='done', target='=finished', reason='forced'),
+        event(63.0, 'ended', run='r', behavior='B', outcome='finished', message=''),
+    ]
+
+    def followed(events: list[dict[str, Any]]) -> list[RunMetrics]:
+        tail = SimpleNamespace(stdout=[json.dumps(one) for one in events])
+        monkeypatch.setattr(subprocess, 'Popen', lambda *_, **__: nullcontext(tail))
+        return list(ended_runs(Path('log.jsonl')))
+
+    for metrics in (metrics_of, followed):
+        (run,) = metrics(story)
+        of_a = next(one for one in run.paths() if one.path == '/A')
+        assert (of_a.visits, of_a.total, run.outcome, run.by) == (2, 3.0, 'finished', 'ann')
+        assert [visit.outcome for visit in run.visits if visit.path == '/A'] == ['', 'done']
+        (rest,) = metrics(story[4:])  # as of a log whose older files are gone
+        assert (rest.behavior, rest.by, rest.duration) == ('B', 'bob', 2.0)
 
 
 class Ask(EventState):
