@@ -10,10 +10,12 @@ which must notice a loss sooner, use :mod:`flexbt_common.lifecycle.liveliness`.
 from __future__ import annotations
 
 import math
+import time
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
+from builtin_interfaces.msg import Time
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 
 from flexbt_common import names
@@ -54,8 +56,10 @@ class PresenceToken:
 
     def __init__(self, runtime: Runtime, name: str, namespace: str = '') -> None:
         self._topic = names.of_robot(namespace, names.EXECUTIVE_PRESENCE)
-        # The time of its creation distinguishes it from other tokens of that name.
-        self._word = PeerStatus(name=sanitize_for_message(name), alive=True, since=runtime.clock.stamp())
+        # The time of its creation distinguishes it from other tokens of that name. Simulated time may stand still.
+        seconds, nanoseconds = divmod(time.time_ns(), 10**9)
+        since = Time(sec=seconds, nanosec=nanoseconds)
+        self._word = PeerStatus(name=sanitize_for_message(name), alive=True, since=since)
         self._runtime = runtime
         runtime.call(self._open)
         runtime.on_close(self._leave)

@@ -76,6 +76,15 @@ def test_each_name_is_there_until_its_last_token_ends(watcher: Watcher) -> None:
         assert watcher.next()[1] - closed < AT_ONCE
 
 
+def test_of_two_tokens_of_one_process_whose_time_stands_still_one_stays(watcher: Watcher) -> None:
+    with NodeRuntime.open('a', namespace='/robot1', parameters={'use_sim_time': True}) as runtime:
+        token = PresenceToken(runtime, 'ann')
+        watcher.next('ann')
+        PresenceToken(runtime, 'ann')
+        runtime.call(token.close)
+        watcher.nothing_for(2.0 * LEASE)
+
+
 def test_a_silence_is_noticed_after_the_lease_and_the_next_word_ends_it(watcher: Watcher) -> None:
     with NodeRuntime.open('hanging', namespace='/robot1') as runtime:
         publisher = runtime.call(lambda: runtime.node.create_publisher(PeerStatus, names.EXECUTIVE_PRESENCE, 1))
