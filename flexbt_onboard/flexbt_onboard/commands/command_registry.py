@@ -182,7 +182,7 @@ class CommandRegistry(CommandHandling):
             raise CommandRefusedError(f'{known.name} must name {" and ".join(missing)}')
         self._check_run(known.run, command)
         if command.kind == ExecutiveCommand.STOP:
-            self._stopped_at = arrived
+            self._stopped_at = max(self._stopped_at, arrived)
         elif known.needs_authority and arrived <= self._stopped_at:  # a STOP is taken before others that wait
             raise CommandRefusedError('a STOP has arrived after it; give it again if it is meant')
         return not known.apply(self, command)

@@ -340,6 +340,7 @@ def test_each_field_that_a_command_needs_is_asked_for() -> None:
 def test_what_a_stop_has_overtaken_needs_to_be_given_again() -> None:
     desk = Desk()
     desk.send('STOP', arrived=5.0)
+    desk.send('STOP', arrived=3.0)  # of another console, and taken later
     for arrived in (4.0, 5.0):
         assert desk.refusal('PAUSE', arrived=arrived) == 'a STOP has arrived after it; give it again if it is meant'
         desk.send('NOTE', arrived=arrived, text='x')
