@@ -30,6 +30,7 @@ from .run_events import (
     RunBuilt,
     RunMoved,
     RunOver,
+    RunReady,
     RunRecorder,
     RunRefused,
     RunRequested,
@@ -179,6 +180,8 @@ class RunSupervisor(RunReader):
         match event:
             case RunBuilt() | RunMoved(switched=RunBuilt()):
                 self._runtime.post(self._watch_over)
+            case RunReady():
+                self._runtime.post(self._operators.ready)
             case StopRequested(run_id):
                 self._runtime.post(partial(self._stopping, run_id))
             case RunRefused() | BehaviorEnded():
@@ -228,6 +231,7 @@ class OperatorAbsenceWatch:
         self._report = report
         self._run: BehaviorRun | None = None
         self._timer: Timer | None = None
+        self._is_due = False  # the time was over before the run could be paused
         self._presence = presence
         self._was_there = False
         presence.add_listener(self._changed)
@@ -236,6 +240,11 @@ class OperatorAbsenceWatch:
         """Watch over a run that begins; None for no run. The time without an operator counts from this call."""
         self._run = run
         self._set_timer()
+
+    def ready(self) -> None:
+        """Pause a run that is ready to begin now, if the time was over before."""
+        if self._is_due and self._run is not None:
+            self._time_is_over(self._run)
 
     def _changed(self) -> None:
         is_there = bool(self._presence.present)
@@ -252,6 +261,7 @@ class OperatorAbsenceWatch:
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+        self._is_due = False
         run = self._run
         if run is None or self._presence.present or run.snapshot.operator_gone is OperatorGone.CONTINUE:
             return
@@ -263,6 +273,9 @@ class OperatorAbsenceWatch:
             return
         self._timer = None
         shown = run.snapshot
+        self._is_due = shown.operator_gone is OperatorGone.HOLD and not shown.has_begun
+        if self._is_due:
+            return
         why = f'no operator was there for {shown.operator_gone_after:g} s'
         if shown.operator_gone is OperatorGone.STOP:
             self._report.operators(f'{why}: behavior {shown.behavior!r} is stopped', is_warning=True)

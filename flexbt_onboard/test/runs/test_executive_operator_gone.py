@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
@@ -15,6 +17,7 @@ from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, OperatorGone
 from flexbt_testing.nodes.executive_bench import ExecutiveBench
+from flexbt_testing.waiting import DEADLINE
 
 AFTER = 0.6
 
@@ -81,6 +84,19 @@ def test_a_run_is_held_until_an_operator_resumes_it(bench: ExecutiveBench, opera
         assert bench.status.state == ExecutiveStatus.PAUSED
         bench.applied(ExecutiveCommand.RESUME)
         bench.wait_for(lambda status: status.state == ExecutiveStatus.RUNNING, 'continues')
+
+
+def test_a_run_that_could_not_begin_while_the_time_was_over_is_held_when_it_begins(bench: ExecutiveBench) -> None:
+    runs, unready, later = bench.executive.runs, ['/bt_server'], threading.Event()
+    runs._services = replace(runs._services, unready=lambda: tuple(unready))
+    bench.send(ExecutiveCommand.START, behavior='hold', autonomy=3)
+    bench.logged('waits until /bt_server is ready')
+    bench.runtime.call(lambda: bench.runtime.post_in(2.0 * AFTER, later.set))
+    assert later.wait(DEADLINE)
+    unready.clear()
+    bench.runtime.call(runs.nodes_changed)
+    bench.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'held')
+    assert sum('paused until an operator resumes it' in line.text for line in bench.logs) == 1
 
 
 def test_who_comes_and_goes_is_no_news_where_the_run_goes_on_anyway(bench: ExecutiveBench) -> None:
