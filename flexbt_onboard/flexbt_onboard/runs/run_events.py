@@ -168,6 +168,7 @@ class RunRecorder(RunReader):
         self._behavior = behavior
         self._journal = journal
         self._report = report
+        self._why_stopped = ''
 
     def read(self, event: RunEvent) -> None:
         report, run_id = self._report, self._run_id
@@ -198,6 +199,8 @@ class RunRecorder(RunReader):
                 self._event('decided', decision=decision_id(run_id, decision.id))
             case RunBuilt(request):
                 self._journal.begin(run_id, request)
+                if self._why_stopped:  # just before
+                    self._journal.end(run_id, self._why_stopped)
                 self._started(request)
             case RunStarted(_, active):
                 for path in active:
@@ -213,6 +216,7 @@ class RunRecorder(RunReader):
                 report.log(Severity.ERROR.value, text, path, run_id)
                 self._event('violation', property=violation.property.name, path=violation.where, text=text)
             case StopRequested(_, why):
+                self._why_stopped = why
                 self._journal.end(run_id, why)  # a stopped run does not resume after a crash
                 self._event('stopping', why=why)
             case BehaviorEnded(outcome, message, _, is_forced):

@@ -20,6 +20,7 @@ from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.persistence import event_log, journal
 from flexbt_onboard.persistence.event_log import EventLog
 from flexbt_onboard.persistence.journal import JournalState, read_journal
+from flexbt_onboard.persistence.run_journal import RunJournal
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import wait_until
 
@@ -160,6 +161,27 @@ def test_a_disk_that_hangs_does_not_hold_up_a_stop(bench: ExecutiveBench, disk: 
     wait_until(lambda: bench.executive.runs.run is None, 'end of the run')
     disk.goes.set()
     assert bench.wait_idle() == 'preempted'
+
+
+def test_a_run_that_is_stopped_just_before_it_is_journaled_does_not_resume_after_a_crash(
+    bench: ExecutiveBench, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    begin = RunJournal.begin
+
+    def stopped(journal: RunJournal, *arguments: Any) -> None:
+        run = bench.executive.runs.run
+        assert run is not None
+        run.stop('just before')
+        begin(journal, *arguments)
+
+    monkeypatch.setattr(RunJournal, 'begin', stopped)
+    bench.send(C.START, behavior='Test', autonomy=3)
+    bench.logged("behavior 'Test' ended with 'preempted'")
+    bench.close()
+    (file,) = tmp_path.glob('*.journal')
+    lines = read_journal(file.read_bytes()).lines
+    begun = next(number for number, line in enumerate(lines) if 'begin' in line)
+    assert lines[begun + 1].get('end') == 'just before'
 
 
 def test_an_event_log_that_hangs_is_told_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
