@@ -28,6 +28,7 @@ from __future__ import annotations
 import math
 import uuid
 import weakref
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -55,6 +56,9 @@ _RESULT_REPEAT: Final = (5.0, 60.0)
 doubling in between. A server keeps every request until the goal has ended."""
 _CANCEL_REPEAT: Final = (0.5, 8.0)
 """Intervals of repeated cancels, s: first and last, doubling in between."""
+_MOST_UNANSWERED: Final = 1000
+"""Number of goals and cancels of a link that wait for their answers, beyond which the oldest are given up: a server
+that hangs never answers."""
 _CANCEL_TOO_LATE: Final = frozenset(
     (CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID, CancelGoal.Response.ERROR_GOAL_TERMINATED)
 )
@@ -461,16 +465,26 @@ class ActionServerLink(ServerLink):
                 (GoalStatusArray, 'status', on_status, qos_profile_action_status_default),
             )
         )
+        self._unanswered: deque[Future] = deque()
         self._has_topics = False  # they have appeared; they go with the services
         self.entities = (self._goals, self._cancels, self._results, *self._topics)
 
     def send_goal(self, goal_id: UUID, goal: Any) -> Future:
         """Send a goal. Return the future answer."""
-        return self._goals.call_async(self.impl.SendGoalService.Request(goal_id=goal_id, goal=goal))
+        return self._bounded(self._goals.call_async(self.impl.SendGoalService.Request(goal_id=goal_id, goal=goal)))
 
     def cancel(self, goal_id: UUID) -> Future:
         """Request the cancel of a goal. Return the future answer."""
-        return self._cancels.call_async(self.impl.CancelGoalService.Request(goal_info=GoalInfo(goal_id=goal_id)))
+        request = self.impl.CancelGoalService.Request(goal_info=GoalInfo(goal_id=goal_id))
+        return self._bounded(self._cancels.call_async(request))
+
+    def _bounded(self, asked: Future) -> Future:
+        """Return a request, and give up the oldest ones beyond a limit."""
+        waiting = self._unanswered
+        while waiting and (waiting[0].done() or waiting[0].cancelled() or len(waiting) >= _MOST_UNANSWERED):
+            waiting.popleft().cancel()  # removes it from rclpy's table
+        waiting.append(asked)
+        return asked
 
     def ask_for_result(self, goal_id: UUID) -> Future:
         """Request the result of a goal. Return the future answer."""

@@ -255,6 +255,17 @@ def test_a_request_that_is_never_answered_does_not_keep_its_caller(link: ActionS
         wait_until(lambda: gc.collect() >= 0 and kept() is None, 'the end of the caller')
 
 
+def test_requests_that_are_never_answered_are_bounded(link: ActionServerLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('flexbt_common.calls.action_call._MOST_UNANSWERED', 8)
+    with NodeRuntime.open('server') as runtime:
+        ScriptedActionServer(runtime, Wait, 'wait', server_class=DeafServer)
+        for _ in range(20):
+            done = Done()
+            call(link, done, accept_timeout=0.01)
+            assert done.wait().status is GoalStatus.TIMEOUT
+        assert sum(len(client._pending_requests) for client in (link._goals, link._cancels)) <= 8
+
+
 def test_a_result_that_never_arrives_does_not_keep_its_caller(
     link: ActionServerLink, server: ScriptedActionServer
 ) -> None:
