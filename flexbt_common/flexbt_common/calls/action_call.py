@@ -358,7 +358,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
             self._cancel_waits = True
             if self._cancel_timeout is not None:
                 self._after('cancel', self._cancel_timeout, self._not_canceled)
-        if self.accepted:
+        if self.accepted and 'repeat' not in self._timers:  # the acceptance may have come with the cancel
             self._repeat_cancel()
 
     def _repeat_cancel(self) -> None:

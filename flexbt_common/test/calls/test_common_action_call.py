@@ -163,6 +163,38 @@ def test_cancel_before_acceptance_is_sent_on_acceptance(link: ActionServerLink, 
     wait_until(lambda: server.statuses == {0: 'canceled'})
 
 
+def test_a_cancel_that_comes_with_the_acceptance_is_repeated_once_each_time(
+    link: ActionServerLink, server: ScriptedActionServer, client: NodeRuntime, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wait_until(link.is_ready)
+    gate, passed, sent, cancel = threading.Event(), threading.Event(), list[object](), link.cancel
+    server.accept = lambda _goal: gate.wait(DEADLINE)
+
+    def count(goal_id: Any) -> Any:
+        sent.append(goal_id)
+        return cancel(goal_id)
+
+    monkeypatch.setattr(link, 'cancel', count)
+    done = Done()
+    one = call(link, done)
+    wait_until(lambda: one._sent)
+
+    def accept() -> None:
+        one.cancel(timeout=DEADLINE)
+        one.goal_answered(True)
+        client.post_in(0.1, note)
+
+    def note() -> None:
+        sent.append('passed')
+        passed.set()
+
+    client.call(accept)
+    assert passed.wait(DEADLINE)
+    assert sent.index('passed') == 1
+    gate.set()
+    assert done.wait().status is GoalStatus.CANCELED
+
+
 def test_a_late_acceptance_is_canceled(link: ActionServerLink, server: ScriptedActionServer) -> None:
     wait_until(link.is_ready)
     gate = threading.Event()
