@@ -112,6 +112,7 @@ class TreeGoals:
         """Stop all goals after a stop of ``peer_timeout`` or more: other nodes count the process as gone by then."""
         if seconds >= self._parameters.peer_timeout:
             self.stop_each(f'{hang}: who waited for the tree has given it up')
+        self._hold_all()  # also a tree that was about to begin
         self._runtime.post_in(RETURN_SECONDS, lambda: self._go_on(returned))
 
     def _go_on(self, returned: str) -> None:

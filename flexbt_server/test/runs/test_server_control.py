@@ -434,6 +434,25 @@ def test_a_process_that_is_stopped_again_holds_its_trees_for_the_whole_time_once
     goal.wait()
 
 
+def test_a_tree_that_begins_while_the_process_is_stopped_is_held_as_well(
+    world: ServerWorld, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tree_goals, 'RETURN_SECONDS', 1000.0)
+    running = world.server.goals.running
+    add = running.add
+
+    def stopped_before(tree: tree_goals.RunningTree) -> None:
+        world.server_runtime.health._tell(Hang('the whole process', 2.0, is_over=True, was_out_of_reach=True))
+        add(tree)
+
+    monkeypatch.setattr(running, 'add', stopped_before)
+    world.client.load_tree(COUNTING)
+    goal = world.client.execute()
+    wait_until(lambda: [one.run._control.reason[:17] for one in running.all()] == ['the whole process'], 'held')
+    goal.call.cancel(DEADLINE)
+    goal.wait()
+
+
 def test_an_owner_that_hangs_is_gone_after_the_time_that_was_set() -> None:
     go_on, seen = threading.Event(), []
     with open_server_world(peer_timeout=1.0) as world, NodeRuntime.open('owner') as owner:
