@@ -318,3 +318,8 @@ def test_a_pose_is_another_one_if_it_is_further_or_turned_further_than_noise(
                 assert motion_stop._differ(one, other) is motion_stop._differ(other, one) is is_another
     assert motion_stop._differ(one, Pose(position=Point(x=math.nan)))
     assert not motion_stop._differ(Pose(), Pose(position=Point(x=motion_stop._REST_METRES)))
+
+
+def test_a_turn_of_just_the_noise_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motion_stop, '_REST_RADIANS', math.pi)
+    assert not motion_stop._differ(Pose(), Pose(orientation=Quaternion(z=1.0, w=0.0)))

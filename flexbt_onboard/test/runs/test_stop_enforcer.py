@@ -171,6 +171,10 @@ def test_a_run_that_does_not_stop_is_held_shown_and_given_up(bench: Bench) -> No
     run.has_goals = False
     bench.steady.advance(1.0)
     assert not bench.holds() and bench.steady.next_timer() is None
+    later = Run()
+    bench.enforcer.stopping(cast(Any, later))
+    bench.steady.advance(MOTION_SECONDS)
+    assert later.shown == [pytest.approx(MOTION_SECONDS)] and not later.aborted
 
 
 def test_the_next_run_begins_with_a_free_robot(bench: Bench) -> None:
