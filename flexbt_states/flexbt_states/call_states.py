@@ -84,21 +84,25 @@ class _Exchange:
         except (BehaviorTreeError, ValueError) as error:
             raise FlexbtError(str(error)) from error
 
-    def take(self, message: Any, userdata: UserData) -> str:
-        """Write the kept fields of a message to the userdata, and return the outcome; '' if no condition is true.
+    def take(self, message: Any, userdata: UserData, *, keeps_any: bool = True) -> str:
+        """Return the outcome for a message, '' if no condition is true, and write its kept fields to the userdata.
+
+        The conditions read the userdata as they were before. Without ``keeps_any``, a message for which no condition
+        is true writes nothing.
 
         Raises:
-            FlexbtError: the message lacks an element, or a condition cannot be evaluated.
+            FlexbtError: the message lacks an element, or a condition cannot be evaluated; nothing is written.
         """
         try:
-            for field, key in self._kept:
-                userdata[key] = field.get(message)
-            return self.outcome(message, userdata)
+            outcome = self._outcome(message, userdata)
+            values = {key: field.get(message) for field, key in self._kept} if outcome or keeps_any else {}
         except (BehaviorTreeError, ValueError) as error:
             raise FlexbtError(str(error)) from error
+        for key, value in values.items():
+            userdata[key] = value
+        return outcome
 
-    def outcome(self, message: Any, userdata: UserData) -> str:
-        """Return the first outcome whose condition is true; '' for none. Raises the errors of an expression."""
+    def _outcome(self, message: Any, userdata: UserData) -> str:
         for outcome, condition in self.conditions.items():
             if condition is None:
                 return outcome
@@ -410,7 +414,7 @@ class ReadTopicState(WaitForMessage):
 
     def _received(self, message: Any, userdata: UserData) -> str | None:
         try:
-            return self._exchange.take(message, userdata) or None
+            return self._exchange.take(message, userdata, keeps_any=False) or None
         except FlexbtError as error:
             self.log_warn(f'topic {self._topic}: {error}')
             return None

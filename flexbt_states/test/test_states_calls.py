@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from geometry_msgs.msg import PoseStamped
@@ -199,23 +199,45 @@ def test_a_topic_without_messages_times_out(bench: StateBench) -> None:
     assert run.errors() == 'no message on silent within 0.05 s'
 
 
+class Topic:
+    """The topic of a state, without a middleware, and the steady clock of its node."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.steady = ManualClock()
+        self._receivers: list[Callable[[Any], None]] = []
+        node = SimpleNamespace(
+            create_subscription=lambda type, topic, receive, qos: self._receivers.append(receive),
+            destroy_subscription=lambda subscription: None,
+        )
+        runtime = SimpleNamespace(node=node, post=lambda fn: fn(), steady=self.steady)
+        monkeypatch.setattr(topic_states, 'state_services', lambda state: SimpleNamespace(runtime=runtime))
+
+    def send(self, bench: Bench, message: Any) -> None:
+        self._receivers[-1](message)
+        bench.settle()
+
+
+def test_conditions_compare_a_message_with_the_one_that_was_kept_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    topic = Topic(monkeypatch)
+    conditions = {'less': 'message.percentage < charge'}
+    state: Any = ReadTopicState('cells', BatteryState, {'percentage': 'charge'}, conditions)
+    again = {'less': 'Again', 'timeout': 'ended'}
+    bench = Bench(machine(Child('Again', state, again), output_keys=['charge']), userdata={'charge': 0.5})
+    for percentage in (0.75, 0.625, 0.25, 0.375, 0.125):  # those that meet no condition are not kept
+        topic.send(bench, BatteryState(percentage=percentage))
+    assert len(bench.transitions) == 2
+    assert bench.run.userdata()['charge'] == 0.125
+
+
 @pytest.mark.parametrize('kind', [ReadTopicState, CheckTopicState])
 def test_messages_that_meet_no_condition_are_not_told_as_missing(
     kind: type[EventState], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    receivers: list[Callable[[String], None]] = []
-    node = SimpleNamespace(
-        create_subscription=lambda type, topic, receive, qos: receivers.append(receive),
-        destroy_subscription=lambda subscription: None,
-    )
-    runtime = SimpleNamespace(node=node, post=lambda fn: fn(), steady=ManualClock())
-    monkeypatch.setattr(topic_states, 'state_services', lambda state: SimpleNamespace(runtime=runtime))
-    made: Any = kind
+    topic, made = Topic(monkeypatch), cast('Any', kind)
     state = made('mode', 'std_msgs/msg/String', outcomes={'manual': "message.data == 'manual'"}, timeout=3.0)
     bench = Bench(machine(Child('Mode', state, {'manual': 'ended', 'timeout': 'ended'})))
-    receivers[0](String(data='auto'))
-    bench.settle()
-    runtime.steady.advance(3.0)
+    topic.send(bench, String(data='auto'))
+    topic.steady.advance(3.0)
     bench.settle()
     assert bench.transitions[-1][:2] == ('/Mode', 'timeout')
     assert [text for _, _, text in bench.lines] == ['no condition was true for a message on mode within 3 s']
