@@ -353,7 +353,8 @@ class TreePause:
         self._run_id = run_id
         self._lock = threading.Lock()
         self._is_known = self._is_over = False
-        self._wanted = self._is = False
+        self._wanted = False
+        self._is: bool | None = False  # None after a request without an answer: it may yet have an effect
         self._wanted_at = 0.0
         self._goes_on: Sequence[str] = ()
         self._call: ServiceCall | None = None
@@ -412,7 +413,9 @@ class TreePause:
             if was_known or not reason:
                 self._is = wanted
                 self._goes_on = _what_goes_on(outcome) if wanted else ()
-            if was_known or self._is_known or not reason:
+            elif outcome.response is None:
+                self._is = None
+            if was_known or self._is_known or not reason or self._wanted is not wanted:
                 self._agree()  # if the run is unknown, run_seen repeats the request
             is_over = self._is_over  # then a refusal is normal: the run may not exist any more
         if is_over:

@@ -218,26 +218,57 @@ def test_pauses_in_quick_succession_end_as_the_last_one_wants(bench: StateBench)
     assert run.wait() == 'done', run.lines
 
 
-def test_an_answer_that_arrives_after_the_end_of_the_run_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    answers: list[Any] = []
+class Requests(list[tuple[int, Any]]):
+    """The requests of the pause of a tree whose run has ended, each with the function that gets its answer."""
 
-    def call(link: Any, request: Any, on_done: Any, **_: Any) -> Any:
-        answers.append(on_done)
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        super().__init__()
+        monkeypatch.setattr(bt_execute_states, 'ServiceCall', self._call)
+        runtime = SimpleNamespace(steady=ManualClock())
+        services: Any = SimpleNamespace(runtime=runtime, node_name='/executive', changed=lambda: None)
+        link: Any = SimpleNamespace(name='bt_server/control')
+        state = EventState(outcomes=['done'])
+        assert state.bound_to is None
+        self.pause = bt_execute_states.TreePause(state, services, link, 'run')
+
+    def _call(self, link: Any, request: Any, on_done: Any, **_: Any) -> Any:
+        self.append((request.command, on_done))
         return SimpleNamespace()
 
-    monkeypatch.setattr(bt_execute_states, 'ServiceCall', call)
-    runtime = SimpleNamespace(steady=ManualClock())
-    services: Any = SimpleNamespace(runtime=runtime, node_name='/executive', changed=lambda: None)
-    link: Any = SimpleNamespace(name='bt_server/control')
-    state = EventState(outcomes=['done'])
-    assert state.bound_to is None  # its run has ended
-    pause = bt_execute_states.TreePause(state, services, link, 'run')
-    pause.set(True)
-    answers[-1](ServiceOutcome(ControlTree.Response(), ''))
-    pause.set(False)
-    answers[-1](ServiceOutcome(ControlTree.Response(message='unknown'), ''))
-    pause.run_seen()
-    answers[-1](ServiceOutcome(None, 'no answer'))
+    def answer(self, outcome: ServiceOutcome) -> None:
+        self[-1][1](outcome)
+
+    @property
+    def commands(self) -> list[int]:
+        return [command for command, _ in self]
+
+
+def test_an_answer_that_arrives_after_the_end_of_the_run_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
+    requests = Requests(monkeypatch)
+    requests.pause.set(True)
+    requests.answer(ServiceOutcome(ControlTree.Response(), ''))
+    requests.pause.set(False)
+    requests.answer(ServiceOutcome(ControlTree.Response(message='unknown'), ''))
+    requests.pause.run_seen()
+    requests.answer(ServiceOutcome(None, 'no answer'))
+
+
+@pytest.mark.parametrize('when', ['before', 'after'])
+def test_a_pause_without_an_answer_is_taken_back(monkeypatch: pytest.MonkeyPatch, when: str) -> None:
+    requests, lost = Requests(monkeypatch), ServiceOutcome(None, 'no answer')
+    requests.pause.set(True)
+    if when == 'after':
+        requests.answer(lost)
+    requests.pause.set(False)
+    if when == 'before':
+        requests.answer(lost)
+    assert requests.commands == [PAUSE, RESUME]  # a server that was stopped may carry out the first one yet
+    requests.answer(ServiceOutcome(ControlTree.Response(message='no such run yet'), ''))
+    requests.pause.run_seen()
+    assert requests.commands == [PAUSE, RESUME, RESUME]
+    requests.answer(ServiceOutcome(ControlTree.Response(success=True), ''))
+    requests.pause.run_seen()
+    assert requests.commands == [PAUSE, RESUME, RESUME]
 
 
 def test_a_paused_state_that_is_stopped_cancels_its_tree(bench: StateBench) -> None:
