@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -14,7 +13,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from flexbt_common.errors import ResourceError, UnknownTypeError
 from flexbt_common.files import resolve_file
-from flexbt_common.values.value_types import resolve_type
+from flexbt_common.values.value_types import interface_class, resolve_type
 from flexbt_core.values.text import short_repr
 
 from .errors import StateParameterError
@@ -63,14 +62,10 @@ def checked_action_type(state: object, parameter: str, action: str | type[Any]) 
     """Return the class of an action, by class or by name, as in nav2_msgs/action/FollowPath."""
     if isinstance(action, type) and hasattr(action, 'Goal'):
         return action
-    package, _, name = str(action).partition('/action/')
     try:
-        found: type[Any] | None = getattr(importlib.import_module(f'{package}.action'), name, None)
-    except (ImportError, ValueError):
-        found = None
-    if found is None:
-        raise StateParameterError(state, parameter, f'{action!r} is not an installed action (package/action/Name)')
-    return found
+        return interface_class(str(action), 'action')
+    except UnknownTypeError as error:
+        raise StateParameterError(state, parameter, str(error)) from None
 
 
 def checked_types(state: object, parameter: str, types: Mapping[str, str] | None) -> dict[str, str]:

@@ -64,6 +64,8 @@ def test_it_is_left_by_timeout_and_says_what_is_missing(bench: StateBench) -> No
         {'nodes': ['a b']},
         {'actions': {'drill': 'nav2_msgs/action/Nothing'}},
         {'actions': {'drill': 'nonsense'}},
+        {'actions': {'drill': ''}},
+        {'actions': {'drill': '/action/Spin'}},
         {'timeout': -1.0},
     ],
 )
