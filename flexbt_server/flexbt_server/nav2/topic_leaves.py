@@ -114,12 +114,16 @@ class CheckStopStatus(ServerNode, StatefulAction):
                 self._cache.without_message('nothing is known of the motion of the robot: no odometry yet')
             )
         twist = odometry.twist.twist
-        speed = max(abs(twist.linear.x), abs(twist.linear.y), abs(twist.angular.z))
-        if not speed < self.get_input('velocity_threshold'):
-            return self.fail(f'the robot moves, by {speed:.3f} m/s or rad/s')
+        threshold = self.get_input('velocity_threshold')
+        for speed in (twist.linear.x, twist.linear.y, twist.angular.z):
+            if not abs(speed) < threshold:  # or it is NaN
+                return self.fail(f'the robot moves, by {abs(speed):.3f} m/s or rad/s')
         now = self.clock.now()
         if self._since is None:
-            self._since = min(seconds_of(odometry.header.stamp) or now, now)  # the sender's clock may be ahead
+            # By the age of the message: the stamps jump with simulated time, and this clock does not.
+            stamp = seconds_of(odometry.header.stamp)
+            age = seconds_of(self.host.runtime.clock.stamp()) - stamp if stamp else 0.0
+            self._since = now - max(0.0, age)  # the sender's clock may be ahead
         end = self._since + self.get_input('duration_stopped') / 1000.0
         if now >= end:
             return NodeStatus.SUCCESS

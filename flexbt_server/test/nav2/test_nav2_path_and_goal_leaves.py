@@ -4,8 +4,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from types import SimpleNamespace
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,10 +13,11 @@ from geometry_msgs.msg import Point, PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from nav2_msgs.msg import Route, RouteNode
-from nav_msgs.msg import Path
+from nav_msgs.msg import Odometry, Path
 
 from flexbt_common.calls.action_call import GoalOutcome, GoalStatus
 from flexbt_common.errors import TransformError
+from flexbt_common.values.message_fields import time_message
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
@@ -52,7 +53,9 @@ class Robot:
 class Ticked:
     """A tree with its blackboard, clock and robot."""
 
-    def __init__(self, body: str, robot: Robot | None = None, **entries: Any) -> None:
+    def __init__(
+        self, body: str, robot: Robot | None = None, services: Mapping[str, Any] = MappingProxyType({}), **entries: Any
+    ) -> None:
         self.board = Blackboard()
         for key, value in entries.items():
             self.board.set(key, value)
@@ -61,7 +64,7 @@ class Ticked:
         text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{body}</BehaviorTree></root>'
         self.tree = Tree(
             TreeLibrary([load_xml(text, 'f', REGISTRY)]), 'T', blackboard=self.board, clock=self.clock,
-            services=SimpleNamespace(frames=self.robot, goal_reached_tol=0.25),
+            services=SimpleNamespace(frames=self.robot, goal_reached_tol=0.25, **services),
         )  # fmt: skip
 
     def tick(self) -> NodeStatus:
@@ -81,6 +84,46 @@ def path_of(*points: tuple[float, float], frame: str = 'map') -> Path:
 
 def points_of(path: Path) -> list[tuple[float, float]]:
     return [(one.pose.position.x, one.pose.position.y) for one in path.poses]
+
+
+class Driven(Ticked):
+    """CheckStopStatus of a robot with odometry, at a ROS time, which may jump."""
+
+    def __init__(self) -> None:
+        self.odometry = Odometry()
+        self.ros_time = 0.0
+        cache = SimpleNamespace(latest=self.odometry, on_message=lambda tree: None)
+        services = {
+            'topics': SimpleNamespace(cache=lambda topic: cache),
+            'runtime': SimpleNamespace(clock=SimpleNamespace(stamp=lambda: time_message(self.ros_time))),
+        }
+        super().__init__('<CheckStopStatus duration_stopped="1000"/>', services=services)
+
+
+@pytest.mark.parametrize(('ros_time', 'stamp', 'left'), [
+    (1000.0, 999.5, 0.5),
+    (1000.0, 998.0, 0.0),
+    (5.0, 4.75, 0.75),  # simulated time was reset, which the clock of the tree does not show
+    (5.0, 1000.0, 1.0),
+    (5.0, 0.0, 1.0),
+])  # fmt: skip
+def test_a_robot_stands_since_the_stamp_of_its_odometry(ros_time: float, stamp: float, left: float) -> None:
+    robot = Driven()
+    robot.clock.advance(1000.0)
+    robot.ros_time, robot.odometry.header.stamp = ros_time, time_message(stamp)
+    if left:
+        assert robot.tick() is RUNNING
+        robot.clock.advance(left - 0.1)
+        assert robot.tick() is RUNNING
+        robot.clock.advance(0.1)
+    assert robot.tick() is SUCCESS
+
+
+@pytest.mark.parametrize(('part', 'axis'), [('linear', 'x'), ('linear', 'y'), ('angular', 'z')])
+def test_a_robot_does_not_stand_while_a_speed_is_not_a_number(part: str, axis: str) -> None:
+    robot = Driven()
+    setattr(getattr(robot.odometry.twist.twist, part), axis, math.nan)
+    assert robot.tick() is FAILURE
 
 
 LINE = [(float(x), 0.0) for x in range(11)]
