@@ -14,9 +14,10 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from flexbt_common.errors import TopicTypeError
+from flexbt_common.errors import TopicTypeError, ValueConversionError
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
+from flexbt_common.values.entries import check_value
 from flexbt_common.values.templates import Expression
 from flexbt_core.behavior_tree.engine.leaf import StatefulAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
@@ -421,8 +422,8 @@ class SetParameter(ServiceLeaf):
     def _request(self) -> Any:
         name, value = str(self.get_input('parameter')), self._forms.pop(0)
         try:
-            message = Parameter(name, value=value).to_parameter_msg()
-        except (TypeError, ValueError, AssertionError) as error:
+            message = check_value(Parameter(name, value=value).to_parameter_msg(), 'rcl_interfaces/msg/Parameter')
+        except (TypeError, ValueError, AssertionError, OverflowError, ValueConversionError) as error:
             raise ValueError(f'port [value]: no parameter can have the value {short_repr(value)}') from error
         return SetParameters.Request(parameters=[message])
 

@@ -250,6 +250,13 @@ def test_a_parameter_is_set_as_the_type_that_it_has(world: ServerWorld, default:
     assert (list(found) if isinstance(wanted, list) else found) == wanted
 
 
+@pytest.mark.parametrize('text', ['9223372036854775808', '[1, -9223372036854775809]'])
+def test_what_no_parameter_can_have_is_told(world: ServerWorld, text: str) -> None:
+    result = run(world, f'<SetParameter node_name="/navigation" parameter="any" value="{text}"/>', 'set')
+    assert result.code == Result.FAILURE
+    assert 'port [value]: no parameter can have the value ' in result.message
+
+
 def test_a_parameter_is_checked(world: ServerWorld) -> None:
     node = world.navigation_runtime.node
     world.navigation_runtime.call(lambda: node.declare_parameter('speed', 0.5))
