@@ -272,6 +272,12 @@ class TestTopics:
         wait_until(lambda: got, 'the message')
         assert got == [expected]
 
+    @pytest.mark.parametrize('value', [1, 'true', None])
+    def test_what_is_no_bool_is_not_published_as_one(self, bench: StateBench, value: Any) -> None:
+        run = bench.run_state(lambda: PublisherBoolState('out'), {'value': value})
+        run.wait()
+        assert 'bool' in run.errors()
+
     @pytest.mark.parametrize('msg_type', [Int64, 'std_msgs/msg/Int64', 'std_msgs/Int64', ''])
     def test_subscriber_takes_the_newest_message(self, bench: StateBench, msg_type: Any) -> None:
         node = bench.runtime.node

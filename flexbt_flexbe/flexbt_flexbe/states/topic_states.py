@@ -8,6 +8,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool, Empty, String
 
+from flexbt_common.values.entries import check_value
 from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_flexbe.api.event_state import EventState
 from flexbt_flexbe.api.topic_proxies import ProxyPublisher, ProxySubscriberCached
@@ -34,7 +35,7 @@ class PublisherBoolState(_PublisherState):
 
     -- topic        string      Name of the topic
 
-    ># value                    A bool.
+    ># value                    A bool; a value of another type is a fault of the state.
 
     <= done                     The message was handed to the middleware.
     """
@@ -43,7 +44,7 @@ class PublisherBoolState(_PublisherState):
         super().__init__(topic, Bool, ('value',))
 
     def on_enter(self, userdata: UserData) -> None:
-        self._publisher.publish(self._topic, Bool(data=userdata['value']))
+        self._publisher.publish(self._topic, Bool(data=check_value(userdata['value'], 'bool')))
 
 
 class PublisherEmptyState(_PublisherState):
