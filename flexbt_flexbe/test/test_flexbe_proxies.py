@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -390,6 +392,22 @@ class TestActions:
         ended = ['ok', (False, 4), 'SUCCEEDED']
         assert steps.seen == [False, *ended, (False, 0), *ended, (True, 4)]
         assert len(server.goals) == 2
+
+    def test_a_client_that_was_removed_is_kept_no_longer(self, bench: StateBench) -> None:
+        class Removing(Steps):
+            def enter(self, state: Script) -> None:
+                client = ProxyActionClient({'work': BtExecute, 'other': BtExecute})
+                self.seen += [weakref.ref(client._clients[topic]) for topic in ('work', 'other')]
+                client.remove_client('work')
+
+            def execute(self, state: Script) -> str:
+                gc.collect()
+                self.seen = [one() is not None for one in self.seen]
+                return 'done'
+
+        steps = Removing()
+        assert run(bench, steps).wait() == 'done'
+        assert steps.seen == [False, True]  # the other one is that of the run
 
     def test_feedback_wakes_the_state(self, bench: StateBench) -> None:
         async def script(goal_handle: Any) -> Any:

@@ -253,7 +253,9 @@ class ProxyActionClient(RunProxy):
     def remove_client(self, topic: str) -> None:
         """Cancel the goal and remove the action."""
         self.cancel(topic)
-        self._clients.pop(topic, None)
+        removed = self._clients.pop(topic, None)
+        clients = self._run.shared(_Clients)
+        clients[:] = [client for client in clients if client is not removed]
 
     def _client(self, topic: str) -> _Client:
         try:
