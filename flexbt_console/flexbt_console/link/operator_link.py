@@ -459,7 +459,6 @@ class ExecutiveLink(RobotLink):
         self._executives = status.current_count
         if self._executives == 0:
             self.mirror.sender_gone()
-            return
         self._find_problems()
 
     def _on_stop_matched(self, status: Any) -> None:
@@ -493,9 +492,16 @@ class ExecutiveLink(RobotLink):
         publishers = (self._stops, self._commands) if command.kind is CommandKind.STOP else (self._commands,)
         for publisher in publishers:
             try:
-                publisher.publish(command_message(command, time.time()))
+                message = command_message(command, time.time())
+                if self._is_wanted(command):
+                    publisher.publish(message)
             except Exception as error:
                 self._runtime.report_fault(error, f'sending {command.kind.name}')
+
+    def _is_wanted(self, command: OperatorCommand) -> bool:
+        """Return whether a command is still to be sent: not if a STOP was given since it was due."""
+        tracked = self.mirror.command(command.id)
+        return command.kind is CommandKind.STOP or (tracked is not None and tracked.state is CommandState.PENDING)
 
     def _plan_resend(self) -> None:
         if self._resend is not None:

@@ -12,6 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -44,6 +45,7 @@ from flexbt_msgs.action import SynthesizeBehavior
 from flexbt_msgs.msg import (
     BehaviorList,
     BehaviorStructure,
+    ExecutiveCommand,
     ExecutiveEvents,
     ExecutiveLog,
     ExecutiveStatus,
@@ -417,6 +419,29 @@ def test_commands_have_one_effect_each_over_a_lossy_link(executives: Any) -> Non
     assert len(executive.received) > len(executive.applied)
 
 
+def test_nothing_that_was_due_with_others_is_sent_after_a_stop_that_comes_meanwhile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    sent: list[str] = []
+    with NodeRuntime.open('console') as runtime, ThreadPoolExecutor() as operator:
+        link = ExecutiveLink(runtime, Mirror(runtime.steady), 'ann')
+
+        def publish(message: ExecutiveCommand) -> None:
+            sent.append(message.id)
+            if message.id == 'first':
+                operator.submit(link.send, OperatorCommand('stop', CommandKind.STOP, 'ann'), DEADLINE).result(DEADLINE)
+
+        def send_both() -> None:
+            link._reachable = True
+            for name, kind in (('first', CommandKind.AUTONOMY), ('second', CommandKind.START)):
+                link.mirror.give(OperatorCommand(name, kind, 'ann'), DEADLINE)
+            link._send_due()
+
+        monkeypatch.setattr(link, '_commands', SimpleNamespace(publish=publish))
+        runtime.call(send_both)
+        assert 'stop' in sent and 'second' not in sent
+
+
 def test_a_command_that_cannot_be_sent_keeps_no_other_one_back(executives: Any) -> None:
     executives('unsent')
     with NodeRuntime.open('console', namespace='/unsent') as runtime:
@@ -636,6 +661,25 @@ def test_two_executives_at_one_link_are_reported(executives: Any) -> None:
     executives('double')
     with station('double') as operator:
         operator.wait(lambda view: '2 executives' in view.problem)
+
+
+def test_of_executives_that_have_left_together_nothing_is_reported() -> None:
+    with NodeRuntime.open('console') as runtime, NodeRuntime.open('others') as others:
+        mirror = Mirror(runtime.steady)
+        ExecutiveLink(runtime, mirror, operator=None)
+        qos = names.transient_local_qos()
+        publishers = [
+            others.call(partial(others.node.create_publisher, ExecutiveStatus, names.EXECUTIVE_STATUS, qos))
+            for _ in range(2)
+        ]
+        wait_until(lambda: '2 executives' in mirror.view().problem, 'the problem')
+
+        def leave() -> None:
+            for one in publishers:
+                others.node.destroy_publisher(one)
+
+        runtime.call(partial(others.call, leave))  # the console hears of both at once
+        wait_until(lambda: mirror.view().problem == '', 'no problem')
 
 
 def test_nobody_there() -> None:
