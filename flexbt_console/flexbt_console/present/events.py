@@ -56,8 +56,7 @@ class Follower:
         """Executive and number of the lines of the log, and of the events, that were there the last time."""
 
     def events(self, view: View) -> list[Event]:
-        """Return the new events. Heartbeats are none, and none are reported before an executive could be received.
-        received."""
+        """Return the new events. Heartbeats are none, and none are reported before an executive could be received."""
         if view.listening:
             return []
         events: list[Event] = []

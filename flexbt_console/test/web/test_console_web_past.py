@@ -101,6 +101,24 @@ def test_two_pages_show_different_moments_and_neither_answers_from_the_past() ->
         asyncio.run(run(port))
 
 
+@pytest.mark.parametrize('run_id', ['r1', ''])
+def test_back_from_the_past_the_driven_path_is_that_of_now_also_before_the_first_run(run_id: str) -> None:
+    robot = WebRobot()
+    robot.show(run_id=run_id)
+
+    async def run(port: int) -> None:
+        async with page(port) as ask:
+            async with asyncio.timeout(DEADLINE):
+                while 'driven' not in await ask('parts'):
+                    pass
+                await ask('past', moment=0.0)
+                while 'driven' not in await ask('parts', moment=None):
+                    pass
+
+    with served({'robot': robot.station()}) as port:
+        asyncio.run(run(port))
+
+
 @pytest.mark.parametrize('line', ['stop', 'STOP', ' Stop --wait'])
 def test_a_stop_is_sent_from_the_past_however_it_is_written(line: str) -> None:
     assert is_harmless({'do': line, 'decision': None})

@@ -79,7 +79,8 @@ class PageLink:
         self._drawn: dict[str, None] = {}
         self._map = b''
         self._is_past = False
-        self._run: str | None = None
+        self._run: tuple[str, str] | None = None
+        """Executive and run whose driven path the page has; None if it has none of now."""
         self._folded: frozenset[str] = frozenset()
         self._machine = NO_DRAWING
         self._tasks: set[asyncio.Task[None]] = set()
@@ -152,7 +153,7 @@ class PageLink:
         self._session.station.attention.pending([view, *(one.view for one in picture.robots)])
         new = {name: text for name, text in picture.parts.items() if self._shown.get(name) is not text}
         self._shown = picture.parts
-        run = view.snapshot.run_id if view.snapshot else None
+        run = (view.snapshot.executive_id, view.snapshot.run_id) if view.snapshot else ('', '')
         if run != self._run:  # from then on the page follows the pose
             self._run = run
             new['driven'] = encode_json([[round(x, 2), round(y, 2)] for x, y in view.surroundings.driven])
@@ -290,7 +291,7 @@ class PageLink:
             return
         was_past, self._is_past = self._is_past, number is not None
         if number is None:
-            self._map, self._run = (b'', '') if was_past else (self._map, self._run)  # they are sent again
+            self._map, self._run = (b'', None) if was_past else (self._map, self._run)  # they are sent again
             self._changed.set()
             return
 

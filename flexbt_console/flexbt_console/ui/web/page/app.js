@@ -360,7 +360,11 @@ function showMoment(time) {
   const was = wanted;
   wanted = time;
   if (time === null) {
-    if (was !== null) send({moment: null});
+    if (was !== null) {
+      send({moment: null});
+      map.set('driven', []);  // the server sends both again, if there are any
+      for (const name of ['map', 'image']) map.set(name, null);
+    }
     past = asked = null;
     for (const name of ON_MAP) map.set(name, known[name] ?? []);
     map.set('pose', known.pose ?? null);
