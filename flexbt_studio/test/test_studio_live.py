@@ -3,11 +3,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
+import pytest
+
+from flexbt_console.link.fleet_link import FleetLink
+from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import (
     ActiveState,
     BreakpointKind,
@@ -18,7 +24,10 @@ from flexbt_console.mirror.records import (
     TreeHold,
 )
 from flexbt_console.mirror.view import View
-from flexbt_studio.server.live import live_event
+from flexbt_core.clock.clock import ManualClock
+from flexbt_studio.errors import StudioError
+from flexbt_studio.server.live import LiveRobots, live_event
+from flexbt_testing.waiting import DEADLINE
 
 HOSTILE = '\u202e\x1b[2J</script>'
 SNAPSHOT = ExecutiveSnapshot(
@@ -62,3 +71,54 @@ def test_what_is_set_and_held_is_told_by_tree_path_and_run() -> None:
 
 def test_of_a_robot_that_was_never_heard_nothing_is_told_about_the_debugger() -> None:
     assert not {'holds', 'points', 'breakpoints'} & event(None).keys()
+
+
+class Robots:
+    """What LiveRobots uses of FleetLink. To open /b raises ``error``."""
+
+    def __init__(self) -> None:
+        self.mirrors = {name: Mirror(ManualClock()) for name in ('/a', '/b')}
+        self.own, self.fleet = '/a', Fleet()
+        for name, mirror in self.mirrors.items():
+            self.fleet.add(name, mirror)
+        self.opened: list[str] = []
+        self.error: Exception | None = None
+
+    def robot(self, name: str) -> list[Mirror]:
+        """Return its mirror."""
+        return [self.mirrors[name]]
+
+    def open(self, name: str) -> None:
+        """Watch the robot."""
+        if name == '/b' and self.error is not None:
+            if isinstance(self.error, KeyError):
+                del self.mirrors[name]
+            raise self.error
+        self.opened.append(name)
+
+    def close(self, name: str) -> None:
+        """Watch it no longer."""
+        self.opened.remove(name)
+
+
+@pytest.mark.parametrize('error', [KeyError('/b'), TimeoutError('busy'), RuntimeError("can't start new thread")])
+def test_a_robot_that_cannot_be_opened_is_refused_and_others_stay_live(error: Exception) -> None:
+    robots, told = Robots(), asyncio.Queue[dict[str, Any]]()
+
+    async def run() -> None:
+        live = LiveRobots(cast('FleetLink', robots), told.put_nowait)
+        await live.watch('/a')
+        robots.error = error
+        with pytest.raises(StudioError, match='cannot be watched now'):
+            await live.watch('/b')
+        robots.mirrors['/a'].receive_snapshot(replace(SNAPSHOT, behavior='goes on'))
+        while (event := await asyncio.wait_for(told.get(), DEADLINE))['behavior'] != 'goes on':
+            assert event['robot'] == '/a'
+        robots.error = None
+        robots.mirrors.setdefault('/b', Mirror(ManualClock()))  # it is found again
+        await live.watch('/b')
+        assert robots.opened == ['/a', '/b']
+        await live.close()
+        assert robots.opened == []
+
+    asyncio.run(run())

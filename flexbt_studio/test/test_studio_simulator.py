@@ -18,6 +18,7 @@ from test_studio_server import TOKEN, Page, Refused
 
 from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.server import serving
+from flexbt_studio.server.simulator import Simulation
 from flexbt_studio.server.web_server import StudioServer
 from flexbt_studio.server.workbench import Workbench
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -69,6 +70,22 @@ def folder(tmp_path: Path) -> Path:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
     return tmp_path
+
+
+def test_why_the_robot_has_ended_stays_the_last_that_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[tuple[str, str]] = []
+
+    async def run() -> None:
+        simulation = Simulation(Access(), lambda event: told.append((event['state'], event['message'])), is_alone=True)
+        monkeypatch.setattr(simulation, '_is_ready', lambda: True)  # by a status of before
+        simulation._fail('bt_server has ended')
+        await simulation._wait()
+        simulation._fail('stop_guard has ended, too')
+        assert simulation._closing is not None
+        await simulation._closing
+
+    asyncio.run(run())
+    assert told == [('ended', 'bt_server has ended')]
 
 
 def processes(of: int) -> dict[int, str]:

@@ -34,6 +34,8 @@ class LiveRobots:
         self._robots = robots
         self._tell = tell
         self._watched: set[str] = set()
+        """Robots that were opened, so that they are not forgotten."""
+        self._opening = asyncio.Lock()
         self._pasts: dict[str, LivePast] = {}
         self._shown: dict[str, dict[str, Any]] = {}
         self._changed = asyncio.Event()
@@ -49,16 +51,27 @@ class LiveRobots:
             await asyncio.to_thread(self._robots.close, name)
 
     async def watch(self, name: str = '') -> str:
-        """Watch a robot; without a name the own one. Return its name. Raises StudioError if it is not known."""
+        """Watch a robot; without a name the own one. Return its name. Raises StudioError if it is not known,
+        or cannot be opened now."""
         known = self._robots.fleet.names
         name = name or (self._robots.own if self._robots.own in known else next(iter(known), ''))
         if name not in known:
             raise StudioError(f'no robot {short_repr(name)} was found{did_you_mean(name, known)}')
-        if name not in self._watched:
-            self._watched.add(name)
-            mirror = self._robots.robot(name)[0]
-            self._pasts[name] = LivePast(*self._robots.fleet.past(name, mirror), mirror.now)
-            await asyncio.to_thread(self._robots.open, name)
+        async with self._opening:
+            if name not in self._watched:
+                try:
+                    mirror = self._robots.robot(name)[0]
+                    self._pasts[name] = LivePast(*self._robots.fleet.past(name, mirror), mirror.now)
+                    await asyncio.to_thread(self._robots.open, name)
+                except (
+                    KeyError,
+                    RuntimeError,
+                    TimeoutError,
+                ) as error:  # forgotten just now; no threads; the node is busy
+                    raise StudioError(
+                        f'robot {short_repr(name)} cannot be watched now: {error!r}; try again'
+                    ) from error
+                self._watched.add(name)
         self._shown.pop(name, None)  # the page that asks has not seen it
         self._changed.set()
         return name

@@ -274,7 +274,8 @@ class Simulation:
             async with asyncio.timeout(START_SECONDS):
                 while not self._is_ready():
                     await asyncio.sleep(0.2)
-            self._set({'state': 'running', 'message': ''})
+            if not self.is_over:  # what was heard last may be of before
+                self._set({'state': 'running', 'message': ''})
         except TimeoutError:
             self._fail(f'the robot was not there within {START_SECONDS:g} s')
 
@@ -287,7 +288,9 @@ class Simulation:
         return {'bt_server', 'navigation', 'simulator', 'stop_guard'} <= set(there)
 
     def _fail(self, message: str) -> None:
-        """Tell why the robot ends, and end what is left of it."""
+        """Tell why the robot ends, and end what is left of it. What happens after that is no reason."""
+        if self.is_over:
+            return
         self._set({'state': 'ended', 'message': message})
         self._closing = asyncio.create_task(self.close())
 
