@@ -332,7 +332,7 @@ class DockMotion(Motion):
 
         Raises:
             NavigationError: FAILED_TO_STAGE, FAILED_TO_DETECT_DOCK, FAILED_TO_CONTROL or FAILED_TO_CHARGE. The last
-                three when all retries are used.
+                three when all retries are used, or at once if the dock is not seen at first.
         """
         if self._phase_began is None:
             self._phase_began = now
@@ -340,9 +340,11 @@ class DockMotion(Motion):
         if self.state is DockState.NAV_TO_STAGING_POSE:
             assert self._staging is not None
             return self._staging.step(pose, now) or self._enter(DockState.INITIAL_PERCEPTION, now)
-        if self.state is DockState.INITIAL_PERCEPTION:
+        if self.state is DockState.INITIAL_PERCEPTION and not self.retries:
             return self._perceive(spent, now)
         try:
+            if self.state is DockState.INITIAL_PERCEPTION:
+                return self._perceive(spent, now)
             if self.state is DockState.CONTROLLING:
                 return self._approach(pose, spent, now)
             if self.state is DockState.WAIT_FOR_CHARGE:

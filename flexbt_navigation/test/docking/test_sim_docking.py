@@ -220,6 +220,21 @@ def test_a_dock_that_nobody_sees_is_not_approached() -> None:
     assert PLAIN.perception_seconds < done.now < PLAIN.perception_seconds + 1.0
 
 
+@pytest.mark.parametrize(('retries', 'code'), [(1, 'FAILED_TO_DETECT_DOCK'), (3, '')])
+def test_a_dock_that_is_not_seen_for_a_while_is_tried_again(retries: int, code: str) -> None:
+    station = Station(WALLED, STAGING)
+    motion = station.docking(DockingLimits(retries=retries, perception_seconds=0.5))
+
+    def step(pose: Pose, now: float) -> Velocity | None:
+        station.seen = DOCK if motion.retries != 1 or motion.state is DockState.RETRY else None
+        if motion.state is DockState.CONTROLLING and not motion.retries and pose.distance(STAGING) > 0.3:
+            station.seen = None
+        return motion.step(pose, now)
+
+    done = station.run.go(_Stepped(step))
+    assert (done.code, motion.retries) == (code, min(2, retries))
+
+
 def test_a_dock_that_is_seen_elsewhere_is_approached_there() -> None:
     station = Station(WALLED, STAGING, works=False)
     station.seen = Pose(DOCK.x, DOCK.y + 0.1, 0.0)
