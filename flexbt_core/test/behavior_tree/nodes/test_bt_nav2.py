@@ -20,6 +20,7 @@ VECTORS: list[tuple[str, str]] = [
     # The others begin at once.
     *((f'<IfThenElse><{tag} _failureIf="x">{step("S")}</{tag}>{step("S", 1)}</IfThenElse>', 'x=1 F | x=0 S 0S 1S')
       for tag in ('RateController', 'SingleTrigger')),
+    ('<InitialPoseReceived/>', "F | initial_pose_received='true' S | initial_pose_received='false' F"),
     # RecoveryNode
     (control('RecoveryNode', 'S', 'S'), 'S 0S'),
     (control('RecoveryNode', 'FS', 'S'), 'S 0F 1S 0S'),
