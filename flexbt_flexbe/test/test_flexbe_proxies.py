@@ -12,10 +12,19 @@ from typing import Any
 
 import pytest
 from rclpy.action import CancelResponse
+from rclpy.exceptions import InvalidTopicNameException
 from std_msgs.msg import Int64, String
 from std_srvs.srv import Trigger
 
-from flexbt_flexbe import EventState, ProxyActionClient, ProxyPublisher, ProxyServiceCaller, ProxySubscriberCached
+from flexbt_common.errors import TopicTypeError
+from flexbt_flexbe import (
+    QOS_LATCH,
+    EventState,
+    ProxyActionClient,
+    ProxyPublisher,
+    ProxyServiceCaller,
+    ProxySubscriberCached,
+)
 from flexbt_flexbe.errors import ProxyError
 from flexbt_msgs.action import BtExecute
 from flexbt_testing.nodes.scripted_action_server import ends
@@ -101,6 +110,45 @@ class TestTopics:
         assert run(bench, steps).wait() == 'done'
         assert steps.seen[0] == (True, False)
         assert steps.seen[-6:] == ['sent', '1', '2', False, None, True]
+
+    @pytest.mark.parametrize('topic', ['taken', 'a b', '7'])
+    def test_a_topic_that_cannot_be_subscribed_is_told_and_is_not_subscribed(
+        self, bench: StateBench, topic: str
+    ) -> None:
+        class Hearing(Steps):
+            def start(self, state: Script) -> None:
+                proxy = ProxySubscriberCached()
+                with pytest.raises((TopicTypeError, InvalidTopicNameException)):
+                    proxy.subscribe(topic, String)
+                self.seen.append(proxy.is_available(topic))
+
+            def execute(self, state: Script) -> str:
+                return 'done'
+
+        bench.runtime.call(lambda: bench.runtime.node.create_publisher(Int64, 'taken', 1))
+        steps = Hearing()
+        assert run(bench, steps).wait() == 'done'
+        assert steps.seen == [False]
+
+    def test_a_message_that_comes_with_the_subscription_reaches_callback_and_buffer(
+        self, bench: StateBench, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        class Hearing(Steps):
+            def start(self, state: Script) -> None:
+                proxy = ProxySubscriberCached()
+                proxy.subscribe('map', String, self.seen.append, buffered=True, qos=QOS_LATCH)
+                self.seen.append(proxy.get_from_buffer('map'))
+
+            def execute(self, state: Script) -> str:
+                return 'done'
+
+        latched = String(data='latched')
+        monkeypatch.setattr(
+            bench.runtime.node, 'create_subscription', lambda kind, topic, receive, qos: receive(latched)
+        )
+        steps = Hearing()
+        assert run(bench, steps).wait() == 'done'
+        assert steps.seen == [latched, latched]
 
     def test_a_buffer_is_first_in_first_out(self, bench: StateBench) -> None:
         class Buffered(Steps):

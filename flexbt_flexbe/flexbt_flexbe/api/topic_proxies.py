@@ -118,7 +118,7 @@ class _Feed:
     ``newest`` is the newest message or None; ``buffer`` has all messages, or is None if they are not kept.
     """
 
-    def __init__(self, runtime: Runtime, topic: str, message: type[Any], qos: QoSProfile | int) -> None:
+    def __init__(self, runtime: Runtime, topic: str, message: type[Any]) -> None:
         self.message_class = message
         self.users: set[Any] = set()
         self.listeners = Listeners()
@@ -129,7 +129,10 @@ class _Feed:
         self.buffer: deque[Any] | None = None
         self._callbacks: dict[Any, MessageCallback] = {}
         self._subscription: Subscription | None = None  # executor thread only
-        runtime.post(lambda: self._subscribe(qos))
+
+    def begin(self, qos: QoSProfile | int) -> None:
+        """Subscribe, once. Call it when callback and buffer are set: a latched message may come at once."""
+        self._runtime.call(lambda: self._subscribe(qos))
 
     def set_callback(self, user: Any, callback: MessageCallback | None) -> None:
         """Call ``callback`` for each message, in the context of the run."""
@@ -146,7 +149,9 @@ class _Feed:
         self._runtime.post(self._unsubscribe)
 
     def _subscribe(self, qos: QoSProfile | int) -> None:
-        self._subscription = self._runtime.node.create_subscription(self.message_class, self._topic, self._receive, qos)
+        if self._subscription is None:
+            node = self._runtime.node
+            self._subscription = node.create_subscription(self.message_class, self._topic, self._receive, qos)
 
     def _unsubscribe(self) -> None:
         if self._subscription is not None:
@@ -173,10 +178,10 @@ class _RunFeeds:
         self.feeds: dict[str, _Feed] = {}
         run.at_end(self._close)
 
-    def open(self, topic: str, message: type[Any], qos: QoSProfile | int) -> _Feed:
+    def open(self, topic: str, message: type[Any]) -> _Feed:
         feed = self.feeds.get(topic)
         if feed is None:
-            feed = self.feeds[topic] = _Feed(self._runtime, topic, message, qos)
+            feed = self.feeds[topic] = _Feed(self._runtime, topic, message)
         elif feed.message_class is not message:
             raise ProxyError(
                 f'topic {topic!r} is subscribed as {feed.message_class.__name__} already, not as {message.__name__}'
@@ -225,14 +230,21 @@ class ProxySubscriberCached(RunProxy):
         """Subscribe to a topic, until every subscribed ``inst_id`` has called :meth:`unsubscribe_topic`.
 
         Raises:
-            ProxyError: the type is not a message type, or the topic already has another type.
+            ProxyError: the type is not a message type, or the run has subscribed to the topic with another type.
+            TopicTypeError: the topic has another type.
+            InvalidTopicNameException: no topic can have that name.
         """
-        feed = self._feeds.open(topic, message_class(topic, msg_type), QOS_DEFAULT if qos is None else qos)
+        feed = self._feeds.open(topic, message_class(topic, msg_type))
         feed.users.add(inst_id)
         if callback is not None:
             feed.set_callback(inst_id, callback)
         if buffered:
             self.enable_buffer(topic)
+        try:
+            feed.begin(QOS_DEFAULT if qos is None else qos)
+        except Exception:
+            self.unsubscribe_topic(topic, inst_id)
+            raise
 
     def set_callback(self, topic: str, callback: MessageCallback | None, inst_id: Any = -1) -> None:
         """Set a callback for each message. It runs on the executor's thread and must not block."""
@@ -241,7 +253,8 @@ class ProxySubscriberCached(RunProxy):
     def enable_buffer(self, topic: str) -> None:
         """Keep all messages from now on."""
         feed = self._feed(topic)
-        feed.buffer = feed.buffer or deque()
+        if feed.buffer is None:  # an empty one may be about to get a message
+            feed.buffer = deque()
 
     def disable_buffer(self, topic: str) -> None:
         """Keep the newest message only."""
