@@ -229,9 +229,11 @@ class Escalation:
     def _end(self, thing: Thing, local: datetime, rules: AlertRules) -> None:
         del self.things[thing.id]
         at = f'{local:%H:%M}'
-        waiting = [call for call in self.calls.values() if call.thing == thing.id and not call.is_begun]
-        for call in waiting:  # nobody has been told yet
+        unsaid = [call for call in self.calls.values() if call.thing == thing.id]
+        for call in unsaid:  # an attempt that has begun may fail, and be repeated hours later
             call.title = f'{call.title} (over since {at})'
+        waiting = [call for call in unsaid if not call.is_begun]
+        for call in waiting:  # nobody has been told yet
             if len(self.calls) > MOST_UNSAID:
                 del self.calls[call.id]
         rule = rules.rule_of(thing.robot, _condition(thing))

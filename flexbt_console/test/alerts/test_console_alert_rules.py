@@ -202,6 +202,16 @@ def test_the_clock_may_be_set_while_the_program_does_not_run(tmp_path: Path) -> 
     store.close()
 
 
+def test_a_call_whose_attempt_fails_after_the_end_says_that_it_is_over() -> None:
+    memory, rules = Escalation(), rules_of(rule(Step(0.0, ('anna',))))
+    need = SeenNeed(Urgency.DECISION, 'k', 0.0, 'asks')
+    memory.step(1000.0, datetime.fromtimestamp(1000.0, UTC), [SeenRobot('/a', True, (need,))], rules)
+    (call,) = memory.calls.values()
+    call.is_begun = True
+    memory.step(1060.0, datetime.fromtimestamp(1060.0, UTC), [SeenRobot('/a', True, ())], rules)
+    assert memory.calls[call.id].title == '/a waits for a decision (over since 00:17)'
+
+
 def test_a_robot_that_was_heard_before_a_restart_and_is_not_found_is_silent(tmp_path: Path) -> None:
     known = rules_of(rule(Step(0.0, ('anna',)), conditions=(Urgency.UNREACHABLE,)))
     local, there = datetime(2026, 1, 1, tzinfo=UTC), [SeenRobot(name, True, ()) for name in ROBOTS]
