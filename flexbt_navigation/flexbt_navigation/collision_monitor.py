@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from nav2_msgs.msg import CollisionMonitorState
@@ -44,6 +45,7 @@ class CollisionMonitor:
         runtime.node.create_service(Toggle, names.TOGGLE_COLLISION_MONITOR, self._toggle)
         self._part = LifecycleSubnode(runtime, names.COLLISION_MONITOR)
         arbiter.monitor = self._checked
+        arbiter.on_stop = partial(self._tell, acts=False)
 
     def _checked(self, pose: Pose, command: Velocity) -> Velocity:
         if not self._part.is_active:

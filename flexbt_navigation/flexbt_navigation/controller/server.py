@@ -83,6 +83,8 @@ class MotionArbiter:
         self.running: RunningMotion | None = None
         self._asked = self._newest = 0
         self.monitor: Callable[[Pose, Velocity], Velocity] = lambda _pose, command: command
+        self.on_stop: Callable[[], None] = lambda: None
+        """Called for each command to stop that no motion gives."""
         self._is_held = False
         self.speed_limit = math.inf
         robot.on_pose.append(self._on_pose)
@@ -119,7 +121,7 @@ class MotionArbiter:
         """Stop the robot, and let no motion drive until the hold is over. Motions are not ended."""
         self._is_held = is_held
         if is_held and self.running is not None:
-            self.robot.drive(*STOP)
+            self._stop()
 
     def _on_pose(self, pose: Pose, now: float) -> None:
         running = self.running
@@ -130,7 +132,7 @@ class MotionArbiter:
         running.poses += 1
         running.now = now
         if self._is_held:
-            self.robot.drive(*STOP)
+            self._stop()
             return
         try:
             velocity = running.motion.step(pose, now)
@@ -157,8 +159,12 @@ class MotionArbiter:
         if running is None:
             return
         if stop:
-            self.robot.drive(*STOP)
+            self._stop()
         running.on_end(end, max(0.0, running.now - running.began))
+
+    def _stop(self) -> None:
+        self.robot.drive(*STOP)
+        self.on_stop()
 
     def cancel(self, goal: ServedGoal) -> None:
         """Cancel the goal for its client."""
