@@ -97,6 +97,18 @@ def test_a_program_is_watched_held_and_released_and_may_hang_and_die(engine: str
                 with pytest.raises(Refused, match=r'not possible|quotation'):
                     await page.ask('groot2', robot=robot, do=wrong)
             await page.ask('groot2', robot=robot, do='tree clear rest')  # by which the tree goes on
+
+            told = asyncio.Queue[dict[str, Any]]()
+            other = groot2_robot.Groot2Robot(robot, told.put_nowait, lambda file, text: asyncio.sleep(0.0))
+            while not statuses(await told.get()):
+                pass
+            await other.command('break rest')
+            await until(page, lambda one: one['holds'])
+            await page.ask('groot2', robot=robot, do='tree continue')
+            await other.command('tree clear')
+            await until(page, lambda one: not one['holds'] and not one['points'])
+            await other.close()
+
             await page.ask('groot2', robot=robot, do='tree run-to first/Sleep::9')
             event = await until(page, lambda one: one['holds'])
             assert event['holds'][0]['path'] == 'first/Sleep::9'

@@ -46,6 +46,8 @@ RESTS: Final = 3.0
 """Times as long as a request took, until the next one: a tree of 65,535 nodes is asked for less often."""
 LONGEST_REST: Final = 1.0
 """Time at most until the next request, s."""
+HOOKS_SECONDS: Final = 1.0
+"""Time between two requests for the hooks that are known, s: others may have removed them."""
 ANSWER_SECONDS: Final = 3.0
 """Time for an answer, s; then the program counts as lost, and is asked again."""
 LARGEST_ANSWER: Final = 32 << 20
@@ -106,6 +108,7 @@ class Groot2Robot:
         self._held_since = 0.0
         self._points: dict[int, TreeBreakpoint] = {}
         """What is set before the tick of each node."""
+        self._hooks_due = 0.0
         self._problem = 'it has not answered yet'
         self._shown: dict[str, Any] = {}
         self._task = asyncio.create_task(self._watch())
@@ -212,8 +215,8 @@ class Groot2Robot:
         if self._held and statuses != self._statuses:
             self._held = 0  # somebody else has let it go on
         self._statuses = statuses
-        if any(one.once for one in self._points.values()):  # they may be gone
-            await self._read_hooks()
+        if (self._points and time.monotonic() >= self._hooks_due) or any(one.once for one in self._points.values()):
+            await self._read_hooks()  # they may be gone
 
     def _forget(self) -> None:
         """Ask for the tree before its statuses are shown again."""
@@ -241,6 +244,7 @@ class Groot2Robot:
         await self._show(self._file, document)
 
     async def _read_hooks(self) -> None:
+        self._hooks_due = time.monotonic() + HOOKS_SECONDS
         try:
             _, content = await self._ask(RequestType.HOOKS_DUMP)
             self._points = {
@@ -292,6 +296,9 @@ class Groot2Robot:
             frames = await notices.recv_multipart()
             text = frames[1] if len(frames) == 2 else b''
             uid = int(text) if text.isdigit() and len(text) < 6 else 0
+            if uid in self._nodes and uid not in self._points:  # somebody else has set it
+                with contextlib.suppress(StudioError):
+                    await self._read_hooks()
             if uid in self._points and self._points[uid].kind is BreakpointKind.BREAK:
                 with contextlib.suppress(StudioError):
                     _, self._statuses = await self._ask_statuses()
