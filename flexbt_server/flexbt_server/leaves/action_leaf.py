@@ -235,7 +235,7 @@ class ActionLeaf(ServerNode, StatefulAction):
             newer = self.newer_goal(goal.feedback)
         except (PortError, ValueError) as error:
             self._cancel_all()
-            return self.fail(str(error))
+            return self._unmade(error)
         if newer is not None:
             self._superseded = [older for older in self._superseded if older.outcome is None] + [goal]
             self._send(newer)
@@ -279,7 +279,7 @@ class ActionLeaf(ServerNode, StatefulAction):
             else:
                 message = self.newer_goal(older.feedback) or self.resumed_goal(older.message, older.feedback)
         except (PortError, ValueError) as error:
-            return self.fail(str(error))
+            return self._unmade(error)
         self._send(message)
         return NodeStatus.RUNNING
 
@@ -339,7 +339,10 @@ class ActionLeaf(ServerNode, StatefulAction):
             self._cancel_all()
             self.set_output('error_code_id', 0)
             self.set_output('error_msg', '')
-            return self.on_success(outcome.result)
+            ended = self.on_success(outcome.result)
+            if ended is NodeStatus.FAILURE:
+                self.set_output('error_msg', self._reason)
+            return ended
         self._cancel_all()
         code = error_code_of(self.action_type.Result, outcome)
         text = getattr(outcome.result, 'error_msg', '') or getattr(outcome.result, 'message', '')
@@ -349,6 +352,12 @@ class ActionLeaf(ServerNode, StatefulAction):
         status = self.on_failure(outcome)
         failed = self._failed(reason or outcome.status.name, code)
         return failed if status is None else status
+
+    def _unmade(self, error: PortError | ValueError) -> NodeStatus:
+        """Return FAILURE for a goal that cannot be made, without the error code of an earlier one."""
+        self.set_output('error_code_id', 0)
+        self.set_output('error_msg', str(error))
+        return self.fail(str(error))
 
     def _failed(self, reason: str, code: int = 0) -> NodeStatus:
         self.set_output('error_code_id', code)

@@ -86,6 +86,7 @@ def test_everything_else_is_a_failure_with_its_reason(
     result = run(world, ports)
     assert result.code == Result.FAILURE
     assert words in result.message
+    assert words in outputs(result)['why']
 
 
 def test_halting_stops_the_behavior(world: ServerWorld, executive: Executive) -> None:

@@ -125,6 +125,9 @@ def test_a_goal_that_fails_is_a_failure_with_its_error_code(world: ServerWorld) 
     assert result.code == Result.FAILURE
     assert 'scripted failure 0' in result.message
     assert value(world, 'code', 'fails') == 703
+    unmade = SPIN.format('error_code_id="{code}" goal.time_allowance.sec="{nowhere}"')
+    assert run(world, unmade, 'fails').code == Result.FAILURE
+    assert value(world, 'code', 'fails') == 0
 
 
 def test_a_halt_cancels_the_goal(world: ServerWorld) -> None:
