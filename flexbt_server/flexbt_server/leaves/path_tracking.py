@@ -119,11 +119,9 @@ def position_of(pose: Any) -> tuple[float, float]:
 
 
 def yaw_of(pose: Any) -> float:
-    """Return the direction of a stamped pose in the plane, rad."""
-    turned = pose.pose.orientation
-    return math.atan2(
-        2.0 * (turned.w * turned.z + turned.x * turned.y), 1.0 - 2.0 * (turned.y * turned.y + turned.z * turned.z)
-    )
+    """Return the direction of a stamped pose in the plane, rad. The quaternion need not be normalized."""
+    q = pose.pose.orientation
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
 
 
 def path_length(points: Sequence[tuple[float, float]]) -> float:

@@ -9,7 +9,7 @@ from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import pytest
-from geometry_msgs.msg import Point, PoseStamped
+from geometry_msgs.msg import Point, PoseStamped, Quaternion
 from hypothesis import given
 from hypothesis import strategies as st
 from nav2_msgs.msg import Route, RouteNode
@@ -25,7 +25,7 @@ from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 from flexbt_server.leaves import error_code_of
-from flexbt_server.leaves.path_tracking import PathTracker
+from flexbt_server.leaves.path_tracking import PathTracker, yaw_of
 from flexbt_server.nav2.branches import concluded, pending
 from flexbt_server.node_types import node_registry
 from flexbt_testing.nodes.server_world import pose_stamped
@@ -98,6 +98,18 @@ class Driven(Ticked):
             'runtime': SimpleNamespace(clock=SimpleNamespace(stamp=lambda: time_message(self.ros_time))),
         }
         super().__init__('<CheckStopStatus duration_stopped="1000"/>', services=services)
+
+
+@pytest.mark.parametrize(('x', 'y', 'z', 'w', 'yaw'), [
+    (0.0, 0.0, 1.0, 1.0, math.pi / 2.0),  # as a person writes it, not normalized
+    (0.0, 0.0, -3.0, 0.0, math.pi),
+    (2.0, 0.0, 0.0, 0.0, 0.0),
+    (0.0, 0.0, 0.0, 0.0, 0.0),
+])  # fmt: skip
+def test_the_direction_of_a_pose(x: float, y: float, z: float, w: float, yaw: float) -> None:
+    pose = pose_stamped(0.0)
+    pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    assert abs(yaw_of(pose)) == pytest.approx(yaw)
 
 
 @pytest.mark.parametrize(('ros_time', 'stamp', 'left'), [
