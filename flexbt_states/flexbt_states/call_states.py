@@ -411,12 +411,19 @@ class ReadTopicState(WaitForMessage):
             input_keys=exchange.keys,
             output_keys=exchange.outputs,
         )
+        self._told = ''
+
+    def on_enter(self, userdata: UserData) -> None:
+        super().on_enter(userdata)
+        self._told = ''
 
     def _received(self, message: Any, userdata: UserData) -> str | None:
         try:
             return self._exchange.take(message, userdata, keeps_any=False) or None
         except FlexbtError as error:
-            self.log_warn(f'topic {self._topic}: {error}')
+            if str(error) != self._told:  # the next messages may be like this one
+                self._told = str(error)
+                self.log_warn(f'topic {self._topic}: {error}')
             return None
 
 

@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 from geometry_msgs.msg import PoseStamped
 from nav2_msgs.action import Spin
-from sensor_msgs.msg import BatteryState
+from sensor_msgs.msg import BatteryState, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
@@ -241,6 +241,20 @@ def test_messages_that_meet_no_condition_are_not_told_as_missing(
     bench.settle()
     assert bench.transitions[-1][:2] == ('/Mode', 'timeout')
     assert [text for _, _, text in bench.lines] == ['no condition was true for a message on mode within 3 s']
+
+
+@pytest.mark.parametrize('kind', [ReadTopicState, CheckTopicState])
+def test_messages_of_which_a_condition_cannot_be_evaluated_are_told_once(
+    kind: type[EventState], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    topic, made = Topic(monkeypatch), cast('Any', kind)
+    state = made('joints', JointState, outcomes={'up': 'message.position.0 > 1'})
+    bench = Bench(machine(Child('Joints', state, {'up': 'ended', 'timeout': 'ended'})))
+    for message in (*(JointState() for _ in range(5)), JointState(position=[0.0]), JointState()):
+        topic.send(bench, message)
+    assert len(bench.lines) == 1
+    topic.send(bench, JointState(position=[2.0]))
+    assert bench.transitions[-1][:2] == ('/Joints', 'up')
 
 
 # -- what is refused while the behavior is built ---------------------------------------------------------------------
