@@ -358,6 +358,28 @@ async def running_prompt(
         await running
 
 
+@pytest.mark.parametrize('is_asleep', [False, True])
+def test_a_line_that_waited_while_the_process_or_the_computer_stood_still_is_too_late(is_asleep: bool) -> None:
+    clock, asleep = ManualClock(), [0.0]
+    mirror = Mirror(clock, seconds_asleep=lambda: asleep[0])
+    link = Loopback(mirror, lambda command: ExecutiveSnapshot('e', 2))
+    screen = io.StringIO()
+
+    async def operate() -> None:
+        async with running_prompt(mirror, link, clock, screen) as (keys, until):
+            keys.send_text('autonomy high\r')
+            await until('autonomy high: waiting')
+            if is_asleep:
+                asleep[0] = 3600.0
+            else:
+                clock.advance(3600.0)
+            mirror.receive_snapshot(ExecutiveSnapshot('e', 1), Transit(0.0, 0.0))  # before the prompt has its turn
+            await until('autonomy high: there was no live link within 5 s; nothing was sent')
+        assert link.sent == []
+
+    asyncio.run(asyncio.wait_for(operate(), DEADLINE))
+
+
 def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_while_the_line_goes_on() -> None:
     clock = ManualClock()
     mirror = Mirror(clock)

@@ -78,7 +78,8 @@ def run_prompt(station: Station, clock: Clock, on_signal: OnSignal) -> None:
 
 @dataclass(frozen=True)
 class _Held:
-    """A line that was typed without a live link, after that many STOPs, and the time until which it waits for one."""
+    """A line that was typed without a live link, after that many STOPs, and the mirror's time until which it waits for
+    one."""
 
     text: str
     bound: Bound
@@ -104,7 +105,6 @@ class Prompt:
         self._mirror = station.mirror
         self._station = station
         self._session = Session(station, clock)
-        self._clock = clock
         self._on_signal = on_signal
         self._held: deque[_Held] = deque()
         self._shown = ShownDecision(clock)
@@ -218,7 +218,7 @@ class Prompt:
             meaning = self._session.interpret(text, view, bound)
             done = self._session.carry_out(meaning, view)
         except NoLiveLinkError:
-            self._held.append(_Held(text, bound, self._clock.now() + self._station.timeout, view.stops))
+            self._held.append(_Held(text, bound, self._mirror.now() + self._station.timeout, view.stops))
             told = f'{one_line(text)}: waiting for a live link, at most {self._station.timeout:g} s; Ctrl-C cancels it'
             self._print(_warned([told]))
         except ConsoleError as error:
@@ -237,9 +237,12 @@ class Prompt:
 
     def _do_held(self) -> None:
         """Execute the lines that waited for a live link, and discard those whose time is over."""
-        while self._held and ((is_live := self._mirror.view().live) or self._clock.now() >= self._held[0].until):
+        while self._held:
+            is_late = self._mirror.now() >= self._held[0].until  # whatever is live after the process stood still
+            if not (is_late or self._mirror.view().live):
+                return
             held = self._held.popleft()
-            if is_live:
+            if not is_late:
                 self._do(held.text, held.bound, held.stops)
             else:
                 late = f'there was no live link within {self._station.timeout:g} s; nothing was sent'
