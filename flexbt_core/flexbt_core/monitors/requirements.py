@@ -341,7 +341,8 @@ class Requirements:
                 if one.times is None or self.counts.get(name, 0) < one.times:
                     self.met.add(name)
             elif event == one.event and one.seconds is not None and name not in self.due:
-                self.due[name] = self._now() + one.seconds
+                begins = self._now() if self.paused_at is None else self.paused_at  # the rest of the pause is added
+                self.due[name] = begins + one.seconds
 
     def _tell(self, requirement: Requirement, where: str, what: str) -> None:
         self._found(violation_of(requirement, where, what))

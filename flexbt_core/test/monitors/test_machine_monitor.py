@@ -225,6 +225,23 @@ def test_states_that_are_to_be_apart_are_watched() -> None:
     assert Watched(beside(Scripted(), Scripted()), [Apart('/One', '/Other')]).properties == {Property.REQUIREMENT}
 
 
+def test_a_deadline_that_begins_as_the_run_is_resumed_is_not_longer_by_the_pause() -> None:
+    requirements = [Within('/A > done', '/C > done', 60.0), Within('/B', '/C > done', 5.0)]
+    ways = {'A': 'X', 'X': 'B', 'B': 'C', 'C': 'ended'}
+    watched = Watched(machine(*(Child(name, Scripted(), {'done': then}) for name, then in ways.items())), requirements)
+    watched.end('/A', 'done')
+    watched.run.command('', operator_commands.pause)
+    watched.run.step()
+    watched.clock.advance(10.0)
+    watched.run.command('', operator_commands.resume)
+    watched.end('/X', 'done')
+    watched.clock.advance(5.1)
+    watched.run.step()
+    assert [violation.text for violation in watched.found] == [
+        '/C > done has not come 5 s after /B; required is: after /B, /C > done within 5 s'
+    ]
+
+
 def test_a_deadline_is_told_when_it_is_over_and_stands_still_in_a_pause() -> None:
     watched = Watched(chain(), [Within('/A > done', '/B > done', 5.0)])
     watched.end('/A', 'done')
