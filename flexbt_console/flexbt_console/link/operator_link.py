@@ -204,12 +204,15 @@ class ExecutiveLink(RobotLink):
         """Return the view as soon as it is live.
 
         Raises:
-            NoLinkError: it was not live within ``timeout`` seconds; the message reports what is known.
+            NoLinkError: it was not live within ``timeout`` seconds, also of sleep; the message reports what is known.
         """
+        until = self.mirror.now() + timeout
         view = self.wait_for(lambda view: view if view.live else None, timeout)
-        if view is not None:
-            return view
-        raise NoLinkError(no_link_text(self.mirror.view(), f'within {timeout:g} s'))
+        if view is None:
+            raise NoLinkError(no_link_text(self.mirror.view(), f'within {timeout:g} s'))
+        if self.mirror.now() > until:
+            raise NoLinkError(f'no link within {timeout:g} s: this computer or process stood still; try again')
+        return view
 
     def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
         """Wait for the answer to a command, or its timeout."""

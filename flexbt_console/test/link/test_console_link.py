@@ -35,8 +35,14 @@ from flexbt_console.link.simulator_link import SimulatorLink
 from flexbt_console.mirror.command_tracker import CommandState
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.freshness import LinkState
-from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import AutonomyLevel, CommandKind, OperatorCommand, SynthesisRequest
+from flexbt_console.mirror.mirror import Mirror, Transit
+from flexbt_console.mirror.records import (
+    AutonomyLevel,
+    CommandKind,
+    ExecutiveSnapshot,
+    OperatorCommand,
+    SynthesisRequest,
+)
 from flexbt_console.mirror.view import View
 from flexbt_console.present.style import ASCII
 from flexbt_console.present.tree_lines import tree_lines
@@ -685,6 +691,20 @@ def test_of_executives_that_have_left_together_nothing_is_reported() -> None:
 def test_nobody_there() -> None:
     with station('nobody') as operator, pytest.raises(NoLinkError, match='ROS_DOMAIN_ID'):
         operator.link.live_view(0.2)
+
+
+def test_who_waited_for_a_live_link_while_the_computer_slept_gets_none() -> None:
+    asleep = [0.0]
+    with NodeRuntime.open('console') as runtime, ThreadPoolExecutor() as operator:
+        mirror = Mirror(runtime.steady, seconds_asleep=lambda: asleep[0])
+        link = ExecutiveLink(runtime, mirror, operator=None)
+        waiting = operator.submit(link.live_view, DEADLINE)
+        wait_until(lambda: link._waiting, 'the wait')
+        asleep[0] = 3600.0
+        mirror.receive_snapshot(ExecutiveSnapshot('e', 1, heartbeat_period=10.0), Transit(0.0, 0.0))
+        with pytest.raises(NoLinkError, match='stood still'):
+            waiting.result(DEADLINE)
+        assert link.live_view(DEADLINE).live
 
 
 class Endpoint:
