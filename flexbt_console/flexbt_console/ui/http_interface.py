@@ -47,6 +47,7 @@ from .line.line_mode import LineMode
 from .station import Station
 from .web.access import Access, WrongTokens, source_of
 from .web.past import Recordings
+from .web.server import open_robot
 from .web.users import User
 
 if TYPE_CHECKING:
@@ -433,7 +434,7 @@ class HttpInterface:
         """Let all of a robot be received from now on, and for a while after the last call."""
         seat, loop = (robot, operator), asyncio.get_running_loop()
         if seat not in self._open:
-            await asyncio.to_thread(self._robots.open, robot, operator)
+            await open_robot(self._robots, robot, operator)
             if seat in self._open:  # another request was faster
                 await asyncio.to_thread(self._robots.close, *seat)
         if seat in self._open:

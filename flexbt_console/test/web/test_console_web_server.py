@@ -6,6 +6,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import dataclasses
+import functools
 import json
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -756,6 +757,25 @@ def test_a_robot_that_cannot_be_opened_is_told_to_its_page(error: Exception, wor
             assert opened.messages[-1]['refused']['word'] == word
 
     with served(Unopened({'/robot': WebRobot().station()})) as port:
+        asyncio.run(run(port))
+
+
+def test_a_robot_for_which_there_was_no_thread_is_not_opened_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    robots, kept = WebRobots({'/robot': WebRobot().station()}), list[Callable[[], object]]()
+
+    async def refuse(work: Callable[..., object], *arguments: object) -> None:
+        kept.append(functools.partial(work, *arguments))  # as the executors of Python do
+        raise RuntimeError("can't start new thread")
+
+    async def run(port: int) -> None:
+        monkeypatch.setattr(asyncio, 'to_thread', refuse)
+        async with page(port) as opened:
+            await opened.until(lambda: any('refused' in one for one in opened.messages))
+        for work in kept:
+            work()
+        assert kept and robots.opened == []
+
+    with served(robots) as port:
         asyncio.run(run(port))
 
 

@@ -8,6 +8,7 @@ import contextlib
 import logging
 import signal
 import ssl
+import threading
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
@@ -159,7 +160,7 @@ class WebServer:
             try:
                 mirror, link = self._robots.robot(robot)
                 past = PagePast(LivePast(*self._robots.fleet.past(robot, mirror), mirror.now), self._recordings)
-                await asyncio.to_thread(self._robots.open, robot, operator)
+                await open_robot(self._robots, robot, operator)
             except KeyError:  # the robot was forgotten just now
                 await page.refuse('NO SUCH ROBOT', self._not_found(robot), self._robots.fleet.overview())
                 return socket
@@ -221,6 +222,26 @@ class WebServer:
     def _not_found(self, name: str) -> str:
         meant = did_you_mean(f'/{name.strip("/")}', self._robots.fleet.names)
         return f'no robot {short_repr(name)} was found{meant or ", and no other one yet"}'
+
+
+async def open_robot(robots: FleetLink, robot: str, operator: str) -> None:
+    """Open a robot on another thread; raises what :meth:`FleetLink.open` does, and RuntimeError if there is no thread.
+
+    Then it is not open, nor later: an executor keeps what it has refused for its next free thread.
+    """
+    is_given_up = threading.Event()
+
+    def open() -> None:
+        if not is_given_up.is_set():
+            robots.open(robot, operator)
+            if is_given_up.is_set():
+                robots.close(robot, operator)
+
+    try:
+        await asyncio.to_thread(open)
+    except BaseException:
+        is_given_up.set()
+        raise
 
 
 # Run the server until the operator ends it.
