@@ -130,7 +130,7 @@ def test_a_command_that_is_decided_later_is_reported_then_and_the_first_decision
 def test_an_executive_that_cannot_work_refuses_every_command_with_the_reason() -> None:
     handling, command = CommandHandling('no library'), ExecutiveCommand(id='a', executive_id='other')
     assert handling.is_addressed(command) and handling.fields(command) == {}
-    with pytest.raises(CommandRefusedError, match='^no library$'):
+    with pytest.raises(CommandRefusedError, match=r'^no library$'):
         handling.apply(command, b'', 0.0)
 
 
