@@ -2,7 +2,7 @@
 """A cache of proofs of trees: a complete proof is reused until one of its inputs changes.
 
 The key of a proof is a digest of its inputs: the texts of all files, the sources of the engine and of every node
-class, and the arguments of the proof. So nobody needs to clear the cache by hand.
+class, the ports of the nodes, and the arguments of the proof. So nobody needs to clear the cache by hand.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final
 
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
+from flexbt_core.behavior_tree.model.ports import Port
 from flexbt_formal.exploration.leaf_models import leaf_model
 from flexbt_formal.exploration.model import Report, System
 
@@ -80,10 +81,17 @@ def _texts(library: TreeLibrary) -> Iterator[str]:
             for node in tree.nodes():
                 model = leaf_model(node)
                 yield f'{node.manifest.id} {replace(model, resources=frozenset())} {sorted(model.resources)}'
+                yield from (_port_text(name, port) for name, port in node.manifest.ports.items())
                 classes.add(node.manifest.node_class)
     for kind in sorted(classes, key=lambda one: (one.__module__, one.__qualname__)):
         for base in kind.__mro__:
             yield f'{base.__module__}.{base.__qualname__} {_source(base)}'
+
+
+def _port_text(name: str, port: Port) -> str:
+    """Return what a proof depends on of a port. A file of models or the branch of Nav2 may change it, not its class."""
+    kinds = [None if kind is None else kind.name for kind in (port.type, port.literal)]
+    return f'{name} {port.direction.value} {kinds} {port.default!r} {port.required} {port.declares}'
 
 
 @cache

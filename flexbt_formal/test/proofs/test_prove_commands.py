@@ -409,6 +409,18 @@ def test_a_proof_is_kept_until_something_changes(tmp_path: Path) -> None:
     assert not was_kept and not mended['wrong']
 
 
+def test_a_proof_is_not_kept_when_a_model_changes_a_port(tmp_path: Path) -> None:
+    tree, models = tmp_path / 'main.xml', tmp_path / 'models.xml'
+    find = '<Fallback><Find at="{x}"/><AlwaysSuccess/></Fallback>'
+    tree.write_text(document(f'Main: <Sequence>{find}<Use at="{{x}}"/></Sequence>'))
+    for port, wrong in (('input_port', []), ('output_port', ['DATA'])):
+        ports = f'<Action ID="Find"><{port} name="at" type="int"/></Action>'
+        ports += '<Action ID="Use"><input_port name="at" type="int" default="1"/></Action>'
+        models.write_text(f'<root BTCPP_format="4"><TreeNodesModel>{ports}</TreeNodesModel></root>')
+        (proof,) = json.loads(tool('prove', str(tree), '--models', str(models), '--json').out)['proofs']
+        assert [one['property'] for one in proof['wrong']] == wrong, port
+
+
 def test_errors_of_proofs_are_findings_at_the_nodes(tmp_path: Path) -> None:
     tree = tmp_path / 'main.xml'
     tree.write_text(
