@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import itertools
 import time
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
@@ -88,7 +88,7 @@ class _Exploration:
         self._first = self._system.capture()
         self._graph = ConfigurationGraph(self._first.key)
         self._found: dict[Violation, tuple[Move, ...]] = {}
-        self._counts: Counter[Property] = Counter()
+        self._alike: defaultdict[Property, set[Violation]] = defaultdict(set)
         self._steps = 0
         self._written: dict[str, frozenset[str]] = {}
         self._checked = 0
@@ -172,10 +172,10 @@ class _Exploration:
             self._graph.asking.add(key)
 
     def _note(self, violation: Violation, moves: tuple[Move, ...]) -> None:
-        if violation not in self._found:
-            self._counts[violation.property] += not violation.is_lasting
-            if violation.is_lasting or self._counts[violation.property] <= _ALIKE:
-                self._found[violation] = moves
+        alike = self._alike[violation.property]
+        alike.update(() if violation.is_lasting else (violation,))
+        if violation not in self._found and (violation.is_lasting or len(alike) <= _ALIKE):
+            self._found[violation] = moves
 
     def _check_restore(self, configuration: Configuration) -> None:
         """Compare a configuration with a replay of its steps. Raises RestoreError."""
@@ -215,9 +215,9 @@ class _Exploration:
             self._note(Violation(Property.REACHABLE, missing, text), ())
         for violation in system.idle() if is_known else ():
             self._note(violation, ())
-        for found, count in self._counts.items():
-            if count > _ALIKE:
-                notes.append(f'{count - _ALIKE} more of "{found.value}"')
+        for found, alike in self._alike.items():
+            if len(alike) > _ALIKE:
+                notes.append(f'{len(alike) - _ALIKE} more of "{found.value}"')
         if not self._stopped_by and not graph.can_end_by_itself():
             notes.append('it never ends by itself; only a stop ends it')
         unlimited = graph.unlimited()

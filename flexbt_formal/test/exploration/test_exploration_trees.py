@@ -555,6 +555,15 @@ def test_what_is_not_as_it_is_required_is_found(right: str, wrong: str, required
     )
 
 
+def test_what_is_wrong_in_many_places_is_counted_by_places() -> None:
+    perhaps = '<Fallback><Choose door="{path}"/><AlwaysSuccess/></Fallback><Fallback><Drive/><Turn/></Fallback>'
+    places = (f'<IsOpen door="{number}"/><Follow name="{number}" path="{{path}}"/>' for number in range(5))
+    reads = ''.join(f'<Sequence>{place}</Sequence>' for place in places)
+    report = proved(f'<Sequence>{perhaps}<Fallback>{reads}</Fallback></Sequence>')
+    assert {found.violation.property for found in report.counterexamples} == {Property.DATA}
+    assert len(report.counterexamples) == 3 and f'2 more of "{Property.DATA.value}"' in report.notes
+
+
 def test_what_is_wrong_from_the_beginning_hides_nothing() -> None:
     required = 'go is a Serve', 'go has goal=y', 'never go > FAILURE', 'never =SUCCESS'
     report = explore(lambda: system(GO, *required), 'Main')
