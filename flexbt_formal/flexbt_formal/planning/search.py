@@ -191,7 +191,10 @@ class _Search:
                 rest = max(total(self._cuts.get(before) or self._lm_cut.kept(before, cuts)), bound - step.cost)
                 queue.push(_Open(step.cost + rest, rest, before, step.cost, -math.inf))
                 if self._is_over(result, best[0]):
+                    result.outcome = SearchOutcome.TIME_LIMIT  # what is left of the condition may be cheaper
                     break
+            if result.outcome is SearchOutcome.TIME_LIMIT:
+                break
             dearer = self._next_bound(condition, up_to)
             if dearer < math.inf:
                 queue.push(_Open(dearer, dearer - cost, condition, cost, up_to))

@@ -210,6 +210,16 @@ def test_when_the_time_is_over_the_bound_so_far_is_told() -> None:
     assert reports[-1].bound <= found.bound
 
 
+def test_no_plan_is_cheaper_than_the_bound_whenever_the_time_is_over() -> None:
+    kinds = ('v', 'p', '', 5), ('tv', 'qv', '', 4), ('', 't', '', 3), ('', 'qu', 'v', 0), ('', 'v', 'q', 1)
+    actions = [((frozenset(needs), frozenset(adds), frozenset(ends)), cost) for needs, adds, ends, cost in kinds]
+    problem = problem_of(actions, [], frozenset('rv'), [frozenset('qtv')])
+    for limit in range(1, 40):
+        found = plan(problem, time_limit=float(limit), clock=itertools.count(0.0).__next__)
+        assert found.bound <= 7, limit
+        assert found.cost == 7 or found.outcome is SearchOutcome.TIME_LIMIT, limit
+
+
 NOTHING: Condition = frozenset()
 P: Condition = frozenset('p')
 
