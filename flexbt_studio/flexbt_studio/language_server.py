@@ -8,9 +8,10 @@ server protocol. It stands on the same documents as the page of the studio.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote, urlsplit
@@ -18,6 +19,7 @@ from urllib.parse import unquote, urlsplit
 from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcException
 from pygls.lsp.server import LanguageServer
+from pygls.protocol import LanguageServerProtocol, lsp_method
 from pygls.uris import from_fs_path
 
 from flexbt_core.behavior_tree.engine.registry import node_skills
@@ -74,11 +76,22 @@ def feature(name: str, options: Any = None) -> Callable[[Callable[..., Any]], Ca
     return marked
 
 
+class _Utf16Protocol(LanguageServerProtocol):
+    """The protocol with columns in UTF-16 code units, which all editors know, also those that prefer others."""
+
+    @lsp_method(lsp.INITIALIZE)
+    def lsp_initialize(self, params: lsp.InitializeParams) -> Generator[Any, Any, lsp.InitializeResult]:
+        """Begin as the protocol does, without a choice of units: pygls would take those that the editor prefers."""
+        if params.capabilities.general is not None:
+            params.capabilities.general.position_encodings = None
+        return (yield from super().lsp_initialize(params))
+
+
 class FlexbtLanguageServer(LanguageServer):
     """The server of one editor, with the project of its first folder."""
 
     def __init__(self) -> None:
-        super().__init__(NAME, VERSION)
+        super().__init__(NAME, VERSION, protocol_cls=_Utf16Protocol)
         for _, method in inspect.getmembers(type(self), lambda one: hasattr(one, _MARK)):
             self.feature(*getattr(method, _MARK))(method)
         self.command(RUN_PYTHON)(functools.partial(self.run_code))
@@ -91,9 +104,12 @@ class FlexbtLanguageServer(LanguageServer):
         self._palette = states(classes)
         self._runs_code = False
         self._checks: dict[str, asyncio.Task[None]] = {}
+        self._folders: list[Path] = []
         self._use(Path.cwd())
 
     def _use(self, root: Path) -> None:
+        for file in [*self._checks]:
+            self.cancel_check(file)
         self.project = Project(root)
         self.checker = Checker(self.project, self._registry, self._skills)
         self.names = Names(self.project, self._registry, self.checker, self._palette)
@@ -101,11 +117,19 @@ class FlexbtLanguageServer(LanguageServer):
         self.machines = MachineHelp(self.project, self._palette)
 
     def file(self, uri: str) -> str:
-        """Return the name of a file in the project. A file outside of it makes its folder the project."""
+        """Return the name of a file in the project.
+
+        A file outside of it makes another folder the project: that of the editor with the file, else its own. What the
+        editor shows of that folder is taken over.
+        """
         path = _path(uri)
-        if not path.resolve().is_relative_to(self.project.root):
-            self._use(path.resolve().parent)
-        return path.resolve().relative_to(self.project.root).as_posix()
+        if not path.is_relative_to(self.project.root):
+            self._use(next((folder for folder in self._folders if path.is_relative_to(folder)), path.parent))
+            for shown, document in self.workspace.text_documents.items():
+                if _path(shown).is_relative_to(self.project.root):
+                    with contextlib.suppress(StudioError):  # of a file that has nothing to do with FlexBT
+                        self.project.adopt(_path(shown).relative_to(self.project.root).as_posix(), document.source)
+        return path.relative_to(self.project.root).as_posix()
 
     def uri(self, file: str) -> str:
         """Return the URI of a file of the project."""
@@ -115,13 +139,13 @@ class FlexbtLanguageServer(LanguageServer):
 
     def range(self, file: str, span: Span) -> lsp.Range:
         """Return a span as lines and columns."""
-        lines = Lines(self.project.text(file))
+        lines = _lines(self.project.text(file))
         start, end = lines.position(span.start), lines.position(span.end)
         return lsp.Range(lsp.Position(*start), lsp.Position(*end))
 
     def offset(self, file: str, position: lsp.Position) -> int:
         """Return the offset of a position."""
-        return Lines(self.project.text(file)).offset(position.line, position.character)
+        return _lines(self.project.text(file)).offset(position.line, position.character)
 
     def named(
         self, asked: lsp.DefinitionParams | lsp.ReferenceParams | lsp.PrepareRenameParams | lsp.RenameParams
@@ -197,9 +221,10 @@ class FlexbtLanguageServer(LanguageServer):
     def _begin(self, asked: lsp.InitializeParams) -> None:
         """Take the first folder of the editor as the project, and tell what could not be loaded."""
         folders = asked.workspace_folders or []
-        root = folders[0].uri if folders else asked.root_uri
-        if root:
-            self._use(_path(root))
+        roots = [one.uri for one in folders] or ([asked.root_uri] if asked.root_uri else [])
+        self._folders = [_path(one) for one in roots]
+        if self._folders:
+            self._use(self._folders[0])
         options = asked.initialization_options
         self._runs_code = isinstance(options, dict) and options.get('runPython') is True
         for note in self._notes:
@@ -238,13 +263,15 @@ class FlexbtLanguageServer(LanguageServer):
     @feature(lsp.TEXT_DOCUMENT_DEFINITION)
     def _definition(self, asked: lsp.DefinitionParams) -> lsp.Location | None:
         try:
-            return self.location(self.names.definition(self.named(asked)))
+            named = self.named(asked)  # which may choose the project
+            return self.location(self.names.definition(named))
         except StudioError:
             return None
 
     @feature(lsp.TEXT_DOCUMENT_REFERENCES)
     def _references(self, asked: lsp.ReferenceParams) -> list[lsp.Location]:
-        return [self.location(Place(one.file, one.span)) for one in self.names.uses(self.named(asked))]
+        named = self.named(asked)
+        return [self.location(Place(one.file, one.span)) for one in self.names.uses(named)]
 
     @feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
     def _prepare(self, asked: lsp.PrepareRenameParams) -> lsp.PrepareRenameDefaultBehavior:
@@ -253,7 +280,8 @@ class FlexbtLanguageServer(LanguageServer):
 
     @feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
     def _rename(self, asked: lsp.RenameParams) -> lsp.WorkspaceEdit:
-        made = self.names.rename(self.named(asked), asked.new_name)
+        named = self.named(asked)
+        made = self.names.rename(named, asked.new_name)
         for one in made.notes:
             place = f'{one.file}:{self.range(one.file, one.span).start.line + 1}'
             self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Info, f'not renamed: {place}: {one.text}'))
@@ -284,8 +312,14 @@ class FlexbtLanguageServer(LanguageServer):
         )
 
 
+@functools.lru_cache(maxsize=8)
+def _lines(text: str) -> Lines:
+    """Return the lines of a text: an answer has many places in one."""
+    return Lines(text)
+
+
 def _path(uri: str) -> Path:
-    return Path(unquote(urlsplit(uri).path))
+    return Path(unquote(urlsplit(uri).path)).resolve()
 
 
 def main() -> int:

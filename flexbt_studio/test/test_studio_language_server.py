@@ -13,7 +13,10 @@ from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcException
 from pygls.lsp.client import LanguageClient
 
-from flexbt_studio.documents.text import Lines, TextEdit, applied
+from flexbt_studio import language_server
+from flexbt_studio.documents.project import Project
+from flexbt_studio.documents.text import Lines, Span, TextEdit, applied
+from flexbt_studio.language_server import FlexbtLanguageServer
 from flexbt_testing.waiting import DEADLINE
 
 COMMAND = [sys.executable, '-c', 'from flexbt_studio.executables import language_server; language_server()']
@@ -59,16 +62,17 @@ class Editor:
     def uri(self, name: str) -> str:
         return (self.folder / name).as_uri()
 
-    async def start(self, options: object = None) -> None:
+    async def start(self, options: object = None, units: list[str] | None = None) -> None:
         await self.client.start_io(*COMMAND)
         root = self.folder.as_uri()
-        await self.client.initialize_async(
+        begun = await self.client.initialize_async(
             lsp.InitializeParams(
-                lsp.ClientCapabilities(),
+                lsp.ClientCapabilities(general=lsp.GeneralClientCapabilities(position_encodings=units)),
                 initialization_options=options,
                 workspace_folders=[lsp.WorkspaceFolder(root, self.folder.name)],
             )
         )
+        assert begun.capabilities.position_encoding == lsp.PositionEncodingKind.Utf16  # as the places are counted
         self.client.initialized(lsp.InitializedParams())
 
     async def end(self) -> None:
@@ -96,11 +100,16 @@ class Editor:
         return lsp.TextDocumentIdentifier(self.uri(name)), position
 
 
-def with_editor(folder: Path, story: Callable[[Editor], Awaitable[None]], options: object = None) -> None:
+def with_editor(
+    folder: Path,
+    story: Callable[[Editor], Awaitable[None]],
+    options: object = None,
+    units: list[str] | None = None,
+) -> None:
     async def run() -> None:
         editor = Editor(folder)
         async with asyncio.timeout(DEADLINE):
-            await editor.start(options)
+            await editor.start(options, units)
             await story(editor)
             await editor.end()
 
@@ -166,6 +175,17 @@ def test_what_is_known_about_a_place(folder: Path) -> None:
             lsp.CompletionParams(*editor.at('main.xml', text, 'wait_duration', 0))
         )
         assert isinstance(ports, lsp.CompletionList) and 'server_timeout' in [one.label for one in ports.items]
+        for shift, label, after in (
+            (0, 'server_timeout', 'server_timeout="" wait_duration="1"'),
+            (4, 'server_timeout', 'server_timeout="1"'),
+            (13, 'wait_duration', 'wait_duration="1"'),
+        ):  # the tag can be read afterwards
+            at = editor.at('main.xml', text, 'wait_duration', shift)
+            ports = await editor.client.text_document_completion_async(lsp.CompletionParams(*at))
+            assert isinstance(ports, lsp.CompletionList)
+            (edit,) = [one.text_edit for one in ports.items if one.label == label]
+            assert isinstance(edit, lsp.TextEdit)
+            assert edited(text, [edit]) == text.replace('wait_duration="1"', after)
         text = text.replace('<Sequence>', '<Sequence _skipIf="a > 1 || b < 2">').replace('="1"/>', '="1" />')
         await editor.show('main.xml', text, 2)  # what is in a value is no tag
         for place in (editor.at('main.xml', text, 'wait_duration', 0), editor.at('main.xml', text, '/>', 0)):
@@ -288,3 +308,49 @@ def test_a_text_with_an_error_is_told_and_still_helped(folder: Path) -> None:
         assert [one for one in await editor.show('main.xml', TREE, 2) if 'wait_duration' in one.message]
 
     with_editor(folder, story)
+
+
+def test_places_are_counted_in_the_units_that_are_announced(folder: Path) -> None:
+    text = DRIVE.replace('😀"', '😀" _skipIf="far"')
+
+    async def story(editor: Editor) -> None:
+        (found,) = [one for one in await editor.show('drive.xml', text) if '[far]' in one.message]
+        line = text.splitlines()[2]
+        assert found.range.start.character == line.index('_skipIf') + 1  # one character needs two units
+
+    with_editor(folder, story, units=['utf-8', 'utf-16'])
+
+
+def test_what_the_editor_shows_is_known_after_a_visit_elsewhere(folder: Path) -> None:
+    home, other = folder / 'home', folder / 'other'
+    for one in (home, other):
+        one.mkdir()
+    text = TREE.replace('<Sequence>', '<Sequence>\n')
+    (home / 'main.xml').write_text(TREE)
+
+    async def story(editor: Editor) -> None:
+        await editor.show('main.xml', text)
+        at = editor.at('main.xml', text, '{goal}', 2)
+        editor.folder = other
+        await editor.show('drive.xml', DRIVE)
+        renamed = await editor.client.text_document_rename_async(lsp.RenameParams(*at, 'pose'))
+        assert renamed is not None and renamed.changes is not None
+        (changes,) = renamed.changes.values()
+        assert '{pose}' in edited(text, list(changes)) and '{goal}' not in edited(text, list(changes))
+
+    with_editor(home, story)
+
+
+def test_many_places_in_a_text_read_its_lines_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    server = FlexbtLanguageServer.__new__(FlexbtLanguageServer)
+    server.project = Project(folder)
+    (folder / 'main.xml').write_text(f'{TREE}<!-- read once -->')
+    read: list[str] = []
+
+    def lines(text: str) -> Lines:
+        read.append(text)
+        return Lines(text)
+
+    monkeypatch.setattr(language_server, 'Lines', lines)
+    places = [server.range('main.xml', Span(start, start + 1)) for start in range(20)]
+    assert len(read) == 1 and places[-1].end.character == 20

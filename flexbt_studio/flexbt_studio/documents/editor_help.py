@@ -23,6 +23,7 @@ from .xml_text import XmlElement
 
 _NAME: Final = re.compile(r'[\w:.-]*$')
 _TAG_NAME: Final = re.compile(r'[\w:.-]*')
+_EQUALS: Final = re.compile(r'\s*=')
 _OPEN_VALUE: Final = re.compile(r'([\w:.-]+)\s*=\s*(["\'])((?:(?!\2).)*)$', re.DOTALL)
 _CONDITIONS: Final = {
     '_skipIf': 'skip the node if this is true',
@@ -124,10 +125,15 @@ class TreeHelp:
                 known[port['name']] = detail, port['description']
         known |= {'name': ('', 'name of the node')} | {key: ('script', told) for key, told in _CONDITIONS.items()}
         begun = _NAME.search(text, tag.offset, offset)
-        span = Span(begun.start() if begun else offset, offset)
+        start = begun.start() if begun else offset
+        written = _TAG_NAME.match(text, start)
+        assert written is not None
+        span, form = Span(start, offset), '{}="" '  # before another attribute
+        if start < offset or not written[0]:
+            span, form = Span(*written.span()), '{}' if _EQUALS.match(text, written.end()) else '{}=""'
         for name, (detail, told) in known.items():
-            if name not in tag.parts or tag.parts[name].start == span.start:
-                yield Completion(name, 'port', detail, told, span, f'{name}=""')
+            if name not in tag.parts or tag.parts[name].start == span.start < span.end:
+                yield Completion(name, 'port', detail, told, span, form.format(name))
 
     def _values(self, file: str, tag: XmlElement, value: _OpenValue, offset: int) -> Iterator[Completion]:
         document, text = self._project.trees(file), self._project.trees(file).text
