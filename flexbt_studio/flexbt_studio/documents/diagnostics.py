@@ -211,7 +211,7 @@ def _placed(document: Document, records: Sequence[Mapping[str, Any]], name: str)
     view = document.view()
     roots = {one.get(key): one['root'].rstrip('/') for one in view['behaviors'] for key in ('class', 'name')}
     spans = {state['path']: Span(*(state['label_span'] or state['span'])) for state in view['states']}
-    places = Places(document.text)
+    places = Places(document.text, document.language)
     for one in records:
         path = roots.get(one.get('behavior', ''), '') + one['path'] if one.get('path') else ''
         while path and path not in spans:  # a state that code adds: the container of it
@@ -285,11 +285,15 @@ def _place(record: FindingRecord) -> LoadError:
     return LoadError(record['file'], record['line'], record['column'], record['node'], record['message'], end=end)
 
 
+_LINE_BREAKS: Final = {'xml': '\n', 'python': '\r\n?|\n', 'yaml': '\r\n?|[\n\x85\u2028\u2029]'}
+"""What ends a line where the readers of a language count lines."""
+
+
 class Places:
     """The places that errors of the checker name in a text, as spans."""
 
-    def __init__(self, text: str) -> None:
-        self._starts = [0, *(match.end() for match in re.finditer('\n', text))]
+    def __init__(self, text: str, language: str = 'xml') -> None:
+        self._starts = [0, *(match.end() for match in re.finditer(_LINE_BREAKS[language], text))]
         self._length = len(text)
 
     def span(self, place: LoadError) -> Span:

@@ -403,7 +403,11 @@ class MachineDocument(Document):
         assert one.item is not None
         lines = self._own_lines(parent.rows, parent.rows.items.index(one.item))
         text = self.source(lines or one.item.span)
-        return textwrap.dedent(LINE_BREAK.sub('\n', text)).strip('\n')
+        return self.dedented(LINE_BREAK.sub('\n', text)).strip('\n')
+
+    def dedented(self, text: str) -> str:
+        """Return a part of a text without the indentation that all its lines have."""
+        return textwrap.dedent(text)
 
     def neighbor(self, parent: State) -> State:
         """Return the last state of a container that can be edited. Raises GestureError if there is none."""

@@ -13,7 +13,6 @@ import ast
 import itertools
 import keyword
 import re
-import textwrap
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -26,12 +25,13 @@ from flexbt_studio.errors import GestureError
 
 from .document import gesture, need
 from .machine_document import Condition, Item, MachineDocument, State, Table, json_value
-from .text import Span, TextEdit, applied
+from .text import LINE_BREAK, Span, TextEdit, applied
 
 _TOKENS: Final = re.compile(
     r'#[^\r\n]*|\'\'\'(?:\\.|[^\\])*?\'\'\'|"""(?:\\.|[^\\])*?"""|\'(?:\\.|[^\'\\\r\n])*\'|"(?:\\.|[^"\\\r\n])*"',
     re.DOTALL,
 )
+_TOKEN_OR_BREAK: Final = re.compile(f'{_TOKENS.pattern}|{LINE_BREAK.pattern}', re.DOTALL)
 _POSITION: Final = re.compile(r'# x:(-?\d+) y:(-?\d+)')
 _REGION: Final = re.compile(r'# \[/?MANUAL_')  # marks that FlexBE's editor needs: no comments of a state
 _NOTE: Final = re.compile(r'# [!0O] -?\d+ -?\d+ /')
@@ -178,7 +178,7 @@ class PythonDocument(MachineDocument):
                 self._made(one.value, scope)
                 if within is not None and isinstance(one.value.func, ast.Attribute) and one.value.func.attr == 'add':
                     within.adds.append((one.value, lock, one))
-            elif isinstance(one, ast.For | ast.While | ast.If | ast.Try | ast.Match | ast.AsyncFor):
+            elif isinstance(one, ast.For | ast.While | ast.If | ast.Try | ast.TryStar | ast.Match | ast.AsyncFor):
                 kind = 'a loop' if isinstance(one, ast.For | ast.While | ast.AsyncFor) else 'a branch'
                 why = lock or f'it is in {kind} (line {one.lineno})'
             for part in ('body', 'orelse', 'finalbody', 'handlers', 'cases'):
@@ -578,7 +578,7 @@ class PythonDocument(MachineDocument):
         """Add the state of a text, a call of ``add`` or ``Child``, behind the others of a container, in the form of its
         neighbor. A label that is taken gets a number."""
         one = self.container(parent)
-        rows = re.sub(r'\A(\s*#.*\n)+', '', textwrap.dedent(text)).strip().rstrip(',')
+        rows = re.sub(r'\A(\s*#.*\n)+', '', self.dedented(text)).strip().rstrip(',')
         other = PythonDocument(f'{rows}\n')
         body = [] if other.unreadable else other._module.body
         call = body[0].value if len(body) == 1 and isinstance(body[0], ast.Expr) else None
@@ -594,9 +594,14 @@ class PythonDocument(MachineDocument):
         edits = [other.renamed(label.value_span, new), *edits] if new != label.value else []
         whole = applied(other.text, [TextEdit(0, inner.start, ''), *edits, TextEdit(inner.end, len(other.text), '')])
         indent = re.sub(r'\S.*', '', self._line_begin(neighbor.span.start))
-        whole = f'{self.line_break}{indent}'.join(whole.splitlines())
+        whole = LINE_BREAK.sub(lambda _: self.line_break, f'\n{indent}'.join(_code_lines(whole)))
         function = self.source(self._span(neighbor.node.func))
         return self.insert_item(one.rows, f'{self._position_below(neighbor)}{function}({whole})')
+
+    def dedented(self, text: str) -> str:
+        lines = _code_lines(text)
+        margin = min((len(line) - len(line.lstrip()) for line in lines if line.strip()), default=0)
+        return '\n'.join(line[margin:] for line in lines)
 
     # -- the head: name, texts and parameters of a behavior --------------------------------------------------
 
@@ -724,6 +729,13 @@ class PythonDocument(MachineDocument):
         behind = next((one for one in near if str(one.module) > module), None)
         at = self.lines.starts[behind.lineno - 1] if behind else self.lines.end(self._span(near[-1]).end)
         return [TextEdit(at, at, f'from {module} import {name}{self.line_break}')]
+
+
+def _code_lines(text: str) -> list[str]:
+    """Return the lines of a code, each with those of a string that begins in it: their blanks are a part of it."""
+    breaks = [one.span() for one in _TOKEN_OR_BREAK.finditer(text) if one.group()[0] in '\r\n']
+    starts, ends = [0, *(end for _, end in breaks)], [*(start for start, _ in breaks), len(text)]
+    return [text[start:end] for start, end in zip(starts, ends, strict=True)]
 
 
 def _walk(node: ast.AST) -> Iterator[ast.AST]:

@@ -24,13 +24,14 @@ from flexbt_studio.errors import GestureError
 
 from .document import gesture, need
 from .machine_document import CONTAINERS, Condition, Item, MachineDocument, State, Table, json_value
-from .text import Span, TextEdit, applied
+from .text import LINE_BREAK, Span, TextEdit, applied
 
 _LOADER: Final[Any] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader
 _RESOLVER: Final[Any] = yaml.resolver.Resolver()
 _COMMENT: Final = re.compile(r'(?<![^\s\ufeff])#[^\r\n]*')
 _PLAIN: Final = re.compile(r'\w(?:[\w ./+$-]*[\w./+$-])?')
 _REFERENCE: Final = re.compile(r'\$[A-Za-z_]\w*')
+_TABS: Final = re.compile(r'^\t[ \t]*', re.MULTILINE)  # an indentation that is none in YAML
 _OCTAL: Final = re.compile(r'[-+]?0[0-9_]+')
 
 _KINDS: Final = ('state', *CONTAINERS, 'behavior')
@@ -551,7 +552,8 @@ class YamlDocument(MachineDocument):
         """Add the states of a text behind the others of a container. A label that is taken gets a number."""
         one = self.container(parent)
         around = 'machine:\n  outcomes: [_]\n  states:\n'
-        body = textwrap.indent(textwrap.dedent(text.expandtabs()).strip('\n'), '    ')
+        spaces = _TABS.sub(lambda found: found.group().expandtabs(), text)
+        body = textwrap.indent(textwrap.dedent(spaces).strip('\n'), '    ')
         pasted = type(self)(f'{around}{body}\n')
         found = pasted.roots[0][1].children if pasted.roots and not pasted.problems else []
         need(found, f'{short_repr(text)} is no state of a machine in YAML; copy one')
@@ -563,7 +565,8 @@ class YamlDocument(MachineDocument):
         if states is None or rows.locked or (rows.inner is not None and rows.items):
             raise GestureError(f'{parent}: its states are not in rows; edit the text')
         indent = self._indent_of(rows, states)
-        lines = [f'{indent}{line[4:]}'.rstrip() for line in pasted.text[len(around) :].splitlines()]
+        pasted_lines = LINE_BREAK.split(pasted.text[len(around) :])[:-1]
+        lines = [f'{indent}{line[4:]}' if line.strip() else '' for line in pasted_lines]
         return self._new_rows(rows, states, lines)
 
     @gesture

@@ -371,6 +371,12 @@ def test_what_is_computed_is_shown_with_the_reason_and_stays() -> None:
     states = {state['path']: state for state in PythonDocument(PYTHON['forms']).view()['states']}
     assert states["/f'Wait{number}'"]['locked'].startswith('it is in a loop (line ')
     assert states['/Extra']['locked'].startswith('it is in a branch (line ')
+    extra = "machine.add('Extra', WaitState(1.0), transitions={'done': 'finished'})"
+    blank = ' ' * 12
+    caught = f'try:\n{blank}    {extra}\n{blank}except* ValueError:\n{blank}    pass'
+    text = PYTHON['forms'].replace(f'if self.limit:\n{blank}    {extra}', caught)
+    found = {state['path']: state['locked'] for state in PythonDocument(text).view()['states']}
+    assert found['/Extra'].startswith('it is in a branch (line ')
     assert [wrapper['kind'] for wrapper in states['/Drive']['wrappers']] == ['timeout', 'retry']
     assert states['/Drive']['parameters'][0]['text'] == '(2.0)' and states['/Work']['kind'] == 'concurrency'
     assert states['Second:/B']['type'] == 'Ask'

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from test_behavior_heads import FLEXBE, LINE
 
@@ -75,6 +77,27 @@ def test_a_copy_is_what_was_copied_under_another_label(case: str) -> None:
     assert list(pasted(made, '/', clip).states)[-1] == '/Wait3'
     if inner:
         assert f'{inner}/Wait' in pasted(document, inner, clip).states
+
+
+@pytest.mark.parametrize(
+    ('language', 'text', 'written', 'value'),
+    [
+        (YamlDocument, ROWS, '|\n          one  \n          two', 'one  \ntwo\n'),
+        (YamlDocument, ROWS, '"a\tb"', 'a\tb'),
+        (PythonDocument, CHILD, '"""one\n  two\n      three"""', 'one\n  two\n      three'),
+        (PythonDocument, LINE, '"""one\n  two\n      three"""', 'one\n  two\n      three'),
+    ],
+)
+@pytest.mark.parametrize('line_break', ['\n', '\r\n'])
+def test_a_copy_has_the_same_texts(
+    language: type[YamlDocument | PythonDocument], text: str, written: str, value: str, line_break: str
+) -> None:
+    text = text.replace('{wait_time: 1.0}', f'\n        wait_time: {written}')
+    text = re.sub(r'WaitState\((1.0|self.seconds)\)', lambda _: f'WaitState({written})', text, count=1)
+    document = language(text.replace('\n', line_break))
+    made = pasted(document, '/', document.clip('/Wait'))
+    values = [one['value'] for state in made.view()['states'] for one in state['parameters'] if 'Wait' in state['path']]
+    assert values == [value, value] and made.text.count('\r') == made.text.count('\n') * (line_break != '\n')
 
 
 def test_what_is_no_state_is_refused() -> None:

@@ -40,6 +40,16 @@ def registry() -> NodeRegistry:
     return node_registry(lambda nodes, error: None)
 
 
+@pytest.mark.parametrize('line_break', ['\n', '\r\n', '\r', '\x85', '\u2028', '\u2029'])
+def test_a_fault_of_a_machine_is_told_at_its_place(tmp_path: Path, registry: NodeRegistry, line_break: str) -> None:
+    project = Project(tmp_path)
+    text = f'machine:\n  outcomes: [done]\n  states:\n    A: {{state: "a{line_break}  b"}}\n    B: {{state: Wrong}}\n'
+    project.create('main.yaml', text)
+    found = Checker(project, registry, node_skills(registry, lambda text: None)).findings('main.yaml')
+    (span,) = [one.span for one in found if "'Wrong'" in one.record['message']]
+    assert text[span.start : span.end] == 'Wrong'
+
+
 @pytest.mark.parametrize(
     ('fault', 'told', 'others'),
     [
