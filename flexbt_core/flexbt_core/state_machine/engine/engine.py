@@ -140,7 +140,8 @@ class Engine(ABC):
 
     @abstractmethod
     def locked_inside(self, top: str) -> list[str]:
-        """Return the active and locked nodes in a state or machine, itself included."""
+        """Return the active and locked nodes in a state or machine, itself included. A node that was active in an
+        interrupted run is active before this run has entered it again."""
 
 
 # A state that was left may need time to halt, such as to cancel a goal, but it must not block the run forever.

@@ -25,7 +25,7 @@ def confirm(run: MachineRun, decision_id: str) -> str | None:
     decision = region.decision
     if not decision.outcome:
         return f'decision {decision_id} suggests nothing: force one of {", ".join(decision.outcomes)}'
-    refusal = _paused(run, decision.path)
+    refusal = _leaving(region, decision.path) or _paused(run, decision.path)
     if refusal is None:
         run.tell(DecisionTaken(decision_id))
         run.controls.step = None
@@ -137,7 +137,7 @@ def lock(run: MachineRun, path: str) -> str | None:
     """
     refusal = _mark(run, run.controls.locked, LockSet, path, 'is locked')
     found = _active(run, path)
-    if refusal is None and not isinstance(found, str) and _leaving(found[0], path):
+    if refusal is None and not isinstance(found, str) and _is_left(found[0]):
         text = 'it is being left already; the lock holds it from the next time that it is entered'
         run.tell(Logged(Severity.WARN, path, text))
     return refusal
@@ -197,8 +197,21 @@ def _active(run: MachineRun, path: str) -> tuple[Region, RegionChild] | str:
     return f'{path} is not active (active: {active})'
 
 
+def _is_left(region: Region) -> bool:
+    return region.is_leaving or region.container.is_ending
+
+
 def _leaving(region: Region, path: str) -> str | None:
-    return f'{path} is being left already' if region.is_leaving or region.container.is_ending else None
+    """Return why nothing can be made of the outcomes of a node: it, or a machine around it, is to be left."""
+    if _is_left(region):
+        return f'{path} is being left already'
+    around: Region | None = region
+    while around is not None:
+        container = around.container
+        if container.outcome is not None:
+            return f'{path} stands still, since {container.path} is to be left by {container.outcome!r}'
+        around = container.region
+    return None
 
 
 def _paused(run: MachineRun, path: str) -> str | None:

@@ -384,7 +384,7 @@ class ContainerRun:
         """Return what has not halted yet in this machine."""
         if self._only_region is not None:
             return self._only_region.halting()
-        return next(filter(None, (region.halting() for region in self.regions)), None)
+        return next((text for region in self.regions if (text := region.halting()) is not None), None)
 
     def next_wake(self) -> float | None:
         """Return the time of the next execution in this machine. A halting state wakes the run itself."""

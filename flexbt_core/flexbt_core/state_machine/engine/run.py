@@ -308,9 +308,11 @@ class MachineRun(Engine):
         return self.root.active_regions()
 
     def locked_inside(self, top: str) -> list[str]:
-        """Return the active and locked nodes in a state or machine, itself included."""
         locked = [path for path in self.locked if is_inside(path, top)]
-        active = {ROOT_PATH, *(node.path for node in self.root.active())} if locked else set()
+        if not locked:
+            return []
+        nodes = [one.child or (one.coming if one.is_resumed else None) for one in self.regions()]
+        active = {ROOT_PATH, *(node.path for node in nodes if node is not None)}
         return [path for path in locked if path in active]
 
     def go_on_with(self, root: ContainerRun) -> None:
@@ -352,12 +354,16 @@ class MachineRun(Engine):
 
     def _pause_or_resume_one(self) -> bool:
         """Pause or resume one state, and return whether one needed it. One per step, so that a stop comes first."""
-        for leaf in self.active_states():
-            if leaf.is_entered and leaf.is_paused != self.pausing.holds(leaf.path):
+        for region in self.regions():
+            leaf = region.child
+            if isinstance(leaf, LeafRun) and leaf.is_entered and leaf.is_paused != self.pausing.holds(leaf.path):
+                wanted = leaf.outcome
                 if leaf.is_paused:
                     leaf.resume()
                 else:
                     leaf.pause()
+                if leaf.outcome != wanted:  # it raised; the operator has approved the outcome before that
+                    region.is_approved = False
                 self.tell(StatePaused(leaf.path, leaf.is_paused))
                 return True
         self.pausing.has_changed = False

@@ -179,7 +179,7 @@ class Model:
 
     def confirm(self, number: int) -> bool:
         seat = next((seat for seat in self.seats() if seat.decision is not None and seat.number == number), None)
-        if self.stands or seat is None or seat.decision is None or not seat.decision[2] or self._is_held(seat):
+        if seat is None or seat.decision is None or not seat.decision[2] or self._free(seat.occupant.path) is None:
             return False
         self._settle(seat, seat.decision[2])
         return True
@@ -253,7 +253,7 @@ class Model:
         around = seat.outer
         is_left = seat.phase == 'left'
         while around is not None:
-            is_left = is_left or around.phase == 'left' or around.ending is not None
+            is_left = is_left or around.phase == 'left' or around.ending is not None or around.wish is not None
             around = around.outer
         return None if is_left else seat
 
@@ -271,8 +271,9 @@ class Model:
         return self.is_paused or (focus is not None and not inside(path, focus) and not inside(focus, path))
 
     def _locked(self) -> set[str]:
-        """Return what is locked and active."""
-        return self.locked & {'/', *(seat.occupant.path for seat in self.seats())}
+        """Return what is locked and active, also before another run has entered it again."""
+        again = [seat for seat in self._root.all() if seat.is_resumed and seat.phase == 'coming']
+        return self.locked & {'/', *(seat.occupant.path for seat in (*self.seats(), *again))}
 
     def _go_on(self, count: int = 0) -> None:
         """All that follows at once, after ``count`` transitions already."""

@@ -378,6 +378,28 @@ def test_repeat_of_what_is_around_something_locked_is_refused() -> None:
     assert bench.repeat('/M/subject') is None
 
 
+def test_nothing_can_be_made_of_what_is_in_a_machine_that_is_to_be_left() -> None:
+    one, other = Scripted(), Scripted()
+    both = machine(Child('A', one), Child('B', other), conditions=[('ended', [('A', 'done'), ('B', 'done')])])
+    bench = Bench(machine(Child('M', both, {'ended': 'ended'})))
+    bench.set_breakpoint('/M/A')
+    one.end('done')
+    bench.settle()
+    bench.lock('/M/B')
+    assert bench.force('/M', 'ended') is None
+    for path, refusal in (
+        ('A', bench.confirm()),
+        ('A', bench.force('/M/A', 'done')),
+        ('B', bench.repeat('/M/B')),
+    ):
+        assert refusal == f"/M/{path} stands still, since /M is to be left by 'ended'"
+    bench.unlock('/M/B')
+    assert bench.outcome == 'ended'
+    assert [event for event in bench.trace if 'on_exit' in event] == [
+        f'on_exit /M/{label} PARENT_LEFT' for label in 'AB'
+    ]
+
+
 # -- states that go on while they are blocked ------------------------------------------------------------------------
 
 

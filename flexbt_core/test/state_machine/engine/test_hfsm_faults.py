@@ -186,6 +186,18 @@ def test_failing_needs_the_approval_that_its_outcome_requires(callback: str) -> 
     assert [event for event in state.trace[len(calls) :] if 'on_exit' not in event] == ['on_stop']
 
 
+@pytest.mark.parametrize('callback', ['on_pause', 'on_resume'])
+def test_what_was_forced_before_a_state_failed_approves_no_failure(callback: str) -> None:
+    state = Scripted('done', 'failed', do={callback: boom})
+    bench = Bench(nested(state, 'A/B', {'failed': Autonomy.High}), autonomy=Autonomy.Low)
+    bench.lock('/A/B')
+    assert bench.force('/A/B', 'done') is None
+    bench.pause()
+    bench.resume()
+    bench.unlock('/A/B')
+    assert (bench.outcome, bench.decision.outcome, bench.run.approved()) == (None, 'failed', {})
+
+
 def test_the_operator_may_overrule_a_state_that_failed_when_it_was_left() -> None:
     state = Scripted('done', 'failed', outcome='done', do={'on_exit': boom})
     bench = Bench(nested(state, 'A', {'failed': Autonomy.Full}))

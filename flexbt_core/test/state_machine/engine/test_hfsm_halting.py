@@ -14,7 +14,7 @@ from flexbt_core.state_machine.engine.engine import RunLimits
 from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.event_state import ExitReason
-from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested, passing
 
 
 class Braking(Scripted):
@@ -75,6 +75,18 @@ def test_after_its_time_it_is_reported_and_the_machine_goes_on() -> None:
     assert bench.faults == [('/Inner/A/B', 'had not halted 3 s after it was left: braking')]
     assert bench.active == ('/Next',)
     assert state.calls('on_exit') == 1
+
+
+def test_a_container_waits_for_what_halts_whatever_that_says() -> None:
+    texts = ['']
+    state = Scripted(do={'halting': lambda *_: next(iter(texts), None)})
+    both = machine(Child('A', passing()), Child('B', state), conditions=[('ended', [('A', 'done')])])
+    bench = Bench(both)
+    assert bench.active == ('/B',)
+    texts.clear()
+    state.wake()
+    bench.settle()
+    assert bench.outcome == 'ended'
 
 
 def test_the_time_is_wall_time_not_that_of_the_run() -> None:

@@ -113,6 +113,17 @@ def test_what_was_done_and_waited_for_the_operator_is_not_done_again() -> None:
     assert not [event for event in after.trace if event.startswith('on_exit')]
 
 
+def test_a_lock_holds_also_before_the_locked_state_is_entered_again() -> None:
+    before = Bench(nested(Scripted(), 'A/B'))
+    before.lock('/A/B')
+    assert before.force('/A', 'done') is None
+    after = Bench(nested(Scripted(), 'A/B'), at=through_json(position_of(before.run)))
+    assert after.run.blocked == before.run.blocked == [TransitionBlocked('/A', 'done', ('/A/B',))]
+    assert position_of(after.run) == position_of(before.run)
+    after.unlock('/A/B')
+    assert after.outcome == 'done'
+
+
 def test_what_was_being_left_is_passed_on() -> None:
     def made(second: Scripted) -> OperatableStateMachine:
         return line(Scripted(outcome='done', do={'halting': lambda *_: 'braking'}), second)
