@@ -145,7 +145,7 @@ def _declared_inputs(node: StateOrMachine) -> Iterable[str]:
 
 def _reads(machine: MachineDefinition, *, is_sure: bool) -> Iterator[KeyRead]:
     given = {*machine.input_keys, *machine.defaults}
-    for label, written in _on_entry(machine).items():
+    for label, written in _on_entry(machine, _effects_of_children(machine)).items():
         child = machine.children[label]
         known = given | (written.must if is_sure else written.may)
         for key in _input_keys(child):
@@ -171,9 +171,16 @@ def _names(node: StateOrMachine, among: Container[str] | None = None) -> set[str
     return {node.remap.get(key, key) for key in keys if among is None or key in among}
 
 
-def _on_entry(machine: MachineDefinition) -> dict[str, WrittenKeys]:
+_Effects = Mapping[str, Mapping[str, WrittenKeys]]
+"""The keys that each child of a machine writes, by its label and its outcome."""
+
+
+def _effects_of_children(machine: MachineDefinition) -> _Effects:
+    return {label: _effects(child) for label, child in machine.children.items()}
+
+
+def _on_entry(machine: MachineDefinition, effects: _Effects) -> dict[str, WrittenKeys]:
     """Return, for each child, the keys that are written when the child is entered, since the machine was entered."""
-    effects = {label: _effects(child) for label, child in machine.children.items()}
     if machine.kind is StateKind.CONCURRENCY:
         may = {
             label: frozenset(key for written in of_child.values() for key in written.may)
@@ -210,7 +217,7 @@ def _effects(node: StateOrMachine) -> dict[str, WrittenKeys]:
 
 def _at_end(machine: MachineDefinition) -> dict[str, WrittenKeys]:
     """Return, for each outcome by which a machine can end, the keys that are written in it."""
-    effects = {label: _effects(child) for label, child in machine.children.items()}
+    effects = _effects_of_children(machine)
     ends: dict[str, WrittenKeys] = {}
     if machine.kind is StateKind.CONCURRENCY:
         may = frozenset(key for of_child in effects.values() for written in of_child.values() for key in written.may)
@@ -220,7 +227,7 @@ def _at_end(machine: MachineDefinition) -> dict[str, WrittenKeys]:
             before = ends.get(condition.outcome)
             ends[condition.outcome] = here if before is None else before.beside(here)
         return ends
-    for label, written in _on_entry(machine).items():
+    for label, written in _on_entry(machine, effects).items():
         for outcome, effect in effects[label].items():
             end = machine.children[label].transitions[outcome].outcome
             if end is not None:

@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
 from itertools import permutations
 from random import Random
 from typing import Any
@@ -13,12 +13,13 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import HealthCheck, given, reject, settings
 
+from flexbt_core.state_machine.authoring import data_flow
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.data_flow import WriteRace, races, unsure_reads
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.userdata import MachineError
-from flexbt_testing.state_machines.bench import Bench, Scripted, machine
+from flexbt_testing.state_machines.bench import Bench, Scripted, machine, nested
 
 
 def keyed(*outcomes: str, reads: str = '', writes: str = '') -> Scripted:
@@ -45,6 +46,19 @@ def test_a_key_that_is_written_in_a_loop_is_unsure() -> None:
     )
     (read,) = unsure_reads(define(made))
     assert (read.path, read.text, read.writers) == ('/B', "reads userdata key 'x'", ('/C',))
+
+
+def test_a_state_in_many_machines_is_looked_at_once_for_each_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks: list[str] = []
+    effects = data_flow._effects
+
+    def counted(node: data_flow.StateOrMachine) -> Mapping[str, data_flow.WrittenKeys]:
+        looks.append(node.path)
+        return effects(node)
+
+    monkeypatch.setattr(data_flow, '_effects', counted)
+    define(nested(keyed(), 'A/B/C/D/E/F/G/H/I/J'))
+    assert max(Counter(looks).values()) == 10
 
 
 def test_what_both_ways_write_is_sure() -> None:
