@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
+from flexbt_core.behavior_tree.model.ports import PortType
 from flexbt_core.values.text import short_repr
 
 from .node import NodeScript, TreeNode
@@ -55,14 +56,24 @@ class BlackboardWatch:
         self._roots: set[Blackboard] = set()
         self.outside = ''
 
+        def begin(entry: Entry, type: PortType | None) -> None:
+            self._writes[entry] = EntryWrites()
+            _SLOT.__set__(entry, EMPTY)  # without recording that
+            entry.type = type
+            entry.sequence = 0
+            entry.present = True
+
         def write(entry: Entry, value: Any) -> None:
             _SLOT.__set__(entry, value)
+            if not entry.present:  # it was removed, and nobody can ask for it
+                self._writes.pop(entry, None)
+                return
             writes = self._writes.setdefault(entry, EntryWrites())
             writes.count += 1
-            shown = 'removed' if value is EMPTY else short_repr(value)
+            shown = 'nothing' if value is EMPTY else short_repr(value)
             writes.latest.appendleft(EntryWrite(_writer_on_stack() or self.outside, now(), shown))
 
-        namespace = {'__slots__': (), 'value': property(_SLOT.__get__, write), '__init__': _begin}
+        namespace = {'__slots__': (), 'value': property(_SLOT.__get__, write), '__init__': begin}
         self._watched: type[Entry] = type('WatchedEntry', (Entry,), namespace)
 
     def watch(self, client: object, boards: Iterable[Blackboard]) -> None:
@@ -98,14 +109,6 @@ class BlackboardWatch:
         self._roots = {board.root for board in boards}
         for board in self._roots:
             board.entry_class = self._watched
-
-
-def _begin(entry: Entry, type: Any) -> None:
-    """Create an entry without recording that it is empty."""
-    _SLOT.__set__(entry, EMPTY)
-    entry.type = type
-    entry.sequence = 0
-    entry.present = True
 
 
 def _writer_on_stack() -> str:
