@@ -252,6 +252,7 @@ class ExpandingAction(StatefulAction):
         if key is None:
             raise LookupError(f'there is no tree [{tree_id}] to be made below [{self.path}]')
         self._halt_tree()
+        self._error = None
         self.context.expansions[self] = Expansion(library, key, blackboard)
         self.wake()
         return RUNNING

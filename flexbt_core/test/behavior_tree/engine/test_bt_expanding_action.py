@@ -213,6 +213,16 @@ def test_one_that_cannot_be_made_is_a_failure_for_its_reason(library: TreeLibrar
     watched.check()
 
 
+def test_the_error_of_a_tree_is_not_that_of_the_next(library: TreeLibrary, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = Grow.on_start
+    monkeypatch.setattr(Grow, 'on_start', lambda node: start(node) and node.tick_tree())
+    watched = Watched(library, 'Misfit')
+    watched.board.set('text', 1.5)
+    assert watched.tree.tick_once() is FAILURE
+    watched.board.set('trees', 'Short')
+    assert watched.tree.tick_once() is SUCCESS
+
+
 def test_callbacks_reach_its_nodes_while_it_runs(library: TreeLibrary) -> None:
     watched = Watched(library, 'Nested')
     assert watched.tree.tick_once() is RUNNING
