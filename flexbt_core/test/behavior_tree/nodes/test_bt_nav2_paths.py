@@ -157,6 +157,7 @@ def test_the_time_of_a_path_begins_anew_with_another_one_and_not_with_the_same()
         return NAMES[tree.tick_once()]
 
     assert [tick(0.0, STRAIGHT), tick(6.0, ROUND), tick(6.0, ROUND), tick(4.0, ROUND)] == ['F', 'F', 'F', 'S']
+    assert tree.next_wake == 26.0
 
 
 def test_no_path_another_goal_a_long_way_or_a_little_more_is_fine() -> None:

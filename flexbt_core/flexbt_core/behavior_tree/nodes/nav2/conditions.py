@@ -162,13 +162,13 @@ class PathExpiringTimer(Condition):
         if self._first or (path is not self._path and path != self._path):
             self._start = now
         self._path = path
-        end = self._start + self.get_input('seconds')
+        seconds: float = self.get_input('seconds')
         first, self._first = self._first, False
-        if first or now < end:
-            self.wake_at(end)
-            return FAILURE
-        self._start = now
-        return SUCCESS
+        expired = not first and now >= self._start + seconds
+        if expired:
+            self._start = now
+        self.wake_at(self._start + seconds)
+        return SUCCESS if expired else FAILURE
 
 
 class InitialPoseReceived(Condition):
