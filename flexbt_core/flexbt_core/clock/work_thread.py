@@ -99,13 +99,15 @@ class WorkThread:
             del work  # free its references while this thread waits
 
     def _do(self, work: Work, what: str) -> None:
-        watch = _Watch(self._clock, self._seconds, what, self._on_late)
-        try:
-            work()
-        except BaseException as error:  # SystemExit too: no other thread would do the work
-            self._on_fault(error)
-        finally:
-            watch.close()
+        with contextlib.ExitStack() as watching:
+            try:
+                watching.callback(_Watch(self._clock, self._seconds, what, self._on_late).close)
+            except RuntimeError as error:  # the clock has no thread for its timers: work without a watchdog
+                self._on_fault(error)
+            try:
+                work()
+            except BaseException as error:  # SystemExit too: no other thread would do the work
+                self._on_fault(error)
 
 
 class _Watch:

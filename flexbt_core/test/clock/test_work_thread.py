@@ -7,9 +7,10 @@ import gc
 import threading
 import time
 import weakref
+from collections.abc import Callable
 from queue import SimpleQueue
 
-from flexbt_core.clock.clock import ManualClock
+from flexbt_core.clock.clock import ManualClock, Timer
 from flexbt_core.clock.work_thread import LateWork, WorkThread
 from flexbt_testing.waiting import DEADLINE
 
@@ -61,6 +62,23 @@ def test_work_is_done_in_order_late_work_is_told_and_what_was_taken_back_is_let_
     worker.close()
     worker.submit(lambda: done.append('after the end'), 'after the end')
     assert worker.waiting == 0
+
+
+class NoThreads(ManualClock):
+    """A clock that has no thread for its timers."""
+
+    def call_at(self, when: float, callback: Callable[[], None]) -> Timer:
+        raise RuntimeError('no thread')
+
+
+def test_work_is_done_also_while_there_is_no_thread_to_watch_it() -> None:
+    faults: list[BaseException] = []
+    done: list[str] = []
+    worker = WorkThread('worker', NoThreads(), 2.0, lambda late: None, faults.append)
+    worker.submit(lambda: done.append('work'), 'work')
+    assert worker.is_done_within(DEADLINE)
+    assert done == ['work'] and {str(fault) for fault in faults} == {'no thread'}
+    worker.close()
 
 
 def test_late_work_is_told_again_and_again_and_whether_it_uses_the_processor() -> None:
