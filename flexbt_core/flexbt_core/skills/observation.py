@@ -102,7 +102,8 @@ class SkillMonitor:
         declared = skill.outcomes.get(outcome)
         if not by_itself:
             for effect in declared.effects if declared is not None else ():
-                self._facts.pop(effect.atom, None)
+                for atom in (effect.atom, *self._ended_by(effect)):
+                    self._facts.pop(atom, None)
             return found
         if declared is None:
             return [*found, f'it ended by {short_repr(outcome)}, of which its skill knows nothing']

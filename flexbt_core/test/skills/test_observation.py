@@ -79,6 +79,7 @@ def run(*steps: str) -> list[str]:
                                                        'it does not']),
         (['/Grab !done', '/Look false'], []),  # forced: nobody knows
         (['/Grab done', '/Grab !done', '/Look false'], []),
+        (['/ToDoor done', '/ToDock !done', '/Where dock'], []),
         (
             ['/ToDoor done', '/ToDock done', '/Grab done'],
             ["/Grab: it began though at(door) does not hold, as /ToDock brought about by 'done'"],
