@@ -331,8 +331,9 @@ class DebuggedRun(RunReader):
         try:
             with self._control.held_in_tick(self._tree):
                 self._hold(node.path, point.operator_id, reason)
-                context.wait(self._going, self._runtime.steady, None)
-                if context.stopping:
+                if not context.stop_requested:
+                    context.wait(self._going, self._runtime.steady, None)
+                if context.stop_requested:
                     raise TickAbandoned(node.path, node.id, 'the tree was stopped while a breakpoint held it here')
         finally:
             self.is_held_in_tick = False

@@ -58,7 +58,8 @@ class TreeContext:
     ``woken`` is the wake-up flag: :meth:`wake` sets it, the tree clears it. ``advancing`` is true if unfinished work
     needs ticks. ``paused`` is true while leaves hold work that they started outside the tree.
     ``rewrapped`` are nodes whose parents have to fetch a new tick function.
-    ``stopping`` is true if the host wants to stop the tree, see :meth:`stop`: a tick that may take long checks it.
+    ``stop_requested`` is true if the host wants to stop the tree, see :meth:`stop`. ``stopping`` is true if a tick has
+    to end soon because of that, which a tick that may take long checks: a clean-up within the stop need not.
     ``resting`` makes the host's context around each wait within a tick. ``waited`` is true if a tick has waited.
     ``callbacks`` wraps ticks in pre- and post-tick callbacks; None if no node has any.
     ``observers`` are called for every change of the status of a node, with node, status before, and status after.
@@ -71,6 +72,7 @@ class TreeContext:
         self.services = services
         self.scripts = scripts
         self.woken = False
+        self.stop_requested = False
         self.stopping = False
         self.resting: Callable[[], AbstractContextManager[None]] = nullcontext
         self.on_wake: Callable[[], None] | None = None
@@ -114,6 +116,7 @@ class TreeContext:
 
     def stop(self) -> None:
         """Make the current tick end soon, because the host wants to stop the tree. From any thread."""
+        self.stop_requested = True
         self.stopping = True
         awaited = self._awaited
         if awaited is not None:

@@ -84,7 +84,7 @@ class TickCallbacks:
     @property
     def released(self) -> bool:
         """True if the host wants to stop the tree. A waiting callback then raises TickAbandoned."""
-        return self._context.stopping
+        return self._context.stop_requested
 
     def _set(self, callbacks: dict[TreeNode, Any], node: TreeNode, callback: Any, owner: object) -> None:
         with self._lock:

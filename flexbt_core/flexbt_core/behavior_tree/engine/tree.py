@@ -240,7 +240,7 @@ class Tree:
             if node.stored_status is not IDLE:
                 node.status = IDLE
         self.context.deadlines.clear()
-        self.context.stopping = False
+        self.context.stop_requested = self.context.stopping = self.context.paused = False
         self._status = IDLE
         self._raise_halt_errors()
 

@@ -416,7 +416,12 @@ class TryCatch(ControlNode):
         if self.get_input_or('catch_on_halt', False):
             for child in self.children[:-1]:
                 halt_child(child)
-            self._ticks[-1]()
+            context = self.context
+            context.stopping = False  # the clean-up is part of a stop, and may take its time
+            try:
+                self._ticks[-1]()
+            finally:
+                context.stopping = context.stop_requested
 
 
 NODES: Final = (

@@ -13,8 +13,10 @@ from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.controls import RecoveryNode
 from flexbt_core.behavior_tree.script.values import SAME_NUMBER
 from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.waiting import WakeEvent
 from flexbt_testing.behavior_trees.steps import NAMES, check, control, first_failure, make, step
 
 SWITCH = {'variable': '{x}', 'case_1': 'a', 'case_2': '2'}
@@ -230,6 +232,33 @@ def test_a_clean_up_that_raises_while_the_tree_is_halted_is_named_and_halts_the_
     assert caught.value.node_path == 'bad'
     assert all(node.status is NodeStatus.IDLE for node in tree.nodes)
     assert tree.next_wake is None
+
+
+class Asks(SyncAction):
+    """Waits within its tick for an answer, which is there."""
+
+    def tick(self) -> NodeStatus:
+        answered = WakeEvent()
+        answered.set()
+        self.wait_in_tick(answered, self.clock, self.clock.now())
+        self.blackboard.set('cleaned', True)
+        return NodeStatus.SUCCESS
+
+
+def test_a_clean_up_may_wait_and_recover_also_while_the_host_stops_the_tree() -> None:
+    registry = builtin_registry()
+    registry.register_classes((Asks, RecoveryNode))
+    body = (
+        '<TryCatch catch_on_halt="true"><Sleep msec="1000"/>'
+        '<RecoveryNode number_of_retries="1"><Asks/><AlwaysSuccess/></RecoveryNode></TryCatch>'
+    )
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    tree = Tree(TreeLibrary([load_xml(text, 'f', registry)]), 'Main')
+    assert tree.tick_once() is NodeStatus.RUNNING
+    tree.callbacks.release()
+    tree.halt()
+    assert tree.blackboard.get('cleaned') is True
+    assert not tree.callbacks.released
 
 
 # -- TryCatch is what it can be composed of ----------------------------------------------------------------------------
