@@ -123,8 +123,8 @@ class TickControl:
         except BaseException as error:
             self._take_step()(f'the tick raised: {error}')
             raise
-        if status is NodeStatus.RUNNING:
-            self.not_paused = tree.pause()  # pauses the work that the step has started
+        # Pause the work that the step has started.
+        self.not_paused = tree.pause() if status is NodeStatus.RUNNING else ()
         self._take_step()('')
         return status
 

@@ -182,6 +182,28 @@ def test_what_goes_on_in_a_pause_is_told(services: dict[str, Any], why: str) -> 
     assert not control.not_paused
 
 
+def test_nothing_goes_on_after_a_step_that_completes_the_tree() -> None:
+    services: dict[str, Any] = {'ticks': 0}
+    running = tree('<Runs/>', services=services)
+    control = TickControl(lambda: None, lambda paused: None)
+    control.tick(running)
+    control.command(PAUSE, lambda reason: None)
+    control.tick(running)
+    services['gives'] = NodeStatus.SUCCESS
+    control.command(STEP, lambda reason: None)
+    assert control.tick(running) is NodeStatus.SUCCESS
+    assert not control.not_paused
+
+
+def test_a_halt_ends_a_pause() -> None:
+    running = tree('<Runs/>', services={'ticks': 0})
+    running.tick_once()
+    running.pause()
+    assert running.context.paused
+    running.halt()
+    assert not running.context.paused
+
+
 def test_a_leaf_that_says_nothing_of_pauses_goes_on() -> None:
     running = tree('<Runs/>', services={'ticks': 0})
     control = TickControl(lambda: None, lambda paused: None)
