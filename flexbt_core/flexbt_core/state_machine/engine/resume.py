@@ -188,6 +188,10 @@ def _impossible(machine: MachineDefinition, position: RunPosition) -> Iterator[s
         yield f'one state of {machine.path} has to be active, not {found}'
     elif machine.path not in position.userdata:
         yield f'the userdata of {machine.path} is missing'
+    over = [child for child in machine.children.values() if child.path in position.ended]
+    ends = machine.outcome_of({child.label: position.ended[child.path] for child in over})
+    if ends is not None and machine.path not in position.wanted:
+        yield f'{machine.path} would be over, by {ends!r}, with the children that have ended; let it end first'
     for child in children:
         if isinstance(child, MachineDefinition) and child.path in position.active:
             if child.path not in position.leaving:

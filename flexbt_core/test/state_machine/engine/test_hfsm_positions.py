@@ -462,6 +462,21 @@ def test_what_had_ended_beside_the_active_states_is_remembered_unless_it_is_gone
     assert bench.outcome == 'ended'
 
 
+def test_a_switch_to_conditions_that_hold_already_is_refused() -> None:
+    def made(*needed: str) -> OperatableStateMachine:
+        children = Child('A', passing()), Child('B', Scripted())
+        both = machine(*children, conditions=[('ended', [(label, 'done') for label in needed])])
+        return machine(Child('C', both, {'ended': 'ended'}))
+
+    bench = Bench(made('A', 'B'))
+    refusal = "/C would be over, by 'ended', with the children that have ended; let it end first"
+    assert bench.switch(made('A')) == f'the run cannot continue with that machine: {refusal}'
+    assert bench.active == ('/C/B',)
+    assert bench.switch(made('B')) is None
+    assert bench.force('/C', 'ended') is None
+    assert bench.outcome == 'ended'
+
+
 def test_settings_of_what_both_machines_have_stay() -> None:
     bench = Bench(line(Scripted(), nested(Scripted(), 'A')))
     bench.lock('/S1/A')
