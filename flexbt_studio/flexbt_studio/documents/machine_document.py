@@ -72,6 +72,8 @@ class Table:
     locked: str = ''
     """Reason for which it cannot be edited; empty if it can."""
     span: Span = _NOWHERE
+    node: Any = None
+    """The expression of transitions and the like in Python, which may be more than its items."""
 
     def find(self, key: str) -> Item | None:
         """Return the item with a key, or None."""
@@ -311,6 +313,7 @@ class MachineDocument(Document):
             return []
         self._check_label(parent, label)
         self._refuse_hidden_names(one)
+        self.refuse_computed(parent, one.label)
         spans = [one.label_span, *(item.value_span for _, item in self.transitions_to(parent, one.label))]
         pairs = (pair for condition in parent.conditions for pair in condition.pairs.items)
         spans += [pair.key_span for pair in pairs if pair.key == one.label]
@@ -335,6 +338,7 @@ class MachineDocument(Document):
         for child, _ in self.transitions_to(one, outcome):
             locked = child.tables['transitions'].locked
             need(not locked, f'{child.path} leads to {outcome} and cannot be edited: {locked}')
+        self.refuse_computed(one, outcome)
         spans = [item.value_span for _, item in self.transitions_to(one, outcome)]
         spans += [each.outcome.value_span for each in one.conditions if each.outcome.value == outcome]
         around = one.parent.conditions if one.parent else []
@@ -351,6 +355,7 @@ class MachineDocument(Document):
         """Remove a state with its comments. Transitions that lead to it lead to ``instead``, if it is given."""
         one, parent = self._child(state)
         self._refuse_hidden_names(one)
+        self.refuse_computed(parent, one.label, but=one)
         transitions = [pair for pair in self.transitions_to(parent, one.label) if pair[0] is not one]
         sources = ', '.join(f'{source.path} ({item.key})' for source, item in transitions)
         need(instead or not sources, f'transitions lead to {state}: {sources}; name a target that replaces it')
@@ -528,6 +533,9 @@ class MachineDocument(Document):
         for child, _ in self.transitions_to(state.parent, state.label) if state.parent else ():
             locked = child.locked or child.tables['transitions'].locked
             need(child is state or not locked, f'{child.path} leads to {state.path} and cannot be edited: {locked}')
+
+    def refuse_computed(self, container: State, target: str, but: State | None = None) -> None:
+        """Raise if computed transitions of a child, ``but`` for one, seem to lead to a target."""
 
     # -- edits of tables ---------------------------------------------------------------------------------------------
 

@@ -322,7 +322,7 @@ class PythonDocument(MachineDocument):
     def _mapping(self, expression: ast.expr, scope: _Scope, made: list[ast.stmt]) -> Table:
         expression, locked = self._resolved(expression, scope, made)
         table = self._literal(expression, ast.Dict)
-        table.locked = table.locked or locked
+        table.locked, table.node = table.locked or locked, expression
         return table
 
     def _literal(self, expression: ast.expr | None, kinds: type | tuple[type, ...] = (ast.List, ast.Tuple)) -> Table:
@@ -491,6 +491,14 @@ class PythonDocument(MachineDocument):
         for child in state.parent.children if state.parent else ():
             if child.locked and child is not state and any(_text(node) == state.label for node in _walk(child.node)):
                 raise GestureError(f'{child.path} names {state.path} and cannot be edited: {child.locked}')
+
+    def refuse_computed(self, container: State, target: str, but: State | None = None) -> None:
+        for child in container.children:
+            ways = child.tables.get('transitions', Table())
+            nodes = [*_walk(ways.node)] if ways.locked and child is not but else []
+            keys = {id(key) for node in nodes if isinstance(node, ast.Dict) for key in node.keys}
+            if any(_text(node) == target and id(node) not in keys for node in nodes):
+                raise GestureError(f'{child.path} names {target} and cannot be edited: {ways.locked}')
 
     def _kept_above(self, state: State) -> int:
         above = self._comments_above(state.span.start)

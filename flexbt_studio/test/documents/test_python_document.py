@@ -367,6 +367,28 @@ def test_all_behaviors_of_the_workspace_are_read() -> None:
     assert count > 150
 
 
+@pytest.mark.parametrize(
+    'ways',
+    ["dict(failed='W', done='end')", "OTHERS | {'failed': 'W', 'done': 'end'}", "{'a': 'V', **{'b': 'W', 'c': 'end'}}"],
+)
+def test_what_computed_transitions_name_is_neither_renamed_nor_removed(ways: str) -> None:
+    text = f"""\
+from flexbt_core import Child, OperatableStateMachine
+machine = OperatableStateMachine(
+    outcomes=['end', 'done'],
+    children=[Child('W', S(1), {{'done': 'V'}}), Child('V', S(2), transitions={ways})],
+)
+"""
+    for name, arguments in (
+        ('rename_state', {'state': '/W', 'label': 'X'}),
+        ('remove_state', {'state': '/W'}),
+        ('rename_outcome', {'container': '/', 'outcome': 'end', 'name': 'over'}),
+    ):
+        with pytest.raises(GestureError, match=r'/V .*computed'):
+            PythonDocument(text).gesture(name, arguments)
+    assert "'over'" in done(text, 'rename_outcome', container='/', outcome='done', name='over')
+
+
 def test_what_is_computed_is_shown_with_the_reason_and_stays() -> None:
     states = {state['path']: state for state in PythonDocument(PYTHON['forms']).view()['states']}
     assert states["/f'Wait{number}'"]['locked'].startswith('it is in a loop (line ')
