@@ -25,11 +25,11 @@ export class Connection {
     const on = (event, act) => addEventListener(event, act, {signal: this.over.signal});
     on('pagehide', () => this.drop());  // a page that the browser keeps for "back" is not connected
     on('pageshow', (event) => { if (event.persisted) this.open(); });
-    on('hashchange', () => { if (!this.socket) this.open(); });  // another token may be right
+    on('hashchange', () => { if (this.again) this.open(); });  // another token may be right
   }
 
   open() {
-    clearTimeout(this.again);  // one connection, whoever opens it
+    this.rest();  // one connection, whoever opens it
     const address = Object.assign(new URL(this.path, location.href), {protocol: location.protocol === 'https:' ? 'wss:' : 'ws:', search: this.search(), hash: ''});
     const socket = this.socket = new WebSocket(address), token = new URLSearchParams(location.hash.slice(1)).get('token');
     socket.binaryType = 'arraybuffer';
@@ -42,7 +42,8 @@ export class Connection {
     };
   }
 
-  drop() { const before = this.socket; clearTimeout(this.again); this.socket = null; before?.close(); }
+  rest() { clearTimeout(this.again); this.again = null; }
+  drop() { const before = this.socket; this.rest(); this.socket = null; before?.close(); }
   close() { this.over.abort(); this.drop(); }
 
   // Open it again after a while, which grows each time that nothing has come.
@@ -66,7 +67,7 @@ export class ServerLink extends Connection {
   // search() names the robot, path is that of the server's link for the page.
   constructor(on, search = () => location.search, path = 'link') {
     super(path, search, () => ({operator: operator()}));
-    Object.assign(this, {on, heard: 0, welcome: false, refused: null});
+    Object.assign(this, {on, heard: 0, looked: 0, stood: false, welcome: false, refused: null});
     const looking = setInterval(() => this.look(), LOOK_MS);
     this.over.signal.addEventListener('abort', () => clearInterval(looking));
     this.open();
@@ -95,7 +96,11 @@ export class ServerLink extends Connection {
   renew() { this.drop(); this.open(); }
 
   look() {
-    if (this.socket && performance.now() - this.heard > SILENT_MS) {
+    const now = performance.now();
+    this.stood = !this.stood && now - this.looked > SILENT_MS;
+    this.looked = now;
+    if (this.stood) return;  // the page did not run: what came meanwhile is taken first
+    if (this.socket && now - this.heard > SILENT_MS) {
       const silent = this.socket;
       this.lost('the server of this page is silent');
       silent.close();
