@@ -20,6 +20,7 @@ from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from std_msgs.msg import String
 
 from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import yaw_of_quaternion
 from flexbt_core.values.text import short_repr
 from flexbt_core.values.yaml_data import load_yaml
 from flexbt_sim.world.faults import ServerFails, ServerFault, fault_parameters
@@ -62,8 +63,7 @@ def transform(parent: str, child: str, pose: Pose, stamp: Time) -> TransformStam
 
 def pose_of(message: PoseMessage) -> Pose:
     """Return a pose in the plane, from a message. The quaternion need not be normalized; all zeros mean heading 0."""
-    q = message.orientation
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
+    yaw = yaw_of_quaternion(message.orientation)
     return Pose(float(message.position.x), float(message.position.y), wrap(yaw))
 
 

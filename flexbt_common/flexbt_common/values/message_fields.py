@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import copy
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import fields
 from typing import Any, Final
 
 from builtin_interfaces.msg import Duration, Time
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Quaternion
 
 from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.msg import QueueOptions as QueueOptionsMessage
@@ -72,6 +73,11 @@ def options_of(message: QueueOptionsMessage) -> QueueOptions:
 
 _LENGTH: Final = struct.Struct('<I')
 _POINT: Final = struct.Struct('<2d')
+
+
+def yaw_of_quaternion(q: Quaternion) -> float:
+    """Return the direction of an orientation in the plane, rad; 0 for all zeros. It need not be normalized."""
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
 
 
 def poses_of(field: Any) -> list[PoseStamped]:

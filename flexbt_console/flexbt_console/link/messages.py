@@ -20,7 +20,7 @@ from geometry_msgs.msg import Pose, PoseStamped
 from std_msgs.msg import Header
 
 from flexbt_common.values.entries import from_entry
-from flexbt_common.values.message_fields import options_message, path_points, seconds_of
+from flexbt_common.values.message_fields import options_message, path_points, seconds_of, yaw_of_quaternion
 from flexbt_common.values.queue_options import QueueOptions
 from flexbt_console.mirror import records
 from flexbt_console.mirror.trees import MirroredNode, StatusChange, TreeNodes, TreeReport
@@ -241,8 +241,7 @@ def _pose(message: Any) -> records.FramedPose | None:
     """Return None for an unknown or invalid value: a faulty robot may send anything."""
     if not message.header.frame_id:
         return None
-    position, q = message.pose.position, message.pose.orientation
-    yaw = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    position, yaw = message.pose.position, yaw_of_quaternion(message.pose.orientation)
     if not (is_length(position.x) and is_length(position.y) and math.isfinite(yaw)):
         return None
     return records.FramedPose(position.x, position.y, yaw, message.header.frame_id)

@@ -26,6 +26,7 @@ from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceO
 from flexbt_common.middleware.received_messages import UNKNOWN_WRITER, Received, ReceivedMessages, writer_name
 from flexbt_common.names import BT_EXECUTOR
 from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_common.values.message_fields import yaw_of_quaternion
 from flexbt_core.clock.clock import Timer
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_onboard.link.peers import PeersWatch
@@ -295,10 +296,5 @@ def _status_topic(action: str) -> str:
 def _differ(one: Pose, other: Pose) -> bool:
     """Return whether two poses differ by more than noise, or one is not a number."""
     a, b = one.position, other.position
-    turned = abs(math.remainder(_yaw(one) - _yaw(other), math.tau))
+    turned = abs(math.remainder(yaw_of_quaternion(one.orientation) - yaw_of_quaternion(other.orientation), math.tau))
     return not (math.dist((a.x, a.y, a.z), (b.x, b.y, b.z)) <= _REST_METRES and turned <= _REST_RADIANS)
-
-
-def _yaw(pose: Pose) -> float:
-    q = pose.orientation
-    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

@@ -337,8 +337,7 @@ class ActionLeaf(ServerNode, StatefulAction):
         if outcome.status is GoalStatus.SUCCEEDED:
             self._goal = None
             self._cancel_all()
-            self.set_output('error_code_id', 0)
-            self.set_output('error_msg', '')
+            self._output_error('')
             ended = self.on_success(outcome.result)
             if ended is NodeStatus.FAILURE:
                 self.set_output('error_msg', self._reason)
@@ -355,12 +354,14 @@ class ActionLeaf(ServerNode, StatefulAction):
 
     def _unmade(self, error: PortError | ValueError) -> NodeStatus:
         """Return FAILURE for a goal that cannot be made, without the error code of an earlier one."""
-        self.set_output('error_code_id', 0)
-        self.set_output('error_msg', str(error))
+        self._output_error(str(error))
         return self.fail(str(error))
 
-    def _failed(self, reason: str, code: int = 0) -> NodeStatus:
+    def _output_error(self, text: str, code: int = 0) -> None:
         self.set_output('error_code_id', code)
-        self.set_output('error_msg', reason)
+        self.set_output('error_msg', text)
+
+    def _failed(self, reason: str, code: int = 0) -> NodeStatus:
+        self._output_error(reason, code)
         shown = f' (error code {code})' if code else ''
         return self.fail(f'{self.action_name}: {reason}{shown}')

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from geometry_msgs.msg import PoseStamped
 
+from flexbt_common.values.message_fields import yaw_of_quaternion
 from flexbt_server.trees.ros_ports import TrackingFeedback
 
 SEARCH_AHEAD: Final = 3.0
@@ -120,8 +121,7 @@ def position_of(pose: Any) -> tuple[float, float]:
 
 def yaw_of(pose: Any) -> float:
     """Return the direction of a stamped pose in the plane, rad. The quaternion need not be normalized."""
-    q = pose.pose.orientation
-    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
+    return yaw_of_quaternion(pose.pose.orientation)
 
 
 def path_length(points: Sequence[tuple[float, float]]) -> float:
