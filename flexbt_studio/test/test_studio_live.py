@@ -88,7 +88,7 @@ class Robots:
         """Return its mirror."""
         return [self.mirrors[name]]
 
-    def open(self, name: str) -> None:
+    def open(self, name: str, operator: str) -> None:
         """Watch the robot."""
         if name == '/b' and self.error is not None:
             if isinstance(self.error, KeyError):

@@ -286,7 +286,7 @@ def _place(record: FindingRecord) -> LoadError:
 
 
 _LINE_BREAKS: Final = {'xml': '\n', 'python': '\r\n?|\n', 'yaml': '\r\n?|[\n\x85\u2028\u2029]'}
-"""What ends a line where the readers of a language count lines."""
+"""Patterns of the ends of lines, as the reader of each language counts lines."""
 
 
 class Places:

@@ -15,6 +15,7 @@ from flexbt_console.present.debugging import breakpoint_text, held_text, mark_of
 from flexbt_console.present.rendering import stamp_text
 from flexbt_console.ui.web.past import LivePast, Past, moment_part
 from flexbt_console.ui.web.picture import map_part
+from flexbt_console.ui.web.server import open_robot
 from flexbt_core.values.text import did_you_mean, short_repr
 from flexbt_studio.errors import StudioError
 
@@ -62,12 +63,8 @@ class LiveRobots:
                 try:
                     mirror = self._robots.robot(name)[0]
                     self._pasts[name] = LivePast(*self._robots.fleet.past(name, mirror), mirror.now)
-                    await asyncio.to_thread(self._robots.open, name)
-                except (
-                    KeyError,
-                    RuntimeError,
-                    TimeoutError,
-                ) as error:  # forgotten just now; no threads; the node is busy
+                    await open_robot(self._robots, name)
+                except (KeyError, RuntimeError, TimeoutError) as error:  # forgotten; no thread; the node is busy
                     raise StudioError(
                         f'robot {short_repr(name)} cannot be watched now: {error!r}; try again'
                     ) from error

@@ -224,7 +224,7 @@ class WebServer:
         return f'no robot {short_repr(name)} was found{meant or ", and no other one yet"}'
 
 
-async def open_robot(robots: FleetLink, robot: str, operator: str) -> None:
+async def open_robot(robots: FleetLink, robot: str, operator: str = '') -> None:
     """Open a robot on another thread; raises what :meth:`FleetLink.open` does, and RuntimeError if there is no thread.
 
     Then it is not open, nor later: an executor keeps what it has refused for its next free thread.

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_core.behavior_tree.engine.leaf import SyncAction
+from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
@@ -210,6 +211,14 @@ def test_the_message_of_a_wrong_tree_says_which_node_and_what_it_needs() -> None
 # -- errors while halting ----------------------------------------------------------------------------------------------
 
 
+def running(body: str, registry: NodeRegistry) -> Tree:
+    """Return a tree after its first tick, which leaves it running."""
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    tree = Tree(TreeLibrary([load_xml(text, 'f', registry)]), 'Main')
+    assert tree.tick_once() is NodeStatus.RUNNING
+    return tree
+
+
 class Broken(SyncAction):
     """Raises."""
 
@@ -224,9 +233,7 @@ def test_a_clean_up_that_raises_while_the_tree_is_halted_is_named_and_halts_the_
         '<Parallel><TryCatch catch_on_halt="true"><Sleep msec="1000" name="one"/><Broken name="bad"/></TryCatch>'
         '<Sleep msec="1000" name="two"/></Parallel>'
     )
-    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    tree = Tree(TreeLibrary([load_xml(text, 'f', registry)]), 'Main')
-    assert tree.tick_once() is NodeStatus.RUNNING
+    tree = running(body, registry)
     with pytest.raises(NodeExecutionError, match='the clean-up is broken') as caught:
         tree.halt()
     assert caught.value.node_path == 'bad'
@@ -252,9 +259,7 @@ def test_a_clean_up_may_wait_and_recover_also_while_the_host_stops_the_tree() ->
         '<TryCatch catch_on_halt="true"><Sleep msec="1000"/>'
         '<RecoveryNode number_of_retries="1"><Asks/><AlwaysSuccess/></RecoveryNode></TryCatch>'
     )
-    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
-    tree = Tree(TreeLibrary([load_xml(text, 'f', registry)]), 'Main')
-    assert tree.tick_once() is NodeStatus.RUNNING
+    tree = running(body, registry)
     tree.callbacks.release()
     tree.halt()
     assert tree.blackboard.get('cleaned') is True
