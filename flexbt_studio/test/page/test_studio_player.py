@@ -425,7 +425,7 @@ class Robots:
         self._names: list[str] = []
         self._structure = 0
 
-    def open(self, name: str) -> None:
+    def open(self, name: str, operator: str = '') -> None:
         """Watch the robot."""
 
     close = open

@@ -51,16 +51,18 @@ class Faults:
     lose_status: float = 0.0
     double: float = 0.0
     swallow_commands: bool = False
-    random: random.Random = field(init=False)
+    commands: random.Random = field(init=False)
+    statuses: random.Random = field(init=False)
 
     def __post_init__(self) -> None:
-        self.random = random.Random(self.seed)
+        # One for each direction: what becomes of the commands does not depend on how many statuses were sent meanwhile.
+        self.commands, self.statuses = random.Random(self.seed), random.Random(self.seed)
 
-    def copies(self, share_lost: float) -> int:
+    def copies(self, draw: random.Random, share_lost: float) -> int:
         """Return how many copies of a message arrive."""
-        if self.random.random() < share_lost:
+        if draw.random() < share_lost:
             return 0
-        return 2 if self.random.random() < self.double else 1
+        return 2 if draw.random() < self.double else 1
 
 
 class ScriptedExecutive:
@@ -100,7 +102,7 @@ class ScriptedExecutive:
     def publish(self) -> None:
         """Publish the status with the next number."""
         self.status.sequence += 1
-        for _ in range(self.faults.copies(self.faults.lose_status)):
+        for _ in range(self.faults.copies(self.faults.statuses, self.faults.lose_status)):
             self._status.publish(self.status)
 
     def enter(self, label: str) -> None:
@@ -174,7 +176,7 @@ class ScriptedExecutive:
         node.create_timer(self.status.heartbeat_period, self.publish)
 
     def _on_command(self, command: Any) -> None:
-        for _ in range(self.faults.copies(self.faults.lose_commands)):
+        for _ in range(self.faults.copies(self.faults.commands, self.faults.lose_commands)):
             self._take(command)
 
     def _take(self, command: Any) -> None:
