@@ -42,6 +42,7 @@ from .xml_text import XmlElement
 
 _MEANT: Final = re.compile(r"did you mean (?:\[([^\]]+)\]|'([^']+)')\?")
 _WORD: Final = re.compile(r'[\w.:/-]+')
+_QUOTED: Final = re.compile(r"""(?<=["'])[^"'<>&\\\n]+(?=["'])""")
 _LIKENESS: Final = 0.5
 """Least likeness (difflib's ratio) of a word to the suggested one for which a fix replaces it."""
 
@@ -329,7 +330,10 @@ def _fixes(document: Document, path: str, span: Span, message: str) -> Iterator[
     if meant is None:
         return
     name = meant[1] or meant[2]
-    words = list(_WORD.finditer(document.text, span.start, max(span.end, span.start + 1)))
+    written = _WORD if _WORD.fullmatch(name) else _QUOTED  # a name of several words is replaced as a whole
+    if name not in written.findall(f'"{name}"'):  # it would have to be escaped
+        return
+    words = list(written.finditer(document.text, span.start, max(span.end, span.start + 1)))
     likeness = [difflib.SequenceMatcher(None, word[0], name).ratio() for word in words]
     if not words or max(likeness) < _LIKENESS or name in [word[0] for word in words]:
         return

@@ -15,6 +15,7 @@ from flexbt_core.behavior_tree.xml.parser import parse
 from flexbt_server.node_types import node_registry
 from flexbt_studio.documents.diagnostics import Checker, without
 from flexbt_studio.documents.project import Project
+from flexbt_studio.documents.text import applied
 from flexbt_studio.documents.xml_document import XmlDocument
 
 TREE = """\
@@ -48,6 +49,29 @@ def test_a_fault_of_a_machine_is_told_at_its_place(tmp_path: Path, registry: Nod
     found = Checker(project, registry, node_skills(registry, lambda text: None)).findings('main.yaml')
     (span,) = [one.span for one in found if "'Wrong'" in one.record['message']]
     assert text[span.start : span.end] == 'Wrong'
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'right', 'mended'),
+    [
+        ('GoHom', 'GoHome', 'GoHome'),
+        ("'Go Hom'", 'Go Home', "'Go Home'"),
+        ('Go Hom', 'Go Home', None),
+        ('"Go & Se"', 'Go & See', None),
+    ],
+)
+def test_the_fix_of_a_name_replaces_the_whole_name_or_is_not_there(
+    tmp_path: Path, registry: NodeRegistry, wrong: str, right: str, mended: str | None
+) -> None:
+    text = (
+        f'machine:\n  outcomes: [done]\n  states:\n    A: {{state: Wait, transitions: {{done: {wrong}}}}}\n'
+        f'    {right}: {{state: Wait, transitions: {{done: done}}}}\n'
+    )
+    project = Project(tmp_path)
+    project.create('main.yaml', text)
+    found = Checker(project, registry, node_skills(registry, lambda text: None)).findings('main.yaml')
+    (told,) = [one for one in found if f"did you mean '{right}'" in one.record['message']]
+    assert [applied(text, fix.edits) for fix in told.fixes] == ([text.replace(wrong, mended)] if mended else [])
 
 
 @pytest.mark.parametrize(

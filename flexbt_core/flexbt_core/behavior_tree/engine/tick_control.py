@@ -152,6 +152,7 @@ class TickControl:
             if not was_paused:
                 self._on_change(False)
         if not was_paused:
+            self.not_paused = ()
             tree.resume()
 
     def _take_step(self) -> TickCommandReply:

@@ -150,6 +150,8 @@ def unlock(run: MachineRun, path: str) -> str | None:
 
 def set_breakpoint(run: MachineRun, path: str) -> str | None:
     """Make each transition out of a state or machine wait for the operator, at every level of autonomy."""
+    if path == ROOT_PATH:
+        return f'a breakpoint holds a transition, and none leaves {ROOT_PATH}; set it on one of its states'
     return _mark(run, run.controls.breakpoints, BreakpointSet, path, 'has a breakpoint')
 
 

@@ -319,9 +319,11 @@ def test_while_a_tree_is_held_within_a_tick_leaves_hold_and_only_a_step_waits_fo
         command(STEP, 'too early')
         with control.held_in_tick(running):
             deeds.append('held')
+            assert control.not_paused
             command(PAUSE, 'within')
             command(STEP, 'after')
         deeds.append('released')
+        assert bool(control.not_paused) is control.paused
         return NodeStatus.IDLE
 
     control.tick(running)

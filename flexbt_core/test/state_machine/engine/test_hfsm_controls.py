@@ -301,6 +301,9 @@ def test_locks_and_breakpoints_of_what_there_is_not_are_refused() -> None:
     assert bench.unlock('/M') == "'/M' is not one that is locked (none)"
     bench.set_breakpoint('/M/subject')
     assert bench.clear_breakpoint('/M') == "'/M' is not one that has a breakpoint (/M/subject)"
+    assert bench.set_breakpoint('/') == (
+        'a breakpoint holds a transition, and none leaves /; set it on one of its states'
+    )
 
 
 # -- breakpoints -----------------------------------------------------------------------------------------------------
