@@ -71,7 +71,9 @@ def test_the_fix_of_a_name_replaces_the_whole_name_or_is_not_there(
     project.create('main.yaml', text)
     found = Checker(project, registry, node_skills(registry, lambda text: None)).findings('main.yaml')
     (told,) = [one for one in found if f"did you mean '{right}'" in one.record['message']]
-    assert [applied(text, fix.edits) for fix in told.fixes] == ([text.replace(wrong, mended)] if mended else [])
+    assert [applied(text, fix.edits) for fix in told.fixes] == (
+        [text.replace(f'{wrong}}}', f'{mended}}}')] if mended else []
+    )
 
 
 @pytest.mark.parametrize(
