@@ -334,9 +334,8 @@ def concurrent_pairs(file: CapabilityFile, interfaces: Mapping[str, StateInterfa
     changes: dict[str, frozenset[str]] = {}
     touches: dict[str, frozenset[str]] = {}
     for key, one in known.items():
-        effects = (entry.text.partition('=')[0] for entries in one.postconditions.values() for entry in entries)
         read = _keys(interfaces[key].input_keys, one.userdata_in)
-        changes[key] = _names(effects) | _keys(interfaces[key].output_keys, one.userdata_out)
+        changes[key] = changed_by(one) | _keys(interfaces[key].output_keys, one.userdata_out)
         touches[key] = changes[key] | _names(entry.text for entry in one.preconditions) | read
     return [
         (one, other)
@@ -345,6 +344,12 @@ def concurrent_pairs(file: CapabilityFile, interfaces: Mapping[str, StateInterfa
         and not changes[one] & touches[other]
         and not changes[other] & touches[one]
     ]
+
+
+def changed_by(capability: Capability) -> frozenset[str]:
+    """Return the variables that outcomes of a capability change, memory without its suffix."""
+    effects = (entry.text.partition('=')[0] for entries in capability.postconditions.values() for entry in entries)
+    return _names(effects)
 
 
 def _names(texts: Iterable[str]) -> frozenset[str]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations, product
 from typing import Any, Final
 
+from .capabilities import changed_by
 from .errors import SynthesisError
 from .formulas import names_in, valuation, value_of
 from .request_files import FAILURE_OUTCOMES
@@ -79,6 +80,8 @@ class SynthesizedMachine:
 
 
 _LABEL: Final = '%s:%s'
+_ASKING: Final = 'start'
+"""The state that asks the operator how the world begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,18 +174,16 @@ class _Building:
         return self._problem.normalized(outcome) != self._problem.hoped
 
     def _changes_nothing(self, node: StrategyNode, name: str, outcome: str) -> bool:
-        """Return whether what is known is the same after an outcome of a capability, so that it may be tried again."""
-        active = self._words.active_in(node.values)
-        alone = {one: (outcome,) if one == name else () for one in active}
+        """Return whether what is known is the same after an outcome of a capability, so that it may be tried again.
+        What others that are active at once change, it does not change itself."""
+        others = [one for one in self._words.active_in(node.values) if one != name]
+        changed = set().union(*(changed_by(self._problem.file.capabilities[one]) for one in others))
+        own = [one for one in self._memory if one.removesuffix('_m') not in changed]
         return all(
-            self._known(self._nodes[to]) == self._known(node)
+            all(self._nodes[to].values[one] == node.values[one] for one in own)
             for inputs, to in node.moves
-            if {one: self._words.arrived_in(inputs, one) for one in active} == alone
+            if outcome in self._words.arrived_in(inputs, name)
         )
-
-    def _known(self, node: StrategyNode) -> list[int]:
-        """Memory and integers of the machine in a node."""
-        return [node.values[name] for name in self._memory]
 
     def _chosen(self, value: Any, values: Mapping[str, int]) -> Any:
         """Return a parameter; ``@variable`` is what the strategy has chosen."""
@@ -275,10 +276,11 @@ class _Building:
         for block in order:
             order += [to for to in dict.fromkeys(edges[block].values()) if to not in order]
         names: dict[int, str] = {}
+        asking = {_ASKING} if len(begins) > 1 else set()
         for block in order:
             place = self._places[of_block[block][0]]
             name = place.end or '_'.join(part.capability for part in place.parts)
-            taken = set(names.values()) if not place.end else set()
+            taken = {*asking, *names.values()} if not place.end else set()
             names[block] = next(
                 one for n in range(1, len(order) + 2) if (one := f'{name}_{n}' if n > 1 else name) not in taken
             )
@@ -399,12 +401,12 @@ class _Building:
             transitions[case] = settled[self._settled(number)[0]]
         question = 'How is it?'
         part = MachinePart(
-            'start', 'OperatorDecisionState', {'outcomes': list(transitions), 'hint': question}, tuple(transitions)
+            _ASKING, 'OperatorDecisionState', {'outcomes': list(transitions), 'hint': question}, tuple(transitions)
         )
         self._notes.append(
-            f"the world may begin in several ways ({', '.join(told)}): the state 'start' asks the operator"
+            f"the world may begin in several ways ({', '.join(told)}): the state '{_ASKING}' asks the operator"
         )
-        return MachineState('start', (part,), transitions, dict.fromkeys(transitions, 0))
+        return MachineState(_ASKING, (part,), transitions, dict.fromkeys(transitions, 0))
 
 
 # The fewest states that behave the same: partition refinement, then merging where an outcome cannot come.

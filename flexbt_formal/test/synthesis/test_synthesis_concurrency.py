@@ -101,6 +101,18 @@ def test_what_would_disturb_each_other_is_done_one_after_the_other(capabilities:
     assert states(SURE, 'pour') == [('boil', 'fetch'), ('pour',)]
 
 
+def test_what_a_failure_changes_is_not_repeated_beside_others() -> None:
+    spilled = capability(
+        resources=['stove'], preconditions=['!warm'], postconditions={'completed': ['boil'], 'failure': ['warm']}
+    )
+    machine = answer({**TEA, 'boil': spilled}, 'pour', retries=2).machine
+    assert machine is not None
+    assert {part.capability: part.retry_on for part in machine.states[machine.initial].parts} == {
+        'boil': (),
+        'fetch': ('failed',),
+    }
+
+
 def test_who_write_the_same_userdata_wait_for_each_other() -> None:
     capabilities = {
         'look': capability(interface='Look', resources=['camera'], postconditions=['look']),

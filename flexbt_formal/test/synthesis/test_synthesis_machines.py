@@ -126,15 +126,19 @@ def test_the_machine_runs_as_the_strategy_has_it(failures: int, outcome: str) ->
     assert run.outcome == outcome
 
 
-def test_the_world_that_may_begin_in_several_ways_is_asked_about() -> None:
+@pytest.mark.parametrize(('heat', 'state'), [('heat', 'heat'), ('start', 'start_2')])
+def test_the_world_that_may_begin_in_several_ways_is_asked_about(heat: str, state: str) -> None:
     changes = (
         ('capabilities:', 'memory: {env_props: {warm: false}}\ncapabilities:'),
         ("preconditions: ['!press']", "preconditions: ['!press', warm]"),
-        ('  brew:', "  heat:\n    interface: Try\n    preconditions: ['!warm']\n    postconditions: [warm]\n  brew:"),
+        (
+            '  brew:',
+            f"  {heat}:\n    interface: Try\n    preconditions: ['!warm']\n    postconditions: [warm]\n  brew:",
+        ),
     )
     machine = made(coffee(*changes, initial=('warm_m | !warm_m',)))
     assert machine.initial == 'start'
-    assert edges(machine)['start'] == {'warm_m': 'press', 'not_warm_m': 'heat'}
+    assert edges(machine)['start'] == {'warm_m': 'press', 'not_warm_m': state}
     assert any('the operator' in note for note in machine.notes)
 
 
