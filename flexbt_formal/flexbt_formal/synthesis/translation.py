@@ -28,7 +28,7 @@ from .capabilities import (
     concurrent_pairs,
 )
 from .errors import SynthesisError
-from .formulas import Formula, FormulaError, parse_formula
+from .formulas import Formula, FormulaError, names_in, parse_formula
 from .request_files import FAILURE_OUTCOMES, MachineRequest, SpecificationFile
 from .specification import GameVariable, Section, Specification, SpecificationLine
 from .yaml_nodes import YamlEntry
@@ -754,7 +754,9 @@ class Translation:
         wrong: set[str | None] = set()  # what a user wrote may be in several formulas
         for section, text, origin, place, rule in self._texts:
             try:
-                lines.append(SpecificationLine(section, text, self._formula(text), origin, rule))
+                formula = self._formula(text)
+                self._check_step(section, text, formula)
+                lines.append(SpecificationLine(section, text, formula, origin, rule))
             except FormulaError as error:
                 if origin is not None and origin not in wrong:
                     self._problems.append(f'{place}: {origin.removesuffix(f" ({place})")}: {error.reason}')
@@ -762,6 +764,19 @@ class Translation:
                     self._problems.append(str(error))
                 wrong.add(origin)
         return lines
+
+    def _check_step(self, section: Section, text: str, formula: Formula) -> None:
+        """Check that a formula is about a step that its section knows. Raises FormulaError."""
+        later = [name for name in names_in(formula) if name.primed]
+        if later and section.value.endswith('_INIT'):
+            raise FormulaError(
+                text, f"{later[0]} is of the next step, and this is about the beginning: leave out the '"
+            )
+        chosen = [name for name in later if not self._variables[name.name].is_input]
+        if chosen and section is Section.ENV_TRANS:
+            raise FormulaError(
+                text, f'the world moves before {chosen[0]} is chosen, so it cannot depend on it: write it in SYS_TRANS'
+            )
 
     def _formula(self, text: str) -> Formula:
         ranges = {name: variable.bounds for name, variable in self._variables.items()}

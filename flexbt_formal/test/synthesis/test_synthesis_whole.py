@@ -157,6 +157,19 @@ def test_what_comes_next_has_to_be_told_by_an_outcome() -> None:
     assert "after 'press:completed' in press what comes next depends on sweet" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ('section', 'formula', 'problem'),
+    [
+        ('ENV_TRANS', "finished' -> press_c'", "the world moves before finished' is chosen, so it cannot depend on it"),
+        ('ENV_INIT', "!press_c'", "press_c' is of the next step, and this is about the beginning"),
+        ('SYS_INIT', 'next(!press_a)', "press_a' is of the next step, and this is about the beginning"),
+    ],
+)
+def test_what_is_not_known_yet_is_refused(section: str, formula: str, problem: str) -> None:
+    with pytest.raises(SynthesisError, match=problem):
+        made(COFFEE.replace(f'[{section}]', f'[{section}]\n{formula}'))
+
+
 @pytest.mark.skipif(not DATA.is_dir(), reason='the examples of flexbe_synthesis are not at hand')
 def test_the_wolf_the_goat_and_the_corn_are_brought_across() -> None:
     """Whatever fails: seven crossings, and nobody is eaten."""
