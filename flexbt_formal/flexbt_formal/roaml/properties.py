@@ -22,7 +22,7 @@ from flexbt_core.values.text import short_repr
 from .data_types import Record
 from .dialect import Events
 from .expressions import Call, Expression, ExpressionError, Literal, Reference, compiled, references_in
-from .source_text import ModelError, SourceElement, read_text
+from .source_text import ModelError, ModelFault, SourceElement, read_text
 
 _SIGNS: Final = ('&&', '||', '==', '!=', '<', '<=', '>', '>=', '+', '-', '*', '/', '%', 'min', 'max', 'pow')
 _ALIASES: Final = {'∧': '&&', 'and': '&&', '∨': '||', 'or': '||', '=': '==', '≠': '!=', '≤': '<=', '≥': '>='}
@@ -230,7 +230,8 @@ def event_of(name: str, events: Events) -> tuple[str, str]:
 
 
 Judge = Callable[[Sequence[tuple[Any, ...] | None]], bool]
-"""A function that returns whether an expression is true for the observed values of the watched events."""
+"""A function that returns whether an expression is true for the observed values of the watched events. It raises
+ModelFault for values with which the expression has none, as for a division by 0."""
 
 
 def judge_of(expression: Expression, events: Events, watched: Sequence[int]) -> Judge:
@@ -261,7 +262,10 @@ def judge_of(expression: Expression, events: Events, watched: Sequence[int]) -> 
         raise PropertyError(str(error)) from error
 
     def judge(seen: Sequence[tuple[Any, ...] | None]) -> bool:
-        return bool(function(seen, _carried, _length))
+        try:
+            return bool(function(seen, _carried, _length))
+        except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
+            raise ModelFault(f'{_text(expression)} has no value: {error}') from error
 
     return judge
 

@@ -21,7 +21,7 @@ from flexbt_formal.roaml.source_text import ModelFault
 HEAD = '<ascxml name="{}" version="1.0" initial="{}">{}</ascxml>'
 
 
-def finally_(name: str, value: Any = True, extreme: str = 'Pmin') -> dict[str, Any]:
+def finally_(name: str | dict[str, Any], value: Any = True, extreme: str = 'Pmin') -> dict[str, Any]:
     """Return the formula that an atom will be equal to a value."""
     return {'op': extreme, 'exp': {'op': 'F', 'exp': {'op': '=', 'left': name, 'right': value}}}
 
@@ -92,6 +92,20 @@ def test_a_timer_is_due_until_the_time_is_over(tmp_path: Path) -> None:
     main = write(tmp_path, properties, nodes={'counter': COUNTER.format(rate=1)})
     assert [checked(main, name).value for name in properties] == [1.0, 0.0, 1.0, 0.0]
     assert 'counter sends topic_count_msg (data 10)' in checked(main, 'always').way[-2:]
+
+
+@pytest.mark.parametrize(
+    ('left', 'problem'),
+    [
+        ({'op': '/', 'left': 1, 'right': COUNT}, 'division by zero'),
+        ({'op': 'log', 'exp': COUNT}, 'math domain error'),
+        ({'op': '+', 'left': {'op': 'av', 'elements': [1]}, 'right': 1}, 'can only concatenate'),
+    ],
+)
+def test_a_property_without_a_value_is_told(tmp_path: Path, left: dict[str, Any], problem: str) -> None:
+    main = write(tmp_path, {'asked': finally_(left, 1)}, nodes={'counter': COUNTER.format(rate=1)})
+    with pytest.raises(ModelFault, match=f'has no value: .*{problem}'):
+        checked(main)
 
 
 def test_until_counts_the_steps_of_its_bounds(tmp_path: Path) -> None:
