@@ -141,6 +141,9 @@ class MockRun:
             raise RefusedError(errors)
         blackboard.fill(board)
         _fill(board, plan.blackboard)
+        self.wakes_itself = False
+        """True once a tick has ended because the tree wakes itself without end."""
+        self.tree.on_livelock = self._note_livelock
         self._log: LogWriter | None = None
         if log is not None:
             marks = LogBuffer(lambda: round(self.time * 1e9), timed=True)
@@ -172,19 +175,22 @@ class MockRun:
             self.ticks += 1
             status = tree.tick_once()
             now = clock.now()
-            if status is not NodeStatus.RUNNING or now >= end or tree.wake_pending:
+            if status is not NodeStatus.RUNNING or now >= end or self.wakes_itself:
                 return status
             # The earliest of the next periodic tick, the time requested by a node, and the end.
             due = self._start + (math.floor((now - self._start) / self._period + 1e-6) + 1) * self._period
             self._wait(min(due, math.inf if tree.next_wake is None else tree.next_wake, end))
             tree.take_wake()
 
+    def _note_livelock(self, message: str) -> None:
+        self.wakes_itself = True
+
     def _wait(self, when: float) -> None:
         if isinstance(self._clock, ManualClock):
             self._clock.set(max(when, self._clock.now()))
-        else:
+        elif not self.tree.wake_pending:
             self._woken.wait(max(0.0, when - self._clock.now()))
-            self._woken.clear()
+        self._woken.clear()
 
     def close(self) -> None:
         """Halt the tree. Raises UsageError if the log cannot be written."""

@@ -46,7 +46,7 @@ def _outcome(mock_run: MockRun, timeout: float) -> tuple[str, str, FailureTrace 
     if status is not NodeStatus.RUNNING:
         failure = tree.failure
         return status.name, '' if failure is None else f'[{failure.path}] {failure.reason}', failure
-    if tree.wake_pending:
+    if mock_run.wakes_itself:
         return 'TIMEOUT', 'the tree wakes itself without end', None
     active = ', '.join(tree.active_nodes(leaves_only=True)) or 'no leaf'
     return 'TIMEOUT', f'still RUNNING: {active}', None

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, input_por
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.xml.reader import load_xml
+from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.values.text import short_repr
 from flexbt_testing.behavior_trees.bt_tool import STOCK_TREES, Done, document, tool, without_marks
 from flexbt_testing.behavior_trees.random_trees import wheel_case
@@ -54,6 +56,16 @@ class Look(SyncAction):
         return NodeStatus.SUCCESS
 
 
+class Ask(SyncAction):
+    """Asks a server, and has its answer within the tick, where it is ``real``."""
+
+    def tick(self) -> NodeStatus:
+        answered = WakeEvent()
+        answered.set()
+        self.wait_in_tick(answered, self.clock, math.inf)
+        return NodeStatus.SUCCESS
+
+
 class Near(Condition):
     def tick(self) -> NodeStatus:
         raise AssertionError
@@ -69,7 +81,7 @@ class Twice(Decorator):
 
 def registry() -> NodeRegistry:
     nodes = builtin_registry()
-    nodes.register_classes((Drive, Look, Near, Twice))
+    nodes.register_classes((Drive, Look, Ask, Near, Twice))
     return nodes
 
 
@@ -179,6 +191,11 @@ def test_an_installed_leaf_may_run_itself() -> None:
     made, _ = mock_run('Main: <Look seen="{s}"/>', mocks=['Look=real'])
     assert made.run(1.0) is NodeStatus.SUCCESS
     assert made.tree.blackboard.get('s') == 'a cup'
+
+
+def test_a_tree_that_is_woken_after_a_leaf_has_waited_goes_on() -> None:
+    made, _ = mock_run('Main: <AsyncSequence><Ask/><Ask/></AsyncSequence>', mocks=['Ask=real'])
+    assert made.run(1.0) is NodeStatus.SUCCESS
 
 
 def test_a_sub_tree_that_is_mocked_writes_its_outputs(tmp_path: Path) -> None:
