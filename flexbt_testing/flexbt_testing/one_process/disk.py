@@ -77,20 +77,32 @@ class Disk:
     def lose(self, process: Process) -> None:
         """Leave of the files of a process that has ended what is on the disk, and of the rest what the seed draws.
 
-        What was appended is lost, whole, or cut anywhere. What was created or replaced is so or not.
+        What was appended, or written anew, is lost, whole, or cut anywhere. What was created, replaced, renamed or
+        removed is so or not; a file that was renamed has one of its names.
         """
+        names: list[tuple[Path, _File | None, _File | None, bytes]] = []
+        joined: dict[_File, _File] = {}
+
+        def first(file: _File) -> _File:
+            return first(joined[file]) if file in joined else file
+
         for path in [path for path, user in self._users.items() if user is process]:
             del self._users[path]
-            before, now = self._on_disk.pop(path), self._files.pop(path)
-            kept = SCHEDULER.random.choice((before, now if path.exists() else None))
-            content = path.read_bytes() if kept is now else b''
-            path.unlink(missing_ok=True)
-            if kept is None:
+            before, file = self._on_disk.pop(path), self._files.pop(path)
+            if not path.exists():
+                names.append((path, before, None, b''))
                 continue
-            if not content.startswith(kept.synced):
-                content = kept.synced
-            least, most = len(kept.synced), len(content)
-            path.write_bytes(content[: SCHEDULER.random.choice((least, SCHEDULER.random.randint(least, most), most))])
+            names.append((path, before, file, path.read_bytes()))
+            path.unlink()
+            if before is not None and first(before) is not first(file):  # they change places together
+                joined[first(before)] = first(file)
+        is_new: dict[_File, bool] = {}
+        for path, before, now, written in names:
+            either = now or before
+            is_now = either is not None and is_new.setdefault(first(either), SCHEDULER.random.random() < 0.5)
+            kept = now if is_now else before
+            if kept is not None:
+                path.write_bytes(_left(kept.synced, written if kept is now else kept.synced))
 
     # -- what programs call
 
@@ -142,6 +154,13 @@ class Disk:
         return path
 
 
+def _left(synced: bytes, written: bytes) -> bytes:
+    """Return what is left of the content of a file, as the seed draws it."""
+    least = len(synced) if written.startswith(synced) else 0
+    cut = written[: SCHEDULER.random.randint(least, len(written))]
+    return SCHEDULER.random.choice((synced, cut, written))
+
+
 def _path(descriptor: int) -> Path:
     return Path(os.readlink(f'/proc/self/fd/{descriptor}'))  # noqa: PTH115 - of a pipe, too
 
@@ -159,6 +178,7 @@ def install() -> None:
         is_on_disk = BOUNDARY.is_inside and not set(mode).isdisjoint('wax+')
         return (_pyio.open if is_on_disk else real_open)(file, mode, *rest, **options)
 
+    _pyio.Lock = threading.Lock  # of a writer, which waits for the disk with it
     real_open = builtins.open
     builtins.open = io.open = open_file
     stand_ins: dict[str, Callable[..., Any]] = {

@@ -7,6 +7,7 @@ import errno
 import itertools
 import os
 import re
+import threading
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -102,6 +103,47 @@ def test_a_file_that_replaces_another_does_so_at_the_sync_of_the_directory(bare:
         assert (bare.home / 'file').read_text() == 'new'
 
 
+def test_a_file_that_is_renamed_or_removed_keeps_a_name_or_is_gone(bare: World) -> None:
+    def rotate() -> None:
+        for old, new in (('log.1', 'log.2'), ('log', 'log.1')):
+            (Path.home() / old).rename(Path.home() / new)
+        os.write(opened('log'), b'C')
+        os.close(opened('gone'))
+        (Path.home() / 'gone').unlink()
+        time.sleep(1e6)
+
+    names = ('log', 'log.1', 'log.2', 'gone')
+    found = set()
+    for _ in range(20):
+        for name, text in zip(names, 'ABxD', strict=True):
+            (bare.home / name).write_text(text)
+        (bare.home / 'log.2').unlink()
+        bare.launch(rotate)
+        bare.run(1.0)
+        bare.lose_power('rotate')
+        left = [bare.home / name for name in names]
+        found.add(tuple(one.read_text() if one.exists() else None for one in left))
+    before, after = {('A', 'B', None)}, {('C', 'A', 'B'), ('', 'A', 'B')}
+    assert {one[:3] for one in found} == before | after
+    assert {one[3] for one in found} == {'D', None}
+
+
+def test_a_file_that_is_written_anew_may_be_cut_anywhere(bare: World) -> None:
+    def write() -> None:
+        (Path.home() / 'file').write_text('new and long')
+        time.sleep(1e6)
+
+    found = set()
+    for _ in range(60):
+        (bare.home / 'file').write_text('old')
+        bare.launch(write)
+        bare.run(1.0)
+        bare.lose_power('write')
+        found.add((bare.home / 'file').read_text())
+    assert {'old', '', 'new and long'} < found
+    assert all('new and long'.startswith(one) for one in found - {'old'})
+
+
 def test_a_process_that_is_killed_leaves_what_it_has_written(bare: World) -> None:
     def append() -> None:
         os.write(opened('log'), b'not synced\n')
@@ -189,6 +231,24 @@ def test_a_sync_takes_its_time_and_a_hung_disk_answers_later(bare: World) -> Non
     bare.disk.go_on()
     bare.run_while(lambda: program.is_alive, 'the program')
     assert times[2] - times[1] > 4.0
+
+
+def test_threads_that_write_one_file_wait_for_a_hung_disk_together(bare: World) -> None:
+    def write() -> None:
+        with (Path.home() / 'log').open('w') as file:
+            threads = [threading.Thread(target=lambda: print('x', file=file, flush=True)) for _ in range(2)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+
+    bare.disk.hang()
+    program = bare.launch(write)
+    bare.run(1.0)
+    assert program.is_alive
+    bare.disk.go_on()
+    bare.run_while(lambda: program.is_alive, 'the program')
+    assert (bare.home / 'log').read_text() == 'x\nx\n'
 
 
 # ---------------------------------------------------------------------------------------------------------- missions
