@@ -104,13 +104,14 @@ def hunt(jobs: Sequence[Job], at_once: int, out: Path, say: Callable[[str], obje
         processor += outcome.processor
         if outcome.violations:
             say('\n    '.join([f'seed {plan.seed} ({kind})', *map(str, outcome.violations)]))
-        if outcome.violations or len(jobs) == 1:
-            bad.append((job, outcome.broken))
+        broken = outcome.broken
         if plan.seed % _AGAIN == 0 and len(jobs) > 1:
             others = _again(job), _again(job, FLEXBT_ONE_PROCESS='threads')
             if {*others} != {outcome.hash}:
                 say(f'seed {plan.seed}: 12: the hash is {outcome.hash}, in another process and with threads {others}')
-                bad.append((job, {12}))
+                broken.add(12)
+        if broken or len(jobs) == 1:
+            bad.append((job, broken))
         if os.times().elapsed - told > 60.0:
             told = os.times().elapsed
             say(f'{runs.total()} missions in {told - began:.0f} s, {len(bad)} with violations')

@@ -16,7 +16,7 @@ import signal
 import sys
 import tempfile
 import traceback
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -399,6 +399,8 @@ class Run:
         self._outcome = Outcome()
         self._mended: list[float] = []
         """When all faults were ended."""
+        self._lasting = Counter[str]()
+        """Number of faults of a kind, not of processes, that go on."""
         self._story: list[tuple[float, str]] = []
         self._recorded: list[tuple[int, str, Any]] = []
         self._hash = hashlib.sha256()
@@ -513,8 +515,11 @@ class Run:
                 self._restart(name)
         else:
             end = self._begin(step)
+            self._lasting[step.act] += 1
             SCHEDULER.sleep(step.amount)
-            end()
+            self._lasting[step.act] -= 1
+            if not self._lasting[step.act]:  # else another one of its kind goes on
+                end()
 
     def _begin(self, step: Step) -> Callable[[], object]:
         """Begin a fault, and return what ends it."""

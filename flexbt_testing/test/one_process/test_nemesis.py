@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from flexbt_testing.one_process.invariants import Violation
 from flexbt_testing.one_process.mutations import MUTATIONS, Mutation
 from flexbt_testing.one_process.nemesis import shrink
 from flexbt_testing.one_process.nemesis_run import Job, Outcome, Plan, Step, run_all, run_one
+from flexbt_testing.one_process.scheduler import SCHEDULER
 
 CRASH = Plan(1, steps=(Step(4.0, 'kill', 'onboard_executive', 4.0),))
 STOP = Plan(1, steps=(Step(5.0, 'stop', 'engineer', 0.0),))
@@ -291,6 +292,34 @@ def test_a_run_that_fails_is_told_and_the_others_go_on(monkeypatch: pytest.Monke
     assert 'exit code -9' in found[1].violations[0].text
     assert 'a fault of the nemesis' in found[2].violations[0].text
     assert found[3].violations == []
+
+
+def test_a_fault_goes_on_until_the_last_one_of_its_kind_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = nemesis_run.Run._begin
+
+    def begin_and_tell(run: nemesis_run.Run, step: Step) -> Callable[[], object]:
+        end, link = begin(run, step), run._world.network.link()
+        SCHEDULER.call_at(SCHEDULER.after(0.5), lambda: run._observer.say(1, f'{link.loss:.3g}, {link.delay:.3g}'))
+        return end
+
+    monkeypatch.setattr(nemesis_run.Run, '_begin', begin_and_tell)
+    losses = Step(0.5, 'loss', 'operator', 0.8), Step(0.9, 'loss', 'operator', 1.6), Step(1.4, 'delay', 'operator', 1.6)
+    told = run_one(Job(Plan(1, seconds=3.0, steps=losses))).violations
+    assert [one.text for one in told] == ['0.1, 0', '0.1, 0.1']
+
+
+def test_a_seed_with_several_violations_is_kept_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def judged(job: Job) -> Outcome:
+        kept.append(job.keep)
+        return Outcome([Violation(3, 1.0, '')])
+
+    kept: list[Path | None] = []
+    monkeypatch.setattr(nemesis, 'run_one', judged)
+    monkeypatch.setattr(nemesis, 'run_all', lambda jobs, _at_once: [(job, judged(job)) for job in jobs])
+    monkeypatch.setattr(nemesis, '_again', lambda _job, **_environment: 'another hash')
+    jobs = [Job(Plan(seed)) for seed in (0, 1)]
+    assert nemesis.hunt(jobs, 1, tmp_path, lambda _text: None, shrinks=False) == 2
+    assert kept[2:] == [tmp_path / '0', tmp_path / '1']
 
 
 def test_no_process_is_left_when_the_nemesis_is_interrupted() -> None:
