@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures.thread import _threads_queues
 from functools import partial
@@ -49,6 +50,7 @@ def launch(program: Program, arguments: Sequence[str], on_error: Callable[[BaseE
             raise
         finally:
             _join_threads(process)
+            _call_at_exit(process)
             end(process, code if isinstance(code, int) else int(code is not None))
 
     SCHEDULER.spawn(body, 'MainThread', process)
@@ -66,6 +68,16 @@ def _join_threads(process: Process) -> None:
         if pool is not None:
             pool.shutdown(wait=False)
         threads[0].join()
+
+
+def _call_at_exit(process: Process) -> None:
+    """Call what the program has registered by ``atexit``, as the end of an interpreter does."""
+    while process.at_exit:
+        function, arguments, named = process.at_exit.pop()
+        try:
+            function(*arguments, **named)
+        except BaseException:
+            sys.stderr.write(f'a function at the exit of {process} has failed:\n{traceback.format_exc()}')
 
 
 class _Streams:

@@ -46,13 +46,21 @@ def end(process: Process, exit_code: int = -9) -> None:
 
 
 def terminate(process: Process) -> None:
-    """Send SIGTERM, which a process handles, or which ends it; a stopped one when it goes on."""
-    if process.signal is not None:
-        process.signal()
+    """Send SIGTERM, which a process handles, or which ends it; a stopped one when it goes on.
+
+    A handler runs on a thread of its own. What it raises is raised in the main thread, which would have run it.
+    """
+
+    def handle() -> None:
+        try:
+            (process.signal or partial(end, process, -signal.SIGTERM))()
+        except BaseException as error:
+            SCHEDULER.throw(error, main)
         while process.pausing:
             SCHEDULER.wake(process.pausing.pop())
-    else:
-        SCHEDULER.spawn(partial(end, process, -signal.SIGTERM), 'SIGTERM', process)
+
+    main = next(task for task in SCHEDULER.tasks if task.process is process)
+    SCHEDULER.spawn(handle, 'SIGTERM', process)
 
 
 class _Taken:

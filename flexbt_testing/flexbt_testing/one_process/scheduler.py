@@ -60,6 +60,8 @@ class Process:
         self.exit_code: int | None = None
         self.arguments: list[str] = []
         self.contexts: list[Any] = []
+        self.at_exit: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = []
+        """Functions, with arguments, that are called when its main function has ended, the last one first."""
         self.kept_files: list[Callable[[], object]] = []
         """Functions that close the files that others could not open."""
         self.held_up: list[Task] | None = None  # the ready tasks of a stopped process
@@ -271,10 +273,11 @@ class Scheduler:
                 alarm.cancel()
         return task.answer
 
-    def throw(self, error: BaseException) -> None:
-        """Raise an error, the first of several, in the first task: the test, where it waits or will wait next."""
-        self.main.error = self.main.error or error
-        self.wake(self.main)
+    def throw(self, error: BaseException, task: Task | None = None) -> None:
+        """Raise an error, the first of several, in a task, by default the test, where it waits or will wait next."""
+        task = task or self.main
+        task.error = task.error or error
+        self.wake(task)
 
     def yield_turn(self) -> None:
         """Let the other ready tasks run."""

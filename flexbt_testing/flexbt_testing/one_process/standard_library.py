@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""``threading``, ``time``, ``datetime``, ``queue``, ``uuid`` and ``os.urandom`` on the scheduler.
+"""``threading``, ``time``, ``datetime``, ``queue``, ``atexit`` and random numbers on the scheduler.
 
 :func:`install` replaces attributes of these modules, so it has to run before the code that shall use them is imported:
 what was imported before by name, as pytest was, keeps the real ones. Conditions, events and the like are those of the
@@ -9,6 +9,7 @@ standard library, on the locks here.
 from __future__ import annotations
 
 import _thread
+import atexit
 import concurrent.futures.thread
 import ctypes
 import datetime
@@ -20,11 +21,14 @@ import random
 import sys
 import threading
 import time
+import timeit
 import uuid
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
+from .boundary import BOUNDARY
 from .scheduler import MOST_LOOKS, SCHEDULER, SECOND, Task
 
 _CPU_CLOCK = -1
@@ -45,9 +49,9 @@ class Lock:
         self._waiting: deque[Task] = deque()
 
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
-        if not blocking:
-            if timeout != -1:
-                raise ValueError("can't specify a timeout for a non-blocking call")
+        if not blocking and timeout != -1:
+            raise ValueError("can't specify a timeout for a non-blocking call")
+        if not blocking or timeout == 0:
             SCHEDULER.look()
         elif SCHEDULER.preemption:
             SCHEDULER.maybe_yield()
@@ -61,6 +65,10 @@ class Lock:
         self._waiting.append(task)
         try:
             return SCHEDULER.block(self, None if timeout < 0 else SCHEDULER.after(timeout)) is not None
+        except BaseException:  # although it may have got the lock
+            if self._owner is task:
+                self.hand_over()
+            raise
         finally:
             if task in self._waiting:
                 self._waiting.remove(task)
@@ -192,15 +200,17 @@ def _enumerate() -> list[Any]:
 _of_modules: Final = random.Random(0)
 
 
-def random_bytes(size: int) -> bytes:
-    """Stand-in for ``os.urandom``, from the seed.
-
-    What a module draws as it is imported stays for all later worlds, so that it must not depend on this one.
-    """
+def _is_importing() -> bool:
+    """Return whether a module is being imported: what that does stays for all later worlds."""
     frame: Any = sys._getframe()
     while frame is not None and frame.f_code.co_filename != '<frozen importlib._bootstrap>':
         frame = frame.f_back
-    drawn = SCHEDULER.random if frame is None else _of_modules
+    return frame is not None
+
+
+def random_bytes(size: int) -> bytes:
+    """Stand-in for ``os.urandom``, from the seed. What a module draws as it is imported must not depend on it."""
+    drawn = _of_modules if _is_importing() else SCHEDULER.random
     return drawn.getrandbits(8 * size).to_bytes(size, 'big') if size else b''
 
 
@@ -214,14 +224,46 @@ def _leave() -> None:
     threading.get_ident = _thread.get_ident  # the interpreter asks whether this is its main thread
 
 
-def _look(clock: Callable[[], Any]) -> Callable[[], Any]:
-    def read() -> Any:
+_real_register: Final = atexit.register
+
+
+def _register(function: Callable[..., Any], *arguments: Any, **named: Any) -> Callable[..., Any]:
+    """Stand-in for ``atexit.register``: what a program registers is called at its end."""
+    if not BOUNDARY.is_inside or _is_importing():
+        return _real_register(function, *arguments, **named)
+    SCHEDULER.current.process.at_exit.append((function, arguments, named))
+    return function
+
+
+def _unregister(real: Callable[[Any], None], function: Callable[..., Any]) -> None:
+    """Stand-in for ``atexit.unregister``."""
+    real(function)
+    process = SCHEDULER.current.process
+    process.at_exit = [one for one in process.at_exit if one[0] != function]
+
+
+_real_seed: Final = random.Random.seed
+
+
+def _seed(generator: random.Random, a: Any = None, version: int = 2) -> None:
+    """Stand-in for ``random.Random.seed``: without a seed, a generator of a program draws it."""
+    _real_seed(generator, random_bytes(32) if a is None and BOUNDARY.is_inside else a, version)
+
+
+def _look(clock: Callable[..., Any]) -> Callable[..., Any]:
+    def read(*which: int) -> Any:
         SCHEDULER.looks += 1
         if SCHEDULER.looks > MOST_LOOKS:
             SCHEDULER.look()
-        return clock()
+        return clock(*which)
 
     return read
+
+
+def _of_clock(clock: int) -> int:
+    if clock == _CPU_CLOCK:
+        return 0
+    return SCHEDULER.wall if clock == time.CLOCK_REALTIME else SCHEDULER.now
 
 
 class _AtPresent:
@@ -268,11 +310,14 @@ def install() -> None:
         'time_ns': wall_ns,
         'sleep': SCHEDULER.sleep,
         'pthread_getcpuclockid': lambda _ident: _CPU_CLOCK,
-        'clock_gettime': lambda clock: 0.0 if clock == _CPU_CLOCK else SCHEDULER.now / SECOND,
+        'clock_gettime': _look(lambda clock: _of_clock(clock) / SECOND),
+        'clock_gettime_ns': _look(_of_clock),
         **dict.fromkeys(('monotonic', 'perf_counter', 'process_time', 'thread_time'), steady),
-        **dict.fromkeys(('monotonic_ns', 'perf_counter_ns', 'process_time_ns'), steady_ns),
+        **dict.fromkeys(('monotonic_ns', 'perf_counter_ns', 'process_time_ns', 'thread_time_ns'), steady_ns),
     }.items():
         setattr(time, name, value)
+    # numba asks it a thousand times as it loads a loop, in the first world of an interpreter only.
+    timeit.default_timer = lambda: SCHEDULER.now / SECOND
     for name in ('localtime', 'gmtime', 'ctime'):
         setattr(time, name, _AtPresent(getattr(time, name), 0, wall))
     time.asctime = _AtPresent(time.asctime, 0, time.localtime)
@@ -283,6 +328,14 @@ def install() -> None:
     concurrent.futures.thread._global_shutdown_lock = Lock()  # type: ignore[assignment]
     threading._register_atexit(_leave)  # type: ignore[attr-defined]
     os.urandom = random_bytes
+    for owner, name, stand_in in (
+        (atexit, 'register', _register),
+        (atexit, 'unregister', partial(_unregister, atexit.unregister)),
+        (os, 'getrandom', lambda size, _flags=0: random_bytes(size)),
+        (random.Random, 'seed', _seed),
+        (random, 'seed', partial(_seed, vars(random)['_inst'])),
+    ):
+        setattr(owner, name, stand_in)
     random._urandom = random_bytes  # type: ignore[attr-defined]  # of secrets, and so of generators of numpy
     uuid.uuid4 = _uuid4
     sys._current_frames = SCHEDULER.frames

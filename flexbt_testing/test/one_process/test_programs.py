@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import atexit
 import datetime
 import importlib
 import logging
@@ -10,11 +11,13 @@ import os
 import random
 import secrets
 import signal
+import sys
 import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -79,6 +82,22 @@ def ignore(told: list[str]) -> None:
     told.append('slept')
 
 
+def leave(told: list[str]) -> None:
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(5))
+    try:
+        time.sleep(5.0)
+    finally:
+        told.append('left')
+
+
+def shut_down(told: list[str]) -> None:
+    rclpy.init()
+    signal.signal(signal.SIGTERM, lambda *_: rclpy.shutdown())
+    with suppress(ExternalShutdownException):
+        rclpy.spin(rclpy.create_node('ending'))
+    told.append('shut down')
+
+
 def sleep(_told: list[str]) -> None:
     time.sleep(5.0)
 
@@ -91,6 +110,8 @@ def sleep(_told: list[str]) -> None:
         (handle_after_rclpy, ['handled'], 0),
         (pause, ['handled'], 0),
         (ignore, ['slept'], 0),
+        (leave, ['left'], 5),
+        (shut_down, ['shut down'], 0),
         (sleep, [], -signal.SIGTERM),
     ],
 )
@@ -139,6 +160,26 @@ def test_the_end_of_a_program_waits_for_its_threads(bare: World) -> None:
     assert process.is_alive
     bare.run(10.0)
     assert (sorted(told), process.exit_code) == (['daemon', 'pool', 'thread', 'timer'], 0)
+
+
+def test_what_is_registered_for_the_end_of_a_program_is_called_then(bare: World) -> None:
+    told: list[str] = []
+
+    def write() -> None:
+        time.sleep(1.0)
+        told.append('thread')
+
+    def leave() -> None:
+        for text in ('first', 'second', 'not'):
+            atexit.register(note := partial(told.append, text))
+        atexit.unregister(note)
+        atexit.register(lambda: 1 / 0)
+        threading.Thread(target=write).start()
+        sys.exit(3)
+
+    process = bare.launch(leave)
+    bare.run(2.0)
+    assert (told, process.exit_code) == (['thread', 'second', 'first'], 3)
 
 
 def test_an_executor_of_events_calls_what_is_due(bare: World) -> None:
@@ -243,9 +284,13 @@ def test_the_first_of_several_errors_is_told(bare: World) -> None:
 def test_the_seed_decides_all_random_numbers_and_dates() -> None:
     def draw(found: list[Any]) -> None:
         zone = datetime.UTC
-        found += [random.random(), secrets.token_hex(), os.urandom(4), numpy.random.rand()]
+        found += [random.random(), secrets.token_hex(), os.urandom(4), numpy.random.rand(), os.getrandom(4)]
+        random.seed()
+        found += [random.random(), random.Random().random(), random.Random(1).random()]
         found += [numpy.random.default_rng().random(), datetime.datetime.now(), datetime.datetime.now(zone)]
         found += [datetime.datetime.utcnow(), datetime.date.today(), time.ctime(), time.strftime('%X'), time.gmtime()]
+        found += [time.clock_gettime_ns(time.CLOCK_MONOTONIC), time.thread_time_ns()]
+        assert time.clock_gettime(time.CLOCK_REALTIME) == time.time()
 
     def drawn(seed: int) -> list[Any]:
         found: list[Any] = []
@@ -255,9 +300,10 @@ def test_the_seed_decides_all_random_numbers_and_dates() -> None:
         return found
 
     first = drawn(3)
-    assert len(first) == 12
+    assert len(first) == 18
     assert drawn(3) == first
-    assert drawn(4)[:5] != first[:5]
+    assert not {*drawn(4)[:7]} & {*first[:7]}
+    assert first[7] == random.Random(1).random()
 
 
 def test_what_a_module_draws_as_it_is_imported_leaves_the_seed_alone(

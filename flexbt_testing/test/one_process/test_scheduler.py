@@ -61,6 +61,30 @@ def test_an_alarm_may_look_at_the_clock_while_a_task_that_polls_is_made_to_wait(
     assert SCHEDULER.now < began + SECOND // 100
 
 
+def test_a_lock_that_is_polled_lets_its_owner_go_on() -> None:
+    lock = threading.Lock()
+    lock.acquire()
+    threading.Timer(0.02, lock.release).start()
+    for _ in range(100 * MOST_LOOKS):
+        if lock.acquire(timeout=0):
+            return
+    pytest.fail('the clock stands still')
+
+
+def test_a_lock_is_free_after_an_error_that_comes_together_with_it() -> None:
+    lock = threading.Lock()
+    lock.acquire()
+
+    def release() -> None:
+        lock.release()
+        SCHEDULER.throw(ValueError('at that moment'))
+
+    threading.Timer(1.0, release).start()
+    with pytest.raises(ValueError, match='at that moment'), lock:
+        pass
+    assert lock.acquire(timeout=1.0)
+
+
 def test_what_nobody_else_can_raise_reaches_the_test_where_it_waits() -> None:
     def fail() -> None:
         SCHEDULER.sleep(1.0)

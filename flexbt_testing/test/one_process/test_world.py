@@ -462,6 +462,26 @@ def test_a_world_collects_its_garbage_at_times_of_its_own(bare: World) -> None:
         threading.Thread(target=lambda: None).start()
 
 
+TWICE = """
+import hashlib
+from flexbt_testing.one_process.world import World
+from flexbt_testing.one_process.scheduler import SCHEDULER
+
+for _ in range(2):
+    made, hash = World(5), hashlib.sha256()
+    SCHEDULER.trace = lambda task, now: hash.update(b'%d %d;' % (task.id, now))
+    with made:
+        print(hash.hexdigest())
+"""
+
+
+def test_the_first_world_of_an_interpreter_is_as_all_later_ones() -> None:
+    """It loads the compiled loops of the robot."""
+    ran = subprocess.run([sys.executable, '-c', TWICE], capture_output=True, text=True, check=True)
+    first, second = ran.stdout.split()
+    assert first == second
+
+
 def test_a_topic_of_the_test_reaches_a_program(world: World) -> None:
     got: list[str] = []
 
