@@ -406,13 +406,17 @@ _BOOLEANS: Final = {
     for form in (word, word.capitalize(), word.upper())
 }
 _INTEGER: Final = re.compile(r'[+-]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)')
-_REAL_NUMBER: Final = re.compile(r'[+-]?((\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|\.?(inf|nan))', re.IGNORECASE)
+_REAL_NUMBER: Final = re.compile(r'[+-]?((\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|infinity|\.?(inf|nan))', re.IGNORECASE)
+_TEXT: Final = 'tag:yaml.org,2002:str'
 
 
 def _composed(text: str) -> Any:
     import yaml
 
-    return yaml.compose(text, yaml.SafeLoader)
+    class Loader(yaml.SafeLoader):
+        DEFAULT_SCALAR_TAG = ''  # type: ignore[misc]  # so that a text that is marked as such differs
+
+    return yaml.compose(text, Loader)
 
 
 def _plain(node: Any) -> Any:
@@ -423,7 +427,7 @@ def _plain(node: Any) -> Any:
         return {key.value: _plain(value) for key, value in node.value}
     if isinstance(node, yaml.SequenceNode):
         return [_plain(one) for one in node.value]
-    if node is None or node.style in ("'", '"'):
+    if node is None or node.style in ("'", '"') or node.tag == _TEXT:
         return node and node.value
     return _scalar(node.value)
 
@@ -440,7 +444,7 @@ def _scalar(text: str) -> bool | int | float | str:
             return number
     if _REAL_NUMBER.fullmatch(text):
         value = float(text.lower().replace('.inf', 'inf').replace('.nan', 'nan'))
-        if math.isfinite(value) or text[-1] in 'fFnN':
+        if math.isfinite(value) or text[-1] in 'fFnNyY':
             return value
     return text
 
