@@ -291,7 +291,7 @@ def slowed(costmap: Costmap, pose: Pose, command: Velocity, seconds: float) -> V
 
     It becomes zero if the robot collides within the first tenth of a second.
     """
-    steps = max(1, round(seconds / LOOK_AHEAD_STEP))
+    steps = max(2, round(seconds / LOOK_AHEAD_STEP))
     # A collision within some time is a collision within any longer one.
     free = bisect_left(range(1, steps), True, key=lambda step: collides(costmap, pose, command, step * LOOK_AHEAD_STEP))
     scale = (free + 1) / steps if free else 0.0

@@ -296,6 +296,10 @@ class ProgressChecker:
         self._driven = self._yielded = 0.0
         self._least = math.inf
 
+    def head_elsewhere(self) -> None:
+        """Measure how near the robot comes to another goal from now on."""
+        self._least, self._yielded = math.inf, 0.0
+
     def check(self, pose: Pose, now: float, turning: bool, left: float, yielding: bool) -> None:
         """``left``: m to the goal; ``yielding``: gives way to others since the last check.
 
@@ -303,9 +307,10 @@ class ProgressChecker:
         ``TURNED``.
         """
         passed, self._checked = now - self._checked, now
+        driven = min(passed, HELD_UP if self._shortest == math.inf else max(HELD_UP, 2.0 * self._shortest))
         if left < self._least - self._limits.progress_distance:
             self._least, self._yielded = left, 0.0
-        self._yielded += passed if yielding else 0.0
+        self._yielded += driven if yielding else 0.0
         if self._yielded > YIELD_TIME:
             raise NavigationError(
                 'FAILED_TO_MAKE_PROGRESS', f'gave way to others for {YIELD_TIME:g} s and is no nearer to the goal'
@@ -319,7 +324,7 @@ class ProgressChecker:
         ):
             self._mark, self._driven = pose, 0.0
         else:
-            self._driven += min(passed, HELD_UP if self._shortest == math.inf else max(HELD_UP, 2.0 * self._shortest))
+            self._driven += driven
         if passed > 0.0:
             self._shortest = min(self._shortest, passed)
         if self._driven > self._limits.progress_time:
@@ -393,6 +398,8 @@ class PathFollower(Motion):
         self._no_room_since = math.inf
         if before is not None and before._given[0] == self._given[0]:
             self._circles, self._no_room_since = before._circles, before._no_room_since
+        else:
+            self.progress.head_elsewhere()
         self._turn = TurnLimits(maximum=limits.angular_speed)
         self._at = 0.0
         self._has_begun = self._yields = False

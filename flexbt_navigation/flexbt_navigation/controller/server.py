@@ -3,7 +3,8 @@
 others; the topic that limits the speed; and the parameters of the controller with Nav2's names.
 
 Only the newest motion drives the robot. A new path replaces the path of a running follow_path without a stop. Any other
-motion aborts the one before. All of this happens on the executor thread, at each pose.
+motion aborts the one before, and so does a refused goal of the same action. All of this happens on the executor thread,
+at each pose.
 """
 
 from __future__ import annotations
@@ -45,6 +46,7 @@ FEEDBACK_EVERY: Final = 3
 """Poses per feedback message."""
 
 TAKEN_OVER: Final = GoalEnd(message='a newer motion has taken over')
+REPLACED: Final = GoalEnd(message='a newer goal, which was refused, was to replace it')
 
 
 class OnEnd(Protocol):
@@ -110,6 +112,13 @@ class MotionArbiter:
             self.end(TAKEN_OVER, stop=not rolling)
         self.running = newer
         self._watch = self.robot.watch_pose(self.end)
+
+    def refuse(self, goal: ServedGoal, asked: int) -> None:
+        """End the motion that a refused goal was to replace, an older one of the same action: as in Nav2, whose clients
+        no longer watch that."""
+        running = self.running
+        if running is not None and asked > self._newest and type(running.goal.request) is type(goal.request):
+            self.end(REPLACED)
 
     def limit_speed(self, limit: float) -> None:
         """Limit the speed of motions that follow a path, m/s, from now on."""
@@ -218,6 +227,7 @@ class MotionServer:
             motion = self._make(goal.request, *poses)
             self._arbiter.start(RunningMotion(goal, motion, self._feedback, on_end, number))
         except Exception as error:
+            self._arbiter.refuse(goal, number)
             on_end(end_by(self._runtime, error, f'a goal of {self._name}'))
 
 

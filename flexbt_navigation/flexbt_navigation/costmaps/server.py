@@ -119,7 +119,8 @@ SCANS: Final = 50
 """Scans that wait for a pose at least as new: as many as in a message filter of Nav2."""
 
 GREATEST_STEP: Final = 0.5
-"""Farther apart, m, two poses are not on one way: the robot was put somewhere else."""
+"""Farther than this, m, from the pose before, and from where the robot would be at its last velocity, a pose is not on
+one way with it: the robot was put somewhere else."""
 
 LIDAR_FRAME_SECONDS: Final = 5.0
 """Time that the frame of a lidar may arrive after its scans without a warning, s."""
@@ -158,6 +159,8 @@ class CostmapServer:
         self._robot_pose = robot_pose
         self._kept: dict[str, _Kept] = {}
         self._poses: deque[tuple[float, Pose]] = deque(maxlen=POSES)
+        self._velocity = (0.0, 0.0)
+        """From the last pose but one to the last one, m/s in the map."""
         self._scans: deque[LaserScan] = deque(maxlen=SCANS)
         self._unplaced_since = math.inf
         self._observation: tuple[float, Observation, Pose] | None = None
@@ -236,8 +239,14 @@ class CostmapServer:
 
     def add_pose(self, time: float, pose: Pose) -> None:
         """Record the pose of the robot at a time, s."""
-        if self._poses and (time <= self._poses[-1][0] or pose.distance(self._poses[-1][1]) > GREATEST_STEP):
-            self._poses.clear()
+        if self._poses:
+            (before, last), (x, y) = self._poses[-1], self._velocity
+            passed = time - before
+            expected = last._replace(x=last.x + x * passed, y=last.y + y * passed)
+            if passed <= 0.0 or min(pose.distance(last), pose.distance(expected)) > GREATEST_STEP:
+                self._poses.clear()
+            if passed > 0.0:
+                self._velocity = (pose.x - last.x) / passed, (pose.y - last.y) / passed
         self._poses.append((time, pose))
         self._observe()
 

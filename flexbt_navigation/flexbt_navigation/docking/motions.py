@@ -399,7 +399,9 @@ class DockMotion(Motion):
         return STOP
 
     def _go_back(self, pose: Pose, spent: float, now: float) -> Velocity:
-        velocity = _back(self._costmap, pose, self._dock, self._limits, spent)
+        if spent > self._limits.approach_seconds:
+            raise NavigationError('FAILED_TO_CONTROL', f'the staging pose is not reached within {spent:.1f} s')
+        velocity = _back(self._costmap, pose, self._dock, self._limits)
         return velocity or self._enter(DockState.INITIAL_PERCEPTION, now)
 
 
@@ -432,16 +434,15 @@ class UndockMotion(Motion):
         """
         if self._began is None or self._dock is None:
             self._began, self._dock = now, pose
-        spent = now - self._began
-        if spent > self._seconds:
+        if now - self._began > self._seconds:
             raise NavigationError('FAILED_TO_CONTROL', f'the robot has not left the dock within {self._seconds:g} s')
-        velocity = _back(self._costmap, pose, self._dock, self._limits, spent)
+        velocity = _back(self._costmap, pose, self._dock, self._limits)
         if velocity is None and self._charges and self._senses.is_charging():
             return STOP  # until the battery reports that charging has ended
         return velocity
 
 
-def _back(costmap: Costmap, pose: Pose, dock: Pose, limits: DockingLimits, spent: float) -> Velocity | None:
+def _back(costmap: Costmap, pose: Pose, dock: Pose, limits: DockingLimits) -> Velocity | None:
     """Return the velocity for driving back to the staging pose of a dock and for the turn there; None when both are
     done.
 
@@ -454,8 +455,6 @@ def _back(costmap: Costmap, pose: Pose, dock: Pose, limits: DockingLimits, spent
     is_there = _is_at(way, pose, limits, backward=True)
     if is_there and (abs(turn) < limits.angular_tolerance or limits.law.turning_radius):
         return None
-    if spent > limits.approach_seconds:
-        raise NavigationError('FAILED_TO_CONTROL', f'the staging pose is not reached within {spent:.1f} s')
     if is_there:
         velocity = Velocity(0.0, math.copysign(TurnLimits().speed(turn), turn))
         seconds = min(limits.projection_seconds, turn / velocity.angular)

@@ -196,9 +196,9 @@ class DockingServer:
     def _dock(self, goal: ServedGoal) -> None:
         follow(DockGoal(self, goal).begin())
 
-    def docked(self, kind: DockType, pose: Pose) -> None:
-        """Record that the robot is on a dock."""
-        self._docked = kind, pose
+    def docked(self, kind: DockType) -> None:
+        """Record that the robot is on a dock, where it is now."""
+        self._docked = kind, self.arbiter.robot.pose
 
     def is_docked(self, dock: Pose) -> bool:
         """Return whether the robot is charging or stands on the dock. Raises NavigationError if its pose is unknown."""
@@ -286,7 +286,7 @@ class DockGoal(Motion):
     def _on_end(self, end: GoalEnd, seconds: float = 0.0) -> None:
         self._stop.set()  # so that the next goal does not wait for an obsolete search
         if end.succeeded:
-            self._server.docked(self._kind, self._pose)
+            self._server.docked(self._kind)
         retries = self._motion.retries if self._motion is not None else 0
         finish(self._goal, DockRobot.Result(success=end.succeeded, num_retries=retries), end)
 

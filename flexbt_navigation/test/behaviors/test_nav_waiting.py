@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -193,6 +194,27 @@ def test_a_scan_waits_for_the_frame_of_its_lidar_and_one_that_never_comes_is_tol
         runtime.call(lambda: costmaps._receive_frames(TFMessage(transforms=[mounted])))
         assert runtime.call(lambda: costmaps.local.obstacles.any())
         assert len(told) == 1
+
+
+def test_scans_of_a_robot_that_drives_far_between_two_poses_count_but_not_those_before_it_was_put_elsewhere() -> None:
+    with without_faults('robot_interface', namespace='/alone') as runtime:
+        costmaps = robot_of(runtime).costmaps
+
+        def marks(seconds: float, x: float) -> int:
+            """Return how many obstacles there are after a scan and, 0.1 s later, a pose."""
+            scan = LaserScan(ranges=[1.0], range_max=3.5)
+            scan.header.stamp, scan.header.frame_id = time_message(seconds - 0.1), 'base_link'
+            data = serialize_message(scan)
+            costmaps._receive_scan(Received(data, len(data), b'', time.time()))
+            costmaps.add_pose(seconds, Pose(x, 5.0, math.pi / 2.0))
+            return int(costmaps.shared.obstacles.sum())
+
+        def drive() -> list[int]:
+            costmaps.set_map(OccupancyMap(numpy.zeros((200, 600), numpy.int8), 0.05, Pose(0.0, 0.0, 0.0)))
+            places = itertools.accumulate([0.0, 0.4, 0.8, 1.0, 1.0, 1.0, 1.0, 15.0, 3.0, 0.0, 0.4])
+            return [marks(1.0 + number, 1.0 + place) for number, place in enumerate(places)]
+
+        assert runtime.call(drive) == [0, 1, 2, 3, 4, 5, 6, 6, 6, 7, 8]
 
 
 def test_a_robot_that_is_back_is_waited_for_no_longer_than_before_it_was_gone(monkeypatch: pytest.MonkeyPatch) -> None:

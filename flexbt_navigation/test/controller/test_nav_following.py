@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from nav2_msgs.action import FollowPath
+from nav2_msgs.action import FollowPath, Spin
 from nav2_msgs.msg import SpeedLimit
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import SetParameters
@@ -149,17 +149,18 @@ def test_what_cannot_be_followed_is_refused_with_nav2s_code(world: RobotProbe, c
     assert world.later(0.3)[1:] == there[1:]
 
 
-def test_a_refused_path_leaves_the_one_that_is_followed(world: RobotProbe) -> None:
+@pytest.mark.parametrize('case', ['empty', 'frame', 'controller'])
+def test_a_refused_path_stops_the_robot_on_the_one_that_it_was_to_replace(world: RobotProbe, case: str) -> None:
+    """As in Nav2: a tree that replaces its path does not watch the older goal."""
+    fields, code, _ = REFUSED[case]
     world.place(DOCK)
     goal = world.follow(line(DOCK, EAST))
     world.wait_driving()
-    before = len(world.commands)
-    assert world.follow(Path()).wait().status is GoalStatus.ABORTED
-    world.later(0.5)
-    assert min(linear for linear, _ in world.commands[before:]) > 0.2
+    aborted(world.send(names.SPIN, target_yaw=math.nan), Spin.Result.UNKNOWN)
     assert not goal.ended
-    goal.cancel()
-    assert goal.wait().status is GoalStatus.CANCELED
+    aborted(world.follow(**fields), code)
+    assert 'was to replace it' in aborted(goal, Result.NONE).error_msg
+    world.wait_at_rest()
 
 
 def test_a_path_into_a_wall_ends_before_it(world: RobotProbe) -> None:

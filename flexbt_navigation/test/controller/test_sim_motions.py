@@ -13,7 +13,16 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flexbt_navigation.behaviors.motions import ROLL_TIME, AssistedTeleopMotion, DriveMotion, SpinMotion
-from flexbt_navigation.controller.motions import LOOK_AHEAD, STOP, Inertia, KeepingApart, Motion, Velocity, collides
+from flexbt_navigation.controller.motions import (
+    LOOK_AHEAD,
+    STOP,
+    Inertia,
+    KeepingApart,
+    Motion,
+    Velocity,
+    collides,
+    slowed,
+)
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation
 from flexbt_navigation.errors import NavigationError
@@ -127,6 +136,12 @@ def test_a_command_is_scaled_by_the_time_until_a_collision(gap: float, share: fl
     teleop = AssistedTeleopMotion(lambda: Velocity(1.0, 0.1), 0.0, costs(WALL))
     sent = teleop.step(Pose(3.0 - RADIUS - gap, 3.0, 0.0), 0.0)
     assert sent == pytest.approx((share, 0.1 * share))
+
+
+@pytest.mark.parametrize('seconds', [0.1, 0.15, 1.2])
+def test_where_nothing_is_near_a_command_is_not_slowed_however_short_the_look_ahead(seconds: float) -> None:
+    command = Velocity(0.2, 0.1)
+    assert slowed(costs(OPEN), CENTRE, command, seconds) == command
 
 
 @settings(deadline=None, max_examples=25)

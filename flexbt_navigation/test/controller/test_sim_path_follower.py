@@ -363,6 +363,26 @@ def test_that_the_controller_was_held_up_is_no_lack_of_progress() -> None:
             motion.step(Pose(1.0, 1.0, 3.0), 100.0 + number)
 
 
+def test_only_giving_way_to_others_without_coming_nearer_to_the_same_goal_is_given_up() -> None:
+    """In all, for a minute; time in which the controller was held up does not count."""
+    before, costmap = follower(line((1.0, 1.0), (3.0, 1.0))), Costmap(OPEN, Inflation())
+    before.step(Pose(2.8, 1.0, 0.0), -PERIOD)
+    motion = PathFollower(line((2.8, 1.0), (7.0, 1.0)), costmap, FOLLOWER, before)
+
+    def give_way(at: float, begin: float, end: float) -> None:
+        for second in numpy.arange(begin, end, PERIOD).tolist():
+            # To and fro, so that it is in no place for long.
+            there = Pose(at, second // 5.0 % 2.0, 0.0)
+            motion.progress.check(there, second, turning=False, left=7.0 - at, yielding=True)
+
+    give_way(2.8, 0.0, 40.0)
+    give_way(3.8, 40.0, 80.0)
+    motion.progress.check(Pose(3.8, 1.0, 0.0), 999.0, turning=False, left=3.2, yielding=True)
+    motion = PathFollower(line((3.8, 1.0), (7.0, 1.0)), costmap, FOLLOWER, motion)
+    with pytest.raises(NavigationError, match='gave way to others for 60 s'):
+        give_way(3.8, 1000.0, 1021.0)
+
+
 def test_where_poses_come_once_a_second_it_is_told_in_time_too() -> None:
     progress = ProgressChecker(FOLLOWER)
     with pytest.raises(NavigationError, match='moved less than'):

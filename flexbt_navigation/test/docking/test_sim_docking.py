@@ -278,6 +278,8 @@ def test_what_takes_too_long_is_given_up() -> None:
     assert to.run.go(to.docking(slow)).code == 'FAILED_TO_CONTROL'
     off = Station(WALLED, DOCK)
     assert off.run.go(off.undocking(seconds=1.0)).code == 'FAILED_TO_CONTROL'
+    patient = Station(WALLED, DOCK)
+    assert patient.run.go(patient.undocking(slow)).code == ''
     stuck = Station(WALLED, DOCK)
     senses = Senses(lambda: True, lambda: DOCK)  # it says that it is charged wherever it is
     endless = UndockMotion(senses, PLAIN, stuck.costmap, charges=True, seconds=10.0)

@@ -7,14 +7,16 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped
 from nav2_msgs.action import FollowPath, Spin
+from sensor_msgs.msg import BatteryState
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.middleware.fastdds import can_ignore
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.errors import FlexbtError
+from flexbt_msgs.srv import SetFault
 from flexbt_navigation.node import Navigation
 from flexbt_navigation.simulation import Simulation
 from flexbt_sim.simulator.node import Simulator
@@ -136,6 +138,37 @@ def test_a_car_drives_backward_to_what_is_behind_it_and_onto_a_dock(tmp_path: Pa
         left = probe.send(names.UNDOCK_ROBOT, max_undocking_time=60.0)
         assert left.wait().status is GoalStatus.SUCCEEDED, left.result
         assert probe.wait_at_rest().distance((24.0, 10.0)) == pytest.approx(5.0, abs=0.2)
+
+
+CORRIDOR = """
+plan: {rooms: [{from: [0, 0], to: [8, 4]}]}
+robots: {robot: {model: waffle, pose: [3, 2, 0]}}
+stations: {home: {pose: [6, 2, 0]}}
+"""
+
+
+def test_a_robot_leaves_a_dock_that_it_has_found_elsewhere_also_when_that_charges_no_more(tmp_path: Path) -> None:
+    world, docks = tmp_path / 'corridor.yaml', tmp_path / 'docks.yaml'
+    world.write_text(CORRIDOR, encoding='utf-8')
+    docks.write_text('docks: {home: {type: simple_charging_dock, pose: [5.8, 2, 0]}}', encoding='utf-8')
+    settings = {'dock_database': str(docks), 'use_external_detection_pose': True, 'external_detection_timeout': 60.0}
+    with open_sim_world(FAST | {'world': str(world), 'robot_namespaces': False}, settings) as probe:
+        node = probe.runtime.node
+        seen = probe.runtime.call(lambda: node.create_publisher(PoseStamped, names.DETECTED_DOCK_POSE, 1))
+        batteries = probe.runtime.call(lambda: node.create_publisher(BatteryState, names.BATTERY_STATE, 1))
+        docked = probe.send(names.DOCK_ROBOT, use_dock_id=True, dock_id='home')
+        while not docked.ended:
+            seen.publish(pose((6.0, 2.0)))
+            probe.later(0.2)
+        assert docked.result.success, docked.result
+        assert probe.wait_at_rest().distance((6.0, 2.0)) < 0.1
+        silence = SetFault.Request(fault='sensor_silent', parameters='{sensor: battery}')
+        assert probe.ask(SetFault, 'simulator/set_fault', silence).success
+        batteries.publish(BatteryState(power_supply_status=BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING))
+        probe.later(0.2)
+        left = probe.send(names.UNDOCK_ROBOT, max_undocking_time=30.0)
+        assert left.wait().status is GoalStatus.SUCCEEDED, left.result
+        assert probe.wait_at_rest().distance((6.0, 2.0)) == pytest.approx(0.7, abs=0.12)
 
 
 def test_a_robot_that_gets_nowhere_fails_to_make_progress() -> None:
