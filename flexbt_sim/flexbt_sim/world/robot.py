@@ -87,10 +87,7 @@ class Robot(Carrier):
         if not (math.isfinite(linear) and math.isfinite(angular)):
             linear = angular = 0.0
         linear = max(-model.linear_speed, min(model.linear_speed, linear))
-        greatest = model.angular_speed
-        if model.turning_radius:
-            greatest = min(greatest, abs(linear) / model.turning_radius)
-        self._wanted = (linear, max(-greatest, min(greatest, angular)))
+        self._wanted = (linear, max(-model.angular_speed, min(model.angular_speed, angular)))
         self._until = now + model.watchdog
 
     @property
@@ -194,7 +191,11 @@ class Robot(Carrier):
             self.linear = self.angular = 0.0
             return  # the robot stays where it is
         self._linear = self.linear = _approach(self._linear, linear, model.linear_acceleration * duration)
-        self._angular = self.angular = _approach(self._angular, angular, model.angular_acceleration * duration)
+        angular = _approach(self._angular, angular, model.angular_acceleration * duration)
+        if model.turning_radius:  # the front wheels of a car turn no farther, however fast it is
+            greatest = abs(self.linear) / model.turning_radius
+            angular = max(-greatest, min(greatest, angular))
+        self._angular = self.angular = angular
         if self.faults and isinstance(stuck := self.faults.get(StuckWheel.name), StuckWheel):
             self._drag(stuck)
         self._move(surroundings, duration)

@@ -145,10 +145,18 @@ def test_a_car_takes_no_sharper_bend_than_it_can() -> None:
     car.command(0.0, 1.0, 0.0)
     world.step(0.4)
     assert car.pose == Pose(0.0, 0.0, 0.0)
-    for _ in range(400):
+    for speed in (1.0, 8.0, -3.0, 1.0):
+        for _ in range(200):
+            car.command(speed, 1.0, world.time)
+            world.step()
+            assert abs(car.angular) <= abs(car.linear) / 5.0
+        assert car.angular == pytest.approx(min(1.0, abs(speed) / 5.0))
+    world.step(10.0)
+    world.add('mud', ZoneModel(kind='slow', area=Circle(50.0), pose=car.pose, speed=0.5))
+    for _ in range(100):
         car.command(1.0, 1.0, world.time)
         world.step()
-    assert abs(car.angular) == pytest.approx(1.0 / 5.0)
+    assert (car.linear, car.angular) == pytest.approx((0.5, 0.5 / 5.0))
 
 
 def walk(world: World, steps: int = 150) -> list[WorldSnapshot]:
