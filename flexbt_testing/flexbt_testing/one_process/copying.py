@@ -47,6 +47,13 @@ def _rounded(value: float) -> float:
     return rounded
 
 
+def _text(value: str) -> str:
+    """Return a text as C has it, up to a NUL character. Raises what serialization raises for what is no text."""
+    if not value.isascii():
+        value.encode()
+    return value.partition('\0')[0] if '\0' in value else value
+
+
 def _sequence(values: Any) -> Any:
     """Return a copy of a list of plain values, as the class of the message keeps it: list, array or numpy array."""
     return values.copy() if hasattr(values, 'copy') else values[:]
@@ -64,7 +71,9 @@ def _copier(kind: Any) -> Callable[[Any], Any]:
     lines = []
     for name, element, is_sequence in _fields(kind):
         source = f'm.{name}'
-        if element in _PLAIN:
+        if element == 'string':
+            value = f'[*map(text, {source})]' if is_sequence else f'text({source})'
+        elif element in _PLAIN:
             value = f'sequence({source})' if is_sequence else f'rounded({source})' if element == 'float' else source
         else:
             value = f'[copied(one) for one in {source}]' if is_sequence else f'copied({source})'
@@ -96,6 +105,7 @@ def _made(body: str, kind: Any) -> Callable[[Any], Any]:
         'copied': copied,
         'most_bytes': most_bytes,
         'rounded': _rounded,
+        'text': _text,
         'sequence': _sequence,
     }
     exec(f'def made(m):\n{body}', names)  # noqa: S102 - of the names of a generated class

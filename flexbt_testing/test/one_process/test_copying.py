@@ -10,6 +10,7 @@ import string
 from typing import Any, Final
 
 import pytest
+from rcl_interfaces.msg import ParameterValue
 from rclpy.serialization import deserialize_message, serialize_message
 
 from flexbt_testing.one_process.copying import copied, most_bytes
@@ -75,3 +76,12 @@ def test_a_copy_is_what_a_transport_delivers_and_no_message_is_larger_than_its_b
             data = serialize_message(message)
             assert copied(message) == deserialize_message(data, kind), kind
             assert len(data) <= most_bytes(message), kind
+
+
+def test_a_text_ends_where_c_ends_it_and_is_unicode() -> None:
+    message = ParameterValue(string_value='a\0b', string_array_value=['\0', 'ä\0', 'c'])
+    assert copied(message) == deserialize_message(serialize_message(message), ParameterValue)
+    for wrong in ({'string_value': '\udc80'}, {'string_array_value': ['\udc80']}):
+        for transport in (serialize_message, copied):
+            with pytest.raises(UnicodeEncodeError):
+                transport(ParameterValue(**wrong))
