@@ -126,6 +126,9 @@ def test_each_tool(tmp_path: Path) -> None:
             assert (checked['verdict'], checked['findings']) == ('ok', [])
             ran = await call('run_tree', files=['a/deliver.xml'], blackboard={'goal': 'g'})
             assert (ran['result'], ran['time'], ran['blackboard']['']['goal']) == ('SUCCESS', 0.0, 'g')
+            given = {'goal': '\U0001f916', 'least': 1e-07, 'all': [1e22, {'a': 'no'}, None]}
+            board = (await call('run_tree', files=['a/deliver.xml'], blackboard=given))['blackboard']['']
+            assert {key: board[key] for key in given} == given
             ran = await call(
                 'run_tree', files=['a/deliver.xml'], mocks={'FollowPath': ['FAILURE'], 'Wait': ['FAILURE']}
             )

@@ -22,6 +22,7 @@ from typing import Annotated, Any, BinaryIO, Final, Literal
 from xml.etree import ElementTree
 
 import anyio
+import yaml
 from mcp.server import MCPServer
 from mcp.server.mcpserver.context import Context
 from mcp.server.mcpserver.exceptions import ToolError as RefusedCall
@@ -232,7 +233,7 @@ class MissionTools:
         given: dict[str, Sequence[str]] = {'*': ['SUCCESS'], **mocks}
         words = ['run', '--json', f'--timeout={timeout}', *self._options('--models', models)]
         words += _options('--mock', (f'{name}={",".join(steps)}' for name, steps in given.items()))
-        words += _options('--set', (f'{name}={json.dumps(value)}' for name, value in blackboard.items()))
+        words += _options('--set', (f'{name}={_yaml(value)}' for name, value in blackboard.items()))
         words += _options('--tree', [tree] if tree else [])
         code, out, err = await self._run('bt_tool', [*words, *self._files(files)])
         lines = [json.loads(line) for line in out.splitlines()]
@@ -418,6 +419,12 @@ def _read(file: BinaryIO) -> str:
 
 def _options(flag: str, values: Any) -> list[str]:
     return [f'{flag}={value}' for value in values]
+
+
+def _yaml(value: Any) -> str:
+    """Return a value on one line. JSON is not YAML of the same value for numbers such as 1e-07, and for emoji."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9, allow_unicode=True)
+    return text.removesuffix('\n').removesuffix('\n...')
 
 
 def _verdict(code: int) -> str:
