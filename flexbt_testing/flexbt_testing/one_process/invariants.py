@@ -742,7 +742,7 @@ class _Robot:
                     active.clear()
                     holder = ''
                     for lost in [one_id for one_id in decided if self._shown_at.get(one_id, math.inf) > one['steady']]:
-                        del decided[lost]  # the journal may not have had it when the executive was killed
+                        decided[lost] = 0  # again, unless the journal had it when the executive was killed
                 case 'started' | 'resumed':
                     runs += one['event'] == 'started' and one['by'] in _OPERATORS
                     if active:
@@ -793,7 +793,8 @@ class _Robot:
         for command, (process, when) in self._arrived.items():
             if process.name.endswith('stop_guard') and when < guarded:  # the guard repeats its latest STOP
                 continue
-            if process.is_alive and command not in decided and command not in ignored:
+            is_decided = command in decided and (decided[command] or command in self._results)
+            if process.is_alive and not is_decided and command not in ignored:
                 self._say(7, f'command {command[:8]} has arrived, and was never decided')
         if self.is_idle:
             status = self._statuses[-1][1]

@@ -70,6 +70,18 @@ def test_a_goal_of_an_executive_that_is_killed_at_once_is_not_taken_for_one_of_t
     assert run_one(Job(Plan(29, computing=0.0001, steps=(kill,)))).violations == []
 
 
+def test_a_command_that_was_decided_as_the_executive_was_killed_need_not_be_decided_again() -> None:
+    steps = (
+        Step(0.008037, 'hang', 'onboard_executive', 0.125, 'goal 8'),
+        Step(0.02003, 'pause', 'engineer', 0.475, 'fault 2'),
+        Step(0.052906, 'force', 'engineer', 0.315, 'fault 1'),
+        Step(0.172607, 'kill', 'onboard_executive', 0.047, 'goal 7'),
+        Step(1.177498, 'jump', 'robot', 0.281),
+    )
+    plan = Plan(92, motion='full', seconds=4.177498, steps=steps, answers=((0.073, 0.003),))
+    assert run_one(Job(plan)).violations == []
+
+
 def test_a_stop_need_not_discover_what_a_program_drives_by() -> None:
     steps = (
         Step(0.659, 'hang', 'stop_guard', 8.977),
