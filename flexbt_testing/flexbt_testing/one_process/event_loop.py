@@ -318,6 +318,13 @@ def _pause() -> None:
     SCHEDULER.block('a signal')
 
 
+def _keep_for_test(real: Callable[..., Any], *arguments: Any) -> Any:
+    """Stand-in for functions whose signals would come to the test."""
+    if BOUNDARY.is_inside:
+        BOUNDARY.stop(f'calls signal.{real.__name__}', 'threading.Timer, or a timer of a node')
+    return real(*arguments)
+
+
 class _Policy(asyncio.DefaultEventLoopPolicy):
     _loop_factory = EventLoop
 
@@ -325,4 +332,5 @@ class _Policy(asyncio.DefaultEventLoopPolicy):
 def install() -> None:
     """Let ``asyncio.run`` and its like take the loop here, and let programs handle the signals of their process."""
     signal.signal, signal.pause = _set_handler, _pause
+    signal.alarm, signal.setitimer = partial(_keep_for_test, signal.alarm), partial(_keep_for_test, signal.setitimer)
     asyncio.set_event_loop_policy(_Policy())

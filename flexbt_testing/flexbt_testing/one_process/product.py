@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import logging
 import os
 import signal
 import sys
@@ -311,6 +312,18 @@ def install() -> None:
             runtime.close()
             alarm.cancel()
 
+    class OwnLibraryLog(node_runtime._LibraryLog):
+        """The log of the libraries in a process of a world, which ends with it."""
+
+        def __init__(self, logger: Any) -> None:
+            super().__init__(logger)
+            self._process = SCHEDULER.current.process
+            self._process.kept_files.append(partial(logging.getLogger().removeHandler, self))
+
+        def emit(self, record: logging.LogRecord) -> None:
+            if SCHEDULER.current.process is self._process:
+                super().emit(record)
+
     identity = liveliness.ProcessIdentity
 
     def own() -> Any:
@@ -337,6 +350,7 @@ def install() -> None:
         (identity, 'started', staticmethod(lambda: SCHEDULER.current.process.began / SECOND)),
         (identity, 'has_ended', has_ended),
         (node_runtime, 'HOST', WorldHost()),
+        (node_runtime, '_LibraryLog', OwnLibraryLog),
         (node_executor, '_Entities', ReadyEntities),
         (received_messages, '_Taker', _Taker),
         (journal, '_held', _KeptFiles()),

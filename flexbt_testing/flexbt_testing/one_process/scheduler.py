@@ -63,7 +63,7 @@ class Process:
         self.at_exit: list[tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]] = []
         """Functions, with arguments, that are called when its main function has ended, the last one first."""
         self.kept_files: list[Callable[[], object]] = []
-        """Functions that close the files that others could not open."""
+        """Functions that are called as it ends: they close files that others could not open, and the like."""
         self.held_up: list[Task] | None = None  # the ready tasks of a stopped process
         self.watchers: list[Callable[[bool], object]] = []
         """Functions that are told when it stops or ends (False), and when it goes on (True)."""

@@ -490,6 +490,7 @@ class World(Mission):
             self.home = home = Path(f'/proc/self/fd/{self._directory}')  # by which each fork finds files of its own
             variables = {'HOME': str(home), 'ROS_HOME': f'{home}/ros', 'ROS_LOG_DIR': f'{home}/log'}
             stack.enter_context(mock.patch.dict(os.environ, variables))
+            stack.callback(os.chdir, Path.cwd())  # which a program may change
             stack.callback(BOUNDARY.open)
             BOUNDARY.close_around([self.home, self._folder, *self._writable])
             stack.callback(setattr, World, 'current', None)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import re
 import shlex
@@ -17,6 +18,7 @@ import time
 import urllib.request
 import weakref
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ import rclpy
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from flexbt_common.runtime.node_runtime import run_node
 from flexbt_console.errors import ConsoleError
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.srv import SetFault
@@ -323,6 +326,8 @@ LEAVING: dict[str, Callable[[], object]] = {
     'socket.sendto': lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b'x', ('127.0.0.1', 9)),
     'subprocess.Popen': lambda: subprocess.run(['true'], check=True),
     'os.kill': lambda: os.kill(os.getpid(), signal.SIGTERM),
+    'signal.alarm': lambda: signal.alarm(1),
+    'signal.setitimer': lambda: signal.setitimer(signal.ITIMER_REAL, 1.0),
     'os.rename': lambda: Path('/var/tmp/of_a_world').rename('/var/tmp/other'),  # noqa: S108
     'os.remove': lambda: Path('/var/tmp/of_a_world').unlink(missing_ok=True),  # noqa: S108
     'os.mkdir': lambda: Path('/var/tmp/of_a_world').mkdir(),  # noqa: S108
@@ -480,6 +485,22 @@ def test_the_first_world_of_an_interpreter_is_as_all_later_ones() -> None:
     ran = subprocess.run([sys.executable, '-c', TWICE], capture_output=True, text=True, check=True)
     first, second = ran.stdout.split()
     assert first == second
+
+
+def test_what_a_program_changes_of_the_interpreter_ends_with_it() -> None:
+    handlers, folder = logging.getLogger().handlers[:], Path.cwd()
+
+    def warn() -> None:
+        os.chdir(Path.home())
+        run_node('warning', lambda _runtime: logging.getLogger('library').warning('beware'), [])
+
+    with World(0, [Program('', 'idle', main=partial(run_node, 'idle', lambda _runtime: None, []))]) as world:
+        world.launch(warn)
+        world.run(2.0)
+        assert [(one[1].name, one[3], one[4]) for one in DOMAIN.log] == [('warn', 'warning', 'library: beware')]
+        world.kill('warn')
+    assert logging.getLogger().handlers == handlers
+    assert Path.cwd() == folder
 
 
 def test_a_topic_of_the_test_reaches_a_program(world: World) -> None:
