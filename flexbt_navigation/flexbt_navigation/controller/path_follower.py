@@ -208,7 +208,8 @@ class FollowerLimits:
     A turn of more than ``rotate_angle`` is made in place. Where the last one, to the heading of the goal, would
     collide within ``xy_tolerance`` of the goal, the robot drives on, and after ``patience`` turns at the goal only.
     No progress means less than ``progress_distance`` within ``progress_time``; ``patience`` is how long an obstacle
-    ahead is waited for, too. Collisions are looked for ``collision_time`` ahead, with the accelerations of the robot.
+    ahead is waited for, too. Collisions are looked for ``collision_time`` ahead, and as far as the robot needs to stop,
+    with its accelerations.
 
     With a ``turning_radius`` the robot steers as a car does: no bend is narrower, and nothing is turned on the spot. A
     path that it can drive, as that of the planner for such a robot, is followed closely, backward where its poses head
@@ -544,7 +545,7 @@ class PathFollower(Motion):
             carrot = Pose(*self._track.ahead(pose, self._at, reach), 0.0)
             velocity = self._towards(pose, carrot)
             if not self._is_blocked(pose, carrot, velocity):
-                return self._apart.limited(self._costmap, pose, velocity)
+                return self._apart.limited(self._costmap, pose, self._stoppable(pose, velocity))
             if not self._is_free_until(end):
                 return None
             reach /= 2.0
@@ -561,12 +562,12 @@ class PathFollower(Motion):
         heading = track.heading(track.length)
         x, y = track.ahead(pose, self._at, reach) if not beyond else track.point(track.length)
         carrot = Pose(x + beyond * math.cos(heading), y + beyond * math.sin(heading), 0.0)
-        velocity = self._led(pose, carrot, backward)
-        while self._collides(pose, velocity, limits.collision_time):
-            if abs(velocity.linear) <= limits.approach_speed or not self._is_free_until(self._at + reach):
-                return None
-            share = max(0.5, limits.approach_speed / abs(velocity.linear))
-            velocity = Velocity(velocity.linear * share, velocity.angular * share)
+        wanted = self._led(pose, carrot, backward)
+        velocity = self._stoppable(pose, wanted, limits.collision_time)
+        if velocity != wanted and not self._is_free_until(self._at + reach):
+            return None
+        if self._collides(pose, velocity, limits.collision_time):
+            return None
         return self._apart.limited(self._costmap, pose, velocity)
 
     def _is_free_until(self, end: float) -> bool:
@@ -598,8 +599,8 @@ class PathFollower(Motion):
         bend = abs(curvature) * limits.curvature_radius
         near = self._costmap.known_distance(pose.x, pose.y) / limits.proximity_distance
         speed = min(top, max(limits.curve_speed, top * min(1.0, 1.0 / bend if bend else 1.0, near)))
-        if self._left < limits.approach_distance:
-            speed = min(speed, max(limits.approach_speed, speed * self._left / limits.approach_distance))
+        braking = math.sqrt(limits.linear_acceleration * self._left)  # with half of the deceleration
+        speed = min(speed, max(limits.approach_speed, min(speed * self._left / limits.approach_distance, braking)))
         if limits.turning_radius and abs(speed * curvature) > limits.angular_speed:
             speed = limits.angular_speed / abs(curvature)  # the bend stays as wide as it is
         angular = max(-limits.angular_speed, min(limits.angular_speed, speed * curvature))
@@ -623,6 +624,19 @@ class PathFollower(Motion):
         """Return whether the robot collides with this velocity, from its pose when the command takes effect."""
         coming, inertia = self._drive.foreseen(pose)
         return collides(self._costmap, coming, velocity, seconds, inertia)
+
+    def _stoppable(self, pose: Pose, velocity: Velocity, seconds: float = 0.0) -> Velocity:
+        """Return the velocity, slower on the same arc as far as it collides before the robot could stop, or within this
+        time, s, if that is longer."""
+        limits = self._limits
+        _, inertia = self._drive.foreseen(pose)
+        while abs(velocity.linear) > limits.approach_speed:
+            fastest = max(abs(velocity.linear), abs(inertia.velocity.linear))
+            if not self._collides(pose, velocity, max(seconds, fastest / limits.linear_acceleration)):
+                break
+            share = max(0.5, limits.approach_speed / abs(velocity.linear))
+            velocity = Velocity(velocity.linear * share, velocity.angular * share)
+        return velocity
 
     def _give_way(self, pose: Pose) -> Velocity:
         """Drive to where the gap to a body in the way grows most, if that leads away from it, or wait."""

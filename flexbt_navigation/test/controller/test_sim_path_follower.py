@@ -185,6 +185,29 @@ def test_an_obstacle_on_the_path_stops_the_robot_before_it(patience: float, code
     assert 0.0 < 4.0 - done.robot.pose.x - RADIUS < FOLLOWER.speed * FOLLOWER.collision_time + 0.05
 
 
+@pytest.mark.parametrize('speed', [1.2, 2.0, 3.0])
+def test_a_fast_robot_stops_before_an_obstacle_and_at_its_goal(speed: float) -> None:
+    path = line((0.5, 3.0), (7.0, 3.0))
+    model = replace(MODEL, drive=replace(MODEL.drive, linear_speed=speed))
+    for world, rest in ((WALL, 4.0 - RADIUS), (OPEN, path[-1].x)):
+        motion = follower(path, world, replace(FOLLOWER, speed=speed))
+        done = Run(world, path[0], model).go(motion, late=1)
+        assert (done.code, done.touched) == ('' if world is OPEN else 'PATIENCE_EXCEEDED', False)
+        assert done.robot.pose.x == pytest.approx(rest - 0.1, abs=0.1)
+        assert max(command.linear for command in done.commands) == speed
+
+
+def test_a_fast_car_stops_before_an_obstacle() -> None:
+    car, known = MODELS['car'], drawn(*['.' * 600] * 200, resolution=0.2)
+    world = drawn(*['.' * 400 + '#' + '.' * 199] * 200, resolution=0.2)
+    limits = replace(FollowerLimits.of(car.drive), speed=car.drive.linear_speed)
+    maps = [Costmap(one, Inflation.of(car.footprint)) for one in (known, world)]
+    way = planner_for(maps[0], limits.steering).plan(Pose(10.0, 20.0, 0.0), Pose(110.0, 20.0, 0.0))
+    done = Run(world, way[0], car).go(PathFollower(way, maps[1], limits), late=1)
+    assert (done.code, done.touched) == ('PATIENCE_EXCEEDED', False)
+    assert max(command.linear for command in done.commands) == limits.speed
+
+
 def test_patience_does_not_begin_anew_with_each_path() -> None:
     path = line((1.0, 3.0), (6.0, 3.0))
     costmap, limits = Costmap(WALL, Inflation()), replace(FOLLOWER, patience=1.0)
