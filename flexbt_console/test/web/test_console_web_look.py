@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import math
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from web_support import OTHER, PLAN, WHERE, WebRobot, WebRobots, served
 
+from flexbt_common.errors import ResourceError
 from flexbt_console.mirror.records import (
     CommandKind,
     ExecutiveState,
@@ -23,6 +25,7 @@ from flexbt_console.mirror.records import (
     Structure,
 )
 from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, TreeNodes, TreeReport
+from flexbt_console.ui.web.drawings import Drawing, Drawings
 from flexbt_testing.browser import NEEDS_BROWSER, Browser
 
 selenium = pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
@@ -311,6 +314,24 @@ def test_containers_and_sub_trees_are_folded_and_stay_so(browser: Browser) -> No
         browser.driver.find_element(By.CSS_SELECTOR, '[id="t0n1"] text').click()
         browser.until(lambda: browser.run(has, folded) == [False, True, True, True, True])
         assert robot.sent == []
+
+
+def test_no_picture_of_another_machine_is_shown(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def fail(drawings: Drawings, drawing: Drawing) -> str:
+        raise ResourceError('dot', 'failed')
+
+    robot = WebRobot(is_drawn=True)
+    robot.show()
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        until_drawn(browser)
+        monkeypatch.setattr(Drawings, '_make', fail)
+        robot.mirror.receive_structure(dataclasses.replace(NESTED, behavior='constructor', run_id='r2'))
+        robot.show(run_id='r2', behavior='constructor')
+        browser.until_text('told', 'no picture: dot')
+        assert '/Watch/Listen' in browser.text('machine-text')
+        assert not browser.driver.find_element(By.ID, 'machine').is_displayed()
+        assert 'fold' not in browser.text('log')
 
 
 def test_trees_of_any_shape_are_laid_out_in_order_and_apart(browser: Browser) -> None:

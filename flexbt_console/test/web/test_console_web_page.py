@@ -358,6 +358,74 @@ def test_a_click_on_the_map_answers_and_drops_an_obstacle(browser: Browser) -> N
         assert browser.run('return document.activeElement === document.body') and browser.text('map-cursor') == ''
 
 
+def test_neither_another_button_nor_two_fingers_nor_the_click_of_a_dialog_point_at_a_pose(browser: Browser) -> None:
+    robot = WebRobot(answers=False, is_drawn=True)
+    robot.show(WHERE)
+    with served({'robot': robot.station()}) as port, browser.emulated(1400, 950, mobile=True):
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_text('map-keys', 'Click')
+        browser.run('document.querySelector("#map-pane .enlarge").click()')
+        canvas = browser.driver.find_element(By.ID, 'map')
+        ActionChains(browser.driver).context_click(canvas).perform()
+        for kind, fingers in (('touchStart', 1), ('touchStart', 2), ('touchMove', 2), ('touchEnd', 1), ('touchEnd', 0)):
+            points = [{'x': 500 + 200 * finger, 'y': 500, 'id': finger} for finger in range(fingers)]
+            browser.driver.execute_cdp_cmd('Input.dispatchTouchEvent', {'type': kind, 'touchPoints': points})
+        browser.press('n', 'x', Keys.ENTER)  # what comes later has come
+        assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.NOTE]
+        browser.press(Keys.ESCAPE, 'f')
+        browser.until(lambda: browser.run('return document.querySelectorAll("#dialog-body li button").length') == 2)
+        row = browser.driver.find_element(By.CSS_SELECTOR, '#dialog-body li button')
+        ActionChains(browser.driver).double_click(row).perform()  # the dialog is closed by the first click
+        browser.until(lambda: not browser.run('return document.getElementById("dialog").open'))
+        browser.press(Keys.ESCAPE, 'n', 'y', Keys.ENTER)
+        assert [one.kind for one in robot.wait_sent(3)] == [CommandKind.NOTE, CommandKind.FORCE, CommandKind.NOTE]
+
+
+def test_a_double_click_and_a_key_that_is_held_down_press_once(browser: Browser) -> None:
+    robot = WebRobot(answers=False, is_drawn=True)
+    asked = dataclasses.replace(PLAN, id='d9', path='/Ask', outcome='received', outcomes=('received',))
+    robot.show(PLAN, asked, active_states=(ActiveState('/Drive'), ActiveState('/Ask')))
+    robot.mirror.receive_queue(MissionQueue('e', 0, '', (QueueEntry(5, 'Patrol'), QueueEntry(7, 'Patrol'))))
+    enter = {'key': 'Enter', 'code': 'Enter', 'text': '\r', 'windowsVirtualKeyCode': 13}
+
+    def double_click(selector: str) -> None:
+        element = browser.until(lambda: browser.driver.find_elements(By.CSS_SELECTOR, selector))[0]
+        browser.run('arguments[0].scrollIntoView({block: "center"})', element)
+        ActionChains(browser.driver).double_click(element).perform()
+
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_it_may_be_answered()
+        double_click('#machine .choice[id="s2o0"] rect')  # the first click puts the decision into the bar
+        browser.until_text('told', 'nothing was sent')
+        double_click('#queue [title="Remove entry 5"]')
+        browser.run('document.getElementById("pause").focus()')
+        for number in range(4):
+            held = {'type': 'keyDown', 'autoRepeat': number > 0, **enter}
+            browser.driver.execute_cdp_cmd('Input.dispatchKeyEvent', held)
+        browser.driver.execute_cdp_cmd('Input.dispatchKeyEvent', {'type': 'keyUp', **enter})
+        browser.press('n', 'x', Keys.ENTER)
+        kinds = [CommandKind.QUEUE_REMOVE, CommandKind.PAUSE, CommandKind.NOTE]
+        assert [one.kind for one in robot.wait_sent(3)] == kinds
+
+
+def test_what_is_typed_as_an_answer_stays_when_something_else_is_asked(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.show(WHERE)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until(lambda: browser.driver.find_elements(By.ID, 'value'))
+        browser.driver.find_element(By.ID, 'value').send_keys('kit')
+        robot.show(WHERE, PLAN)
+        browser.until_text('decision-line', '(+1 more)')
+        browser.press('chen', Keys.ENTER)
+        (sent,) = robot.wait_sent(1)
+        assert sent.decision_id == WHERE.id and json.loads(sent.inputs[0].text)['pose']['position']['x'] == 3.0
+
+
 @pytest.mark.parametrize('word', ['\u202eevil\u2066\u200b\x1b[2J\x00\u2028', 'x' * 10_000, '部屋 ' * 3_000])
 def test_whatever_a_text_is_nothing_is_hidden_and_stop_and_answers_stay_on_the_page(
     browser: Browser, word: str
@@ -583,6 +651,21 @@ def test_what_is_typed_into_a_list_of_the_page_is_what_is_taken_or_nothing(brows
         type_it()
 
 
+def test_an_enter_that_ends_a_composition_takes_nothing(browser: Browser) -> None:
+    enter = 'new KeyboardEvent("keydown", {key: "Enter", isComposing: arguments[0], bubbles: true})'
+    robot = WebRobot(is_drawn=True)
+    robot.show()
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.press('f')
+        browser.press('done')
+        for composes in (True, False):
+            browser.run(f'document.activeElement.dispatchEvent({enter})', composes)
+            assert browser.run('return document.getElementById("dialog").open') is composes
+        assert [(one.kind, one.outcome) for one in robot.wait_sent(1)] == [(CommandKind.FORCE, 'done')]
+
+
 def test_what_is_old_looks_old_and_only_a_stop_goes_out(browser: Browser) -> None:
     robot = WebRobot(answers=False)
     robot.show(PLAN)
@@ -615,6 +698,26 @@ def test_a_lost_server_is_told_and_found_again(browser: Browser) -> None:
         browser.until_live()
         browser.press('p', Keys.ENTER)
         assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.PAUSE]
+
+
+def test_a_page_that_comes_back_is_not_live_before_it_has_heard_anything(browser: Browser) -> None:
+    robot = WebRobot()
+    leave = 'dispatchEvent(new PageTransitionEvent(arguments[0], {persisted: true}));'
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        assert browser.run(f'{leave} return document.getElementById("link").textContent', 'pagehide') == 'CONNECTING'
+        browser.run(leave, 'pageshow')
+        browser.until_live()
+
+
+def test_the_way_to_the_decision_keeps_the_token(browser: Browser) -> None:
+    with served({'robot': WebRobot().station()}, Access('127.0.0.1', 'secret')) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/#token=secret')
+        browser.until_live()
+        browser.press(Keys.TAB, Keys.ENTER)
+        browser.until(lambda: browser.run('return document.activeElement.id') == 'decision')
+        assert browser.run('return location.hash') == '#token=secret'
 
 
 def test_a_page_that_names_no_robot_goes_to_the_first_that_is_found(browser: Browser) -> None:

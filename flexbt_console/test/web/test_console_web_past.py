@@ -6,6 +6,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import threading
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -16,9 +18,10 @@ from web_support import PLAN, WebRobot, served
 
 from flexbt_common import names
 from flexbt_console.errors import UsageError
+from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import ActiveState, CommandKind, FramedPose, GridMap, LogLine, LogSeverity
 from flexbt_console.recording.run_file import write_recording
-from flexbt_console.ui.web.past import Recordings
+from flexbt_console.ui.web.past import RecordedPast, Recordings
 from flexbt_console.ui.web.requests import is_harmless
 from flexbt_msgs.msg import ActiveState as ActiveStateMessage
 from flexbt_msgs.msg import ExecutiveStatus
@@ -265,3 +268,49 @@ def test_the_page_goes_to_a_failure_and_back_and_confirms_nothing_there(
         browser.until(lambda: browser.run('return document.querySelector(".lanes .before")?.getBBox().width ?? 0') < 40)
         browser.driver.find_element('id', 'past').click()
         browser.until_text('pose', 'x 3.00')
+
+
+@NEEDS_BROWSER
+def test_of_two_recordings_the_one_that_was_opened_last_is_shown(
+    browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path))
+    folder, goes_on = tmp_path / '.ros' / 'flexbt', threading.Event()
+    folder.mkdir(parents=True)
+    for name in ('first', 'last'):
+        recording(folder / f'{name}.mcap')
+    moment = RecordedPast.moment
+
+    def slow(self: RecordedPast, time: float) -> Mirror:
+        assert 'last' in str(self._file) or goes_on.wait(DEADLINE)
+        return moment(self, time)
+
+    monkeypatch.setattr(RecordedPast, 'moment', slow)
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        for name in ('first', 'last'):
+            browser.driver.find_element('id', 'recordings').click()
+            browser.until_text('dialog-body', f'{name}.mcap')
+            browser.press(f'{name}.mcap', '\ue007')
+            browser.until_text('timeline-title', f'{name}.mcap')
+        goes_on.set()
+        browser.until(lambda: browser.driver.find_element('id', 'past-log').is_displayed())
+
+
+@NEEDS_BROWSER
+def test_the_time_line_has_the_clock_of_the_log_wherever_the_browser_is(browser: Browser, tmp_path: Path) -> None:
+    wall = Recordings(recording(tmp_path / 'run.mcap').parent).past('run.mcap').lanes(0)['wall']
+    zones = ('Asia/Tokyo', 'America/New_York')
+    shown = []
+    with served({'robot': WebRobot().station()}) as port:
+        for zone in zones:
+            browser.driver.get(f'http://127.0.0.1:{port}/')
+            browser.driver.execute_cdp_cmd('Emulation.setTimezoneOverride', {'timezoneId': zone})
+            try:
+                script = 'const {Timeline} = await import("./timeline.js");'
+                script += 'return Timeline.prototype.clock.call({wall: arguments[0]}, 60)'
+                shown.append(browser.run(script, wall))
+            finally:
+                browser.driver.execute_cdp_cmd('Emulation.setTimezoneOverride', {'timezoneId': ''})
+    assert shown == 2 * [time.strftime('%H:%M:%S', time.localtime(60))]

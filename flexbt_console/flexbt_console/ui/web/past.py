@@ -67,7 +67,7 @@ class Past(Protocol):
 
     def lanes(self, revision: int) -> dict[str, Any]:
         """Return the entries of the lanes that have changed since a revision, and the extent of the time line. ``wall``
-        is the time of day at its 0, s since the epoch."""
+        is the time at its 0 by the clock of this computer, as in the log: s since its midnight at the epoch."""
 
 
 class LivePast:
@@ -89,7 +89,7 @@ class LivePast:
             **_lanes_part(self._lanes, revision),
             'begin': self._history.begin,
             'end': now,
-            'wall': time.time() - now,
+            'wall': _of_day(time.time() - now),
             'live': True,
         }
 
@@ -118,7 +118,7 @@ class RecordedPast:
             **_lanes_part(lanes, revision),
             'begin': 0.0,
             'end': self._player.duration,
-            'wall': self._player.begin * 1e-9,
+            'wall': _of_day(self._player.begin * 1e-9),
             'live': False,
         }
 
@@ -209,6 +209,10 @@ class PagePast:
     def of(self, recording: str) -> Past:
         """Return a recording by its name, or for '' the past of the robot. Raises UsageError."""
         return self._recordings.past(recording) if recording else self._robot
+
+
+def _of_day(stamp: float) -> float:
+    return stamp + time.localtime(stamp).tm_gmtoff
 
 
 def _lanes_part(lanes: Lanes, revision: int) -> dict[str, Any]:

@@ -4,7 +4,7 @@
 import {ACTIONS, Commands} from './commands.js';
 import {DecisionBar, element, plain} from './decision.js';
 import {LEAST, drawTree, has, keep, mark, offer, part, press, show, spread, statuses} from './drawing.js';
-import {byId, svg as svgElement} from './elements.js';
+import {byId, pressedOnce, svg as svgElement} from './elements.js';
 import {RobotMap} from './map.js';
 import {panels} from './panels.js';
 import {operator, remember, remembered, ServerLink} from './server_link.js';
@@ -49,6 +49,8 @@ bar.turned = new URL(location).searchParams.get('decision');  // a link of "cons
 let dropping = false;
 for (const [id, by] of [['map-out', 0.8], ['map-in', 1.25], ['map-fit', 0]]) byId(id).addEventListener('click', () => map.zoomBy(by));
 const commands = new Commands({send, tell, bar, now: () => known});
+pressedOnce('button:not(.stop, .zoom *, .timeline *), .choice');
+byId('dialog').addEventListener('close', () => bar.uncovered());
 byId('waiting').addEventListener('change', () => drawPlan());
 byId('drop').addEventListener('click', () => { dropping = !dropping; choose(); });
 // What the operator deals with, for the wait times of the report: from the first key or click while it is on the page.
@@ -58,6 +60,7 @@ for (const kind of ['keydown', 'pointerdown']) {
     if (bar.id !== touched && isLive() && send({touched: true, decision: bar.id})) touched = bar.id;
   }, {capture: true});
 }
+document.querySelector('.skip').addEventListener('click', (event) => { event.preventDefault(); byId('decision').focus(); });  // the address keeps the token
 byId('robot').addEventListener('change', (event) => { goTo(event.target.value); });
 
 function goTo(robot) {
@@ -101,7 +104,7 @@ function drawPlan() {
   byId('map').hidden = !(byId('map-empty').hidden = map.hasContent());
 }
 
-// Containers and sub-trees that are folded, by behavior or tree.
+// Containers and sub-trees that are folded, by machine or tree.
 const foldedOf = (key) => new Set([remembered('folded', {})[key] ?? []].flat());
 
 function fold(key, one) {
@@ -115,26 +118,30 @@ const machineSvg = byId('machine').querySelector('svg');
 const machineView = viewport(machineSvg, {grows: 1.7, changed: () => spread(machineSvg)});
 
 function foldMachine(path) {
-  const {behavior} = seen().machine;
-  if (path) fold(behavior, path);
-  send({fold: [...foldedOf(behavior)]});
+  const key = `machine ${seen().machine.behavior}`;
+  if (path) fold(key, path);
+  send({fold: [...foldedOf(key)]});
   if (past) showMoment(wanted);
 }
 
 function drawMachine() {
   const {machine, active, decisions, status} = seen();
   const lines = byId('machine-text'), key = seen().folded || machine?.drawing;
-  const told = (...text) => { lines.replaceChildren(...text); delete machineSvg.dataset.key; };
+  const told = (...text) => { lines.replaceChildren(...text); delete machineSvg.dataset.key; delete machineSvg.dataset.of; };
   if (!machine) {
     told(element('p', {class: 'empty'}, !status ? 'Nothing has arrived from the robot. Start its executive, or check the network.' : status.running ? 'The state machine has not arrived yet.' : 'No behavior is running. Press Start… (s) to choose one.'));
     return;
   }
-  if (!key || !has(key)) {
-    if (!key || !machineSvg.dataset.key) told(element('p', {class: 'hint'}, key ? 'The diagram is being drawn.' : 'It is too large for a diagram.'), ...machine.lines.map((line) => element('div', {}, line)));
+  const isOf = machineSvg.dataset.of === machine.drawing, isNew = has(key) && !(isOf && machineSvg.dataset.key === key);
+  if (!key || !(isNew || isOf)) {  // that of the same machine with other parts folded is marked until the new one comes
+    told(element('p', {class: 'hint'}, key ? 'The diagram is being drawn.' : 'It is too large for a diagram.'), ...machine.lines.map((line) => element('div', {}, line)));
     return;
   }
   lines.replaceChildren();
-  if (machineSvg.dataset.key !== key) machineView.content(show(machineSvg, byId('machine-legend'), key));
+  if (isNew) {
+    machineView.content(show(machineSvg, byId('machine-legend'), key));
+    machineSvg.dataset.of = machine.drawing;
+  }
   const svg = machineSvg, places = new Map(machine.paths.map((path, index) => [path, index]));
   const shown = (path) => { for (let at = path; at; at = at.slice(0, at.lastIndexOf('/'))) { const state = places.has(at) && part(svg, `s${places.get(at)}`); if (state) return state; } return null; };
   const ids = (paths) => paths.filter((path) => places.has(path)).flatMap((path) => [`s${places.get(path)}`, `m${places.get(path)}`]);
@@ -334,7 +341,7 @@ function takeParts(parts) {
   bar.show(known.decisions, known.times.now ?? 0);
   drawPlan();
   if (['machine', 'folded', 'active', 'decisions', 'status', 'link'].some((name) => name in parts)) drawMachine();
-  if ('machine' in parts && !past && known.machine && foldedOf(known.machine.behavior).size) foldMachine();
+  if ('machine' in parts && !past && known.machine && foldedOf(`machine ${known.machine.behavior}`).size) foldMachine();
   if (parts.trees || parts.tree_states) drawTrees();
   if (parts.queue) drawQueue();
   if (parts.left_out) byId('left-out').textContent = seen().left_out.join('; ');
@@ -379,7 +386,8 @@ function showMoment(time) {
 
 function takeMoment(moment) {
   asked = null;
-  if (wanted === null || (moment.of ?? recording) !== recording) return;
+  if (wanted === null) return;
+  if ((moment.of ?? recording) !== recording) { showMoment(wanted); return; }  // another one was opened meanwhile
   if (moment.problem) {
     tell(moment.problem, 'warning');
     timeline.go(null);

@@ -125,7 +125,7 @@ export class Commands {
       if (by) {
         const stops = [field, ...made.filter(({item, button}) => !item.hidden && !button.disabled).map(({button}) => button)];
         stops[Math.min(Math.max(0, stops.indexOf(document.activeElement) + by), stops.length - 1)].focus();
-      } else if (event.key === 'Enter' && event.target === field) {
+      } else if (event.key === 'Enter' && event.target === field && !event.isComposing) {
         const typed = field.value.trim().replace(/\s+/g, ' ');
         const named = (same) => typed ? rows.filter((row) => row.names.some((name) => same(name.replace(/\s+/g, ' ')) === same(typed))) : [];
         const exact = named((text) => text);

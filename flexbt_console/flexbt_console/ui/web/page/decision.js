@@ -28,7 +28,7 @@ export class DecisionBar {
   show(decisions, now) {
     this.waiting = decisions;
     const next = decisions.find((one) => one.id === this.turned) ?? decisions[0] ?? null;
-    const text = JSON.stringify(decisions);
+    const text = JSON.stringify(next);
     if (text !== this.text) {
       const at = performance.now();
       if (this.shown && next?.id !== this.shown.id) this.left = at;
@@ -36,18 +36,23 @@ export class DecisionBar {
       if (next?.id !== this.shown?.id) this.picked = next?.kind === 'transition' ? next.wanted : '';
       this.text = text;
       this.shown = next;
-      this.build(decisions.length - 1);
-      this.list();
+      this.build();
     }
+    const line = next ? next.line + (decisions.length > 1 ? ` (+${decisions.length - 1} more)` : '') : 'No pending decision';
+    if (this.line.textContent !== line) this.line.textContent = line;
+    this.list();
     this.count(now);
   }
 
   // The page shows now again: what was pressed was meant for the past, and an answer is picked anew.
   returned() {
-    this.replaced = performance.now();
+    this.uncovered();
     this.picked = '';
     this.markPicked();
   }
+
+  // What has covered the page is gone: what was pressed was meant for that.
+  uncovered() { this.replaced = performance.now(); }
 
   // Who has chosen a decision knows it.
   turn(id) {
@@ -86,10 +91,9 @@ export class DecisionBar {
     if (timer && timer.textContent !== waited) timer.textContent = waited;
   }
 
-  build(others) {
+  build() {
     const decision = this.shown;
     this.bar.classList.toggle('waits', decision !== null);
-    this.line.textContent = decision ? decision.line + (others ? ` (+${others} more)` : '') : 'No pending decision';
     this.line.title = decision ? `decision ${decision.id}` : '';
     const rows = [];
     if (decision) {
@@ -147,7 +151,7 @@ export class DecisionBar {
 
   isHasty() { return performance.now() - this.replaced < REACTION_MS; }
 
-  hasty() { this.tell('this decision has just appeared; nothing was sent. Check it and answer again', 'warning'); }
+  hasty() { this.tell('this decision has just come into view; nothing was sent. Check it and answer again', 'warning'); }
 
   // What was not received cannot be judged: who answers all the same says so first.
   answer(text, id) {

@@ -14,4 +14,15 @@ function filled(made, attributes, parts) {
 }
 export const html = (name, attributes = {}, ...parts) => filled(document.createElement(name), attributes, parts);
 export const svg = (name, attributes = {}, ...parts) => filled(document.createElementNS(NAMESPACE, name), attributes, parts);
+
+// A double click and a key that is held down press what a selector names once: it may mean something else when it has been pressed.
+export function pressedOnce(selector) {
+  const once = (kind, isAgain) => document.addEventListener(kind, (event) => {
+    if (!isAgain(event) || !event.target.closest?.(selector)) return;
+    event.preventDefault();
+    event.stopPropagation();
+  }, {capture: true});
+  once('click', (event) => event.detail > 1);
+  once('keydown', (event) => event.repeat && event.key === 'Enter');
+}
 export const byId = (id) => document.getElementById(id);

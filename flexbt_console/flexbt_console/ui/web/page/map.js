@@ -305,7 +305,13 @@ export class RobotMap {
   }
 
   press(event) {
-    if (!this.view) return;
+    if (!this.view || event.button) return;
+    if (!event.isPrimary) {  // two fingers point at nothing
+      this.grabbed = null;
+      this.pressed = false;
+      this.point(null);
+      return;
+    }
     if (!this.mode && this.zoom > 1) this.grabbed = this.world(event);
     if (this.grabbed) this.canvas.setPointerCapture(event.pointerId);
     if (!this.mode) return;

@@ -92,6 +92,11 @@ export class ServerLink extends Connection {
     else this.on.message(message);
   }
 
+  drop() {
+    super.drop();
+    this.on.state(false, 'CONNECTING', '');
+  }
+
   // Begin again, as who uses the page now.
   renew() { this.drop(); this.open(); }
 

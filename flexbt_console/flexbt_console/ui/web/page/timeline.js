@@ -60,7 +60,7 @@ export class Timeline {
 
   get isShown() { return this.body.clientWidth > 0 && this.body.clientHeight > 0; }
   get now() { return this.isLive ? this.end + (performance.now() - this.heard) / 1000 : this.end; }
-  clock(time) { return this.wall === null ? `${time.toFixed(1)} s` : new Date(1000 * (this.wall + time)).toTimeString().slice(0, 8); }
+  clock(time) { return this.wall === null ? `${time.toFixed(1)} s` : new Date(1000 * (this.wall + time)).toISOString().slice(11, 19); }
 
   // What the badge says: how far the moment that is shown is from now, or from the beginning of a recording.
   get label() { return this.at === null ? '' : this.isLive ? `−${ago(Math.max(0, this.now - this.at))}` : `${ago(this.at - this.begin)} of ${ago(this.end - this.begin)}`; }
