@@ -275,7 +275,8 @@ class EntityServices:
     def _inform(self, request: Any, response: Any) -> None:
         entity = self._entity(request.entity)
         kind = _kind(entity)
-        faults = ', '.join(self._simulator.world.active_faults(request.entity))
+        with self._simulator.lock:
+            faults = ', '.join(self._simulator.world.active_faults(request.entity))
         description = f'{kind} {request.entity}' + (f', with faults: {faults}' if faults else '')
         response.info = EntityInfo(
             category=EntityCategory(category=_category(entity)), description=description, tags=[kind]

@@ -234,13 +234,13 @@ class Robot(Carrier):
         if moved < duration:
             self.contacts += not was_in_contact
             self.linear = self._linear = 0.0
-            self._turn_on(surroundings, angular * grip, duration - moved)
+            self._turn_on(surroundings, angular, duration - moved)
 
     def _turn_on(self, surroundings: WorldView, angular: float, duration: float) -> None:
         """Turn a blocked robot as far as possible."""
-        start = self.pose
+        start, grip = self.pose, self._grip
         reach = abs(angular) * self.shape.turning_radius
-        moved = surroundings.advance(self, lambda time: drive(start, 0.0, angular, time), reach, duration)
+        moved = surroundings.advance(self, lambda time: drive(start, 0.0, angular * grip, time), reach, duration)
         self._measure(0.0, angular, moved)
         if moved < duration:
             self.angular = self._angular = 0.0

@@ -56,7 +56,7 @@ from flexbt_msgs.srv import SetFault
 from flexbt_sim.messages import pose_of
 from flexbt_sim.simulator.node import Simulator
 from flexbt_sim.simulator.parameters import built_in_map
-from flexbt_sim.world import WorldFile
+from flexbt_sim.world import FaultModel, World, WorldFile
 from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
 from flexbt_testing.nodes.sim_world import RobotProbe, pose, without_faults
 from flexbt_testing.waiting import wait_until
@@ -217,6 +217,21 @@ def test_entities_are_found_by_name_category_tag_and_place(bench: Bench) -> None
     assert bench.ask(GetEntityInfo, 'get_entity_info', entity='x').result.result == Result.RESULT_NOT_FOUND
     poses = bench.ask(GetNamedPoses, 'get_named_poses').poses
     assert [(one.name, one.pose.position.x) for one in poses] == [('exit', 9.0)]
+
+
+def test_faults_do_not_begin_or_end_while_they_are_listed(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    held: list[bool] = []
+
+    def active_faults(_world: World, _entity: str) -> dict[str, FaultModel]:
+        held.append(bench.simulator.lock.locked())
+        return {}
+
+    with monkeypatch.context() as patched:
+        patched.setattr(World, 'active_faults', active_faults)
+        bench.simulator.pacer.pause()
+        bench.ask(GetEntityInfo, 'get_entity_info', entity='alpha')
+    bench.simulator.pacer.play()
+    assert held and all(held)
 
 
 def test_a_robot_comes_and_goes_with_its_topics(bench: Bench) -> None:

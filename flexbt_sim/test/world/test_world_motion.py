@@ -35,8 +35,10 @@ from flexbt_sim.world import (
     WorldSnapshot,
     ZoneModel,
     box,
+    compose,
     drive,
     gap,
+    wrap,
 )
 from flexbt_sim.world.plane.loops import polygon_gap, polygon_gap_at_once
 from flexbt_testing.worlds import drawn, places, rooms, worlds
@@ -359,6 +361,15 @@ def test_slip_is_lost_on_the_ground_and_seen_by_the_wheels() -> None:
         robot.command(0.26, 0.0, world.time)
         world.step()
     assert robot.pose.x == pytest.approx(0.8 * robot.odometry.x, rel=0.03)
+    world.add('wall', ObstacleModel(pose=compose(robot.pose, Pose(1.0, 0.0, 0.0)), shape=box(0.1, 5.0)))
+    for turning, steps in ((0.0, 200), (1.0, 50)):  # up to the wall, and against it
+        pose, odometry = robot.pose, robot.odometry
+        for _ in range(steps):
+            robot.command(0.26, turning, world.time)
+            world.step()
+    assert robot.in_contact
+    turned, measured = (wrap(now.yaw - then.yaw) for now, then in ((robot.pose, pose), (robot.odometry, odometry)))
+    assert turned == pytest.approx(0.8 * measured, rel=0.05)
 
 
 # -- obstacles, doors, zones, batteries ------------------------------------------------------------------------------
