@@ -23,7 +23,10 @@ def nodes(context: LaunchContext) -> list[Node]:
     navigators = [given] if isinstance(given, str) else given
     simulated = LaunchConfiguration('use_sim_time').perform(context).lower() == 'true'
     records = LaunchConfiguration('black_box').perform(context).lower() == 'true'
+    # What is not given here is as in the file, which it would override.
     files = [LaunchConfiguration('params_file')]
+    timed = [*files, {'use_sim_time': True}] if simulated else files
+    served = [{'navigators': [str(name) for name in navigators]}] if navigators else []
     common = {
         'namespace': LaunchConfiguration('namespace'),
         'output': 'screen',
@@ -32,11 +35,9 @@ def nodes(context: LaunchContext) -> list[Node]:
         'respawn_max_retries': 5,
         'remappings': [('/tf', 'tf'), ('/tf_static', 'tf_static')],
     }
-    time = {'use_sim_time': simulated}
-    server = {**time, 'navigators': [str(name) for name in navigators] or ['']}
     return [
-        Node(package='flexbt_server', executable='bt_server', parameters=[*files, server], **common),
-        Node(package='flexbt_onboard', executable='onboard_executive', parameters=[*files, time], **common),
+        Node(package='flexbt_server', executable='bt_server', parameters=[*timed, *served], **common),
+        Node(package='flexbt_onboard', executable='onboard_executive', parameters=timed, **common),
         Node(package='flexbt_onboard', executable='stop_guard', parameters=files, **common),
         *([Node(package='flexbt_console', executable='black_box', parameters=files, **common)] if records else []),
     ]
@@ -52,12 +53,13 @@ def generate_launch_description() -> LaunchDescription:
                 'use_sim_time',
                 default_value='false',
                 choices=['true', 'false', 'True', 'False'],
-                description='true if a simulation publishes /clock',
+                description='true if a simulation publishes /clock; false: as in params_file',
             ),
             DeclareLaunchArgument(
                 'navigators',
                 default_value='[]',
-                description='actions of bt_navigator and waypoint_follower to serve in their place, one or a YAML list',
+                description='actions of bt_navigator and waypoint_follower to serve in their place, one or a YAML '
+                'list; []: those in params_file',
             ),
             DeclareLaunchArgument(
                 'black_box',

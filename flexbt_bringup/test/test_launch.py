@@ -27,13 +27,14 @@ class LaunchConfiguration:
 @pytest.mark.parametrize(
     ('given', 'served'),
     [
-        ('[]', ['']),
+        ('[]', None),
         ('[navigate_to_pose, follow_waypoints]', ['navigate_to_pose', 'follow_waypoints']),
         ('navigate_to_pose', ['navigate_to_pose']),
     ],
 )
-def test_the_server_takes_one_navigator_or_several(
-    monkeypatch: pytest.MonkeyPatch, given: str, served: list[str]
+@pytest.mark.parametrize('simulated', ['true', 'false'])
+def test_arguments_that_are_given_override_the_file(
+    monkeypatch: pytest.MonkeyPatch, given: str, served: list[str] | None, simulated: str
 ) -> None:
     anything: Any = SimpleNamespace(
         LaunchConfiguration=LaunchConfiguration,
@@ -46,7 +47,9 @@ def test_the_server_takes_one_navigator_or_several(
     for module in ('launch', 'launch.actions', 'launch.substitutions', 'launch_ros', 'launch_ros.actions'):
         monkeypatch.setitem(sys.modules, module, anything)
     nodes = runpy.run_path(str(FILE))['nodes']
-    arguments = {'navigators': given, 'use_sim_time': 'false', 'black_box': 'true'}
+    arguments = {'navigators': given, 'use_sim_time': simulated, 'black_box': 'true'}
     started = {node['executable']: node for node in nodes(arguments)}
     assert set(started) == {'bt_server', 'onboard_executive', 'stop_guard', 'black_box'}
-    assert started['bt_server']['parameters'][-1]['navigators'] == served
+    time = [{'use_sim_time': True}] if simulated == 'true' else []
+    assert started['bt_server']['parameters'][1:] == time + ([{'navigators': served}] if served else [])
+    assert started['onboard_executive']['parameters'][1:] == time
