@@ -83,7 +83,7 @@ def run_doctor(options: argparse.Namespace) -> int:
         else:
             print(*escape_lines(f'{SIGNS[finding.level]} {finding.check}: {finding.what}'), sep='\n', flush=True)
             if finding.remedy:
-                print(f'        -> {finding.remedy}', flush=True)
+                print(*escape_lines(f'        -> {finding.remedy}'), sep='\n', flush=True)
         worst = max(worst, int(finding.level is Level.ERROR))
     return worst
 

@@ -13,6 +13,7 @@ from rosidl_parser.definition import AbstractSequence, Array, NamespacedType
 
 from flexbt_common.errors import UnknownTypeError
 from flexbt_common.values.value_types import class_of_slot, interface_class
+from flexbt_core.behavior_tree.model.definition import port_name_problem
 from flexbt_server.node_types import node_registry
 
 from .graph import Graph
@@ -63,7 +64,7 @@ def _node(kind: str, key: str, type_name: str, name: str, interface: type[Any]) 
     for prefix, message in zip((sent, received), messages, strict=True):
         for path in _paths(message):
             port = path.replace('.', '_')
-            port = f'{received}_{port}' if port in used else port
+            port = f'{prefix}_{port}' if port in used or port_name_problem(port) else port
             used.add(port)
             fields[f'{prefix}.{path}'] = f'{{{port}}}'
     inputs = {path.strip('{}') for field, path in fields.items() if field.startswith(f'{sent}.')}

@@ -22,9 +22,9 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
 from tf2_msgs.msg import TFMessage
 
-from flexbt_bringup import doctor
+from flexbt_bringup import cli, doctor
 from flexbt_bringup.doctor import Finding, Level, RobotCheck, machine_findings, router_findings
-from flexbt_bringup.graph import observe
+from flexbt_bringup.graph import Graph, observe
 from flexbt_bringup.manifest import manifest_text
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
@@ -278,6 +278,20 @@ def test_the_servers_of_a_robot_become_a_manifest_that_can_be_read(other: NodeRu
     ports = nodes['ArmTurnAround'].ports
     assert {'target_yaw', 'time_allowance', 'error_code', 'server_name'} <= set(ports)
     assert ports['server_name'].default == 'arm/turn_around'
+
+
+def test_fields_that_no_port_can_be_called_after_have_other_ports() -> None:
+    services: dict[str, tuple[str, ...]] = {'/spawn_entity': ('simulation_interfaces/srv/SpawnEntity',)}
+    node = read_manifest(manifest_text(Graph((), {}, services, {}), ''), 'proposed.yaml')['SpawnEntity']
+    assert {'request_name', 'uri', 'entity_name'} <= set(node.ports)
+
+
+def test_no_name_of_the_graph_reaches_the_terminal_as_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli, '_findings', lambda _options: [doctor.error('a\x1b[2J', 'b\x1b[2J')])
+    assert cli.main(['doctor']) == 1
+    assert '\x1b' not in capsys.readouterr().out
 
 
 def test_a_check_whose_output_nobody_reads_ends_quietly() -> None:
