@@ -183,8 +183,8 @@ class Robot(Carrier):
             self.battery.run(self.battery.model.idle + driving, duration)
             if self.battery.level <= 0.0:
                 linear = angular = 0.0
-        if abs(linear) > self.speed_limit:
-            linear = math.copysign(self.speed_limit, linear)
+        if abs(linear) > self.speed_limit:  # on the same arc
+            linear, angular = (part * self.speed_limit / abs(linear) for part in (linear, angular))
         if self.faults:
             self._get_lost(duration)
         if linear == angular == self._linear == self._angular == 0.0:

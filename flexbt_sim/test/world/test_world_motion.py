@@ -159,6 +159,10 @@ def test_a_car_takes_no_sharper_bend_than_it_can() -> None:
         car.command(1.0, 1.0, world.time)
         world.step()
     assert (car.linear, car.angular) == pytest.approx((0.5, 0.5 / 5.0))
+    for _ in range(100):
+        car.command(1.0, 0.1, world.time)
+        world.step()
+    assert (car.linear, car.angular) == pytest.approx((0.5, 0.05))
 
 
 def walk(world: World, steps: int = 150) -> list[WorldSnapshot]:
