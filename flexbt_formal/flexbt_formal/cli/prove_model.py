@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, Final
 
+from flexbt_core.values.findings import finding_record
 from flexbt_core.values.text import did_you_mean, one_line
 from flexbt_core.values.text_files import open_regular
 from flexbt_formal.roaml.checking import CheckLimits, Method, Result, check
@@ -96,7 +97,8 @@ def run(options: argparse.Namespace) -> ExitCode:
             for line in result_lines(result):
                 print(one_line(line, 2000), flush=True)
     if options.json:
-        print(json.dumps({'model': file, 'properties': [result_as_json(one) for one in results]}))
+        findings = [finding_record('property', 'error', _verdict(one)) for one in results if one.holds is False]
+        print(json.dumps({'model': file, 'properties': [result_as_json(one) for one in results], 'findings': findings}))
     if any(one.holds is False for one in results):
         return ExitCode.NEGATIVE
     return ExitCode.OK if all(one.holds for one in results) else ExitCode.UNFINISHED
@@ -119,7 +121,7 @@ _LAST: Final = 50
 
 def result_lines(result: Result) -> Iterator[str]:
     """Yield the lines of a result: the verdict, the method, and a path on which the property fails."""
-    yield f'  {result.asked.name}: {_VERDICTS[result.holds]}, probability {_probability(result)}'
+    yield f'  {_verdict(result)}'
     yield f'    {result.asked.text}{_demanded(result)}'
     yield f'    {result.how}, {result.seconds:.1f} s'
     for note in result.notes:
@@ -131,6 +133,10 @@ def result_lines(result: Result) -> Iterator[str]:
 
 
 _VERDICTS: Final = {True: 'holds', False: 'CAN FAIL', None: 'NOT DECIDED'}
+
+
+def _verdict(result: Result) -> str:
+    return f'{result.asked.name}: {_VERDICTS[result.holds]}, probability {_probability(result)}'
 
 
 def _probability(result: Result) -> str:

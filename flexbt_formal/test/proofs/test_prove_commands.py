@@ -532,8 +532,10 @@ def test_a_model_is_known_by_its_main_file(tmp_path: Path) -> None:
     done = tool('prove', main)
     assert done.code == 1
     assert 'fetched: CAN FAIL, probability 0.973' in done.out and 'Grasp::2 gives FAILURE' in done.out
-    (found,) = json.loads(tool('prove', main, '--json').out)['properties']
+    document = json.loads(tool('prove', main, '--json').out)
+    (found,) = document['properties']
     assert found['value'] == pytest.approx(0.973) and found['exact'] and found['way']
+    assert [one['message'] for one in document['findings']] == ['fetched: CAN FAIL, probability 0.973']
     assert tool('prove', main, '--property', 'fetch').code == 2
     assert tool('prove', main, '--save-test', 'x').code == 2
     done = tool('prove', main, '--method', 'statistical', '--error', '0.05')

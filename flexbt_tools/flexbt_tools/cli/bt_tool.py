@@ -28,7 +28,7 @@ from flexbt_core.skills.literals import ConditionSensor, Predicate
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 from flexbt_server.groot2.log_file import SUFFIX, LogContent, LogError, LoggedNode, read_log
 from flexbt_server.groot2.protocol import models_document
-from flexbt_tools.errors import ExitCode, UsageError
+from flexbt_tools.errors import ExitCode, UnfitError, UsageError
 from flexbt_tools.files import read_skill_files
 from flexbt_tools.mock_runs.mock_plan import read_plan
 from flexbt_tools.mock_runs.mock_run import DEFAULT_RATE, BlackboardFile, MockRun, json_types, save_blackboard
@@ -351,8 +351,7 @@ def run_log(options: argparse.Namespace) -> ExitCode:
     except OSError as error:
         raise UsageError(f'{options.file}: {error.strerror or error}') from error
     except LogError as error:
-        print(one_line(str(error), 1000), file=sys.stderr)
-        return ExitCode.REFUSED
+        raise UnfitError(one_line(str(error), 1000)) from error
     if not options.json:
         print(f'{_when(log)}: {len(log.nodes)} nodes, {len(log.transitions)} transitions')
     for one in log.transitions:

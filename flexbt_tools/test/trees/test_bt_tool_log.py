@@ -117,3 +117,5 @@ def test_where_no_log_can_be_written_or_read(tmp_path: Path) -> None:
         assert done.code == 2
         assert name in done.err
     assert 'pipe or device' in tool('log', '/dev/zero').err
+    done = tool('log', tree, '--json')
+    assert done.code == 3 and 'not a log file' in json.loads(done.out)['findings'][0]['message']
