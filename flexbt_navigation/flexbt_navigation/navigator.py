@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 import numpy
 
-from flexbt_navigation.behaviors.motions import DriveMotion, SpinMotion
+from flexbt_navigation.behaviors.motions import SPIN_LIMITS, DriveMotion, SpinMotion
 from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.controller.path_follower import FollowerLimits, PathFollower
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
@@ -216,7 +216,8 @@ class Navigator:
     def _spin(self) -> Steps[bool]:
         if self._limits.turning_radius:
             return False
-        return (yield from self._complete(SpinMotion(1.57, 10.0, self._local.costmap)))
+        limits = SPIN_LIMITS.braking_with(self._limits.angular_acceleration)
+        return (yield from self._complete(SpinMotion(1.57, 10.0, self._local.costmap, limits)))
 
     def _back_up(self) -> Steps[bool]:
         return (yield from self._complete(DriveMotion(-0.3, -0.15, 10.0, self._local.costmap)))

@@ -23,7 +23,7 @@ from flexbt_navigation.controller.motions import STOP, Velocity
 from flexbt_navigation.controller.server import ControllerParameters, MotionArbiter, MotionServer
 from flexbt_navigation.errors import NavigationError
 
-from .motions import AssistedTeleopMotion, DriveMotion, SpinMotion
+from .motions import SPIN_LIMITS, AssistedTeleopMotion, DriveMotion, SpinMotion
 
 MOST_TURN: Final = 10_000.0
 MOST_DISTANCE: Final = 100_000.0
@@ -62,13 +62,14 @@ class BehaviorServer:
             MotionServer(runtime, arbiter, *motion)
 
     def _spin(self, request: Any) -> SpinMotion:
-        radius = self._controller.follower.turning_radius
-        if radius:
+        follower = self._controller.follower
+        if radius := follower.turning_radius:
             raise NavigationError('UNKNOWN', f'a robot with a minimum_turning_radius of {radius:g} m cannot spin')
         return SpinMotion(
             bounded(request.target_yaw, 'target_yaw', MOST_TURN),
             seconds_of(request.time_allowance),
             self._arbiter.robot.costmaps.local,
+            SPIN_LIMITS.braking_with(follower.angular_acceleration),
         )
 
     def _back_up(self, request: Any) -> DriveMotion:

@@ -108,6 +108,10 @@ class TurnLimits:
     maximum: float = 1.0
     acceleration: float = 1.6
 
+    def braking_with(self, acceleration: float) -> TurnLimits:
+        """Return the limits for a robot that brakes no harder than this, rad/s²."""
+        return replace(self, acceleration=min(self.acceleration, acceleration))
+
     def speed(self, remaining: float) -> float:
         """Return the turning speed, rad/s, from which the robot can still brake within this angle."""
         return min(self.maximum, max(self.minimum, math.sqrt(2.0 * self.acceleration * abs(remaining))))

@@ -401,7 +401,7 @@ class PathFollower(Motion):
             self._circles, self._no_room_since = before._circles, before._no_room_since
         else:
             self.progress.head_elsewhere()
-        self._turn = TurnLimits(maximum=limits.angular_speed)
+        self._turn = TurnLimits(maximum=limits.angular_speed).braking_with(limits.angular_acceleration / 2.0)
         self._at = 0.0
         self._has_begun = self._yields = False
         self._at_goal = False

@@ -5,14 +5,21 @@ from __future__ import annotations
 
 import contextlib
 import math
+from dataclasses import replace
 
 import numpy
 import pytest
-from closed_loop import PERIOD, RADIUS, Run, run
+from closed_loop import MODEL, PERIOD, RADIUS, Run, run
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from flexbt_navigation.behaviors.motions import ROLL_TIME, AssistedTeleopMotion, DriveMotion, SpinMotion
+from flexbt_navigation.behaviors.motions import (
+    ROLL_TIME,
+    SPIN_LIMITS,
+    AssistedTeleopMotion,
+    DriveMotion,
+    SpinMotion,
+)
 from flexbt_navigation.controller.motions import (
     LOOK_AHEAD,
     STOP,
@@ -84,6 +91,14 @@ def test_a_spin_turns_by_its_angle_on_the_spot(angle: float, late: int) -> None:
     assert done.robot.pose[:2] == CENTRE[:2]
     assert all(command.linear == 0.0 and command.angular * angle > 0.0 for command in done.commands)
     assert done.now < abs(angle) / 1.0 + 2.5
+
+
+def test_a_spin_of_a_robot_that_brakes_gently_slows_down_in_time() -> None:
+    gentle = replace(MODEL, drive=replace(MODEL.drive, angular_acceleration=1.0))
+    limits = SPIN_LIMITS.braking_with(gentle.drive.angular_acceleration)
+    done = Run(OPEN, CENTRE, gentle).go(SpinMotion(-1.0, 0.0, costs(OPEN), limits), late=1)
+    done.world.step(10.0)
+    assert done.robot.pose.yaw == pytest.approx(CENTRE.yaw - 1.0, abs=0.12)
 
 
 def test_a_spin_of_nothing_is_complete_at_once() -> None:

@@ -185,6 +185,16 @@ def test_an_obstacle_on_the_path_stops_the_robot_before_it(patience: float, code
     assert 0.0 < 4.0 - done.robot.pose.x - RADIUS < FOLLOWER.speed * FOLLOWER.collision_time + 0.05
 
 
+@pytest.mark.parametrize('acceleration', [0.3, 1.0, 20.0])
+def test_a_turn_to_the_heading_of_the_goal_ends_there_however_hard_the_robot_brakes(acceleration: float) -> None:
+    model = replace(MODEL, drive=replace(MODEL.drive, angular_acceleration=acceleration))
+    limits = FollowerLimits.of(model.drive)
+    done = Run(OPEN, Pose(3.0, 3.0, 0.0), model).go(follower([Pose(3.0, 3.0, 3.0)], limits=limits), late=1)
+    done.world.step(10.0)
+    assert done.code == ''
+    assert done.robot.pose.yaw == pytest.approx(3.0, abs=limits.yaw_tolerance + 0.02)
+
+
 @pytest.mark.parametrize('speed', [1.2, 2.0, 3.0])
 def test_a_fast_robot_stops_before_an_obstacle_and_at_its_goal(speed: float) -> None:
     path = line((0.5, 3.0), (7.0, 3.0))
