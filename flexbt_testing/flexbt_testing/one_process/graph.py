@@ -58,6 +58,10 @@ class Domain:
 
     def reset(self) -> None:
         """Forget everything."""
+        for logger, level in getattr(self, 'levels', {}).items():
+            REAL.rclpy_logging_set_logger_level(logger, level)
+        self.levels: dict[str, int] = {}
+        """The levels of loggers before a program has set others."""
         self.topics: dict[tuple[str, str], Any] = {}  # by domain and name
         self.services: dict[tuple[str, str], Any] = {}
         self.nodes: list[Node] = []
@@ -265,7 +269,7 @@ class Node(Destroyable):
         # As in rcl: the first rule that matches, and the rules of a namespace see the new name.
         name = _renamed(renaming, name, '__node', '__name') or name
         namespace = _renamed(renaming, name, '__ns') or namespace
-        namespace = '/' + (namespace or '').lstrip('/') if namespace != '/' else '/'
+        namespace = namespace if (namespace or '').startswith('/') else f'/{namespace or ""}'
         self.name, self.namespace = name, namespace
         if problem := REAL.rclpy_get_validation_error_for_node_name(name):
             raise ValueError(f'invalid node name {name!r}: {problem}')

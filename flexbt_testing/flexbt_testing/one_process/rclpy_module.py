@@ -12,6 +12,7 @@ from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 from . import clocks, graph, services, topics
+from .boundary import BOUNDARY
 from .graph import DOMAIN, MODULE, REAL, Context, Destroyable, type_name
 from .scheduler import BOOT, SCHEDULER, SECOND, Process
 
@@ -176,10 +177,19 @@ def _log(severity: Any, name: str, text: str, *where: Any) -> None:
         from rcl_interfaces.msg import Log
 
         stamp = Time(sec=SCHEDULER.wall // SECOND, nanosec=SCHEDULER.wall % SECOND)
-        node.rosout.publish(Log(stamp=stamp, level=int(severity), name=name, msg=text))
+        function, file, line = where
+        node.rosout.publish(
+            Log(stamp=stamp, level=int(severity), name=name, msg=text, file=file, function=function, line=line)
+        )
     if process.log is not None or os.environ.get('FLEXBT_ONE_PROCESS_LOG'):
         level = REAL.RCUTILS_LOG_SEVERITY(int(severity)).name.removeprefix('RCUTILS_LOG_SEVERITY_')
         (process.log or sys.stderr).write(f'[{level}] [{(SCHEDULER.now - BOOT) / SECOND:.6f}] [{name}]: {text}\n')
+
+
+def _set_level(logger: str, *how: Any) -> Any:
+    if BOUNDARY.is_inside:
+        DOMAIN.levels.setdefault(logger, REAL.rclpy_logging_get_logger_level(logger))
+    return REAL.rclpy_logging_set_logger_level(logger, *how)
 
 
 def _resolve_name(node: Node, name: str, only_expand: bool, _is_service: bool) -> str:
@@ -257,6 +267,7 @@ _FUNCTIONS: Final[dict[str, Any]] = {
     'rclpy_logging_configure': lambda _context: None,
     'rclpy_logging_fini': lambda: None,
     'rclpy_logging_rcutils_log': _log,
+    'rclpy_logging_set_logger_level': _set_level,
     'rclpy_logging_rosout_add_sublogger': lambda _logger, _sublogger: False,
     'rclpy_logging_rosout_remove_sublogger': lambda _logger, _sublogger: None,
     'rclpy_remap_topic_name': lambda node, name: node.resolved(name),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -20,6 +21,7 @@ INFINITE: Final = 1_000_000_000_000_000_000
 """Durations from here on count as infinite, ns."""
 
 _MOST_KEPT: Final = 100_000
+_LARGEST_DEPTH: Final = 2**31 - 1
 _RELIABLE: Final = 1
 _BEST_EFFORT: Final = 2
 _TRANSIENT_LOCAL: Final = 1
@@ -52,8 +54,10 @@ class Qos:
         self.deadline = _finite(given['deadline'])
         self.lifespan = _finite(given['lifespan'])
         self.lease = _finite(given['liveliness_lease_duration'])
-        depth = int(given['depth'])
-        self.depth = _MOST_KEPT if int(given['history']) == _KEEP_ALL else max(1, min(depth, _MOST_KEPT))
+        depth, keeps_all = int(given['depth']), int(given['history']) == _KEEP_ALL
+        if depth > _LARGEST_DEPTH and not keeps_all:  # a negative one, too, as C has it
+            raise RCLError('failed to set history depth since the requested queue size exceeds the DDS type')
+        self.depth = _MOST_KEPT if keeps_all else max(1, min(depth, _MOST_KEPT))
 
     @classmethod
     def of(cls, profile: Any, is_publisher: bool, others: Sequence[Qos]) -> Qos:
@@ -294,11 +298,10 @@ class Publisher(Endpoint):
 
     def send_to(self, subscription: Subscription, sample: Sample) -> None:
         """Send a sample to one subscription."""
-        is_reliable = self.qos.reliability == _RELIABLE == subscription.qos.reliability
         DOMAIN.transfer(
             self.process,
             subscription.process,
-            is_reliable,
+            _is_reliable(self, subscription),
             subscription.last_arrivals,
             self.pointer,
             lambda: subscription.arrive(sample),
@@ -416,7 +419,9 @@ class Subscription(Endpoint):
             'publication_sequence_number': sample.number,
             'reception_sequence_number': None,
         }
-        return (sample.data() if raw else sample.message()), info
+        with suppress(REAL.RMWError):  # bytes that are no message are dropped
+            return (sample.data() if raw else sample.message()), info
+        return None
 
     def is_cft_enabled(self) -> bool:
         return False
@@ -448,6 +453,11 @@ def read_topic(node: Node, name: str, read: Callable[[Any], object]) -> None:
     DOMAIN.topics.setdefault((node.domain, node.resolved(name)), Topic()).readers.append(read)
 
 
+def _is_reliable(publisher: Publisher, subscription: Subscription) -> bool:
+    """Return whether lost messages are sent again, and those that were sent before the two have matched."""
+    return publisher.qos.reliability == _RELIABLE == subscription.qos.reliability
+
+
 def _discover(publisher: Publisher, subscription: Subscription) -> None:
     """Match the two, after the delay of discovery between their processes."""
     delay = DOMAIN.discovery(publisher.process, subscription.process) if DOMAIN.discovery else 0
@@ -474,7 +484,8 @@ def _match(publisher: Publisher, subscription: Subscription) -> None:
     publisher.tell(PublisherEvent.RCL_PUBLISHER_MATCHED, current_count=1, total_count=1)
     subscription.tell(SubscriptionEvent.RCL_SUBSCRIPTION_MATCHED, current_count=1, total_count=1)
     publisher.show_itself()
-    if publisher.kept is not None and subscription.qos.durability == _TRANSIENT_LOCAL and publisher.process.is_alive:
+    is_owed = subscription.qos.durability == _TRANSIENT_LOCAL and _is_reliable(publisher, subscription)
+    if publisher.kept is not None and is_owed and publisher.process.is_alive:
         for sample in list(publisher.kept)[-subscription.qos.depth :]:
             publisher.send_to(subscription, sample)
 

@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 from geometry_msgs.msg import Point32, PoseStamped
+from rcl_interfaces.msg import Log
 from rclpy.duration import Duration, Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.exceptions import InvalidServiceNameException, InvalidTopicNameException
+from rclpy.exceptions import InvalidNamespaceException, InvalidServiceNameException, InvalidTopicNameException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
@@ -28,6 +31,9 @@ from std_srvs.srv import Empty
 RELIABLE = QoSProfile(depth=10)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_LATCHED = QoSProfile(
+    depth=2, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.BEST_EFFORT
+)
 MANUAL = QoSProfile(
     depth=10, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC, liveliness_lease_duration=Duration(seconds=1.0)
 )
@@ -106,6 +112,22 @@ def test_a_late_subscription_gets_what_is_latched(ros: Any) -> None:
     publisher.publish(Int32(data=5))
     ros.wait(lambda: late == [3, 4, 5] and volatile)
     assert volatile == [5]
+
+
+@pytest.mark.parametrize('offered', [LATCHED, BEST_LATCHED], ids=['reliable', 'best_effort'])
+def test_nothing_that_is_latched_is_sent_to_a_best_effort_subscription(ros: Any, offered: QoSProfile) -> None:
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, offered)
+    publisher.publish(Int32(data=1))
+    heard = Heard(ros.node('listener'), ros.topic, BEST_LATCHED)
+
+    def is_heard() -> bool:
+        publisher.publish(Int32(data=2))
+        return bool(heard)
+
+    ros.wait(publisher.get_subscription_count)
+    ros.wait(heard.subscription.get_publisher_count)
+    ros.wait(is_heard)
+    assert set(heard) == {2}
 
 
 def test_a_latched_message_of_a_publisher_that_ended_is_gone(ros: Any) -> None:
@@ -437,6 +459,37 @@ def test_bytes_can_be_published_and_received(ros: Any) -> None:
     assert deserialize_message(raw[0], Int32) == Int32(data=7)
 
 
+def test_bytes_that_are_no_message_are_dropped(ros: Any) -> None:
+    got: list[str] = []
+    publisher = ros.node('talker').create_publisher(String, ros.topic, RELIABLE)
+    ros.node('listener').create_subscription(String, ros.topic, lambda message: got.append(message.data), RELIABLE)
+    ros.wait(publisher.get_subscription_count)
+    publisher.publish(bytes([0, 1, 0, 0, 255, 255, 255, 255]))
+    publisher.publish(String(data='a text'))
+    ros.wait(lambda: got == ['a text'])
+
+
+def test_a_queue_has_a_depth_that_dds_can_count(ros: Any) -> None:
+    with pytest.raises(rclpy_implementation.RCLError):
+        ros.node('talker').create_publisher(Int32, ros.topic, QoSProfile(depth=-1))
+
+
+def test_what_is_logged_is_on_a_topic_with_its_place(ros: Any) -> None:
+    got: list[Log] = []
+    ros.node('listener').create_subscription(Log, '/rosout', got.append, LATCHED)
+    logger = ros.node(f'talker_{ros.topic}').get_logger()
+    logger.info('a text')
+
+    def own() -> list[Log]:
+        return [one for one in got if one.name == logger.name]
+
+    ros.wait(own)
+    [line] = own()
+    assert (line.msg, line.level, Path(line.file).name) == ('a text', 20, Path(__file__).name)
+    assert line.function == 'test_what_is_logged_is_on_a_topic_with_its_place'
+    assert line.line > 0
+
+
 def test_a_callback_can_have_the_times_and_the_number_of_a_message(ros: Any) -> None:
     infos: list[dict[str, Any]] = []
     publisher = ros.node('talker').create_publisher(Int32, ros.topic, RELIABLE)
@@ -482,6 +535,12 @@ def test_an_invalid_name_is_refused(ros: Any, name: str) -> None:
         node.create_service(Empty, name, print)
     with pytest.raises(RuntimeError, match='failed to resolve name'):
         node.resolve_topic_name(name)
+
+
+@pytest.mark.parametrize('namespace', ['//x', '/x/', '/1'])
+def test_an_invalid_namespace_is_refused(ros: Any, namespace: str) -> None:
+    with pytest.raises(InvalidNamespaceException):
+        ros.node('talker', namespace=namespace)
 
 
 def test_what_is_destroyed_cannot_be_used(ros: Any) -> None:

@@ -24,6 +24,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from rclpy.logging import LoggingSeverity, get_logger_effective_level, set_logger_level
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -492,6 +493,7 @@ def test_what_a_program_changes_of_the_interpreter_ends_with_it() -> None:
 
     def warn() -> None:
         os.chdir(Path.home())
+        set_logger_level('chatty', LoggingSeverity.DEBUG)
         run_node('warning', lambda _runtime: logging.getLogger('library').warning('beware'), [])
 
     with World(0, [Program('', 'idle', main=partial(run_node, 'idle', lambda _runtime: None, []))]) as world:
@@ -499,6 +501,8 @@ def test_what_a_program_changes_of_the_interpreter_ends_with_it() -> None:
         world.run(2.0)
         assert [(one[1].name, one[3], one[4]) for one in DOMAIN.log] == [('warn', 'warning', 'library: beware')]
         world.kill('warn')
+    with World(0, [Program('', 'idle', main=lambda: None)]):
+        assert get_logger_effective_level('chatty') == LoggingSeverity.INFO
     assert logging.getLogger().handlers == handlers
     assert Path.cwd() == folder
 
