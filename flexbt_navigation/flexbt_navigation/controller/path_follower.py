@@ -267,17 +267,13 @@ class FollowerLimits:
             speed=min(cls.speed, drive.linear_speed),
             linear_acceleration=drive.linear_acceleration,
             angular_acceleration=drive.angular_acceleration,
+            angular_speed=min(cls.angular_speed, drive.angular_speed),
             turning_radius=drive.turning_radius,
         )
         if not limits.turning_radius:
             return limits
         speed = min(drive.linear_speed, max(cls.speed, CAR_SPEED * limits.turning_radius))
-        return replace(
-            limits,
-            speed=speed,
-            approach_distance=max(cls.approach_distance, BRAKING_TIME * speed),
-            angular_speed=min(cls.angular_speed, drive.angular_speed),
-        )
+        return replace(limits, speed=speed, approach_distance=max(cls.approach_distance, BRAKING_TIME * speed))
 
 
 class ProgressChecker:

@@ -195,6 +195,15 @@ def test_a_turn_to_the_heading_of_the_goal_ends_there_however_hard_the_robot_bra
     assert done.robot.pose.yaw == pytest.approx(3.0, abs=limits.yaw_tolerance + 0.02)
 
 
+def test_no_turn_is_commanded_that_is_faster_than_the_robot_can() -> None:
+    """Collisions are looked for on the arc of the command."""
+    model = replace(MODEL, drive=replace(MODEL.drive, angular_speed=0.3))
+    path = line((1.0, 1.0), (3.0, 1.0), (3.0, 3.0), yaw=2.0)
+    done = Run(OPEN, path[0], model).go(follower(path, limits=FollowerLimits.of(model.drive)))
+    assert done.code == ''
+    assert max(abs(command.angular) for command in done.commands) <= 0.3
+
+
 @pytest.mark.parametrize('speed', [1.2, 2.0, 3.0])
 def test_a_fast_robot_stops_before_an_obstacle_and_at_its_goal(speed: float) -> None:
     path = line((0.5, 3.0), (7.0, 3.0))
