@@ -112,6 +112,7 @@ def open_page(page: StudioPage, mission: Mission, file: str) -> None:
     page.run('document.getElementById("live").click()')
     page.until(lambda: page.run('return document.getElementById("live").className') == 'good')
     page.until_text('debug-who', 'you: guest-')
+    page.until(lambda: page.run('return document.querySelector("#picture .st-running")'))  # what runs has been received
 
 
 def marks(page: StudioPage) -> dict[str, str]:
@@ -157,18 +158,18 @@ def press_button(page: StudioPage, place: str, text: str) -> None:
     page.run(script, place, text)
 
 
-def step(page: StudioPage, key: str = Keys.F11) -> None:
+def step(page: StudioPage) -> None:
     """Answer the held transition; it must have been shown for a moment."""
-    while 'has just come' in answered(page, key):
-        pass
+    applied = told(page, 'step into')
+    while told(page, 'step into') == applied:
+        press_until_told(page, Keys.F11, 'step into', 'has just come')
 
 
-def answered(page: StudioPage, key: str) -> str:
-    """Press a key, and return what is told next."""
-    count = len(lines(page))
+def press_until_told(page: StudioPage, key: str, *texts: str) -> None:
+    """Press a key, and wait until one of the texts is told once more."""
+    count = sum(told(page, text) for text in texts)
     page.press(key)
-    page.until(lambda: len(lines(page)) > count)
-    return lines(page)[0]
+    page.until(lambda: sum(told(page, text) for text in texts) > count)
 
 
 def lines(page: StudioPage) -> list[str]:
