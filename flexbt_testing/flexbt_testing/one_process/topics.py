@@ -125,19 +125,22 @@ class Topic:
 class Sample:
     """A published message: as an object, as bytes, or as both, once somebody has asked."""
 
-    __slots__ = ('_data', '_message', 'dies_at', 'gid', 'number', 'stamp', 'type')
+    __slots__ = ('_data', '_lifespan', '_message', '_sent', 'gid', 'number', 'stamp', 'type')
 
     def __init__(self, message: Any, data: bytes | None, publisher: Publisher) -> None:
         self._message, self._data = message, data
         self.type, self.gid, self.number = publisher.type, publisher.gid, publisher.sent
         self.stamp = SCHEDULER.wall
-        lifespan = publisher.qos.lifespan
-        self.dies_at = SCHEDULER.now + lifespan if lifespan else None
+        self._sent, self._lifespan = SCHEDULER.now, publisher.qos.lifespan
 
     @property
     def is_dead(self) -> bool:
-        """True if its lifespan is over."""
-        return self.dies_at is not None and self.dies_at <= SCHEDULER.now
+        """True if its publisher does not send it any more."""
+        return self.is_older(self._lifespan)
+
+    def is_older(self, lifespan: int) -> bool:
+        """Return whether it was published so long ago, ns; 0 for never."""
+        return 0 < lifespan <= SCHEDULER.now - self._sent
 
     def message(self) -> Any:
         """Return a new message. Raises what deserialization raises."""
@@ -401,10 +404,13 @@ class Subscription(Endpoint):
         return int(time.sec * SECOND + time.nanosec)
 
     def take_sample(self) -> tuple[Sample, int] | None:
-        """Return the oldest sample that is not dead, and when it arrived (wall time, ns); None if there is none."""
+        """Return the oldest sample, and when it arrived (wall time, ns); None if there is none.
+
+        As in Fast DDS, the own lifespan decides what is too old in the queue, and that of the publisher what it sends.
+        """
         while self._queue:
             sample, arrived = self._queue.popleft()
-            if not sample.is_dead:
+            if not sample.is_older(self.qos.lifespan):
                 return sample, arrived
         return None
 

@@ -143,6 +143,28 @@ def test_a_latched_message_of_a_publisher_that_ended_is_gone(ros: Any) -> None:
     assert heard == [2, 3]
 
 
+@pytest.mark.parametrize('of_subscription', [False, True], ids=['of publisher', 'of subscription'])
+def test_what_waits_in_a_queue_ends_by_the_lifespan_of_the_subscription(ros: Any, of_subscription: bool) -> None:
+    short = QoSProfile(depth=10, lifespan=Duration(seconds=2.0))
+    offered, requested = (RELIABLE, short) if of_subscription else (short, RELIABLE)
+    publisher = ros.node('talker').create_publisher(Int32, ros.topic, offered)
+    listener = ros.node('listener', spins=False)
+    heard = Heard(listener, ros.topic, requested)
+    ros.wait(publisher.get_subscription_count)
+    publisher.publish(Int32(data=1))
+    assert publisher.wait_for_all_acked(Duration(seconds=30.0))
+    end = time.monotonic() + 2.5
+    ros.wait(lambda: time.monotonic() > end)
+    ros.spin(listener)
+
+    def is_heard() -> bool:
+        publisher.publish(Int32(data=2))
+        return 2 in heard
+
+    ros.wait(is_heard)
+    assert (1 in heard) == (not of_subscription)
+
+
 def test_an_old_message_is_not_delivered(ros: Any) -> None:
     short = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL, lifespan=Duration(seconds=0.2))
     publisher = ros.node('talker').create_publisher(Int32, ros.topic, short)
