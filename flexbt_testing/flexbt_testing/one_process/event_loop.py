@@ -142,9 +142,20 @@ class _Transport(asyncio.Transport):
         pass
 
     def _arrive(self, data: bytes) -> None:
-        if self._process.is_alive and not self._loop.is_closed():
+        if self._is_closing or not self._process.is_alive:
+            if data and (peer := self.peer) is not None:
+                DOMAIN.transfer(self._process, peer._process, True, self._times, 0, peer._reset)
+        elif not self._loop.is_closed():
             self._arrived.append(data)
             self._loop.call_soon_threadsafe(self._take)
+
+    def _reset(self) -> None:
+        """End, since the other end takes no data any more."""
+        if not self._is_closing and self._process.is_alive and not self._loop.is_closed():
+            self._is_closing = True
+            self._process.kept_files.remove(self.write_eof)
+            error = ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET))
+            self._loop.call_soon_threadsafe(self._protocol.connection_lost, error)
 
     def _take(self) -> None:
         """Give what has arrived to the protocol; b'' is its end."""
@@ -156,23 +167,24 @@ class _Transport(asyncio.Transport):
                 self.close()
 
 
-class _Server:
-    """A server of the world, and its own only socket."""
+class _Server(asyncio.AbstractServer):
+    """A server of the world, and its own only socket. It listens from its creation on."""
 
     listening: Final[dict[int, _Server]] = {}
-    """By port; those of dead processes do not count."""
+    """By port; those of dead processes and of closed loops do not count."""
 
     def __init__(self, loop: EventLoop, factory: Callable[[], asyncio.Protocol], host: str, port: int) -> None:
         self.loop, self.factory, self.process = loop, factory, SCHEDULER.current.process
         self._address = (host or '127.0.0.1', port)
         self.sockets = (self,)
+        self._serving: asyncio.Future[None] | None = None
         _Server.listening[port] = self
 
     @classmethod
     def at(cls, port: int) -> _Server | None:
         """Return the server that listens at a port."""
         found = cls.listening.get(port)
-        return found if found is not None and found.process.is_alive else None
+        return found if found is not None and found.process.is_alive and not found.loop.is_closed() else None
 
     def getsockname(self) -> tuple[str, int]:
         return self._address
@@ -180,6 +192,21 @@ class _Server:
     def close(self) -> None:
         if _Server.at(self._address[1]) is self:
             del _Server.listening[self._address[1]]
+        if self._serving is not None:
+            self._serving.cancel()
+
+    def get_loop(self) -> asyncio.AbstractEventLoop:
+        return self.loop
+
+    async def start_serving(self) -> None:
+        pass
+
+    async def serve_forever(self) -> None:
+        self._serving = self.loop.create_future()
+        try:
+            await self._serving
+        finally:
+            self.close()
 
     def is_serving(self) -> bool:
         return _Server.at(self._address[1]) is self

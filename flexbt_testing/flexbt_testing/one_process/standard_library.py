@@ -51,6 +51,8 @@ class Lock:
     def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
         if not blocking and timeout != -1:
             raise ValueError("can't specify a timeout for a non-blocking call")
+        if timeout < 0 and timeout != -1:
+            raise ValueError('timeout value must be a non-negative number')
         if not blocking or timeout == 0:
             SCHEDULER.look()
         elif SCHEDULER.preemption:
@@ -160,20 +162,11 @@ class _MainThread(Thread):
 
 
 class Timer(Thread):
-    """Stand-in for ``threading.Timer``."""
+    """Stand-in for ``threading.Timer``, with its methods."""
 
-    def __init__(self, interval: float, function: Callable[..., object], args: Any = None, kwargs: Any = None) -> None:
-        super().__init__(target=function, args=args or (), kwargs=kwargs)
-        self.interval = interval
-        self.finished = threading.Event()
-
-    def cancel(self) -> None:
-        self.finished.set()
-
-    def run(self) -> None:
-        if not self.finished.wait(self.interval):
-            super().run()
-        self.finished.set()
+    __init__ = threading.Timer.__init__
+    cancel = threading.Timer.cancel
+    run = threading.Timer.run
 
 
 def _thread_of(task: Task) -> Any:
@@ -190,7 +183,7 @@ def current_thread() -> Any:
 def main_thread() -> Any:
     """Stand-in for ``threading.main_thread``: the first thread of the process that asks."""
     process = SCHEDULER.current.process
-    return _thread_of(next((task for task in SCHEDULER.tasks if task.process is process), SCHEDULER.main))
+    return _thread_of(next(task for task in (SCHEDULER.main, *SCHEDULER.tasks) if task.process is process))
 
 
 def _enumerate() -> list[Any]:

@@ -148,10 +148,50 @@ def test_a_loop_has_no_sockets_of_this_computer_and_no_processes(bare: World) ->
         with pytest.raises(ConnectionRefusedError, match='nobody listens at port 80 in this world'):
             await asyncio.open_connection('localhost', 80)
 
+    def listen_and_go_on() -> None:
+        asyncio.run(asyncio.start_server(print, 'localhost', 80))  # which ends with its loop
+        time.sleep(10.0)
+
+    bare.launch(listen_and_go_on)
+    bare.run(1.0)
     run(bare, lambda: asyncio.run(main()))
     assert 'calls asyncio.create_unix_connection: not in a simulated world. Use instead: a topic' in refusals[0]
     assert 'calls asyncio.subprocess_exec: not in a simulated world. Use instead: start it by' in refusals[1]
     assert 'calls asyncio with TLS: not in a simulated world' in refusals[2]
+
+
+@pytest.mark.parametrize('dies', [False, True])
+def test_who_writes_to_a_connection_that_has_ended_is_told(bare: World, dies: bool) -> None:
+    told: list[str] = []
+
+    async def hang_up(_reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await asyncio.sleep(100.0 if dies else 0.0)
+        writer.close()
+
+    async def main() -> None:
+        async with await asyncio.start_server(hang_up, '127.0.0.1', 7000) as server:
+            await server.serve_forever()
+
+    def serve() -> None:
+        asyncio.run(main())
+
+    async def write() -> None:
+        _, writer = await asyncio.open_connection('127.0.0.1', 7000)
+        await asyncio.sleep(5.0)
+        try:
+            while True:
+                writer.write(b'x')
+                await writer.drain()
+                await asyncio.sleep(0.1)
+        except ConnectionResetError as error:
+            told.append(str(error))
+
+    bare.launch(serve)
+    bare.run(1.0)
+    if dies:
+        bare.at(bare.now + 2.0, lambda: bare.kill('serve'))
+    run(bare, lambda: asyncio.run(write()))
+    assert len(told) == 1
 
 
 ORDER = """

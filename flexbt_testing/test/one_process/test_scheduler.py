@@ -61,6 +61,18 @@ def test_an_alarm_may_look_at_the_clock_while_a_task_that_polls_is_made_to_wait(
     assert SCHEDULER.now < began + SECOND // 100
 
 
+def test_threads_and_timers_tell_what_those_of_a_computer_tell() -> None:
+    told: list[bool] = []
+    timer = threading.Timer(0.5, told.append, [True])
+    assert (timer.interval, timer.args, timer.kwargs) == (0.5, [True], {})
+    timer.start()
+    assert threading.main_thread() is threading.current_thread()
+    timer.join()
+    assert told == [True]
+    with pytest.raises(ValueError, match='non-negative'):
+        threading.Lock().acquire(timeout=-2)
+
+
 def test_a_lock_that_is_polled_lets_its_owner_go_on() -> None:
     lock = threading.Lock()
     lock.acquire()
