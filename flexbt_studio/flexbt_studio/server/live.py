@@ -56,6 +56,8 @@ class LiveRobots:
         or cannot be opened now."""
         known = self._robots.fleet.names
         name = name or (self._robots.own if self._robots.own in known else next(iter(known), ''))
+        if not name:
+            raise StudioError('no robot was found yet')
         if name not in known:
             raise StudioError(f'no robot {short_repr(name)} was found{did_you_mean(name, known)}')
         async with self._opening:
