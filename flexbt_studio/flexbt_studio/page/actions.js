@@ -45,6 +45,23 @@ export class Actions {
     return true;
   }
 
+  // Carry out a gesture at a part, wherever that is then. make(path) and then(path) are as in run().
+  at(part, make, then = (path) => path, told = '') {
+    let path = null;
+    return this.run(() => {
+      const now = this.studio.now(part);
+      if (this.studio.part(now?.path) !== now) throw new Error(`${part?.title ?? 'it'} has gone since; nothing was changed`);
+      path = now.path;
+      return make(path);
+    }, () => then(path), told);
+  }
+
+  // A gesture of the form of a part, whose state that of an outcome is.
+  change(part, name, args) {
+    const at = part.kind === 'outcome' ? part.parent : part;
+    return this.at(at, (path) => [name, {...args, ...Object.fromEntries(['node', 'state', 'container'].filter((key) => key in args).map((key) => [key, path]))}], () => null, 'changed');
+  }
+
   now() { return this.studio.part(this.file.selected); }
 
   // Trees.
@@ -97,15 +114,17 @@ export class Actions {
   // Move a node to a place beside or in another one, or copy what is dragged from the palette there.
   drop(from, to, zone, entry) {
     if (from === null) { this.add(zone, entry, to); return; }
-    if (!this.isTree) { const {data, way} = this.studio.part(from), target = zone === 'end' ? entry : this.studio.part(to).data.label; this.run(() => ['set_target', {state: data.path, outcome: way.outcome, target}], () => from, `${way.outcome} leads to ${target}`); return; }
+    const dragged = this.studio.part(from), over = this.studio.part(to);
+    if (!this.isTree) { const outcome = dragged.title, target = zone === 'end' ? entry : over.data.label; this.at(dragged.parent, (state) => ['set_target', {state, outcome, target}], (state) => outcomePath(state, outcome), `${outcome} leads to ${target}`); return; }
     let place = null;
     this.run(() => {
-      const part = this.studio.part(from), target = this.studio.part(to);
+      const part = this.studio.now(dragged), target = this.studio.now(over);
+      if (!part || !target) throw new Error(`${(part ? over : dragged).title} has gone since; nothing was changed`);
       const isInto = zone === 'into' || target.kind === 'tree';
       const parent = isInto ? target : target.parent, others = parent.children.filter((one) => one !== part);
       const index = isInto ? others.length : others.indexOf(target) + Number(zone === 'after');
-      place = [without(parent.path, from), index];
-      return ['move', {node: from, parent: parent.path, index}];
+      place = [without(parent.path, part.path), index];
+      return ['move', {node: part.path, parent: parent.path, index}];
     }, () => `${place[0]}/${place[1]}`, 'moved');
   }
 
@@ -135,13 +154,13 @@ export class Actions {
     const chosen = await choose(`Wrap ${part.title} in`, this.studio.entries().filter((one) => ['control', 'decorator'].includes(one.kind)));
     if (!chosen) return;
     const values = Object.fromEntries((chosen.ports ?? []).filter((port) => port.required).map((port) => [port.name, '']));
-    await this.run(() => ['wrap', {node: part.path, xml_type: chosen.label, values}], () => part.path, `${part.title} wrapped in ${chosen.label}`);
+    await this.at(part, (node) => ['wrap', {node, xml_type: chosen.label, values}], undefined, `${part.title} wrapped in ${chosen.label}`);
   }
 
   unwrap() {
     const part = this.now();
-    if (!this.isTree) return this.run(() => ['ungroup', {state: part.path}], () => part.parent.path, `${part.title}: its states took its place`);
-    return this.run(() => ['unwrap', {node: this.file.selected}], () => this.file.selected, `${part?.title}: its children took its place`);
+    if (!this.isTree) return this.at(part, (state) => ['ungroup', {state}], () => this.studio.now(part.parent)?.path ?? null, `${part.title}: its states took its place`);
+    return this.at(part, (node) => ['unwrap', {node}], undefined, `${part?.title}: its children took its place`);
   }
 
   async setType() {
@@ -151,7 +170,7 @@ export class Actions {
     if (!chosen) return;
     const keep = chosen.ports && chosen.kind !== 'subtree' ? chosen.ports.map((port) => port.name) : null;
     const form = chosen.kind === 'subtree' ? 'SubTree' : part.data.tag === 'SubTree' ? '' : null;
-    await this.run(() => ['set_type', {node: part.path, type: chosen.label, keep, form}], () => part.path, `changed to ${chosen.label}`);
+    await this.at(part, (node) => ['set_type', {node, type: chosen.label, keep, form}], undefined, `changed to ${chosen.label}`);
   }
 
   async remove() {
@@ -163,9 +182,9 @@ export class Actions {
       await this.run(() => ['remove_tree', {id: part.data.id}], () => this.file.view.trees[0].path, `tree ${part.data.id} removed`);
       return;
     }
-    await this.run(() => ['remove', {node: part.path}], () => {
-      const parent = this.studio.part(part.parent.path);
-      return (parent.children[lastIndex(part.path)] ?? parent.children.at(-1) ?? parent).path;
+    await this.at(part, (node) => ['remove', {node}], (path) => {
+      const parent = this.studio.part(path.slice(0, path.lastIndexOf('/')));
+      return (parent.children[lastIndex(path)] ?? parent.children.at(-1) ?? parent).path;
     }, `${part.title} removed`);
   }
 
@@ -174,10 +193,10 @@ export class Actions {
     if (!part) return;
     if (part.kind === 'node' && part.data.kind !== 'subtree' && !part.data.name) {
       const name = await ask(`Name of ${part.title}`, '', 'The name of this node in logs, in requirements and in the graph.');
-      if (name) await this.run(() => ['set_value', {node: part.path, name: 'name', value: name}], () => part.path, `renamed to ${name}`);
+      if (name) await this.at(part, (node) => ['set_value', {node, name: 'name', value: name}], undefined, `renamed to ${name}`);
     } else if (part.kind === 'tree' && !part.data.id) {
       const name = await ask('ID of the tree', '');
-      if (name) await this.run(() => ['rename_tree', {id: part.path, new: name}], () => name, `named ${name}`);
+      if (name) await this.at(part, (id) => ['rename_tree', {id, new: name}], () => name, `named ${name}`);
     } else await this.renameTo(part, null);
   }
 
@@ -194,10 +213,10 @@ export class Actions {
     const part = this.now();
     if (!this.isTree || part?.kind !== 'node') return;
     const id = await ask(`Make a tree of ${part.title}`, '', 'ID of the new tree. A sub-tree takes the place of the node.');
-    if (id) await this.run(() => ['extract', {node: part.path, id}], () => part.path, `extracted into the tree ${id}`);
+    if (id) await this.at(part, (node) => ['extract', {node, id}], undefined, `extracted into the tree ${id}`);
   }
 
-  inline() { const {selected} = this.file; return this.run(() => ['inline', {node: selected}], () => selected, 'the sub-tree is in its place now'); }
+  inline() { return this.at(this.now(), (node) => ['inline', {node}], undefined, 'the sub-tree is in its place now'); }
 
   // Go to the tree that a sub-tree runs, also in another file.
   async define() {
@@ -257,7 +276,7 @@ export class Actions {
     const end = parent.data.outcomes.at(-1) ?? '';
     const transitions = Object.fromEntries((entry.outcomes ?? []).map((outcome) => [outcome, parent.data.outcomes.includes(outcome) ? outcome : end]));
     const parameters = Object.fromEntries((entry.parameters ?? []).filter((one) => one.required).map((one) => [one.name, '']));
-    await this.run(() => ['add_state', {parent: parent.path, label, type: entry.stateType ?? entry.label, parameters, transitions, kind: entry.stateKind ?? 'state'}], () => `${parent.path.replace(/\/$/, '')}/${label}`, `${label} added`);
+    await this.at(parent, (path) => ['add_state', {parent: path, label, type: entry.stateType ?? entry.label, parameters, transitions, kind: entry.stateKind ?? 'state'}], (path) => `${path.replace(/\/$/, '')}/${label}`, `${label} added`);
   }
 
   // Add a state of a text to the container that is selected, or to that of the state.
@@ -273,26 +292,29 @@ export class Actions {
   }
 
   moveState(how) {
-    const part = this.now();
-    if (part?.kind !== 'state' || typeof how !== 'number') return Promise.resolve(false);
-    const rows = part.parent?.children.filter((one) => one.kind === 'state') ?? [];
-    return this.run(() => { const index = rows.indexOf(part) + how; return rows[index] ? ['move_state', {state: part.path, index}] : null; }, () => part.path, 'moved');
+    if (this.now()?.kind !== 'state' || typeof how !== 'number') return Promise.resolve(false);
+    let path = null;
+    return this.run(() => {
+      const part = this.now(), rows = part?.parent?.children.filter((one) => one.kind === 'state') ?? [], index = rows.indexOf(part) + how;
+      path = part?.path;
+      return rows[index] ? ['move_state', {state: path, index}] : null;
+    }, () => path, 'moved');
   }
 
   async removeState(part) {
-    if (part.kind === 'outcome') { await this.run(() => ['set_target', {state: part.data.path, outcome: part.way.outcome, target: null}], () => part.data.path, `transition ${part.way.outcome} removed`); return; }
+    if (part.kind === 'outcome') { await this.at(part.parent, (state) => ['set_target', {state, outcome: part.way.outcome, target: null}], undefined, `transition ${part.way.outcome} removed`); return; }
     const pointing = part.parent?.children.some((one) => one.kind === 'state' && one !== part && one.data.transitions.some((way) => way.target === part.data.label));
     const instead = pointing ? await choose(`Transitions lead to ${part.title}. Where do they lead instead?`, this.targets(part)) : null;
-    if (!pointing || instead) await this.run(() => ['remove_state', {state: part.path, instead: instead?.label ?? null}], () => part.parent.path, `${part.title} removed`);
+    if (!pointing || instead) await this.at(part, (state) => ['remove_state', {state, instead: instead?.label ?? null}], () => this.studio.now(part.parent)?.path ?? null, `${part.title} removed`);
   }
 
   async group(part) {
     if (part?.kind !== 'state' || !part.parent) { this.studio.told('Select a state to put it into a machine of its own', 'warning'); return; }
     const label = await ask(`Put ${part.title} into a machine`, '', 'Label of the new machine, which takes the place of the state.');
-    if (label) await this.run(() => ['group', {states: [part.path], label}], () => `${part.parent.path.replace(/\/$/, '')}/${label}`, `${part.title} is in ${label} now`);
+    if (label) await this.at(part, (path) => ['group', {states: [path], label}], (path) => `${path.slice(0, path.lastIndexOf('/'))}/${label}`, `${part.title} is in ${label} now`);
   }
 
-  setInitial() { const part = this.now(); return this.run(() => ['set_initial', {state: part.path}], () => part.path, `${part.title} is the initial state`); }
+  setInitial() { const part = this.now(); return this.at(part, (state) => ['set_initial', {state}], undefined, `${part.title} is the initial state`); }
 
   targets(part) {
     return [
@@ -308,12 +330,12 @@ export class Actions {
     const from = outcome ?? (await choose(`Outcome of ${part.title}`, open.map((label) => ({label})), {free: (label) => ({label, detail: 'as typed'})}))?.label;
     if (!from) return;
     const chosen = await choose(`${part.title}: target of ${from}`, [...this.targets(part), {label: part.data.label, detail: 'itself'}]);
-    if (chosen) await this.run(() => ['set_target', {state: path, outcome: from, target: chosen.label}], () => outcomePath(path, from), `${from} leads to ${chosen.label}`);
+    if (chosen) await this.at(part, (state) => ['set_target', {state, outcome: from, target: chosen.label}], (now) => outcomePath(now, from), `${from} leads to ${chosen.label}`);
   }
 
   async addOutcome() {
     const part = this.now(), outcome = part && await ask(`New outcome of ${part.title}`, '');
-    if (outcome) await this.run(() => ['add_outcome', {container: part.path, outcome}], () => part.path, `outcome ${outcome} added`);
+    if (outcome) await this.at(part, (container) => ['add_outcome', {container, outcome}], undefined, `outcome ${outcome} added`);
   }
 
   // Remove an outcome of a container; what leads to it leads to another target.
@@ -323,7 +345,7 @@ export class Actions {
     const ends = part.children.filter((one) => one.kind === 'state'), isUsed = part.data.conditions?.some((one) => one.outcome === outcome) || ends.some((one) => one.data.transitions.some((way) => way.target.replace(/^=/, '') === outcome));
     const targets = [...ends.map((one) => one.data.label), ...part.data.outcomes.filter((one) => one !== outcome)];
     const instead = isUsed ? await choose(`Transitions lead to ${outcome}. Where do they lead instead?`, targets.map((label) => ({label}))) : null;
-    if (!isUsed || instead) await this.run(() => ['remove_outcome', {container: part.path, outcome, instead: instead?.label ?? null}], () => part.path, `outcome ${outcome} removed`);
+    if (!isUsed || instead) await this.at(part, (container) => ['remove_outcome', {container, outcome, instead: instead?.label ?? null}], undefined, `outcome ${outcome} removed`);
   }
 
   // Files.

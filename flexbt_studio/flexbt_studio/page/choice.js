@@ -62,11 +62,12 @@ export function choose(title, options, {free = () => null, text = '', note = ''}
     finish = (one) => { if (dialog.open) { field.oninput = field.onkeydown = null; dialog.onclose = null; dialog.close(); } if (before?.isConnected) before.focus(); resolve(one); };
     field.oninput = draw;
     field.onkeydown = (event) => {
+      event.stopPropagation();
+      if (event.isComposing) return;
       const last = found.length - 1;
       const to = {ArrowDown: Math.min(at + 1, last), ArrowUp: Math.max(at - 1, 0), PageDown: Math.min(at + 10, last), PageUp: Math.max(at - 10, 0)}[event.key];
       if (to !== undefined) { at = to; mark(); event.preventDefault(); }
       if (event.key === 'Enter') { event.preventDefault(); if (found[at]) finish(found[at]); }
-      event.stopPropagation();
     };
     dialog.onclose = () => { if (!dialog.open) finish(null); };  // the event of an earlier dialog may come late
     draw();

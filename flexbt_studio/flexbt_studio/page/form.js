@@ -12,13 +12,14 @@ const LONG = /^(code|script|description|message|text)$/;  // names of values tha
 const literal = (text) => { try { return JSON.parse(text); } catch { return text; } };
 
 export class Form {
-  // on.gesture(name, args), on.can(name) tells whether the file has a gesture, on.act(id) runs a command, on.typeOf(node), on.keys() lists keys, on.problems(path), on.leave().
+  // on.gesture(part, name, args) at a part of the graph, on.now(part) is what it has become, on.can(name) tells whether the file has a gesture, on.act(id) runs a command, on.typeOf(node), on.keys() lists keys, on.problems(path), on.leave().
   constructor(on) {
     this.on = on;
     this.root = byId('form');
     this.root.addEventListener('submit', (event) => event.preventDefault());
     this.root.addEventListener('keydown', (event) => {
       const field = event.target.closest('[data-field]');
+      if (event.isComposing) return;
       if (event.key === 'Escape') { event.preventDefault(); event.stopPropagation(); if (field) { field.value = field.dataset.was; } on.leave(); }
       if (event.key === 'Enter' && (field?.tagName === 'INPUT' || (field && event.ctrlKey))) { event.preventDefault(); this.commit(field); }
       if (event.key === ' ' && event.ctrlKey && field) { event.preventDefault(); this.complete(field); }
@@ -26,10 +27,12 @@ export class Form {
     this.root.addEventListener('change', (event) => { const field = event.target.closest('[data-field]'); if (field) this.commit(field); });
   }
 
-  commit(field) {
-    if (field.value === field.dataset.was) return;
+  // What is refused can be entered again.
+  async commit(field) {
+    const {was} = field.dataset;
+    if (field.value === was) return;
     field.dataset.was = field.value;
-    this.setters.get(field.dataset.field)?.(field.value);
+    if (await this.setters.get(field.dataset.field)?.(field.value) === false) field.dataset.was = was;
   }
 
   async complete(field) {
@@ -53,9 +56,9 @@ export class Form {
   show(part, extra = '') {
     const key = JSON.stringify([part && [part.kind, part.path, part.data, part.problems, part.locked, part.behavior], extra]);
     if (key === this.key) return;
-    const isSame = part?.path === this.path, active = document.activeElement;
+    const isSame = Boolean(part) && this.on.now(this.part) === part.part, active = document.activeElement;
     const typed = isSame && active?.dataset?.field && this.root.contains(active) ? {field: active.dataset.field, value: active.value, was: active.dataset.was, at: [active.selectionStart, active.selectionEnd]} : null;
-    Object.assign(this, {key, path: part?.path, setters: new Map(), words: new Map()});
+    Object.assign(this, {key, part: part?.part ?? null, setters: new Map(), words: new Map()});
     byId('form-hint').textContent = part?.title ?? '';
     this.root.replaceChildren(...(!part ? [html('p', {class: 'empty'}, 'Select a node or a state.')] : {tree: () => this.tree(part), node: () => this.node(part), state: () => this.state(part), outcome: () => this.outcome(part)}[part.kind]()));
     if (!typed) return;
@@ -79,7 +82,8 @@ export class Form {
 
   buttons(...ids) { return html('div', {class: 'buttons'}, ...ids.map(([id, text]) => html('button', {type: 'button', 'data-act': id, onclick: () => this.on.act(id)}, text))); }
   keys() { return html('datalist', {id: 'known-keys'}, ...this.on.keys().map((key) => html('option', {value: `{${key}}`}))); }
-  comment(part, name) { return this.field('comment', part.note, (text) => this.on.gesture('set_comment', {[name]: part.path, text}), {label: 'note', lines: 2, hint: 'a comment in the text'}); }
+  edit(part, name, args) { return this.on.gesture(part.part, name, args); }
+  comment(part, name) { return this.field('comment', part.note, (text) => this.edit(part, 'set_comment', {[name]: part.path, text}), {label: 'note', lines: 2, hint: 'a comment in the text'}); }
   problems(part) { return part.problems.filter((text) => !part.told?.has(text)).map((text) => html('p', {class: 'error'}, text)); }
 
   tree(part) {
@@ -89,7 +93,7 @@ export class Form {
 
   node(part) {
     const {data} = part, type = this.on.typeOf(data), values = new Map(data.attributes.map((one) => [one.name, one.value])), rest = new Set(values.keys());
-    const set = (name) => (value) => this.on.gesture('set_value', {node: part.path, name, value: value === '' && name !== 'name' && !required.has(name) ? null : value === '' && name === 'name' ? null : value});
+    const set = (name) => (value) => this.edit(part, 'set_value', {node: part.path, name, value: value === '' && name !== 'name' && !required.has(name) ? null : value === '' && name === 'name' ? null : value});
     const ports = type?.ports ?? [], required = new Set(ports.filter((port) => port.required).map((port) => port.name));
     const problemOf = (name) => part.problems.find((text) => text.includes(`[${name}]`)) ?? '';
     part.told = new Set();
@@ -105,7 +109,7 @@ export class Form {
     if (isSubTree && rest.delete('ID')) fields.unshift(this.field('ID', values.get('ID'), set('ID'), {label: 'tree', words: () => this.on.trees().map((label) => ({label})), isFirst: true}));
     for (const name of Object.keys(CONDITIONS)) rest.delete(name);
     if (!isSubTree && data.tag !== data.type) rest.delete('ID');
-    const others = [...rest].map((name) => { const problem = problemOf(name); if (problem) part.told.add(problem); return this.field(name, values.get(name), (value) => this.on.gesture('set_value', {node: part.path, name, value: value || null}), {problem, isFirst: isSubTree || !ports.length}); });
+    const others = [...rest].map((name) => { const problem = problemOf(name); if (problem) part.told.add(problem); return this.field(name, values.get(name), (value) => this.edit(part, 'set_value', {node: part.path, name, value: value || null}), {problem, isFirst: isSubTree || !ports.length}); });
     const given = Object.keys(CONDITIONS).filter((name) => values.has(name));
     return [
       this.keys(), this.buttons(['set_type', `${data.type} – Change…`], ['add_after', 'Add After'], ['add_child', 'Add Child'], ['wrap', 'Wrap…'], ['remove', 'Remove']), ...this.problems(part),
@@ -119,12 +123,12 @@ export class Form {
   async add(part) {
     const known = part.data.kind === 'subtree' ? this.on.keys().map((key) => ({label: key, detail: 'key of this file'})) : [];
     const name = await choose('Name of the attribute', known, {free: (label) => ({label, detail: 'new'})});
-    if (name) this.on.gesture('set_value', {node: part.path, name: name.label, value: part.data.kind === 'subtree' ? `{${name.label}}` : ''});
+    if (name) this.edit(part, 'set_value', {node: part.path, name: name.label, value: part.data.kind === 'subtree' ? `{${name.label}}` : ''});
   }
 
   state(part) {
     const {data, path} = part, isRoot = data.parent === null, isLocked = Boolean(data.locked), isContainer = !['state', 'behavior'].includes(data.kind);
-    const edit = (name, args) => this.on.gesture(name, {state: path, ...args});
+    const edit = (name, args) => this.edit(part, name, {state: path, ...args});
     const parts = [...(isLocked ? [html('p', {class: 'warning'}, `Locked: ${data.locked}`)] : []), ...this.problems(part)];
     parts.unshift(this.buttons(...(isContainer ? [['add_child', 'Add State']] : []), ...(isRoot ? [] : [['add_after', 'Add Beside'], ['set_initial', 'Make Initial'], ['remove', 'Remove']])));
     if (!isRoot) parts.push(this.field('label', data.label, (label) => this.on.rename(label), {isFirst: true, isReadOnly: isLocked, words: () => []}));
@@ -152,42 +156,42 @@ export class Form {
         html('button', {type: 'button', disabled: isLocked, onclick: () => edit('set_wrapper', {kind, fields: null})}, 'Remove It'));
     }
     if (isRoot && part.behavior) {
-      if (this.on.can('set_behavior')) for (const key of ['name', 'description']) parts.push(this.field(key, part.behavior[key], (text) => this.on.gesture('set_behavior', {key, text: text || null}), {words: () => [], lines: key === 'name' ? 1 : 2}));
-      parts.push(html('h3', {}, 'Parameters'), ...part.behavior.parameters.map((one) => this.parameter(part, one)), ...(this.on.can('set_behavior_parameter') ? [html('button', {type: 'button', id: 'add-parameter', onclick: () => this.addParameter()}, 'Add a Parameter…')] : []));
+      if (this.on.can('set_behavior')) for (const key of ['name', 'description']) parts.push(this.field(key, part.behavior[key], (text) => this.edit(part, 'set_behavior', {key, text: text || null}), {words: () => [], lines: key === 'name' ? 1 : 2}));
+      parts.push(html('h3', {}, 'Parameters'), ...part.behavior.parameters.map((one) => this.parameter(part, one)), ...(this.on.can('set_behavior_parameter') ? [html('button', {type: 'button', id: 'add-parameter', onclick: () => this.addParameter(part)}, 'Add a Parameter…')] : []));
     }
     if (data.conditions?.length) parts.push(html('h3', {}, 'Ends When'), ...data.conditions.map((one) => html('p', {}, `${one.outcome}: ${one.when.map((pair) => pair.join(' ')).join(' and ')}`)));
     if (isContainer && data.outcomes.length) parts.push(html('h3', {}, 'Outcomes'), html('p', {}, data.outcomes.join(', ')), ...(this.on.can('add_outcome') ? [this.buttons(['add_outcome', 'Add an Outcome…'], ['remove_outcome', 'Remove an Outcome…'])] : []));
-    if (isContainer && this.on.can('set_userdata')) parts.push(html('h3', {}, 'Userdata'), ...data.userdata.map((one) => this.field(`userdata:${one.name}`, one.text, (text) => this.on.gesture('set_userdata', {container: path, key: one.name, text: text || null}), {label: one.name, isReadOnly: isLocked || !one.literal, words: () => []})), html('button', {type: 'button', disabled: isLocked, onclick: () => this.addUserdata(path)}, 'Add a Key…'));
+    if (isContainer && this.on.can('set_userdata')) parts.push(html('h3', {}, 'Userdata'), ...data.userdata.map((one) => this.field(`userdata:${one.name}`, one.text, (text) => this.edit(part, 'set_userdata', {container: path, key: one.name, text: text || null}), {label: one.name, isReadOnly: isLocked || !one.literal, words: () => []})), html('button', {type: 'button', disabled: isLocked, onclick: () => this.addUserdata(part)}, 'Add a Key…'));
     if (!isRoot) parts.push(this.comment(part, 'state'));
     return parts;
   }
 
-  async addUserdata(container) {
+  async addUserdata(part) {
     const key = await ask('Key of the userdata', ''), text = key && await ask(`Value of ${key}`, '""', 'As it is written in YAML.');
-    if (text) this.on.gesture('set_userdata', {container, key, text});
+    if (text) this.edit(part, 'set_userdata', {container: part.path, key, text});
   }
 
   // A parameter of the behavior. Python has its default as it is written; YAML its value, and all its fields in each edit.
-  parameter({behavior}, one) {
+  parameter(part, one) {
     const {name, default: written, description, span, value, ...others} = one, isYaml = 'value' in one, isText = isYaml && typeof value === 'string';
-    const set = (fields) => this.on.gesture('set_behavior_parameter', {name, fields: isYaml ? {...others, default: value, ...(description ? {description} : {}), ...fields} : fields});
+    const set = (fields) => this.edit(part, 'set_behavior_parameter', {name, fields: isYaml ? {...others, default: value, ...(description ? {description} : {}), ...fields} : fields});
     const field = (key, shown, setter, more = {}) => this.field(`parameter:${name}:${key}`, shown, setter, {label: key, words: () => [], ...more});
     return html('fieldset', {class: 'parameter'}, html('legend', {}, name),
-      field('name', name, (text) => text && this.on.gesture('rename_behavior_parameter', {name, new: text})),
+      field('name', name, (text) => text && this.edit(part, 'rename_behavior_parameter', {name, new: text})),
       field('default', isText ? value : isYaml ? JSON.stringify(value) : written, (text) => set({default: isText ? text : isYaml ? literal(text) : text}), {hint: others.unit ? `unit ${others.unit}` : ''}),
       field('description', description ?? '', (text) => set({description: text})),
-      html('button', {type: 'button', 'aria-label': `Remove the parameter ${name}`, onclick: () => this.on.gesture('set_behavior_parameter', {name, fields: null})}, 'Remove'));
+      html('button', {type: 'button', 'aria-label': `Remove the parameter ${name}`, onclick: () => this.edit(part, 'set_behavior_parameter', {name, fields: null})}, 'Remove'));
   }
 
-  async addParameter() {
+  async addParameter(part) {
     const name = await ask('Name of the new parameter', ''), isPython = this.on.isPython();
     const text = name && await ask(`Default of ${name}`, '0.0', isPython ? 'A Python expression; its type is that of the parameter.' : 'Its type is that of the parameter.');
-    if (text !== null && name) this.on.gesture('set_behavior_parameter', {name, fields: {default: isPython ? text : literal(text)}});
+    if (text !== null && name) this.edit(part, 'set_behavior_parameter', {name, fields: {default: isPython ? text : literal(text)}});
   }
 
   outcome(part) {
     const {data, way} = part, level = data.autonomy.find((one) => one.outcome === way.outcome)?.level ?? 'off';
     return [html('p', {}, `Outcome ${way.outcome} of ${data.label} leads to ${way.target || 'nothing'}.`), html('button', {type: 'button', onclick: () => this.on.target(data.path, way.outcome)}, 'Change the Target…'),
-      this.field('level', level, (value) => this.on.gesture('set_autonomy', {state: data.path, outcome: way.outcome, level: value === 'off' ? null : value}), {label: 'autonomy', choices: LEVELS, isFirst: true, hint: 'below this level the operator is asked'})];
+      this.field('level', level, (value) => this.edit(part, 'set_autonomy', {state: data.path, outcome: way.outcome, level: value === 'off' ? null : value}), {label: 'autonomy', choices: LEVELS, isFirst: true, hint: 'below this level the operator is asked'})];
   }
 }

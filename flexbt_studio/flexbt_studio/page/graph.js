@@ -43,6 +43,7 @@ export class Graph {
   // Show items with their drawing: {items, parts, box}.
   draw({items, parts, box}) {
     const hadFocus = this.picture.contains(document.activeElement);
+    this.endDrag?.();
     this.items = items;
     this.byPath = new Map(items.map((one) => [one.path, one]));
     const places = new Map();
@@ -209,11 +210,13 @@ export class Graph {
       label?.remove();
       const target = over;
       leave();
+      this.endDrag = null;
       if (target && now.type === 'pointerup') this.on.drop(path, target.item.path, target.zone, target.end?.dataset.end ?? what);
     };
     const escape = (now) => { if (now.key === 'Escape' && label) { now.stopPropagation(); end(now); } };
     const listeners = [['pointermove', move], ['pointerup', end], ['pointercancel', end], ['keydown', escape]];
     for (const [kind, one] of listeners) addEventListener(kind, one, true);
+    this.endDrag = () => end({type: 'redrawn'});  // its items are of another picture then
   }
 }
 

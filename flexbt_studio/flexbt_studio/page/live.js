@@ -6,6 +6,8 @@ import {byId} from './elements.js';
 import {statusesAt} from './player.js';
 import {RECORDING} from './recordings.js';
 
+const AGAIN_MS = 2000;  // until a robot that was not found is looked for again
+
 export class Live {
   // studio has link, file, open (its files by name), treeFiles and told.
   constructor(studio, player) {
@@ -33,8 +35,16 @@ export class Live {
       if (!this.player.isLive) this.player.play(begin ? now.replace(RECORDING, 'Recording ') : `Robot ${now}`, begin ? [begin] : [], {isLive: true, owner: this, ended: () => { this.on(false); this.studio.recordings.ended(); }});
       if (this.last?.robot === now) this.take(this.last);
     } catch (refusal) {
-      this.studio.told(refusal.message, 'warning');
+      if (!this.isOn || robot !== this.robot || this.isRecording) { this.studio.told(refusal.message, 'warning'); return; }
+      this.lost(refusal.message);
+      if (refusal.kind !== 'lost') setTimeout(() => { if (this.isOn && robot === this.robot) this.watch(); }, AGAIN_MS);  // it may be found later
     }
+  }
+
+  // Nothing is heard of the robot: what is shown is its last known state.
+  lost(problem) {
+    const event = this.player.isLive ? this.player.moments.at(-1)?.event : null;
+    if (event && event.problem !== problem) this.take({...event, link: 'lost', problem});
   }
 
   commands(page) {
@@ -80,7 +90,7 @@ export class Live {
   lanes(revision) { return this.studio.link.request('past', {robot: this.robot, revision}); }
   async at(time) {
     const event = await this.studio.link.request('past', {robot: this.robot, time, ...(this.isRecording ? {map: this.studio.recordings.map} : {})});
-    this.studio.recordings.show(event);
+    if (event.robot === this.robot) this.studio.recordings.show(event);
     return this.moment(event);
   }
 

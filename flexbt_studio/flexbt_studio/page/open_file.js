@@ -31,7 +31,7 @@ export class OpenFile {
     this.sent = null;           // the change that has been sent for it
     this.pending = null;        // the change after that one
     this.others = new Map();    // edits of other pages by version
-    this.viewVersion = 0;
+    this.viewVersion = this.foundIn = 0;
     this.sinceView = [];
     this.begun = {};            // answers to what was sent before are of no interest
     this.restored = null;       // for a new server: its text when all that it had lost is back, and the edits after that
@@ -39,7 +39,9 @@ export class OpenFile {
   }
 
   get text() { return this.buffer.text; }
-  get isSettled() { return !this.sent && !this.pending && this.viewVersion === this.version; }
+  get isSettled() { return !this.isRecovering && !this.sent && !this.pending && this.viewVersion === this.version; }
+  // Whether the findings are of the text as it is now.
+  get isChecked() { return !this.sent && !this.pending && this.foundIn === this.version; }
   // Whether the text differs from that on disk; while that is not known, as the server says.
   get isChanged() { return this.saved === null ? this.changed : this.text !== this.saved; }
 
@@ -73,6 +75,10 @@ export class OpenFile {
     } catch (refusal) {
       if (refusal.kind === 'lost' || this.begun !== begun) return;  // recover() goes on from here
       if (refusal.kind === 'conflict' && this.restored) { this.leaveToOther(); return; }
+      if (refusal.kind === 'busy') {
+        setTimeout(() => { if (this.begun === begun) { this.isRefused = this.sentIsMapped = true; this.sendAgain(); } }, LONGEST_WAIT_MS);
+        return;
+      }
       if (refusal.kind === 'conflict') {
         if (this.version === version) setTimeout(() => { if (this.version === version && this.sent) this.recover(); }, LONGEST_WAIT_MS);
         this.isRefused = true;
@@ -86,7 +92,7 @@ export class OpenFile {
     }
   }
 
-  // An edit that was refused is sent again when that of the other page is known.
+  // An edit that was refused is sent again, after a conflict when that of the other page is known.
   sendAgain() {
     if (!this.isRefused || !this.sentIsMapped) return;
     this.isRefused = this.sentIsMapped = false;
@@ -116,10 +122,13 @@ export class OpenFile {
   }
 
   // After a lost connection or an edit that is missing: compare with the server's text. What only this page has is sent again.
-  async recover(isNewServer = false) {
+  // instance identifies the server: a new one has what is on disk, and nothing of what was not saved there.
+  async recover(instance = this.instance) {
+    const isNewServer = instance !== this.instance;
     this.isRecovering = true;
     try {
-      const model = await this.link.request('open', {file: this.name}), unsent = this.pending ?? [];
+      const open = () => this.link.request('open', {file: this.name});
+      const model = await (isNewServer && this.isChanged ? open().catch(() => this.createAgain()).catch(open) : open()), unsent = this.pending ?? [];
       let remote, local;
       if (isNewServer && model.version === 1) {  // it has read the file again: what is not saved is only in the pages
         const isOld = this.saved === null || this.saved === model.text;
@@ -138,6 +147,7 @@ export class OpenFile {
       }
       this.pending = local.length ? local : null;
       if (remote.length) this.buffer.apply(remote, {isRemote: true});
+      this.instance = instance;
       this.takeModel(model);
     } catch (refusal) {
       if (refusal.kind !== 'lost') this.on.told(`${this.name}: ${refusal.message}`, 'error');
@@ -146,6 +156,14 @@ export class OpenFile {
       this.isRecovering = false;
     }
     this.send();
+    this.settle();
+  }
+
+  // A changed file that is not on disk is begun anew, and gets all that this page has of it.
+  async createAgain() {
+    const model = await this.link.request('create', {file: this.name, text: ''});
+    this.saved = null;
+    return model;
   }
 
   // Another page has brought the text back to a new server: what it has brought is the same text, and no edit of another one.
@@ -158,6 +176,7 @@ export class OpenFile {
     this.changed = model.changed;
     if (model.version !== this.version || (model.version === this.viewVersion && this.view)) return;
     this.viewVersion = model.version;
+    this.sinceBefore = this.sinceView;  // since the graph before
     const since = [this.sent, this.pending].filter(Boolean).reduce(compose, []);
     const problem = model.problems[0];
     this.problem = problem ?? null;
@@ -171,9 +190,13 @@ export class OpenFile {
     this.settle();
   }
 
+  // Another page has saved a version. If there is a newer one, the server tells whether that differs.
+  takeSaved(version) { Object.assign(this, {saved: version === this.version ? this.base : null, changed: true}); }
+
   takeFindings(version, findings) {
     if (version !== this.version || this.sent || this.pending) return;  // those of the newest text follow
     this.findings = findings;
+    this.foundIn = version;
     this.on.found(this);
   }
 
@@ -192,7 +215,7 @@ export class OpenFile {
   // Wait until the server has the text of this page, and this page its graph.
   async settled() {
     while (!this.isSettled) {
-      if (!this.sent && !this.pending) {
+      if (!this.sent && !this.pending && !this.isRecovering) {
         this.takeModel(await this.link.request('model', {file: this.name}));
         if (this.isSettled) return;
       }

@@ -98,7 +98,7 @@ export class Player {
     this.stop();
     if (!this.isOpen) this.before = document.activeElement;
     else this.ended();
-    Object.assign(this, {moments, isLive, owner, ended, at: 0, statuses: new Map(), past: null, wanted: null, hasPast: false, isAsking: false});
+    Object.assign(this, {moments, isLive, owner, ended, at: 0, statuses: new Map(), past: null, wanted: null, hasPast: false, isAsking: false, isFetching: false});
     this.timeline.clear();
     this.askLanes();
     this.lanes.hidden = true;
@@ -143,16 +143,14 @@ export class Player {
 
   // Lanes of a robot come from the server, as far as that keeps its past.
   async askLanes() {
-    const {owner, isLive} = this;
+    const {owner, isLive, moments} = this;
     if (!isLive || !owner?.lanes || this.isAsking) return;
     this.isAsking = true;
-    try {
-      const lanes = await owner.lanes(this.timeline.revision);
-      this.hasMore = this.owner === owner && lanes?.more;
-      if (this.owner === owner && lanes) { this.hasPast = true; this.showLanes(lanes); }
-    } catch { /* the server is away; it is asked again */ }
+    const lanes = await owner.lanes(this.timeline.revision).catch(() => null);  // the server is away; it is asked again
+    if (this.moments !== moments) return;
     this.isAsking = false;
-    if (this.hasMore) this.askLanes();
+    if (lanes) { this.hasPast = true; this.showLanes(lanes); }
+    if (lanes?.more) this.askLanes();
   }
 
   showLanes(lanes) {
@@ -173,10 +171,11 @@ export class Player {
     if (time === null) this.past = null;
     else if (!this.isFetching) {
       this.isFetching = true;
-      const {owner} = this;
-      try { const past = await owner.at(time); if (this.owner === owner && this.wanted !== null) this.past = past; } catch (refusal) { this.timeline.tell(refusal.message); }
+      const {owner, moments} = this;  // another robot has other moments
+      try { const past = await owner.at(time); if (this.moments === moments && this.wanted !== null) this.past = past; } catch (refusal) { this.timeline.tell(refusal.message); }
+      if (this.moments !== moments) return;
       this.isFetching = false;
-      if (this.owner === owner && this.wanted !== null && this.wanted !== time) { this.show(this.wanted); return; }
+      if (this.wanted !== null && this.wanted !== time) { this.show(this.wanted); return; }
     }
     this.go(this.at);
   }

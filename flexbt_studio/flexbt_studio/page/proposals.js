@@ -20,7 +20,7 @@ export class Goals {
     Object.assign(this, {studio, jobs, entries: new Map(), known: []});
     const row = (id, label, ...parts) => html('div', {class: 'field'}, html('label', {for: id}, label), ...parts);
     this.section = section('goal-job', 'Plan from a Goal',
-      row('goal-source', 'From', html('select', {id: 'goal-source', onchange: () => this.take()})), row('goal-text', 'Goal', html('input', {id: 'goal-text', list: 'goal-words', maxlength: '10000', spellcheck: 'false', autocomplete: 'off', onkeydown: (event) => { if (event.key === 'Enter') this.make(); }}), html('datalist', {id: 'goal-words'})),
+      row('goal-source', 'From', html('select', {id: 'goal-source', onchange: () => this.take()})), row('goal-text', 'Goal', html('input', {id: 'goal-text', list: 'goal-words', maxlength: '10000', spellcheck: 'false', autocomplete: 'off', onkeydown: (event) => { if (event.key === 'Enter' && !event.isComposing) this.make(); }}), html('datalist', {id: 'goal-words'})),
       row('goal-start', 'At the start', html('textarea', {id: 'goal-start', rows: 2, maxlength: '10000', spellcheck: 'false', placeholder: 'as in the file; or one a line'})), row('goal-into', 'Into', html('select', {id: 'goal-into'})),
       html('div', {class: 'buttons'}, button('goal-make', 'Make', () => this.make()), button('goal-show', 'Show Proposal', () => this.propose()), button('goal-cancel', 'Cancel', () => jobs.cancel(this.entry))), html('p', {id: 'goal-told', class: 'hint', role: 'status'}));
   }

@@ -50,7 +50,7 @@ export class SessionLink extends Connection {
   }
 
   request(method, args = {}) {
-    if (!this.isOpen) return Promise.reject(new Refusal({kind: 'lost', message: 'not connected to the studio; what you edit is sent when it is back'}));
+    if (!this.isOpen) return Promise.reject(new Refusal({kind: 'lost', message: 'not connected to the studio: this was not done; what you write in the text is sent when it is back'}));
     this.number += 1;
     const id = this.number;
     this.socket.send(JSON.stringify({id, method, arguments: args}));

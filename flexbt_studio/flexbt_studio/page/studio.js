@@ -55,7 +55,7 @@ class Studio {
     this.simulator = new Simulator(this);
     this.recordings = new Recordings(this);
     this.form = new Form({
-      gesture: (name, args) => this.actions.run(() => [name, args], () => null, 'changed'), can: (name) => this.file.gestures.includes(name), isPython: () => this.file.language === 'python', act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
+      gesture: (part, name, args) => this.actions.change(part, name, args), now: (part) => this.now(part), can: (name) => this.file.gestures.includes(name), isPython: () => this.file.language === 'python', act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
       trees: () => Object.keys(this.treeFiles), rename: (name) => this.actions.renameTo(this.part(this.file.selected), name), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
     });
     this.palette = new Palette({add: (entry) => this.actions.add('after', entry).then(() => this.graph.focus()), drag: (event, entry) => this.graph.drag(event, null, entry)});
@@ -82,18 +82,19 @@ class Studio {
   // The server.
 
   connected(isOpen, text) {
-    if (!isOpen) this.jobs.lost();
+    if (!isOpen) { this.jobs.lost(); this.live.lost(text); }
     byId('link').textContent = isOpen ? 'CONNECTED' : 'NO SERVER';
     byId('link').className = `badge ${isOpen ? 'good' : 'error'}`;
-    byId('alarm').textContent = isOpen ? '' : `Not connected: ${text}. You can go on editing; it is sent when the studio is back.`;
+    byId('alarm').textContent = isOpen ? '' : `Not connected: ${text}. You can go on writing in the text; it is sent when the studio is back.`;
   }
 
   async take(event) {
     const file = this.open.get(event.file);
     if (event.event === 'welcome') await this.welcome(event);
-    else if (event.event === 'model' && file) file.takeModel(event);
+    else if (event.event === 'model' && file) { file.takeModel(event); this.showHead(); }
     else if (event.event === 'findings' && file) file.takeFindings(event.version, event.findings);
     else if (event.event === 'edited' && file) { file.takeEdited(event.version, event.edits); this.told(`${event.file} was edited in another page`); }
+    else if (event.event === 'edited') this.jobs.edited(event.file);
     else if (event.event === 'files_changed') this.filesChanged(event, file);
     else if (event.event === 'disk' && file) this.diskChanged(file);
     else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';
@@ -106,8 +107,8 @@ class Studio {
   async welcome({page, instance, robots}) {
     this.live.welcome(robots);
     this.simulator.welcome();
-    const isNew = this.instance !== undefined && this.instance !== instance;
     Object.assign(this, {page, instance});
+    const recovered = Promise.all([...this.open.values()].map((file) => file.recover(instance)));  // at once: until then nothing of them is sent
     try {
       const hello = await this.link.request('hello');
       byId('project').textContent = hello.project;
@@ -117,7 +118,7 @@ class Studio {
       this.types = new Map(hello.node_types.map((one) => [one.id, lowered(one)]));
       this.states = hello.states.map((one) => ({...one, outcomes: one.outcomes.map((outcome) => outcome.name), keyNames: [...one.inputs, ...one.outputs].map((key) => key.name)}));
       this.showFiles(hello.files);
-      if (this.open.size) await Promise.all([...this.open.values()].map((file) => file.recover(isNew)));
+      await recovered;
       this.palette.show(this.entries());
       if (hello.notes.length) this.told(hello.notes[0], 'warning');
       if (!this.open.size) await this.openLink();
@@ -126,12 +127,12 @@ class Studio {
     }
   }
 
-  async filesChanged({file: name, what, by, saved}, file) {
+  async filesChanged({file: name, what, by, saved, version}, file) {
     if (by !== this.page && ['save', 'take_disk'].includes(what)) this.jobs.edited(name, true);
     if (file && by !== this.page) {
       if (what === 'take_disk') { file.saved = saved; this.showHead(); }
-      if (what === 'close') file.recover(true);
-      if (what === 'save') { file.settled().then(() => { file.saved = file.text; this.showHead(); }).catch(() => {}); this.told(`${file.name} was saved in another page`); }
+      if (what === 'close') { file.instance = null; file.recover(this.instance); }  // with its unsaved edits, as by a new server
+      if (what === 'save') { file.takeSaved(version); this.showHead(); this.told(`${file.name} was saved in another page`); }
     }
     try { this.showFiles(await this.link.request('files')); } catch { /* it comes with the next welcome */ }
   }
@@ -175,6 +176,7 @@ class Studio {
     const file = new OpenFile(this.link, model, buffer, {
       changed: (one) => { this.jobs.edited(one.name); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
     });
+    file.instance = this.instance;
     this.open.set(model.file, file);
     return file;
   }
@@ -203,6 +205,7 @@ class Studio {
 
   async close(name) {
     const file = this.open.get(name);
+    if (!this.link.isOpen && (file.sent || file.pending)) { this.told(`${name} has edits that the studio has not got yet; close it when it is connected again`, 'warning'); return; }
     if (file.isChanged && await sheet(`${name} has unsaved changes`, [html('p', {}, 'If you close it, this page forgets it; the studio keeps the changes until they are saved or discarded.')], [['Close', true, 'primary'], ['Cancel', null, '']]) === null) return;
     this.open.delete(name);
     if (file !== this.file) { this.showHead(); return; }
@@ -261,7 +264,18 @@ class Studio {
       put(part, parts.get(state.parent) ?? null);
       for (const way of state.transitions) put({path: outcomePath(state.path, way.outcome), kind: 'outcome', title: way.outcome, span: way.span, open: way.span, data: state, way, note: ''}, part);
     }
+    // What begins where something of its kind began is the same: what was asked for it, or typed, is for what it has become.
+    const key = (part, since) => [part.kind, mapOffset(since, part.span[0]), part.kind === 'outcome' ? part.title : ''].join();
+    const begins = new Map([...parts.values()].map((one) => [key(one, file.sinceView), one]));
+    for (const one of file.parts?.values() ?? []) one.later = begins.get(key(one, file.sinceBefore)) ?? null;
     file.parts = parts;
+  }
+
+  // What a part of an earlier graph of a file has become; null if it is gone.
+  now(part) {
+    let one = part;
+    while (one?.later) one = one.later;
+    return one?.later === null ? null : one;
   }
 
   part(path) { return this.file?.parts.get(path) ?? null; }
@@ -311,8 +325,8 @@ class Studio {
 
   showSelection() {
     const {file} = this, part = this.part(file.selected);
-    const shown = part && {...part, behavior: file.view.behavior, problems: file.findings.filter((one) => one.path === part.path && one.severity !== 'info').map((one) => one.message)};
-    this.form.show(shown, this.keys().join() + Object.keys(this.treeFiles).join());
+    const shown = part && {...part, part, behavior: file.view.behavior, problems: file.findings.filter((one) => one.path === part.path && one.severity !== 'info').map((one) => one.message)};
+    this.form.show(shown, file.name + this.keys().join() + Object.keys(this.treeFiles).join());
     const crumbs = [];
     for (let one = part; one; one = one.parent) crumbs.unshift(one);
     byId('crumbs').replaceChildren(...[[file.name.split('/').at(-1), file.parts.keys().next().value], ...crumbs.map((one) => [one.title, one.path])].map(([text, path]) => html('button', {type: 'button', onclick: () => this.select(path)}, text)));
@@ -431,7 +445,7 @@ class Studio {
 
   fix(one, fix) {
     const {file} = this;
-    if (!file.findings.includes(one) || file.sent || file.pending) { this.told('The text has changed since; the problem is checked again', 'warning'); return; }
+    if (!file.findings.includes(one) || !file.isChecked) { this.told('The text has changed since; the problem is checked again', 'warning'); return; }
     file.apply(fix.edits, 'fix');
     this.told(fix.title);
   }
@@ -469,30 +483,32 @@ class Studio {
     if (isSaving) await this.save();
   }
 
-  async save(over = '') {
-    const {file} = this;
+  async save(over = '', file = this.file) {
     if (!file) return;
+    let version;
     try {
       await file.settled();
       const {text} = file;
-      await this.link.request('save', {file: file.name, version: file.version, over});
+      ({version} = file);
+      await this.link.request('save', {file: file.name, version, over});
       file.saved = text;
       file.changed = file.isOld = false;
       this.showHead();
       this.told(`${file.name} saved`, 'good');
       this.jobs.saved(file);
     } catch (refusal) {
-      if (refusal.kind === 'conflict') await this.resolve(file);
-      else this.told(refusal.message, 'error');
+      if (refusal.kind !== 'conflict') this.told(refusal.message, 'error');
+      else if ((await this.link.request('model', {file: file.name})).version !== version) await this.save(over, file);  // another page has edited it just now
+      else await this.resolve(file);
     }
   }
 
   async resolve(file) {
     const {text, disk} = await this.link.request('on_disk', {file: file.name});
-    if (text === file.text) { await this.save(disk); return; }
+    if (text === file.text) { await this.save(disk, file); return; }
     const merged = await file.rewrite('merge', async (mine) => (await conflictSheet(file.name, mine, text, this.pane.merge))?.text ?? null);
     if (merged === null) { this.told(`${file.name} is not saved: it was changed on disk`, 'warning'); return; }
-    await this.save(disk);
+    await this.save(disk, file);
   }
 
   // Commands.
@@ -581,6 +597,7 @@ class Studio {
     for (const [kind, act] of [['copy', () => this.actions.copy()], ['cut', () => this.actions.cut()], ['paste', (event) => this.actions.paste('after', event.clipboardData.getData('text/plain') || this.clipboard)]]) {
       document.addEventListener(kind, (event) => { if (this.graph.hasFocus && this.file) { event.preventDefault(); act(event); } });
     }
+    document.querySelector('.skip').addEventListener('click', (event) => { event.preventDefault(); this.graph.focus(); });  // the address keeps token and file
     byId('merge').addEventListener('click', () => this.resolve(this.file));
     byId('files-filter').addEventListener('input', () => this.showFiles(this.files));
     byId('files-filter').addEventListener('keydown', (event) => { if (event.key === 'Enter') byId('files').querySelector('button')?.click(); });

@@ -356,9 +356,9 @@ class Sessions:
         if method in ('edit', 'open', 'create', 'save'):
             self._check_soon(file)
         if method in ('create', 'save', 'close') or (method == 'take_disk' and result is not None):
-            saved = result if method == 'take_disk' else None
-            event = {'event': 'files_changed', 'file': file, 'what': method, 'by': page.number, 'saved': saved}
-            self.tell(event)
+            event = {'event': 'files_changed', 'file': file, 'what': method, 'by': page.number}
+            more = {'save': {'version': arguments.get('version')}, 'take_disk': {'saved': result}}
+            self.tell({**event, **more.get(method, {})})
 
     async def _look_about(self) -> None:
         """Tell the pages about files that other programs write, and end those whose users were removed."""

@@ -3,15 +3,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import difflib
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 from studio_page import StudioPage, served
 
+from flexbt_studio.server import session
+from flexbt_studio.server.session import Page, Sessions
 from flexbt_studio.server.web_server import editor_folder
 from flexbt_testing.browser import NEEDS_BROWSER
+from flexbt_testing.waiting import DEADLINE
 
 keys_module = pytest.importorskip(
     'selenium.webdriver.common.keys', reason='selenium drives the browser: pip install selenium'
@@ -295,6 +300,8 @@ def test_a_server_that_is_started_again_gets_back_what_was_not_saved(
         other.until(lambda: other.shown_text == f'{TREE}<!--before-->')
     page.until_text('link', 'NO SERVER')
     page.press('<!--without-->')
+    page.run('document.querySelector("[aria-label=\'Close main.xml\']").click()')  # the studio has not got it
+    page.until_told('close it when it is connected again')
     with served(folder, None, port):
         page.until_text('link', 'CONNECTED')
         whole = f'{TREE}<!--before--><!--without-->'
@@ -304,6 +311,191 @@ def test_a_server_that_is_started_again_gets_back_what_was_not_saved(
         page.chord(Keys.CONTROL, 's')
         page.until_told('main.xml saved')
     assert (folder / 'main.xml').read_text() == f'{whole}!'
+
+
+def test_a_value_that_was_refused_is_entered_again(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.click('Main/0/1')
+    page.until_text('link', 'NO SERVER')
+    page.run('document.getElementById("field-wait_duration").focus()')
+    page.press(Keys.END, '7', Keys.ENTER)
+    page.until_told('not connected to the studio')
+    with served(folder, None, port):
+        page.until_text('link', 'CONNECTED')
+        page.press(Keys.ENTER)
+        page.until(lambda: 'wait_duration="1.07"' in page.shown_text)
+
+
+def test_what_was_not_saved_outlives_a_new_server_whose_connection_is_lost_at_once(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answered, greeted, typed = Sessions._result, [], threading.Event()
+
+    async def cut(self: Sessions, asking: Page, method: str, arguments: dict[str, Any]) -> Any:
+        if method == 'hello':
+            greeted.append(asking)
+            if len(greeted) == 1:
+                await asking.socket.close()
+            else:
+                await asyncio.to_thread(typed.wait, DEADLINE)
+        return await answered(self, asking, method, arguments)
+
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.click('Main/0/1')
+        page.press(Keys.DELETE)
+        page.until_told('Wait removed')
+        page.chord(Keys.ALT, 'n')
+        for answer in ('Tree', 'made.xml'):
+            page.until(lambda: page.focused == 'choice-field')
+            page.press(answer, Keys.ENTER)
+        page.until(lambda: 'ID="Made"' in page.shown_text)
+        made = f'{page.shown_text}<!--without--><!--meanwhile-->'
+    page.until_text('link', 'NO SERVER')
+    page.write()
+    page.chord(Keys.CONTROL, Keys.END)
+    page.press('<!--without-->')
+    monkeypatch.setattr(Sessions, '_result', cut)
+    with served(folder, None, port):
+        page.until(lambda: len(greeted) == 2)
+        page.press('<!--meanwhile-->')
+        typed.set()
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('made.xml saved')
+        page.run('document.querySelector("#tabs [title=\'main.xml\']").click()')
+        page.until(lambda: 'ID="Main"' in page.shown_text)
+        assert 'Wait' not in page.shown_text
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
+    assert (folder / 'made.xml').read_text() == made and 'Wait' not in (folder / 'main.xml').read_text()
+
+
+@pytest.mark.parametrize('is_before', [True, False])
+def test_a_save_and_an_edit_of_another_page_at_the_same_time(
+    page: StudioPage, other: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch, is_before: bool
+) -> None:
+    """The edit comes just before the save is done, or just after, before the other page is told."""
+    answered, asked, edited = Sessions._result, threading.Event(), threading.Event()
+
+    async def slow(self: Sessions, asking: Page, method: str, arguments: dict[str, Any]) -> Any:
+        if method == 'save' and is_before:
+            asked.set()
+            await asyncio.to_thread(edited.wait, DEADLINE)
+        result = await answered(self, asking, method, arguments)
+        if method == 'edit':
+            edited.set()
+        elif method == 'save':
+            asked.set()
+            await asyncio.to_thread(edited.wait, DEADLINE)
+        return result
+
+    with served(folder, None) as port:
+        for one in (page, other):
+            one.open(port, 'main.xml')
+        page.write()
+        page.chord(Keys.CONTROL, Keys.END)
+        page.press('a')
+        other.until(lambda: other.shown_text == f'{TREE}a')
+        monkeypatch.setattr(Sessions, '_result', slow)
+        page.chord(Keys.CONTROL, 's')
+        assert asked.wait(DEADLINE)
+        other.write()
+        other.chord(Keys.CONTROL, Keys.END)
+        other.press('x')
+        page.until_told('main.xml saved')
+        assert (folder / 'main.xml').read_text() == f'{TREE}a{"x" * is_before}'
+        other.until_told('saved in another page')
+        other.chord(Keys.CONTROL, Keys.SHIFT, 'S')
+        other.until_sheet('as it is on disk' if is_before else '+ ax')
+        assert other.has_changes() is not is_before
+
+
+def test_what_was_begun_at_a_node_is_for_that_node_wherever_it_is_then(
+    page: StudioPage, other: StudioPage, folder: Path
+) -> None:
+    field = 'const field = document.getElementById("field-wait_duration");'
+
+    def insert() -> None:
+        """Add a node before it, in the other page."""
+        count = page.shown_text.count('AlwaysSuccess')
+        other.press('<AlwaysSuccess/>')
+        page.until(lambda: page.shown_text.count('AlwaysSuccess') == count + 1)
+        page.until(lambda: page.selected == f'Main/0/{count + 2}')
+
+    with served(folder, None) as port:
+        for one in (page, other):
+            one.open(port, 'main.xml')
+        other.write()
+        other.chord(Keys.CONTROL, Keys.HOME)
+        other.press(*[Keys.ARROW_DOWN] * 3, Keys.END)
+        page.click('Main/0/1')
+        page.run(f'{field} field.focus()')
+        page.press(Keys.END, '7')
+        insert()
+        assert page.run(f'{field} return [field.value, document.activeElement === field]') == ['1.07', True]
+        page.press(Keys.ENTER)
+        page.until(lambda: '<Wait wait_duration="1.07"/>' in page.shown_text)
+        page.click('Main/0/2')
+        page.press('w')
+        page.until(lambda: page.focused == 'choice-field')
+        insert()
+        page.press('Inverter', Keys.ENTER)
+        page.until_told('Wait wrapped in Inverter')
+        assert page.shown_text.split('<Inverter>')[1].lstrip().startswith('<Wait')
+        page.until_selected('Main/0/3')
+
+
+def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        sent, text = page.run("""
+            const {OpenFile} = await import('./open_file.js'), {plainPane} = await import('./plain_text.js');
+            const model = {file: 'a', text: 'ab', version: 1, changed: false, view: {}, problems: [], gestures: []};
+            const buffer = plainPane(document.createElement('div'), {}).buffer('ab', 'a'), sent = [];
+            const on = Object.fromEntries(['changed', 'viewed', 'found', 'told'].map((kind) => [kind, () => {}]));
+            const request = async (method, {edits}) => {
+              sent.push(JSON.stringify(edits));
+              if (sent.length === 1) throw Object.assign(new Error('busy'), {kind: 'busy'});
+            };
+            const file = new OpenFile({request, isOpen: true}, model, buffer, on);
+            file.apply([[2, 2, 'c']], 'typed');
+            await file.synced();
+            return [sent, file.base];
+        """)
+        assert (sent, text) == (2 * ['[[2,2,"c"]]'], 'abc')
+
+
+def test_a_fix_is_for_the_text_that_was_checked(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / 'main.xml').write_text(text := TREE.replace('wait_duration', 'wait_durations'))
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.until(lambda: page.run('return document.querySelector("#problems .fix")'))
+        monkeypatch.setattr(session, 'CHECK_SECONDS', 3600.0)
+        page.write()
+        page.chord(Keys.CONTROL, Keys.HOME)
+        page.press('<!-- -->')
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
+        page.run('document.querySelector("#problems .fix").click()')
+        page.until_told('has changed since')
+        assert page.shown_text == f'<!-- -->{text}'
+
+
+def test_the_way_to_the_graph_keeps_the_token_and_a_composition_chooses_nothing(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.run('document.querySelector(".skip").focus()')
+        page.press(Keys.ENTER)
+        page.until_selected('Main')
+        assert page.run('return location.hash').startswith('#token=')
+        page.chord(Keys.CONTROL, 'k')
+        page.until(lambda: page.focused == 'choice-field')
+        enter = 'new KeyboardEvent("keydown", {key: "Enter", isComposing: true, bubbles: true})'
+        page.run(f'document.activeElement.dispatchEvent({enter})')
+        assert page.run('return document.getElementById("choice").open')
 
 
 def test_an_unreadable_text_keeps_the_last_graph(page: StudioPage, folder: Path) -> None:

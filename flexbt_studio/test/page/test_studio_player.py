@@ -211,14 +211,21 @@ def test_who_looks_at_an_earlier_moment_goes_on_to_do_so(page: StudioPage, folde
         assert page.run(MOMENTS) == [8, 306], 'of a moment that is gone, the first that is kept'
 
 
-def test_an_edit_of_another_file_that_a_proof_has_read_makes_it_old(page: StudioPage, folder: Path) -> None:
+def test_an_edit_of_another_file_that_a_proof_has_read_makes_it_old(
+    page: StudioPage, other: StudioPage, folder: Path
+) -> None:
     tree = '<root BTCPP_format="4" main_tree_to_execute="{0}"><BehaviorTree ID="{0}">{1}</BehaviorTree>{2}</root>'
     far = tree.format('Far', '<AlwaysSuccess/>', '')
-    other = '<BehaviorTree ID="Other"><SubTree ID="Far"/></BehaviorTree>'
+    more = '<BehaviorTree ID="Other"><SubTree ID="Far"/></BehaviorTree>'
     (folder / 'far.xml').write_text(far)
-    (folder / 'two.xml').write_text(tree.format('Two', '<AlwaysSuccess/>', other))
+    (folder / 'two.xml').write_text(tree.format('Two', '<AlwaysSuccess/>', more))
     with served(folder, None) as port:
         page.open(port, 'two.xml')
+        page.press(F9)
+        page.until_text('proof', 'proved: nothing wrong (')
+        other.open(port, 'far.xml')  # which this page has not opened
+        rewrite(other, far := far.replace('</root>', '<!-- other --></root>'))
+        page.until_text('proof', 'not proved since the change')
         page.press(F9)
         page.until_text('proof', 'proved: nothing wrong (')
         page.go('far.xml')
@@ -502,3 +509,56 @@ def test_a_robot_is_watched_and_its_past_is_kept(
         page.until_text('player-told', 'another version of the tree')
         page.press(ESCAPE)
         page.until(lambda: page.run('return document.getElementById("live").getAttribute("aria-pressed")') == 'false')
+
+
+def test_a_robot_that_a_new_server_has_not_found_yet_is_shown_as_old(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robots = Robots()
+    monkeypatch.setattr('studio_page.StudioServer', partial(StudioServer, robots=cast(Any, robots)))
+    with served(folder, None) as port:
+        page.open(port, 'drive.yaml')
+        page.run('document.getElementById("live").click()')
+        page.until_text('player-title', 'Robot base')
+        robots.show({'Sequence::1': 1}, active='/Drive/Go')
+        page.until(lambda: shown(page).get('/Drive/Go') == 'running')
+    page.until_text('player-told', 'NO LINK')
+    robots.fleet = Fleet()
+    with served(folder, None, port):
+        page.until_text('player-told', "NO LINK, last known state (no robot 'base' was found")
+        robots.fleet.add('base', robots.mirror)
+        robots.show({'Sequence::1': 1}, active='/Drive')
+        page.until(lambda: shown(page) == {'/': 'running', '/Drive': 'running'})
+        assert 'NO LINK' not in page.text('player-told')
+
+
+def test_what_was_asked_about_one_recording_is_not_shown_of_the_next(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        titles, entries = page.run("""
+            const {Player} = await import('./player.js'), later = [];
+            const at = {begin: 0, end: 1, word: '', tone: '', text: '', count: 1};
+            const entry = (key) => ({...at, number: 1, lane: 'states', key, label: key});
+            const lanes = (name) => ({entries: [entry(name)], revision: 1, begin: 0, end: 9, wall: null, live: false});
+            const moment = (title) => ({title, lines: [], time: 0, statuses: () => new Map()});
+            let name = 'first';
+            const answer = (make, own = make(name)) => new Promise((done) => later.push(() => done(own)));
+            const owner = {lanes: () => answer(lanes), at: () => answer(moment)};  // one for all, as in the studio
+            const player = new Player({follow() {}, paint() {}, name: () => ''});
+            const play = () => player.play(name, [moment(name)], {isLive: true, owner});
+            const arrive = async (asked) => { for (const one of asked) { one(); await new Promise(setTimeout); } };
+            play();
+            await arrive(later.splice(0));  // its lanes; then its first moment is asked for
+            player.askLanes();
+            const slow = later.splice(0);
+            name = 'last';
+            player.end();
+            play();
+            await arrive(later.splice(0));
+            await arrive(later.splice(0));
+            await arrive(slow);
+            const shown = [player.past?.title, [...player.timeline.entries.values()].map((one) => one.label)];
+            player.end();
+            return shown;
+        """)
+        assert (titles, entries) == ('last', ['last'])
