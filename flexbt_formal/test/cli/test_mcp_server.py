@@ -234,6 +234,10 @@ def test_nothing_outside_of_the_folder_is_read_or_written(tmp_path: Path) -> Non
         f'<root BTCPP_format="4" main_tree_to_execute="M"><include path="{outside}/tree.xml"/>'
         '<include path="../outside/tree.xml"/><BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
     )
+    (folder / 'root.xml').write_text(
+        f'<root BTCPP_format="4" main_tree_to_execute="M"><include path="/proc/self/root{outside}/tree.xml"/>'
+        '<BehaviorTree ID="M"><AlwaysSuccess/></BehaviorTree></root>'
+    )
     (folder / 'reach.xml').write_text(document(f'Main: <ReachGoal mission="{outside}/skills.yaml" goal="x"/>'))
     (folder / 'mission.yaml').write_text(f'skills: [{outside}/skills.yaml]\ngoal: x\n')
     (folder / 'machine.yaml').write_text(
@@ -261,6 +265,7 @@ def test_nothing_outside_of_the_folder_is_read_or_written(tmp_path: Path) -> Non
             found = []
             for tool, arguments in (
                 ('check_tree', {'files': ['include.xml']}),
+                ('check_tree', {'files': ['root.xml']}),
                 (
                     'check_tree',
                     {'files': [f'package://flexbt_demo_behaviors/../../../../../../../../{outside}/tree.xml']},

@@ -32,7 +32,6 @@ MAX_FILE: Final = 10_000_000
 
 _PR_SET_PDEATHSIG: Final = 1  # prctl(2)
 _WRITING: Final = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-_DEVICES: Final = ('/dev/null', '/dev/urandom', '/proc/')
 # Audit events, https://docs.python.org/3/library/audit_events.html
 _READING: Final = frozenset({'os.listdir', 'os.scandir'})
 _CHANGING: Final = frozenset(
@@ -75,12 +74,14 @@ def main() -> int:
 
 def _guard(folder: str, packages: list[str]) -> Callable[[str, tuple[Any, ...]], None]:
     """Return an audit hook that raises PermissionError for what the process may not do."""
+    devices = ('/dev/urandom', '/proc/sys/', '/proc/pressure/', f'/proc/{os.getpid()}/')
 
     def check(path: object, *, changes: bool) -> None:
         if not isinstance(path, (str, bytes, os.PathLike)):
             return  # an open file
         given = os.path.normpath(Path.cwd() / os.fsdecode(path))
-        if f'{os.path.realpath(given)}/'.startswith(f'{folder}/') or given.startswith(_DEVICES):
+        real = os.path.realpath(given)  # /proc has links to everywhere
+        if f'{real}/'.startswith(f'{folder}/') or real == os.devnull or (real.startswith(devices) and not changes):
             return
         if changes or not f'{given}/'.startswith(tuple(packages)):
             raise PermissionError(errno.EACCES, 'not in the folder of this server')
