@@ -231,13 +231,16 @@ class Record(tuple[tuple[str, Any], ...]):
 
 
 def length(value: Any) -> int:
-    """Return the length of an array, a text, or the first member of a record that has one. Raises TypeError."""
+    """Return the length of an array, of a text in bytes, or of the first member of a record that has one. Raises
+    TypeError."""
     if isinstance(value, Record):
         for _, held in value:
             if isinstance(held, tuple | str):
                 return length(held)
         raise TypeError('this record has no array, so it has no length')
-    if isinstance(value, tuple | str):
+    if isinstance(value, str):
+        return len(value.encode())
+    if isinstance(value, tuple):
         return len(value)
     raise TypeError(f'{value!r} has no length')
 

@@ -19,7 +19,7 @@ from flexbt_core.behavior_tree.model.errors import LoadError
 from flexbt_core.values.json_data import finite_number, load_json
 from flexbt_core.values.text import short_repr
 
-from .data_types import Record
+from .data_types import Record, length
 from .dialect import Events
 from .expressions import Call, Expression, ExpressionError, Literal, Reference, compiled, references_in
 from .source_text import ModelError, ModelFault, SourceElement, read_text
@@ -280,7 +280,7 @@ def _carried(values: tuple[Any, ...] | None, at: int, members: tuple[str, ...]) 
 
 
 def _length(value: Any) -> int:
-    return len(value) if isinstance(value, tuple | str) else 0
+    return length(value) if isinstance(value, tuple | str) else 0
 
 
 def _parameter(names: Sequence[str], rest: str) -> tuple[int, tuple[str, ...]] | None:

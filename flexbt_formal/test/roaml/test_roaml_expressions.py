@@ -30,6 +30,7 @@ from flexbt_formal.roaml.probabilities import BAD, GOOD, GraphChoices, reach
         ("{'a': [1, 2], b: 'x'}.a.length", 2),
         ("'it\\'s' + \"\\n\"", "it's\n"),
         ("'abc'.length", 3),
+        ("'é'.length == 2 && 'é'[1] == 169", True),  # a text is its bytes
         ('1e3 + .5', 1000.5),
         ('- -1', 1),
     ],
