@@ -117,6 +117,8 @@ class Timer(Entity):
     def __init__(self, clock: Clock, context: Any, period: int, autostart: bool = True) -> None:
         super().__init__()
         _check_context('timer', context)
+        if context is not None and period < 0:
+            raise RCLError('failed to create timer: timer period must be non-negative')
         self.clock = clock
         self.is_canceled = not autostart
         self.next = clock.nanoseconds() + period

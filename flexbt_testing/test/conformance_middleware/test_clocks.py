@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from rclpy.clock import JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.time import Time
@@ -45,6 +46,11 @@ def test_a_timer_follows_jumps(ros: Any) -> None:
     set_to(clock, 2.0)
     timer.reset()
     assert rest_at(2.0) == 1.0
+
+
+def test_a_negative_period_is_refused(ros: Any) -> None:
+    with pytest.raises(RuntimeError, match='timer period must be non-negative'):
+        ros.node('timers', spins=False).create_timer(-1.0, lambda: None)
 
 
 def test_a_timer_that_is_called_late_keeps_its_beat(ros: Any) -> None:
