@@ -169,6 +169,8 @@ class Health:
         self._asked_at = math.inf  # not yet
         self._looked_at = 0.0
         self._settled_at = -math.inf
+        self.returned_at = -math.inf
+        """When the process went on after it had been out of reach the last time, on the steady clock, s."""
         # Held until a pause is reported, so that a checking thread continues after that. Acquired before other locks.
         self._pausing = threading.RLock()
         self._is_late = False
@@ -278,7 +280,10 @@ class Health:
         them."""
         self._settled_at = self._steady.now() + SETTLE_SECONDS
         name = 'the whole process (it was stopped, or its computer is busy)'
-        self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=stopped >= OUT_OF_REACH_SECONDS))
+        was_out_of_reach = stopped >= OUT_OF_REACH_SECONDS
+        if was_out_of_reach:
+            self.returned_at = self._steady.now()
+        self._tell(Hang(name, seconds, is_over=True, was_out_of_reach=was_out_of_reach))
 
     def _tell_missing(self, missing: list[WatchedThread], now: float) -> None:
         longest = missing[0].hang(now)

@@ -21,6 +21,7 @@ from std_msgs.msg import Header
 
 from flexbt_common import names
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS, Received, ReceivedMessages, writer_name
+from flexbt_common.runtime.health import SETTLE_SECONDS
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.values.limits import LONG_TEXT, sanitize_message
 from flexbt_core.clock.rates import SenderRates
@@ -208,7 +209,11 @@ of its arrival on the steady clock, s."""
 
 class CommandIntake:
     """A receiver of commands, or ``only_stops``. Made and used on the executor thread; ``tell`` gets a severity and a
-    line for the operators."""
+    line for the operators.
+
+    Commands, except stops, that come as the process goes on after a long stop are dropped: operators may have been told
+    long ago that there was no answer. A console that still waits for one sends it again.
+    """
 
     def __init__(
         self,
@@ -250,7 +255,10 @@ class CommandIntake:
         except ValueError as error:
             self._drop(topic, received, f'what it sends is not a command: {error}')
             return
-        if topic == names.EXECUTIVE_COMMAND or command.kind == ExecutiveCommand.STOP:
+        is_stop = command.kind == ExecutiveCommand.STOP
+        if not is_stop and self._runtime.steady.now() < self._runtime.health.returned_at + SETTLE_SECONDS:
+            self._drop(topic, received, 'they may have waited while the executive was stopped; give them again')
+        elif topic == names.EXECUTIVE_COMMAND or is_stop:
             waited = max(0.0, time.time() - received.arrived * 1e-9)
             self._on_command(command, received.participant, self._runtime.steady.now() - waited)
         else:

@@ -19,6 +19,7 @@ from typing import Any, Final
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall
 from flexbt_common.lifecycle.liveliness import LEASE_SECONDS
+from flexbt_common.runtime.health import OUT_OF_REACH_SECONDS
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import CommandKind
@@ -550,6 +551,10 @@ class _Robot:
         if process.held_up is not None or not process.name.endswith((_EXECUTIVE, 'stop_guard')):
             return
         is_own = process.name == self._executive
+        hung_at, awake_at = self._observer.hung.get(self._executive, (0, 0))
+        is_dropped = awake_at - hung_at >= OUT_OF_REACH_SECONDS * SECOND and SCHEDULER.now < awake_at + SECOND // 2
+        if is_own and is_dropped and command.kind != ExecutiveCommand.STOP:
+            return  # it may have waited
         if is_own and command.decision_id:
             self._wanted_at = SCHEDULER.now
         if is_own and process not in self._observer.died and command.id not in self._results:

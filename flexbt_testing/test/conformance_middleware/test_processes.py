@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from flexbt_common.runtime.health import OUT_OF_REACH_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.nodes.operator import Operator
@@ -46,6 +47,19 @@ def test_a_stopped_process_does_nothing_until_it_continues(stack: Stack, operato
     assert stack.running() == {NAME}
     stack.send_signal(NAME, signal.SIGCONT)
     assert operator.result(sent).code == CommandResult.APPLIED
+
+
+def test_a_command_that_waits_while_its_process_is_stopped_for_long_has_no_effect(
+    stack: Stack, operator: Operator
+) -> None:
+    stack.send_signal(NAME, signal.SIGSTOP)
+    stopped = time.monotonic()
+    waiting = operator.send(ExecutiveCommand.AUTONOMY, autonomy=1)
+    wait_until(lambda: time.monotonic() > stopped + 2.0 * OUT_OF_REACH_SECONDS, 'a long time')
+    stack.send_signal(NAME, signal.SIGCONT)
+    operator.logged('were dropped: they may have waited while the executive was stopped')
+    operator.applied(ExecutiveCommand.AUTONOMY, autonomy=2)
+    assert not any(one.command_id == waiting for one in operator.status.results)
 
 
 def test_one_thread_hangs_for_a_time(stack: Stack, operator: Operator) -> None:
