@@ -86,6 +86,7 @@ def plan(
         coverage = explore_states(policy, initial, disturbances, disturbed, deadline, clock)
         missing = {state: way for state, way in coverage.uncovered.items() if state not in hopeless}
         if not missing or clock() >= deadline:
+            coverage.complete &= not missing  # nothing is planned for these any more
             break
         for state, way in missing.items():
             if policy.choose(state) is not None:
