@@ -142,6 +142,7 @@ class LayeredCostmap:
         angles = observation.angles + (observation.sensor.yaw - world.origin.yaw)
         ranges = numpy.where(numpy.isnan(observation.ranges), -1.0, observation.ranges)
         seen = numpy.minimum(ranges, min(self._clear, observation.range_max))
+        seen[(ranges > self._mark) & (ranges <= self._clear)] = self._mark  # what is not marked there is not cleared
         cleared = numpy.where(ranges < 0.0, 0.0, seen) / world.resolution
         struck = numpy.where((ranges >= 0.0) & (ranges <= self._mark), ranges, -1.0) / world.resolution
         directions = numpy.stack([numpy.sin(angles), numpy.cos(angles)], axis=1)

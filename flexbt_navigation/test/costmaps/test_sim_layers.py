@@ -65,6 +65,9 @@ def test_beyond_the_obstacle_range_nothing_is_marked_and_beyond_the_raytrace_ran
     layers.observe(seen(with_block(EMPTY, 5.8, 3.0), near), near)
     known = marks(layers)
     assert known
+    between = Pose(2.9, 3.0, 0.0)  # it is seen there, and not marked
+    layers.observe(seen(with_block(EMPTY, 5.8, 3.0), between), between)
+    assert marks(layers) == known
     far = Pose(2.4, 3.0, 0.0)
     layers.observe(seen(EMPTY, far), far)
     assert marks(layers) == known

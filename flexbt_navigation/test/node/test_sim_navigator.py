@@ -121,6 +121,14 @@ def test_obstacles_that_the_map_does_not_show_are_driven_round() -> None:
             check_reached(world, navigator.navigate(goal, timeout=600.0))
 
 
+def test_a_wall_that_the_map_does_not_show_is_driven_round_though_its_ends_are_out_of_sight() -> None:
+    world = World(OccupancyMap(numpy.zeros((150, 150), numpy.int8), 0.1, Pose(0.0, 0.0, 0.0)))
+    world.add('wall', ObstacleModel(pose=Pose(9.5, 7.0, 0.0), shape=box(0.3, 8.0)))
+    world.add('post', ObstacleModel(pose=Pose(6.0, 7.0, 0.0), shape=Circle(0.4)))
+    world.add('robot', MODELS['waffle'], Pose(4.0, 7.0, 0.0))
+    check_reached(world, Navigator(world, 'robot').navigate(Pose(13.0, 7.0, 0.0), 120.0))
+
+
 def test_where_there_is_no_way_the_code_says_why() -> None:
     def cell_in_the_middle(cells: NDArray[numpy.int8]) -> None:
         cells[30:70, 30:32] = cells[30:70, 68:70] = cells[30:32, 30:70] = cells[68:70, 30:70] = 100
