@@ -16,14 +16,20 @@ NODE_BYTES: Final = 1_100_000_000
 """Address space that a node uses with its middleware and threads, bytes; it uses a tenth of that as memory."""
 
 
+def skip_message_generator() -> None:
+    """Let no package of messages load the generator of message code with its parsers, with the first message that is
+    sent. rosidl_generator_py supports a failed import of this generator.
+    """
+    sys.modules.setdefault('rosidl_generator_py.generate_py_impl', None)  # type: ignore[arg-type]  # see sys.modules
+
+
 def load(module: str) -> ModuleType:
     """Import the module of an executable.
 
-    This skips two things that no executable needs: garbage collections among modules that stay, and the generator of
-    message code with its parsers, which each message package would load. rosidl_generator_py supports a failed import
-    of this generator.
+    This skips two things that no executable needs: garbage collections among modules that stay, and
+    :func:`skip_message_generator`.
     """
-    sys.modules.setdefault('rosidl_generator_py.generate_py_impl', None)  # type: ignore[arg-type]  # see sys.modules
+    skip_message_generator()
     gc.disable()
     loaded = importlib.import_module(module)
     gc.freeze()

@@ -19,6 +19,8 @@ from typing import Any, Final
 
 import pytest
 
+from flexbt_common.executables import skip_message_generator
+
 from . import lock_order
 
 _OUTER_DIRECTORY: Final = pytest.StashKey[str]()
@@ -31,9 +33,12 @@ def pytest_load_initial_conftests() -> None:
     With field checks, setting a message field to a value of the wrong type is an error, not a later crash. They must be
     set before any message is imported, and locks must be watched before any is created.
 
-    Garbage collection is off until the tests run, because what they import stays.
+    Garbage collection is off until the tests run, because what they import stays. A collection in an import can leave
+    the module locked for ever before Python 3.12 (CPython's issue 91351), and the first message of a test would import
+    much.
     """
     os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'
+    skip_message_generator()
     lock_order.watch_locks()
     gc.disable()
 
