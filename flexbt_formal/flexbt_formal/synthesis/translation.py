@@ -325,11 +325,23 @@ class Translation:
         taken = {
             **dict.fromkeys(_WORDS_OF_FORMULAS, 'a word of formulas'),
             **dict.fromkeys(ends.values(), 'an outcome'),
+            **{f'{name}_m': f'the memory of {name}' for name in (*self._file.capabilities, *self._file.memory)},
+            **{
+                f'{name}_{kind}': f'a proposition of {name}'
+                for name in self._file.capabilities
+                for kind in self._kinds()
+            },
         }
         lines = {name: one.line for name, one in self._file.capabilities.items()}
         for name in dict.fromkeys((*lines, *self._file.memory, *self._file.labels)):
             if name in taken:
                 self._problem(lines.get(name, 1), f"'{name}' is {taken[name]} already: call it otherwise")
+
+    def _kinds(self) -> Iterator[str]:
+        """Yield the suffixes of the propositions of a capability."""
+        yield from ('a', *suffixes(self._file.mappings.transition_outcomes).values())
+        yield from ('x',) if self._options.retries is not None else ()
+        yield from ('p',) if self._options.pending else ()
 
     def _ends(self) -> dict[str, str]:
         """Return the outcomes of the machine, with the propositions for them."""

@@ -180,6 +180,8 @@ def test_userdata_that_is_not_written_on_every_way_is_refused_with_the_way() -> 
         ('  press:\n', '  pr-ess:\n', "'pr-ess' is not a name"),
         ('  press:\n', '  next:\n', "coffee.yaml:6: 'next' is a word of formulas already: call it otherwise"),
         ('  press:\n', '  finished:\n', "coffee.yaml:6: 'finished' is an outcome already: call it otherwise"),
+        ('  press:\n', '  brew_m:\n', "coffee.yaml:6: 'brew_m' is the memory of brew already: call it otherwise"),
+        ('  press:\n', '  brew_a:\n', "coffee.yaml:6: 'brew_a' is a proposition of brew already: call it otherwise"),
         ('capabilities:', f'memory: {{sys_props: {{x: {"9" * 30}}}}}\ncapabilitie:', "cannot have 'capabilitie'"),
         ('capabilities:', 'variable_mappings: {sys_props: {n: {99999999999: a}}}\ncapabilities:', 'at most 9 digits'),
     ],
