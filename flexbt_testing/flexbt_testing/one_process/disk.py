@@ -74,6 +74,11 @@ class Disk:
         """Answer again."""
         self._goes.set()
 
+    @property
+    def users(self) -> list[Process]:
+        """The processes that have files, in the order of the files."""
+        return list(dict.fromkeys(self._users.values()))
+
     def lose(self, process: Process) -> None:
         """Leave of the files of a process that has ended what is on the disk, and of the rest what the seed draws.
 

@@ -709,6 +709,7 @@ class World(Mission):
         processes = [self._alive(name) for name in names] or [one for one in self.processes.values() if one.is_alive]
         for process in processes:
             end(process)
+        for process in processes if names else DISK.users:  # also those that have ended before
             DISK.lose(process)
 
     def terminate(self, name: str) -> None:
