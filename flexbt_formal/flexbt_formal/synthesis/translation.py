@@ -742,7 +742,7 @@ class Translation:
             return f'{self._proposition(name)}{prime}'
 
         labelled = re.sub(
-            r"([A-Za-z_]\w*)(\s*'?\s*!?=\s*)([A-Za-z_]\w*)",
+            r"([A-Za-z_]\w*)(\s*'?\s*(?:[<>!]?=|[<>])\s*)([A-Za-z_]\w*)",
             lambda one: f'{one[1]}{one[2]}{self._value(one[1], one[3])}' if one[1] in self._file.labels else one[0],
             text[:20_001],
         )

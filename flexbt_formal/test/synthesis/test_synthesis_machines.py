@@ -196,6 +196,8 @@ def test_a_value_that_a_variable_does_not_have_is_named_with_those_that_it_has()
     sizes = ('capabilities:', 'variable_mappings: {sys_props: {size: {0: small, 1: large}}}\ncapabilities:')
     with pytest.raises(SynthesisError, match="'size' has no value 'smal'; did you mean 'small'"):
         synthesize(coffee(sizes, ("['!press']", '[size=smal]')))
+    for needs in ('size<large', 'size <= small', 'size != large'):
+        assert made(coffee(sizes, ("['!press']", f"['!press', '{needs}']"))).initial == 'press'
     with pytest.raises(SynthesisError, match="a variable is missing after '&'"):
         synthesize(coffee(("['!press']", "['!press &']")))
 
