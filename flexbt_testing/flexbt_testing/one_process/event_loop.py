@@ -40,12 +40,11 @@ _REFUSED: Final = (
 
 
 class _Task(asyncio.Task[Any]):
-    """A task whose place in a set does not depend on its address: sets decide the order of cancellations."""
-
-    _numbers = itertools.count(1)
+    """A task whose place in a set does not depend on its address, nor on earlier worlds: sets decide the order of
+    cancellations."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        self._number = next(_Task._numbers)
+        self._number = next(DOMAIN.numbers)
         super().__init__(*args, **kwargs)
 
     def __hash__(self) -> int:
