@@ -167,6 +167,8 @@ def _labels(file: YamlFile, values: yaml.Node, what: str) -> dict[int, str]:
     }
     if not labels:
         file.problem(values, f"{what} has no values: write for example 0: 'None'")
+    if len(set(labels.values())) < len(labels):
+        file.problem(values, f'{what} has two values of one name')
     return labels
 
 

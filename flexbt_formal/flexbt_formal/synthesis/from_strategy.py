@@ -394,10 +394,7 @@ class _Building:
         settled = {to: names[block] for block in begins for to in of_block[block]}
         for number in self._strategy.start:
             values = self._nodes[number].values
-            case = '_and_'.join(
-                name if values[name] == 1 else f'not_{name}' if not values[name] else f'{name}_{values[name]}'
-                for name in told
-            )
+            case = '_and_'.join(self._told_as(name, values[name]) for name in told)
             transitions[case] = settled[self._settled(number)[0]]
         question = 'How is it?'
         part = MachinePart(
@@ -407,6 +404,12 @@ class _Building:
             f"the world may begin in several ways ({', '.join(told)}): the state '{_ASKING}' asks the operator"
         )
         return MachineState(_ASKING, (part,), transitions, dict.fromkeys(transitions, 0))
+
+    def _told_as(self, name: str, value: int) -> str:
+        """Return a value of an input as the operator chooses it."""
+        if self._problem.specification.variables[name].bounds is None:
+            return name if value else f'not_{name}'
+        return f'{name}={self._problem.file.labels.get(name, {}).get(value, value)}'
 
 
 # The fewest states that behave the same: partition refinement, then merging where an outcome cannot come.

@@ -478,6 +478,7 @@ class Translation:
         self._capabilities()
         self._conditions()
         self._frames()
+        self._values_without_gaps()
 
     def _capabilities(self) -> None:
         self._rule = ONE_ACTIVE
@@ -618,6 +619,16 @@ class Translation:
             else:
                 self._add(section, f"(!({setters}) & {name}) -> {name}'")
                 self._add(section, f"(!({setters}) & !{name}) -> !{name}'")
+
+    def _values_without_gaps(self) -> None:
+        """Exclude the numbers between the values of an integer that are none of them."""
+        self._rule = 'an integer has one of its values'
+        for name, labels in self._file.labels.items():
+            variable = self._variables[name]
+            if len(labels) < len(variable.values):
+                owner = 'ENV' if variable.is_input else 'SYS'
+                self._add(Section[f'{owner}_INIT'], ' | '.join(f'{name}={number}' for number in labels))
+                self._add(Section[f'{owner}_TRANS'], ' | '.join(f"{name}'={number}" for number in labels))
 
     # -- what is to be reached ---------------------------------------------------------------------------------------
 

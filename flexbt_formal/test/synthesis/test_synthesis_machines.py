@@ -142,6 +142,21 @@ def test_the_world_that_may_begin_in_several_ways_is_asked_about(heat: str, stat
     assert any('the operator' in note for note in machine.notes)
 
 
+def test_the_operator_is_asked_for_a_value_by_its_name() -> None:
+    """Of numbers that are no values nothing is asked, and nothing is to be done with them."""
+    changes = (
+        ('capabilities:', 'variable_mappings: {env_props: {water: {1: cold, 3: warm}}}\ncapabilities:'),
+        ("preconditions: ['!press']", "preconditions: ['!press', water=warm]"),
+        (
+            '  brew:',
+            '  heat:\n    interface: Try\n    preconditions: [water=cold]\n    postconditions: [water=warm]\n  brew:',
+        ),
+    )
+    assert edges(made(coffee(*changes)))['start'] == {'water=cold': 'heat', 'water=warm': 'press'}
+    with pytest.raises(SynthesisError, match='water has two values of one name'):
+        coffee((changes[0][0], changes[0][1].replace('warm', 'cold')))
+
+
 def test_userdata_that_is_not_written_on_every_way_is_refused_with_the_way() -> None:
     read = ("preconditions: ['!press']", "preconditions: ['!press']\n    userdata_in: {beans: {remapping: ground}}")
     later = ('preconditions: [grind]', 'preconditions: [grind]\n    userdata_in: {beans: {remapping: ground}}')
