@@ -154,6 +154,8 @@ def _by_owner(
     world: set[str] = set()
     for owner, names in file.entries(node, what, ('env_props', 'sys_props')).items():
         for name, one in file.entries(names, f'{what}.{owner}').items():
+            if name in found:
+                file.problem(one, f'{what}.{owner}.{name} is that of the other owner, too; name it once')
             found[name] = one, f'{what}.{owner}.{name}'
             _checked_name(file, name, *found[name])
             world |= {name} if owner == 'env_props' else set()

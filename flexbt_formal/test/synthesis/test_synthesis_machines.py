@@ -199,6 +199,7 @@ def test_userdata_that_is_not_written_on_every_way_is_refused_with_the_way() -> 
         ('  press:\n', '  brew_a:\n', "coffee.yaml:6: 'brew_a' is a proposition of brew already: call it otherwise"),
         ('capabilities:', f'memory: {{sys_props: {{x: {"9" * 30}}}}}\ncapabilitie:', "cannot have 'capabilitie'"),
         ('capabilities:', 'variable_mappings: {sys_props: {n: {99999999999: a}}}\ncapabilities:', 'at most 9 digits'),
+        ('capabilities:', 'memory: {env_props: {x: true}, sys_props: {x: true}}\ncapabilities:', 'of the other owner'),
     ],
 )
 def test_what_is_wrong_in_a_file_is_named_with_its_place(before: str, after: str, problem: str) -> None:
