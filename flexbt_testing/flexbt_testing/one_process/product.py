@@ -279,6 +279,8 @@ def install() -> None:
     os.setpriority = lambda *_: None  # of a process of the world, which shares that of the test
     os.environ.setdefault('OMP_NUM_THREADS', '1')  # sums of a thread pool are not reproducible
 
+    from rclpy.node import Node
+
     from flexbt_common import executables
     from flexbt_common.lifecycle import liveliness
     from flexbt_common.middleware import received_messages
@@ -344,6 +346,7 @@ def install() -> None:
     for name in ('checked', 'participant', 'process'):
         setattr(_Taken, name, vars(received_messages.Received)[name])
     for owner, name, stand_in in (
+        (Node, '__hash__', lambda node: SCHEDULER.number_of(node)),  # executors have sets of nodes
         (executables, 'run_main', _run_main),
         (liveliness, 'warn_of_losses', lambda _warn: None),  # of a middleware that was not tested
         (identity, 'own', staticmethod(own)),

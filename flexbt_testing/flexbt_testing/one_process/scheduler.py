@@ -214,6 +214,7 @@ class Scheduler:
         self._numbers = itertools.count()
         self._ids = itertools.count(700_000_001)
         self._pids = itertools.count(4001)
+        self._objects = itertools.count(1)
         self._still = (BOOT, 0)
         self.main = self.current = Task(next(self._ids), 'MainThread', self.process('world'))
         self.main.baton = _Baton(None)
@@ -297,6 +298,13 @@ class Scheduler:
         if self.looks > MOST_LOOKS:
             self.looks = 0  # an alarm may look at the clock meanwhile
             self.block('what it polls for', self.now + SECOND // 1000)
+
+    def number_of(self, one: Any) -> int:
+        """Return the number of an object, a new one for one that has none: a hash that is the same in each run."""
+        found = vars(one)
+        if '_number_in_world' not in found:
+            found['_number_in_world'] = next(self._objects)
+        return int(found['_number_in_world'])
 
     def pick(self, count: int) -> int:
         """Return the index of one of several candidates: the first one, or one that the seed draws."""

@@ -115,9 +115,15 @@ class Lock:
 
 
 class Thread(threading.Thread):
-    """Stand-in for ``threading.Thread``, which begins, and is waited for, as a task."""
+    """Stand-in for ``threading.Thread``, which begins, and is waited for, as a task.
+
+    Its place in a set, such as that of a pool, does not depend on its address.
+    """
 
     _task: Task | None = None
+
+    def __hash__(self) -> int:
+        return SCHEDULER.number_of(self)
 
     def start(self) -> None:
         if self._task is not None:

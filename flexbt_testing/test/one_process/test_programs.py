@@ -27,7 +27,7 @@ import pytest
 import rclpy
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Int32
@@ -304,6 +304,33 @@ def test_the_seed_decides_all_random_numbers_and_dates() -> None:
     assert drawn(3) == first
     assert not {*drawn(4)[:7]} & {*first[:7]}
     assert first[7] == random.Random(1).random()
+
+
+def test_neither_addresses_nor_earlier_worlds_decide_the_order_of_threads_and_nodes() -> None:
+    def wait_for_pool() -> None:
+        with ThreadPoolExecutor(6) as pool:
+            for seconds in (5, 1, 4, 2, 3, 6):
+                pool.submit(time.sleep, seconds)
+
+    def spin_nodes(told: list[int]) -> None:
+        rclpy.init()
+        executor = SingleThreadedExecutor()
+        nodes = [rclpy.create_node(f'node_{number}') for number in range(5)]
+        for number, node in enumerate(nodes):
+            node.create_timer(1.0, partial(told.append, number))
+            executor.add_node(node)
+        executor.spin_until_future_complete(rclpy.Future(), timeout_sec=2.5)
+
+    def run(junk: int) -> tuple[list[int], int]:
+        kept, told = [bytearray(1000 * junk) for _ in range(junk)], list[int]()
+        with bare_world(3) as world:
+            world.launch(wait_for_pool)
+            world.launch(partial(spin_nodes, told))
+            world.run(10.0)
+            assert len(kept) == junk and len(told) == 10
+            return told, SCHEDULER.now
+
+    assert len({str(run(junk)) for junk in range(6)}) == 1
 
 
 def test_what_a_module_draws_as_it_is_imported_leaves_the_seed_alone(
