@@ -26,7 +26,7 @@ def machine_as_yaml(machine: SynthesizedMachine) -> str:
     """Return the text of a machine.
 
     Raises:
-        SynthesisError: a parameter is Python code, which YAML does not hold.
+        SynthesisError: a parameter is Python code, which YAML does not hold; or the machine never ends.
     """
     code = [
         f'{state.name}: parameter {key} is Python ({value}), which YAML does not hold: ask for Python'
@@ -37,7 +37,15 @@ def machine_as_yaml(machine: SynthesizedMachine) -> str:
     ]
     if code:
         raise SynthesisError(code)
+    _check_end(machine)
     return '\n'.join(_yaml_lines(machine)) + '\n'
+
+
+def _check_end(machine: SynthesizedMachine) -> None:
+    if not machine.outcomes:
+        raise SynthesisError(
+            ['the machine never ends, and no engine takes it: ask for an outcome that is a success, such as finished']
+        )
 
 
 def _yaml_lines(machine: SynthesizedMachine) -> Iterator[str]:
@@ -104,8 +112,9 @@ def machine_as_python(machine: SynthesizedMachine, module_of: Callable[[str], st
     """Return the text of a module with a behavior; ``module_of`` says from where a state class is imported.
 
     Raises:
-        SynthesisError: a name cannot be one in Python.
+        SynthesisError: a name cannot be one in Python; or the machine never ends.
     """
+    _check_end(machine)
     return '\n'.join(_python_lines(machine, module_of)) + '\n'
 
 

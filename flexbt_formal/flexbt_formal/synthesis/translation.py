@@ -361,6 +361,9 @@ class Translation:
                     f"the machine is to have the outcome '{outcome}', for which sm_outcome_mappings has no "
                     f"proposition; add '{outcome}: {outcome}' to it",
                 )
+        alike = [outcome for outcome, end in ends.items() if list(ends.values()).count(end) > 1]
+        if alike:
+            self._problem(None, f'the outcomes {", ".join(alike)} have one proposition; give each its own')
         return ends
 
     def _remembered(self) -> dict[str, bool]:

@@ -226,6 +226,15 @@ def test_a_beginning_that_the_request_leaves_open_is_told() -> None:
     assert not any('size' in note for note in made(coffee(sizes, needs, initial=('size=large',))).notes)
 
 
+def test_a_machine_that_never_ends_is_not_written() -> None:
+    """Failing is no end where it is not needed."""
+    with pytest.raises(SynthesisError, match='never ends, and no engine takes it'):
+        machine_as_yaml(made(coffee(outcomes=('failed',))))
+    alike = ('{finished: finished}', '{finished: done, ready: done}')
+    with pytest.raises(SynthesisError, match='the outcomes finished, ready have one proposition'):
+        coffee(alike, outcomes=('finished', 'ready'))
+
+
 def test_a_request_for_nothing_is_refused_and_long_ones_are_shortened() -> None:
     with pytest.raises(SynthesisError, match='nothing is asked for'):
         coffee(goals=())
