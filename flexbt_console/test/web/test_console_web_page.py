@@ -411,6 +411,34 @@ def test_a_double_click_and_a_key_that_is_held_down_press_once(browser: Browser)
         assert [one.kind for one in robot.wait_sent(3)] == kinds
 
 
+def test_an_enter_at_what_has_the_focus_neither_stops_nor_confirms(browser: Browser) -> None:
+    robot = WebRobot(answers=False, is_drawn=True)
+    robot.show(PLAN)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_it_may_be_answered()
+        browser.press(':')
+        browser.press('status', Keys.ENTER)
+        browser.until_text('dialog-body', 'RUNNING')
+        browser.press(Keys.ENTER)  # away with it
+        browser.until(lambda: not browser.run('return document.getElementById("dialog").open'))
+        browser.until_it_may_be_answered()
+        browser.run('document.querySelector("#trees-pane summary").focus()')
+        browser.press(Keys.ESCAPE, Keys.ENTER)
+        browser.until(lambda: browser.run('return document.querySelector("#trees-pane details").open'))
+        browser.press(Keys.ESCAPE, 'n', 'x', Keys.ENTER)
+        assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.NOTE]
+        # A line that was given up keeps the next one at no decision of then.
+        browser.press(Keys.ESCAPE, ':')
+        browser.press('stat', Keys.ESCAPE)
+        robot.show(OTHER)
+        browser.until_text('decision-line', 'other')
+        browser.press(':')
+        browser.press('confirm', Keys.ENTER)
+        assert robot.wait_sent(2)[1].decision_id == OTHER.id
+
+
 def test_what_is_typed_as_an_answer_stays_when_something_else_is_asked(browser: Browser) -> None:
     robot = WebRobot()
     robot.show(WHERE)

@@ -178,7 +178,7 @@ export class Debugger {
 
   // Draw on the graph what is set and held at the moment that the player shows.
   paint(graph, file) {
-    const {player} = this.studio, event = player.isLive ? player.moments[player.at]?.event : null, marks = new Map();
+    const {player} = this.studio, event = player.isLive ? (player.past ?? player.moments[player.at])?.event : null, marks = new Map();
     const put = (place, mark) => { if (place) marks.set(placeOf(...place), [...(marks.get(placeOf(...place)) ?? []), mark]); };
     if (event?.holds) {
       for (const one of event.holds) if (one.path) put(this.place(event, one), 'HELD');

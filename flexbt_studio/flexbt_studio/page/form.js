@@ -83,7 +83,7 @@ export class Form {
   buttons(...ids) { return html('div', {class: 'buttons'}, ...ids.map(([id, text]) => html('button', {type: 'button', 'data-act': id, onclick: () => this.on.act(id)}, text))); }
   keys() { return html('datalist', {id: 'known-keys'}, ...this.on.keys().map((key) => html('option', {value: `{${key}}`}))); }
   edit(part, name, args) { return this.on.gesture(part.part, name, args); }
-  comment(part, name) { return this.field('comment', part.note, (text) => this.edit(part, 'set_comment', {[name]: part.path, text}), {label: 'note', lines: 2, hint: 'a comment in the text'}); }
+  comment(part, name) { return this.field('its:comment', part.note, (text) => this.edit(part, 'set_comment', {[name]: part.path, text}), {label: 'note', lines: 2, hint: 'a comment in the text'}); }
   problems(part) { return part.problems.filter((text) => !part.told?.has(text)).map((text) => html('p', {class: 'error'}, text)); }
 
   tree(part) {
@@ -131,7 +131,7 @@ export class Form {
     const edit = (name, args) => this.edit(part, name, {state: path, ...args});
     const parts = [...(isLocked ? [html('p', {class: 'warning'}, `Locked: ${data.locked}`)] : []), ...this.problems(part)];
     parts.unshift(this.buttons(...(isContainer ? [['add_child', 'Add State']] : []), ...(isRoot ? [] : [['add_after', 'Add Beside'], ['set_initial', 'Make Initial'], ['remove', 'Remove']])));
-    if (!isRoot) parts.push(this.field('label', data.label, (label) => this.on.rename(label), {isFirst: true, isReadOnly: isLocked, words: () => []}));
+    if (!isRoot) parts.push(this.field('its:label', data.label, (label) => this.on.rename(label), {label: 'label', isFirst: true, isReadOnly: isLocked, words: () => []}));
     if (data.type) parts.push(html('p', {class: 'hint'}, `${data.kind} ${data.type}`));
     const known = this.on.typeOf(data)?.parameters ?? [], given = new Map(data.parameters.map((one) => [one.name, one]));
     for (const name of new Set([...known.map((one) => one.name), ...given.keys()])) {

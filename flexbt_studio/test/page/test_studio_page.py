@@ -403,8 +403,7 @@ def test_a_save_and_an_edit_of_another_page_at_the_same_time(
         other.write()
         other.chord(Keys.CONTROL, Keys.END)
         other.press('x')
-        page.until_told('main.xml saved')
-        assert (folder / 'main.xml').read_text() == f'{TREE}a{"x" * is_before}'
+        page.until(lambda: (folder / 'main.xml').read_text() == f'{TREE}a{"x" * is_before}')
         other.until_told('saved in another page')
         other.chord(Keys.CONTROL, Keys.SHIFT, 'S')
         other.until_sheet('as it is on disk' if is_before else '+ ax')
@@ -540,6 +539,26 @@ def test_a_machine_is_written_with_keys_alone(page: StudioPage, folder: Path) ->
         page.until_told('machine.yaml saved')
         expected = MACHINE.replace('declined: finished', 'declined: Rest').replace('Ask', 'Where')
         assert (folder / 'machine.yaml').read_text() == expected
+
+
+def test_a_parameter_may_be_called_as_a_field_of_the_form(page: StudioPage, folder: Path) -> None:
+    text = (folder / 'machine.yaml').read_text().replace('wait_time: 2.0', 'label: one, comment: two')
+    (folder / 'machine.yaml').write_text(text)
+    with served(folder, None) as port:
+        page.open(port, 'machine.yaml')
+        page.click('/Rest')
+        page.run(
+            'const field = [...document.querySelectorAll("#form input")].find((one) => one.value === "Rest");'
+            'field.value = "Sleep"; field.dispatchEvent(new Event("change", {bubbles: true}))'
+        )
+        page.until(lambda: page.shown_text == text.replace('Rest', 'Sleep'))
+        page.until_selected('/Sleep')
+        page.run(
+            'const field = document.querySelector("#form textarea");'
+            'field.value = "a nap"; field.dispatchEvent(new Event("change", {bubbles: true}))'
+        )
+        page.until(lambda: '# a nap' in page.shown_text)
+        assert 'label: one, comment: two' in page.shown_text
 
 
 def test_outcomes_userdata_and_includes_are_added_and_removed(page: StudioPage, folder: Path) -> None:

@@ -8,6 +8,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, cast
@@ -17,7 +18,13 @@ from studio_page import StudioPage, served
 
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import ActiveState, ExecutiveSnapshot, ExecutiveState
+from flexbt_console.mirror.records import (
+    ActiveState,
+    BreakpointKind,
+    ExecutiveSnapshot,
+    ExecutiveState,
+    TreeBreakpoint,
+)
 from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange, TreeNodes, TreeReport
 from flexbt_core.clock.clock import SteadyClock
 from flexbt_studio.server.web_server import StudioServer
@@ -441,8 +448,8 @@ class Robots:
         """Return its mirror."""
         return [self.mirror]
 
-    def show(self, statuses: dict[str, int], *, active: str = '/Rest') -> None:
-        """Send a tree with these nodes, and an active state of the machine."""
+    def show(self, statuses: dict[str, int], *, active: str = '/Rest', point: str = '') -> None:
+        """Send a tree with these nodes, an active state of the machine, and a breakpoint at a node."""
         self._sequence += 1
         if [*statuses] != self._names:
             self._names, self._structure = [*statuses], self._structure + 1
@@ -452,10 +459,11 @@ class Robots:
         changes = [StatusChange(0.0, uid, value) for uid, value in enumerate(values, 1)]
         report = TreeReport('run', self._sequence, values, changes, 0.0, False, False, self._structure)
         self.mirror.receive_tree_status(report)
-        state = (ActiveState(active),)
+        told = ExecutiveSnapshot('id', 0, 10.0, ExecutiveState.RUNNING, behavior='drive')
+        points = (TreeBreakpoint(BreakpointKind.BREAK, 'Inspect', point),) * bool(point)
+        told = replace(told, active_states=(ActiveState(active),), tree_breakpoints=points)
         for number in (2 * self._sequence, 2 * self._sequence + 1):  # of one alone the age is not known
-            told = ExecutiveSnapshot('id', number, 10.0, ExecutiveState.RUNNING, behavior='drive', active_states=state)
-            self.mirror.receive_snapshot(told)
+            self.mirror.receive_snapshot(replace(told, sequence=number))
 
 
 def test_a_robot_is_watched_and_its_past_is_kept(
@@ -481,6 +489,9 @@ def test_a_robot_is_watched_and_its_past_is_kept(
         page.until(lambda: shown(page) == dict.fromkeys(('Inspect/0', 'Inspect/0/0', 'Inspect/0/0/0'), 'running'))
         robots.show(later)
         page.until(lambda: shown(page).get('Inspect/0/0/1') == 'running' and shown(page)['Inspect/0/0/0'] == 'failure')
+        robots.show(later, point='Wait::4')
+        marks = 'return document.querySelectorAll("#picture .debug-mark").length'
+        page.until(lambda: page.run(marks) == 1)
         # Back in time, while the robot goes on: to where the node failed, and to the change before.
         page.until(lambda: page.run('return document.querySelectorAll("#player-lanes .entry.error").length') == 1)
         page.run('document.querySelector("#player-lanes .timeline-body").focus()')
@@ -490,6 +501,7 @@ def test_a_robot_is_watched_and_its_past_is_kept(
         page.until(lambda: shown(page).get('Inspect/0/0/0') == 'failure')
         page.press(LEFT)
         page.until(lambda: shown(page).get('Inspect/0/0/0') == 'running')
+        assert page.run(marks) == 0  # nothing was set then
         choose(page, 'ComputePathToPose::3')
         robots.show({**later, 'Wait::4': 2})
         page.until(lambda: page.run('return document.getElementById("live").className') == 'good')

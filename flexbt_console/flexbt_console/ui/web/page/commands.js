@@ -46,7 +46,7 @@ export class Commands {
     byId('help').addEventListener('click', () => this.help());
     byId('line-form').addEventListener('submit', (event) => { event.preventDefault(); this.submit(); });
     byId('line').addEventListener('input', () => this.complete());
-    byId('line').addEventListener('keydown', (event) => { if (event.key === 'Escape') { event.target.value = ''; event.target.blur(); } });
+    byId('line').addEventListener('keydown', (event) => { if (event.key === 'Escape') { event.target.value = ''; this.lineBound = null; event.target.blur(); } });
     document.addEventListener('keydown', (event) => this.typed(event), {capture: true});
     document.addEventListener('keydown', (event) => this.key(event));
   }
@@ -210,12 +210,13 @@ export class Commands {
     byId('dialog-title').textContent = plain(title);
     byId('dialog-body').replaceChildren(typeof body === 'string' ? element('pre', {}, body) : body);
     if (!byId('dialog').open) byId('dialog').showModal();
-    byId('dialog-body').querySelector('button, input, select')?.focus();
+    (byId('dialog-body').querySelector('button, input, select') ?? byId('dialog-close')).focus();  // not STOP
   }
 
   type(text) {
     const line = byId('line');
     line.value = text;
+    this.lineBound = null;
     this.byKey = true;
     line.focus();
     this.complete();
@@ -277,7 +278,7 @@ export class Commands {
       if (!event.repeat) this.act('stop');
       return;
     }
-    const onButton = !isLeft(event.target) && event.target.closest?.('button, a');
+    const isPressed = !isLeft(event.target) && event.target.closest?.('button, a, summary');
     if (isElsewhere(event.target) || event.ctrlKey || event.altKey || event.metaKey || !byId('keys').checked || event.repeat) return;
     if (this.isOfWord(event.key)) {
       event.preventDefault();
@@ -288,7 +289,7 @@ export class Commands {
       '!': () => this.act('stop'), p: () => this.press('pause'), f: () => this.force(), s: () => this.start(), r: () => this.press('repeat'),
       a: () => this.bar.choose(), l: () => this.press('lock'), b: () => this.press('breakpoint'), c: () => this.press('authority'),
       n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(), j: () => this.timeline(),
-      Enter: onButton ? null : () => this.bar.confirm(),
+      Enter: isPressed ? null : () => this.bar.confirm(),
     };
     const action = /^[1-9]$/.test(event.key) ? () => this.bar.pick(Number(event.key)) : actions[event.key];
     if (!action) return;
