@@ -483,7 +483,8 @@ def _numbered(keys: Sequence[Hashable]) -> list[int]:
 
 
 def keys_from_the_start(machine: SynthesizedMachine) -> tuple[str, ...]:
-    """Return the keys that some state reads and no state writes: the caller of the machine must provide them.
+    """Return the keys that some state reads and no state writes without that: the caller of the machine must provide
+    them.
 
     Raises:
         SynthesisError: a state writes a key, but a path to a reader avoids that state; the text shows the path.
@@ -494,7 +495,7 @@ def keys_from_the_start(machine: SynthesizedMachine) -> tuple[str, ...]:
     writes = {
         name: {key for part in state.parts for key in part.writes.values()} for name, state in machine.states.items()
     }
-    written = set().union(*writes.values())
+    written = set().union(*(writes[name] - reads[name] for name in machine.states))
     problems = []
     for name in machine.states:
         for key in sorted(reads[name] & written):

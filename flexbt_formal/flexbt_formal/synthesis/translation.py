@@ -306,6 +306,11 @@ class Translation:
             for key in given:
                 if known is not None and key not in known:
                     problem(f"{kind} has '{key}'{did_you_mean(key, known)}")
+        for key in sorted({*(interface.input_keys or ()), *one.userdata_in}):
+            if key in {*(interface.output_keys or ()), *one.userdata_out}:
+                read, written = one.userdata_in.get(key, key), one.userdata_out.get(key, key)
+                if read != written:
+                    problem(f"userdata '{key}' is read as '{read}' and written as '{written}'; remap both to one name")
 
     def _named(self) -> Vocabulary:
         mappings = self._file.mappings

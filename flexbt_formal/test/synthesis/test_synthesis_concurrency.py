@@ -37,6 +37,7 @@ KEYS = {
     'Try': StateInterface(('done', 'failed')),
     'Sure': StateInterface(('done',)),
     'Look': StateInterface(('done',), (), ('cup',)),
+    'Wash': StateInterface(('done',), ('cup',), ('cup',)),
 }
 
 
@@ -121,6 +122,18 @@ def test_who_write_the_same_userdata_wait_for_each_other() -> None:
     assert states(capabilities, 'look & feel') == [('feel',), ('look',)]
     capabilities['feel']['userdata_out'] = {'cup': {'remapping': 'weight'}}
     assert states(capabilities, 'look & feel') == [('feel', 'look')]
+
+
+def test_what_a_state_reads_and_writes_has_one_name() -> None:
+    capabilities = {'wash': capability(interface='Wash', postconditions=['wash'])}
+    capabilities['wash']['userdata_out'] = {'cup': {'remapping': 'washed'}}
+    with pytest.raises(SynthesisError, match="userdata 'cup' is read as 'cup' and written as 'washed'"):
+        answer(capabilities, 'wash')
+    capabilities['wash']['userdata_in'] = {'cup': {'remapping': 'washed'}}
+    machine = answer(capabilities, 'wash').machine
+    assert machine is not None
+    assert machine.states['wash'].parts[0].remapping == {'cup': 'washed'}
+    assert machine.keys == ('washed',)  # it has to be there before the only one that writes it
 
 
 def test_a_deadline_is_the_timeout_of_the_state() -> None:
