@@ -411,6 +411,36 @@ def test_a_double_click_and_a_key_that_is_held_down_press_once(browser: Browser)
         assert [one.kind for one in robot.wait_sent(3)] == kinds
 
 
+def test_a_button_that_has_just_changed_its_meaning_sends_nothing(browser: Browser) -> None:
+    robot = WebRobot(answers=False)
+    robot.show()
+    robot.mirror.receive_queue(MissionQueue('e'))
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        for id, word, change in (
+            ('pause', 'Go on', lambda: robot.show(state=ExecutiveState.PAUSED)),
+            ('queue-hold', 'Release', lambda: robot.mirror.receive_queue(MissionQueue('e', 3, 'it failed'))),
+        ):
+            browser.run(
+                'const [id, word] = arguments, button = document.getElementById(id);'
+                'const press = (_, watch) => {'
+                ' if (button.textContent.includes(word)) { watch.disconnect(); button.click(); } };'
+                'const what = {subtree: true, childList: true, characterData: true};'
+                'new MutationObserver(press).observe(button, what)',
+                id,
+                word,
+            )
+            change()
+            browser.until_text('told', 'has just come to mean')
+        assert robot.sent == []
+        browser.until_it_may_be_answered()
+        for id in ('pause', 'queue-hold'):
+            browser.driver.find_element(By.ID, id).click()
+        asked = [(one.kind, one.queue_number) for one in robot.wait_sent(2)]
+        assert asked == [(CommandKind.RESUME, 0), (CommandKind.QUEUE_RELEASE, 3)]
+
+
 def test_an_enter_at_what_has_the_focus_neither_stops_nor_confirms(browser: Browser) -> None:
     robot = WebRobot(answers=False, is_drawn=True)
     robot.show(PLAN)
@@ -642,6 +672,25 @@ def test_a_list_sends_what_was_typed_in_full_or_gone_to_and_nothing_else(browser
         # A level of autonomy is a button of its own: none is sent on the way to another.
         browser.driver.find_element(By.CSS_SELECTOR, '#autonomy [value="3"]').click()
         assert robot.wait_sent(5)[4].autonomy == 3
+
+
+def test_a_behavior_that_has_changed_is_not_started_by_the_form_of_before(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.press('s')
+        browser.press('Patrol', Keys.ENTER)
+        browser.until_text('dialog-title', 'start Patrol')
+        faster = Behavior('Patrol', parameters=(BehaviorParameter('speed', 'float', '1.5'),))
+        robot.mirror.receive_behaviors(BehaviorList('e', (faster,)))
+        robot.show(message='changed')
+        browser.until_text('alarm', 'changed')  # what was sent before has come
+        browser.until_it_may_be_answered()
+        browser.press(Keys.ENTER)
+        browser.until_text('told', 'has changed since the form was opened')
+        assert robot.sent == []
 
 
 def test_what_is_typed_into_a_list_of_the_page_is_what_is_taken_or_nothing(browser: Browser) -> None:

@@ -299,6 +299,24 @@ def test_of_two_recordings_the_one_that_was_opened_last_is_shown(
 
 
 @NEEDS_BROWSER
+def test_a_time_line_of_decades_has_few_ticks(browser: Browser) -> None:
+    """The clock of a robot was set while it was recorded."""
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        count = browser.run(
+            'const {Timeline} = await import("./timeline.js"), place = document.getElementById("timeline");'
+            'const line = new Timeline(place.appendChild(document.createElement("div")), {moment() {}});'
+            'line.take({entries: [], revision: 1, begin: 0, end: 1.7e9, wall: 0, live: false});'
+            'line.body.style.height = "100px";'
+            'line.all();'
+            'line.draw();'
+            'return line.svg.querySelectorAll(".tick").length'
+        )
+        assert 1 <= count <= 30
+
+
+@NEEDS_BROWSER
 def test_the_time_line_has_the_clock_of_the_log_wherever_the_browser_is(browser: Browser, tmp_path: Path) -> None:
     wall = Recordings(recording(tmp_path / 'run.mcap').parent).past('run.mcap').lanes(0)['wall']
     zones = ('Asia/Tokyo', 'America/New_York')

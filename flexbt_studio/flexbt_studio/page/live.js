@@ -43,7 +43,7 @@ export class Live {
 
   // Nothing is heard of the robot: what is shown is its last known state.
   lost(problem) {
-    const event = this.player.isLive ? this.player.moments.at(-1)?.event : null;
+    const event = this.player.isLive && !this.isRecording ? this.player.moments.at(-1)?.event : null;
     if (event && event.problem !== problem) this.take({...event, link: 'lost', problem});
   }
 

@@ -193,7 +193,7 @@ function drawQueue() {
   }));
   if (focused) [...byId('queue').querySelectorAll('button')].find(({title}) => title === focused)?.focus();
 }
-byId('queue-hold').addEventListener('click', () => commands.do(known.queue?.hold ? `queue release --hold ${known.queue.hold}` : 'queue hold'));
+byId('queue-hold').addEventListener('click', () => commands.toggle('queue-hold'));
 byId('queue-add').addEventListener('click', () => commands.start('queue add'));
 
 function treePane(id) {
@@ -343,7 +343,11 @@ function takeParts(parts) {
   if (['machine', 'folded', 'active', 'decisions', 'status', 'link'].some((name) => name in parts)) drawMachine();
   if ('machine' in parts && !past && known.machine && foldedOf(`machine ${known.machine.behavior}`).size) foldMachine();
   if (parts.trees || parts.tree_states) drawTrees();
-  if (parts.queue) drawQueue();
+  if (parts.queue) {
+    commands.means('queue-hold', parts.queue.hold ? `queue release --hold ${parts.queue.hold}` : 'queue hold');
+    drawQueue();
+  }
+  for (const [action, {lines}] of Object.entries(parts.actions ?? {})) commands.means(action, lines.join('; '));
   if (parts.left_out) byId('left-out').textContent = seen().left_out.join('; ');
   if (parts.robots || parts.robots_left_out) drawRobots();
   if (parts.obstacles || 'simulator' in parts) drawObstacles();

@@ -36,6 +36,7 @@ export class Commands {
     this.burst = '';
     this.burstAt = -Infinity;
     this.byKey = false;
+    this.meanings = new Map();
     for (const action of ACTIONS) byId(action).addEventListener('click', () => this.act(action));
     byId('dialog').querySelector('.stop').addEventListener('click', () => this.act('stop'));
     byId('menu').addEventListener('click', (event) => { if (event.target.closest('button')) byId('menu').hidePopover(); });
@@ -56,6 +57,18 @@ export class Commands {
     this.send({do: line, decision});
   }
 
+  // Note what a button sends now. What it has begun to mean only just now was not seen when it was pressed.
+  means(id, line) {
+    const before = this.meanings.get(id);
+    if (before?.line !== line) this.meanings.set(id, {line, since: before ? performance.now() : -Infinity});
+  }
+
+  toggle(id) {
+    const {line, since} = this.meanings.get(id);
+    if (performance.now() - since < REACTION_MS) this.tell(`nothing was sent: this button has just come to mean "${plain(line)}". Press it again`, 'warning');
+    else this.do(line);
+  }
+
   // A key of the screen's table: as its button, but its line is typed first, and sent by Enter: only STOP acts at once.
   press(action) {
     const {asks, blocked, lines} = this.now().actions[action] ?? {};
@@ -67,6 +80,7 @@ export class Commands {
   act(action) {
     const {blocked, lines, help} = this.now().actions[action] ?? {lines: [action]};  // nothing was heard of the robot yet
     if (blocked) this.tell(blocked, 'warning');
+    else if (lines.length === 1 && action !== 'stop') this.toggle(action);
     else if (lines.length === 1) this.do(lines[0]);
     else this.read(help, this.lines(lines.map((line) => [line, [line, line.slice(line.indexOf(' ') + 1)], line])));
   }
@@ -193,7 +207,7 @@ export class Commands {
       if (unseen && !unseen.checked) { told.textContent = 'The machine was not received; nothing was sent. Wait for it, or tick the box'; unseen.focus(); return; }
       byId('dialog').close();
       const now = this.now().behaviors.find(({name}) => name === behavior.name);
-      if (now?.machine !== behavior.machine) this.tell(`${plain(behavior.name)} has changed since the form was opened; nothing was sent. Check it again`, 'warning');
+      if (JSON.stringify(now) !== JSON.stringify(behavior)) this.tell(`${plain(behavior.name)} has changed since the form was opened; nothing was sent. Check it again`, 'warning');
       else this.do([...verb.split(' '), behavior.name, ...fields.flatMap((written) => written()), ...(unseen ? ['--unseen'] : [])].map(word).join(' '));
     });
     this.read(`${verb} ${behavior.name}`, form);

@@ -230,7 +230,7 @@ export class Timeline {
     this.svg.setAttribute('viewBox', `0 0 ${width} ${height}`);
     this.svg.setAttribute('width', width);
     this.svg.setAttribute('height', height);
-    const step = STEPS.find((one) => one * this.scale >= 90) ?? STEPS.at(-1);
+    const step = STEPS.find((one) => one * this.scale >= 90) ?? STEPS.at(-1) * Math.ceil(90 / this.scale / STEPS.at(-1));
     for (let tick = Math.ceil((from + (this.wall ?? 0)) / step) * step - (this.wall ?? 0); tick <= to; tick += step) {
       if (tick < this.begin - step) continue;
       const text = step < 1 && this.wall !== null ? `${this.clock(tick)}.${Math.round(10 * ((this.wall + tick) % 1))}` : this.clock(tick);
