@@ -110,7 +110,7 @@ def _node_class(
             method,
             __slots__=(),
             __module__=getattr(function, '__module__', __name__),
-            __doc__=getattr(function, '__doc__', None),
+            __doc__=function.__doc__,
             ports=dict(ports),
         )
 

@@ -9,7 +9,7 @@ import pytest
 
 from flexbt_core.behavior_tree.engine.blackboard_watch import MOST_WRITES, BlackboardWatch
 from flexbt_core.behavior_tree.engine.tree import Tree
-from flexbt_core.behavior_tree.model.blackboard import Blackboard, Entry
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.ports import INT
 from flexbt_core.behavior_tree.xml.reader import load_xml
@@ -79,10 +79,11 @@ def test_an_entry_that_two_watch_is_watched_until_both_have_left() -> None:
     board.set('new', 2)
     entry = board.entry('new')
     assert entry is not None
-    assert [(one.writer, one.value) for one in watch.writes(entry).latest] == [('', '2'), ('', '1')]
+    board.put('new', EMPTY, entry.type)
+    assert [(one.writer, one.value) for one in watch.writes(entry).latest] == [('', 'nothing'), ('', '2'), ('', '1')]
     watch.watch('a', [other])
     board.set('new', 3)
-    assert watch.writes(entry).count == 3
+    assert watch.writes(entry).count == 4
     watch.leave('b')
     watch.leave('nobody')
     board.set('new', 4)

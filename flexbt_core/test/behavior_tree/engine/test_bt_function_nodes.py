@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import pytest
@@ -51,6 +52,7 @@ def test_an_action_a_condition_and_a_decorator_are_a_function_each() -> None:
     assert classes['Double'].__doc__ == 'Write twice the input.'
     told = {(one.__name__, one.__module__) for one in classes.values()}
     assert told == {(name, __name__) for name in ('double', 'is_ten', 'until_ten')}
+    assert simple_condition(partial(is_ten)).__name__ == 'partial'  # which has no name
     for name, node_class in classes.items():
         node_class.__name__ = name
     body = '<UntilTen><Sequence><Double in="{x}" out="{y}"/><IsTen in="{y}"/></Sequence></UntilTen>'

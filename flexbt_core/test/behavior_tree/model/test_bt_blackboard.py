@@ -350,6 +350,9 @@ def test_inputs() -> None:
     assert probe('any="5"').get_input('any') == '5'
     with pytest.raises(TreeLoadError, match=r'entry \[x\] with the type std::string, but it has the type double'):
         probe('text="{x}"', board)
+    board.declare('free', None)
+    with pytest.raises(TreeLoadError, match=r'port \[text\] uses the blackboard entry \[x\]'):
+        probe('number="{free}" text="{x}"', board)  # a port before it fits
     node = probe('')
     # Each read of a list gives a new one: nobody can change it for the others.
     node.get_input('numbers').append(3)

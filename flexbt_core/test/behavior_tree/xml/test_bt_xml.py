@@ -164,6 +164,11 @@ def test_refused_with_place_and_reason(why: str, text: str, line: int, column: i
     assert str(errors[0]).startswith('file.xml:')
 
 
+def test_a_name_that_only_begins_as_another_one_is_no_slip_of_it() -> None:
+    (error,) = errors_of(wrap('<OpenDrawer/>'))
+    assert 'did you mean' not in error.message
+
+
 def test_all_errors_are_reported_in_order_of_their_place() -> None:
     errors = errors_of(
         wrap('<Sequence>\n <Nope/>\n <OpenDoor sped="1"/>\n <Inverter/>\n <SubTree/>\n</Sequence>').replace(

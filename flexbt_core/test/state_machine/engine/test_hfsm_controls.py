@@ -306,6 +306,16 @@ def test_locks_and_breakpoints_of_what_there_is_not_are_refused() -> None:
     )
 
 
+def test_a_command_gets_its_arguments() -> None:
+    def refuse(run: MachineRun, path: str, *, why: str) -> str:
+        return f'{path} of {run.root.path}: {why}'
+
+    _, bench = subject()
+    bench.run.command('seventh', refuse, '/M', why='busy')
+    bench.settle()
+    assert (bench.answered[-1], bench.answers[-1]) == ('seventh', '/M of /: busy')
+
+
 # -- breakpoints -----------------------------------------------------------------------------------------------------
 
 

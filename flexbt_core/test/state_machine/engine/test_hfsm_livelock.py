@@ -31,11 +31,17 @@ def loop_of(*inner: OperatableStateMachine) -> OperatableStateMachine:
     return machine(*places)
 
 
-def test_a_chain_of_instantaneous_states_is_one_step() -> None:
-    count = 200
+@pytest.mark.parametrize('count', [1, 2, 200])
+def test_a_chain_of_instantaneous_states_is_one_step_and_may_have_as_many_as_are_allowed(count: int) -> None:
     labels = [*(f'S{number}' for number in range(count)), 'ended']
-    bench = Bench(machine(*(Child(labels[i], passing(), {'done': labels[i + 1]}) for i in range(count))))
+
+    def run(most: int) -> Bench:
+        places = [Child(labels[i], passing(), {'done': labels[i + 1]}) for i in range(count)]
+        return Bench(machine(*places), max_transitions=most)
+
+    bench = run(count)
     assert (bench.outcome, bench.steps, len(bench.transitions)) == ('ended', 1, count)
+    assert run(count - 1).outcome == 'error'
 
 
 @pytest.mark.parametrize('machines', [1, 2, 7])

@@ -271,6 +271,20 @@ def test_a_position_that_cannot_be_is_refused(change: dict[str, Any], reason: st
     assert str(caught.value) == f'the run cannot continue there: {reason}'
 
 
+def test_a_position_does_not_change_with_what_was_written_of_it() -> None:
+    position = position_of(Bench(line(Scripted(), defaults={'x': 1})).run)
+    plain = position.to_plain()
+    written = copy.deepcopy(plain)
+    for value in plain.values():
+        if isinstance(value, dict | list):
+            value.clear()
+    assert position.to_plain() == written != plain
+
+
+def test_a_run_that_has_not_begun_has_no_userdata_of_machines() -> None:
+    assert Bench(line(Scripted(), defaults={'x': 1}), start=False).run.userdata_of_machines() == {}
+
+
 def test_data_that_is_no_position_is_refused() -> None:
     plain = position_of(Bench(line(Scripted())).run).to_plain()
     for name, value in plain.items():
