@@ -28,7 +28,7 @@ const timeOf = (stamp) => (!stamp ? '' : stamp >= FIRST_WALL ? new Date(1000 * s
 export class Debugger {
   // studio has file, part, told, link, graph, player, go, save and treeFiles. live knows what runs, and where that is in the files.
   constructor(studio, live) {
-    Object.assign(this, {studio, live, robot: null, server: null, event: {}, known: {}, seen: new Map(), readers: {}});
+    Object.assign(this, {studio, live, robot: null, server: null, event: {}, known: {}, seen: new Map(), readers: {}, turned: -Infinity});
     const act = (id, text, keys, run) => html('button', {type: 'button', id: `debug-${id}`, title: keys && `${keys}`, onclick: run}, text);
     this.stop = html('button', {type: 'button', id: 'stop', class: 'stop', hidden: true, title: 'Stop the run and the robot (Shift+F5)', onclick: () => this.do('stop')}, 'STOP');
     this.bar = html('div', {id: 'held', role: 'alert', class: 'bar'});
@@ -61,11 +61,18 @@ export class Debugger {
     this.link?.close();
     Object.assign(this, {robot, link: null, server: null, event: {}, known: {}, drawn: ''});
     const mine = (act) => (...words) => { if (this.robot === robot) act(...words); };
-    const on = {parts: mine((parts) => { Object.assign(this.known, parts); this.draw(); }), message: mine((message) => this.take(message)), map: () => {}, state: mine((isOpen, name, text) => { this.server = {isOpen, name, text}; this.known.link = null; this.draw(); })};
+    const on = {parts: mine((parts) => this.takeParts(parts)), message: mine((message) => this.take(message)), map: () => {}, state: mine((isOpen, name, text) => { this.server = {isOpen, name, text}; this.known.link = null; this.draw(); })};
     if (isProgram) this.link = new ProgramLink(on, robot, this.studio.link);
     else if (path) this.link = new ServerLink(on, () => (robot === SIMULATION ? '' : `?robot=${encodeURIComponent(robot)}`), path);
     this.stop.hidden = !this.link || isProgram;
     this.pane.hidden = !this.link;
+    this.draw();
+  }
+
+  takeParts(parts) {
+    const before = this.known.actions?.pause;
+    Object.assign(this.known, parts);
+    if (before && before.lines[0] !== this.known.actions.pause.lines[0]) this.turned = performance.now();  // Pause means something else now
     this.draw();
   }
 
@@ -313,7 +320,12 @@ export class Debugger {
   }
 
   async pause() {
-    if (this.isMachine) { this.do(this.known.actions?.pause?.lines[0] ?? 'pause'); return; }
+    if (this.isMachine) {
+      const line = this.known.actions?.pause?.lines[0] ?? 'pause';
+      if (performance.now() - this.turned < REACTION_MS) this.told(`This has just come to mean "${line}"; nothing was sent. Press it again`, 'warning');
+      else this.do(line);
+      return;
+    }
     const tree = await this.tree(false);
     if (tree) this.do(`tree pause --run ${word(tree.run)}`);
   }

@@ -574,3 +574,20 @@ def test_what_was_asked_about_one_recording_is_not_shown_of_the_next(page: Studi
             return shown;
         """)
         assert (titles, entries) == ('last', ['last'])
+
+
+def test_a_pause_that_comes_just_after_one_does_not_let_the_robot_go_on(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        sent, told = page.run("""
+            const {Debugger} = await import('./debugger.js'), sent = [], told = [];
+            const studio = {file: {view: {states: []}}}, known = {};
+            const on = {draw() {}, do: (line) => sent.push(line), told: (text) => told.push(text)};
+            const one = Object.assign(Object.create(Debugger.prototype), {studio, known, turned: -Infinity, ...on});
+            for (const line of ['pause', 'resume']) {
+              one.takeParts({actions: {pause: {lines: [line]}}});
+              await one.pause();
+            }
+            return [sent, told];
+        """)
+        assert sent == ['pause'] and 'just come to mean "resume"' in told[0]
