@@ -413,6 +413,8 @@ def test_a_save_and_an_edit_of_another_page_at_the_same_time(
 def test_what_was_begun_at_a_node_is_for_that_node_wherever_it_is_then(
     page: StudioPage, other: StudioPage, folder: Path
 ) -> None:
+    from selenium.webdriver.common.action_chains import ActionChains
+
     field = 'const field = document.getElementById("field-wait_duration");'
 
     def insert() -> None:
@@ -443,6 +445,16 @@ def test_what_was_begun_at_a_node_is_for_that_node_wherever_it_is_then(
         page.until_told('Wait wrapped in Inverter')
         assert page.shown_text.split('<Inverter>')[1].lstrip().startswith('<Wait')
         page.until_selected('Main/0/3')
+        box = page.driver.find_element('css selector', '#picture [data-path="Main/0/3"] > .box')
+        ActionChains(page.driver).click_and_hold(box).move_by_offset(-40, 0).perform()
+        assert page.run('return document.querySelectorAll(".dragged").length') == 1
+        insert()
+        text = page.shown_text
+        page.until(lambda: page.run('return document.querySelectorAll(".dragged").length') == 0)
+        ActionChains(page.driver).release().perform()
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
+        assert page.shown_text == text
 
 
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
