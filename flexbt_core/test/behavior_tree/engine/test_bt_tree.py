@@ -868,8 +868,8 @@ def test_the_error_of_a_node_names_it_once(node_class: type[Any]) -> None:
 
 def test_what_an_earlier_run_has_left_is_emptied_where_it_was_not_given() -> None:
     class Plan(SyncAction):
-        ports = {'path': output_port(STRING)}
-        begins_without = ('path',)
+        ports = {'path': output_port(STRING), 'cost': output_port(STRING)}
+        begins_without = ('path', 'cost')
 
         def tick(self) -> NodeStatus:
             self.set_output('path', 'a way')
@@ -878,7 +878,7 @@ def test_what_an_earlier_run_has_left_is_emptied_where_it_was_not_given() -> Non
     registry = builtin_registry()
     registry.register_classes((Plan,))
     trees = (
-        '<BehaviorTree ID="Main"><Sequence><Plan path="{path}"/><SubTree ID="Sub" inner="{@outer}" /></Sequence>'
+        '<BehaviorTree ID="Main"><Sequence><Plan path="{path}" cost="{cost}"/><SubTree ID="Sub" inner="{@outer}" /></Sequence>'
         '</BehaviorTree><BehaviorTree ID="Sub"><Plan path="{inner}"/></BehaviorTree>'
     )
     known = TreeLibrary([load_xml(f'<root BTCPP_format="4">{trees}</root>', 'file', registry)])
@@ -894,8 +894,9 @@ def test_what_an_earlier_run_has_left_is_emptied_where_it_was_not_given() -> Non
     last.empty_outputs()
     assert board.get('path') == ''
     board.unset('path')
+    board.set('cost', '3')
     last.empty_outputs()
-    assert board.get_or('path', 'removed') == 'removed'
+    assert (board.get_or('path', 'removed'), board.get('cost')) == ('removed', '')
 
 
 # -- registering -------------------------------------------------------------------------------------------
