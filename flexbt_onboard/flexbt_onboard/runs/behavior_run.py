@@ -229,9 +229,9 @@ class BehaviorRun(RunReader):
 
         :class:`CommandDecided` follows exactly once, on any thread, when the effect is visible.
         """
-        machine = self._machine
-        if machine is None or self._not_begun:
-            self._tell(CommandDecided(command_id, self._not_begun))
+        not_begun, machine = self._not_begun, self._machine  # in this order: the machine is there when it begins
+        if not_begun or machine is None:
+            self._tell(CommandDecided(command_id, not_begun))
         else:
             machine.command(command_id, command, *arguments)
 
@@ -552,7 +552,7 @@ class BehaviorRun(RunReader):
 
     def _commit(self, *decided: CommandDecided) -> None:
         """Journal the position of the machine and the decided commands. The readers then publish them."""
-        if self._machine is None:
+        if self._machine is None or self._has_ended:  # a thread that was left behind shows nothing any more
             return
         self._has_changed = False
         switched, self._switched = self._switched, None

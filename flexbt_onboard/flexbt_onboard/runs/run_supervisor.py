@@ -182,8 +182,8 @@ class RunSupervisor(RunReader):
                 self._runtime.post(self._watch_over)
             case RunReady():
                 self._runtime.post(self._operators.ready)
-            case StopRequested(run_id):
-                self._runtime.post(partial(self._stopping, run_id))
+            case StopRequested():
+                self._runtime.post(partial(self._stopping, self.run))
             case RunRefused() | BehaviorEnded():
                 self._runtime.post(partial(self._ended, event))
 
@@ -195,9 +195,9 @@ class RunSupervisor(RunReader):
         """Watch over a run that has begun, or has switched to a behavior with another reaction to absent operators."""
         self._operators.watch_over(self.run)
 
-    def _stopping(self, run_id: str) -> None:
-        if self.run is not None and self.run.run_id == run_id:
-            self._stops.stopping(self.run)
+    def _stopping(self, run: BehaviorRun | None) -> None:
+        if run is not None and self.run in (run, None):  # it may have ended just before the stop
+            self._stops.stopping(run)
 
     def _ended(self, end: BehaviorEnded | RunRefused) -> None:
         assert self.run is not None  # no other run starts before this one has ended

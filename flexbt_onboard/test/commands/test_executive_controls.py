@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,6 +14,7 @@ from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 C = ExecutiveCommand
 
@@ -223,3 +225,31 @@ def test_a_step_over_ends_when_it_is_cleared_and_a_stop_ends_it(bench: ControlBe
     bench.wait_active('/Last')
     bench.applied(C.STOP)
     bench.wait_for(lambda s: s.state == ExecutiveStatus.IDLE and not s.step, 'idle')
+
+
+def test_a_switch_that_returns_when_its_run_was_given_up_changes_nothing_that_is_shown(
+    monkeypatch: pytest.MonkeyPatch, bench: ControlBench
+) -> None:
+    holds, goes_on = threading.Event(), threading.Event()
+
+    def hold(_state: EventState) -> None:
+        holds.set()
+        goes_on.wait(DEADLINE)
+
+    first = bench.start()
+    bench.wait_active('/M/A')
+    with monkeypatch.context() as slow:
+        slow.setattr(Step, 'on_start', hold)
+        switch = bench.send(C.SWITCH, behavior='Changed')
+        wait_until(holds.is_set, 'the other machine begins')
+    run = bench.executive.runs.run
+    assert run is not None
+    wait_until(lambda: bench.applied(C.STOP) and bench.status.state == ExecutiveStatus.IDLE, 'the run is given up')
+    second = bench.start()
+    bench.wait_active('/M/A')
+    goes_on.set()
+    assert run.join(DEADLINE)
+    bench.wait_for_next_status()
+    bench.result(switch)  # it is answered
+    assert [one.run_id for one in bench.structures] == [first, second]
+    assert (bench.run_id, bench.status.behavior) == (second, 'Test')

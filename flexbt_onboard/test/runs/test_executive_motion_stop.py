@@ -36,7 +36,7 @@ from flexbt_onboard.runs.stop_enforcer import StopEnforcer
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 FRONT = 'navigate_to_pose'
 
@@ -186,7 +186,7 @@ def test_who_sends_the_robot_somewhere_is_asked_first_and_waited_for_in_vain_for
         stop = runtime.call(lambda: MotionStop(runtime, ServiceLinks(runtime), AT_REST, MotionParameters()))
         wait_until(lambda: len(runtime.call(stop.servers)) == 2, 'both servers')
         with monkeypatch.context() as patched:
-            patched.setattr(motion_stop, '_FRONT_SECONDS', 1e6)
+            patched.setattr(motion_stop, '_HELD_FRONT_SECONDS', 1e6)
             runtime.call(stop.hold)
             wait_until(lambda: len(robot.commands) > 5, 'zero velocity meanwhile')
             wait_until(lambda: robot.asked, 'the cancel')
@@ -242,7 +242,8 @@ def test_a_stop_while_the_time_of_the_one_before_runs_out_lasts_as_long(
 
 def test_a_docking_server_does_not_send_the_robot_off_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """opennav_docking sends a goal that was canceled by somebody else once more, but while it is canceled itself."""
-    monkeypatch.setattr(motion_stop, '_FRONT_SECONDS', 1e6)
+    for front in ('_FRONT_SECONDS', '_HELD_FRONT_SECONDS'):
+        monkeypatch.setattr(motion_stop, front, 1e6)
     with NodeRuntime.open('robot') as robot, NodeRuntime.open('executive') as runtime:
         navigate = ActionLinks(robot).link(NavigateToPose, names.NAVIGATE_TO_POSE)
 
@@ -384,5 +385,57 @@ def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_t
             driver.end(0, 'canceled')
             goal.wait()
             bench.logged('navigate_to_pose (of /robot) has ended: the robot is not kept at rest any more')
+        finally:
+            bench.close()
+
+
+class _Drives(EventState):
+    """Is done when the test says so."""
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['done'], desired_rate=None)
+        self.is_done = False
+
+    def execute(self, userdata: Any) -> str | None:
+        return 'done' if self.is_done else None
+
+
+def test_a_stop_of_a_run_that_has_just_ended_by_itself_stops_what_others_have_begun() -> None:
+    state = _Drives()
+
+    def machine() -> OperatableStateMachine:
+        made = OperatableStateMachine(outcomes=['finished'])
+        with made:
+            made.add('Drive', state, transitions={'done': 'finished'})
+        return made
+
+    with NodeRuntime.open('robot') as robot:
+        spin = ScriptedActionServer(robot, Spin, names.SPIN)
+        goal = SentGoal(ActionLinks(robot).link(Spin, names.SPIN), Spin.Goal())
+        wait_until(lambda: spin.running, 'the goal of somebody else')
+        bench = ExecutiveBench(behavior_of(machine))
+        try:
+            bench.start()
+            bench.wait_active('/Drive')
+            runs = bench.executive.runs
+            stop, run = runs._stops._robot, runs.run
+            assert run is not None
+
+            def is_heard() -> bool:
+                bench.runtime.call(stop.prepare)
+                return bool(bench.runtime.call(lambda: stop.going_on))
+
+            def stop_at_its_end() -> None:
+                state.is_done = True
+                state.wake()
+                assert run.join(DEADLINE)
+                assert runs.run is run, 'the executive has not heard of its end'
+                runs.stop('by the test')
+                runs.halt_robot()
+
+            wait_until(is_heard, 'what the server says')
+            bench.runtime.call(stop_at_its_end)
+            assert goal.wait().status is GoalStatus.CANCELED
+            assert bench.wait_idle() == 'finished'
         finally:
             bench.close()

@@ -355,6 +355,22 @@ def test_a_command_that_comes_when_the_run_has_ended_is_answered(make_bench: Mak
     assert answers == [CommandDecided(name, 'the run has ended') for name in ('force', 'pause')]
 
 
+def test_a_command_that_comes_as_the_run_begins_is_refused_with_the_reason(
+    make_bench: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = make_bench(two_steps)
+    bench.start()
+    bench.wait_active('/Second')
+    run = bench.executive.runs.run
+    assert run is not None
+    answers: list[RunEvent] = []
+    monkeypatch.setattr(run, '_tell', answers.append)
+    read = ['', 'it is being built']  # the thread of the run changes it meanwhile
+    monkeypatch.setattr(BehaviorRun, '_not_begun', property(lambda _: read.pop()), raising=False)
+    run.command('pause', pause)
+    assert answers == [CommandDecided('pause', 'it is being built')]
+
+
 class SlowStop(EventState):
     """Has not halted before it is told."""
 
