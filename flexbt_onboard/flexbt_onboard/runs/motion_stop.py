@@ -71,8 +71,9 @@ _CANCEL_PERIODS: Final = 10
 """Number of these periods between two cancels of all goals."""
 
 _FRONT_SECONDS: Final = 0.2
-"""Maximum total time that actions of later ranks wait for the answers of earlier ones, s. While the robot is being
-held, zero velocity is commanded meanwhile."""
+_HELD_FRONT_SECONDS: Final = 0.1
+"""Maximum total time that actions of later ranks wait for the answers of earlier ones, s; less while the robot is held:
+then each goal that is sent again is canceled, too."""
 
 _LEAST_SECONDS: Final = 1.0
 """Minimum time for which zero velocity is commanded, s. It is commanded again if the robot moves later, and all the
@@ -244,7 +245,8 @@ class MotionStop:
         self._unasked = sorted(actions, key=_rank)
         if self._patience is not None:
             self._patience.cancel()
-        self._patience = self._runtime.post_in(_FRONT_SECONDS, self._ask_all)
+        patience = _HELD_FRONT_SECONDS if self.is_holding else _FRONT_SECONDS
+        self._patience = self._runtime.post_in(patience, self._ask_all)
         self._ask_answered()
 
     def _ask_all(self) -> None:

@@ -50,7 +50,8 @@ class Surroundings:
         self.tell: dict[str, Callable[[Any], None]] = {}
         monkeypatch.setattr(motion_stop, '_PERIOD', PERIOD)
         monkeypatch.setattr(motion_stop, '_REST_SECONDS', REST_SECONDS)
-        monkeypatch.setattr(motion_stop, '_FRONT_SECONDS', FRONT_SECONDS)
+        for front in ('_FRONT_SECONDS', '_HELD_FRONT_SECONDS'):
+            monkeypatch.setattr(motion_stop, front, FRONT_SECONDS)
         monkeypatch.setattr(motion_stop, 'ServiceCall', self._ask)
         monkeypatch.setattr(motion_stop, 'ReceivedMessages', self._subscribe)
         this: Any = self

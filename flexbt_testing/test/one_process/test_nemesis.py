@@ -82,6 +82,18 @@ def test_a_command_that_was_decided_as_the_executive_was_killed_need_not_be_deci
     assert run_one(Job(plan)).violations == []
 
 
+def test_a_stop_whose_executive_hangs_while_a_hung_bt_server_has_not_canceled_is_carried_out_in_time() -> None:
+    steps = (
+        Step(0.040142, 'stop', 'engineer', 0.917, 'fault 2'),
+        Step(0.046068, 'loss', 'operator', 4.662, 'goal 4'),
+        Step(0.807377, 'hang', 'bt_server', 6.044, 'goal 5'),
+        Step(4.344668, 'hang', 'onboard_executive', 6.021),
+    )
+    answers = ((2.985, 0.464), (0.186, 0.076), (2.218, 0.4))
+    plan = Plan(55, 'nav2_robot', 'abstract', 'Navigate', seconds=7.0, steps=steps, answers=answers)
+    assert run_one(Job(plan)).violations == []
+
+
 def test_a_stop_need_not_discover_what_a_program_drives_by() -> None:
     steps = (
         Step(0.659, 'hang', 'stop_guard', 8.977),
