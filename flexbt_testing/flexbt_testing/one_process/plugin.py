@@ -31,7 +31,7 @@ _PROCESSOR_SECONDS: Final = float(os.environ.get('FLEXBT_ONE_PROCESS_SECONDS', '
 """Processor time without a switch of tasks after which a test is ended, with its stack, s."""
 
 _SIMULATED_SECONDS: Final = 3600.0
-"""Simulated time after which a test counts as stuck, s."""
+"""Simulated time after which a test counts as stuck, s, unless its mark ``world`` has another limit."""
 
 
 _WORLD: Final = pytest.StashKey[Any]()
@@ -75,8 +75,8 @@ def pytest_configure(config: pytest.Config) -> None:
     if seed and not seed.lstrip('-').isdecimal():
         raise pytest.UsageError(f'FLEXBT_SEED={seed}: expected a whole number')
     for mark in (
-        "world(name='', motion='full', **options): what the fixture `world` has: a demonstration, a world file or a "
-        'function of programs; `motion` is full or abstract',
+        "world(name='', motion='full', limit=3600, **options): what the fixture `world` has: a demonstration, a world "
+        'file or a function of programs; `motion` is full or abstract, `limit` the simulated time at most, s',
         'seeds(count): repeat a test of the fixture `world` with this many seeds',
     ):
         config.addinivalue_line('markers', mark)
@@ -105,8 +105,10 @@ def _count_seeds(count: Any = None) -> int:
     return count
 
 
-def _read_mark(name: str = '', motion: str = 'full', **options: Any) -> tuple[str, dict[str, Any]]:
-    return name, {'motion': motion, **options}
+def _read_mark(
+    name: str = '', motion: str = 'full', limit: float = _SIMULATED_SECONDS, **options: Any
+) -> tuple[str, float, dict[str, Any]]:
+    return name, limit, {'motion': motion, **options}
 
 
 @pytest.fixture
@@ -117,10 +119,10 @@ def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
     mark = request.node.get_closest_marker('world')
     scratch = tmp_path_factory.mktemp('world')
-    name, options = _read_mark(*mark.args, **mark.kwargs) if mark else _read_mark()
+    name, limit, options = _read_mark(*mark.args, **mark.kwargs) if mark else _read_mark()
     programs = named_programs(name, request.path.parent, scratch, **options)
     made = World(getattr(request, 'param', 0), programs, writable=[tmp_path_factory.getbasetemp()])
-    SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
+    SCHEDULER.limit = SCHEDULER.after(limit)
     request.node.stash[_WORLD] = made
     with made:
         yield made

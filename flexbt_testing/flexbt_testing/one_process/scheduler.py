@@ -393,9 +393,8 @@ class Scheduler:
             self.throw(StuckWorldError('nothing can happen any more; the tasks wait for:\n' + '\n'.join(lines)))
         elif self.limit is not None and self._alarms[0][0] > self.limit:
             self.limit = None
-            self.throw(
-                StuckWorldError(f'the world has passed its limit, {(self.now - BOOT) / SECOND:.3f} s after its begin')
-            )
+            text = f'the world has passed its limit, {(self.now - BOOT) / SECOND:.3f} s after its begin'
+            self.throw(StuckWorldError(f'{text}; a longer mission needs another one: @pytest.mark.world(limit=7200)'))
         elif self.pace is None or self.pace(self._alarms[0][0]):
             self.now = max(self.now, self._alarms[0][0])
             self._sound()

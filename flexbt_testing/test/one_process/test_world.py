@@ -35,7 +35,7 @@ from flexbt_msgs.srv import SetFault
 from flexbt_testing.one_process.boundary import BOUNDARY, OutsideWorldError
 from flexbt_testing.one_process.graph import DOMAIN
 from flexbt_testing.one_process.programs import Program, named_programs
-from flexbt_testing.one_process.scheduler import COLLECTION, SCHEDULER, Process
+from flexbt_testing.one_process.scheduler import COLLECTION, SCHEDULER, Process, StuckWorldError
 from flexbt_testing.one_process.world import World
 
 
@@ -82,6 +82,13 @@ def test_a_box_in_the_way_is_driven_around(world: World) -> None:
     world.run_until(world.asks('/AskGoal'), within=120)
     assert world.robot.near('corridor')
     assert world.robot.length > 10.4
+
+
+@pytest.mark.world(motion='abstract', limit=3.0)
+def test_a_world_ends_at_the_limit_of_its_mark(world: World) -> None:
+    world.run(1.5)
+    with pytest.raises(StuckWorldError, match=r'passed its limit, \d\.\d+ s after its begin; .*limit=7200'):
+        world.run(2.0)
 
 
 @pytest.mark.seeds(2)
