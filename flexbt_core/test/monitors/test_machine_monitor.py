@@ -257,3 +257,17 @@ def test_a_deadline_is_told_when_it_is_over_and_stands_still_in_a_pause() -> Non
     assert [one.text for one in watched.found] == [
         '/B > done has not come 5 s after /A > done; required is: after /A > done, /B > done within 5 s'
     ]
+
+
+def test_a_deadline_that_passes_within_the_last_callback_of_the_run_is_told() -> None:
+    def work(_: Scripted, userdata: object) -> str | None:
+        watched.clock.advance(7.0)
+        return 'done'
+
+    watched = Watched(machine(Child('A', Scripted(), {'done': 'ended'})), [Within('/A', '/A', 5.0)])
+    (leaf,) = watched.run.active_states()
+    leaf.state.do['execute'] = work  # type: ignore[attr-defined]
+    leaf.wake()
+    watched.run.step()
+    assert watched.run.outcome == 'ended'
+    assert [one.text for one in watched.found] == ['/A has not come 5 s after /A; required is: after /A, /A within 5 s']

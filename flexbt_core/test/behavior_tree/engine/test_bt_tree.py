@@ -39,6 +39,7 @@ from flexbt_core.clock.clock import ManualClock
 from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.skills.literals import Predicate
 from flexbt_core.skills.skill import Outcome, OutcomeClass, Skill
+from flexbt_testing.behavior_trees.steps import check, step
 from flexbt_testing.waiting import DEADLINE
 
 IDLE, RUNNING, SUCCESS, FAILURE, SKIPPED = NodeStatus
@@ -499,6 +500,13 @@ def test_ports_that_fail_within_a_node_of_the_engine_name_it() -> None:
     assert str(cause).endswith('[s]: the blackboard has no such entry')
 
 
+@pytest.mark.parametrize(('control', 'passing'), [('Sequence', 'S'), ('Fallback', 'F')])
+def test_a_control_goes_on_at_the_child_that_raised(control: str, passing: str) -> None:
+    raises = f'<Precondition if="x" else="FAILURE">{step(passing, 1)}</Precondition>'
+    body = f'<{control}>{step(passing)}{raises}{step(passing, 2)}{step(passing, 3)}</{control}>'
+    check(body, f'error 0{passing} | x=1 {passing} 1{passing} 2{passing} 3{passing}')
+
+
 @pytest.mark.parametrize('value', ['a', '{k}'])
 def test_each_write_of_set_blackboard_counts_once(value: str) -> None:
     running = tree(f'<SetBlackboard value="{value}" output_key="n"/>')
@@ -878,8 +886,8 @@ def test_what_an_earlier_run_has_left_is_emptied_where_it_was_not_given() -> Non
     registry = builtin_registry()
     registry.register_classes((Plan,))
     trees = (
-        '<BehaviorTree ID="Main"><Sequence><Plan path="{path}" cost="{cost}"/><SubTree ID="Sub" inner="{@outer}" /></Sequence>'
-        '</BehaviorTree><BehaviorTree ID="Sub"><Plan path="{inner}"/></BehaviorTree>'
+        '<BehaviorTree ID="Main"><Sequence><Plan path="{path}" cost="{cost}"/><SubTree ID="Sub" inner="{@outer}" />'
+        '</Sequence></BehaviorTree><BehaviorTree ID="Sub"><Plan path="{inner}"/></BehaviorTree>'
     )
     known = TreeLibrary([load_xml(f'<root BTCPP_format="4">{trees}</root>', 'file', registry)])
     board = Blackboard()

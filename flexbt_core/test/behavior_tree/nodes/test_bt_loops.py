@@ -92,6 +92,8 @@ def elements(queue: Any, tag: str = 'LoopInt') -> list[Any]:
     seen = []
     while tree.tick_once() is NodeStatus.RUNNING:
         seen.append(tree.blackboard.get('v'))
+    entry = tree.blackboard.entry('v')
+    assert entry is not None and entry.sequence == len(seen)
     return seen
 
 

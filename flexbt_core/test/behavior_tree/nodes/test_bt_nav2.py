@@ -42,6 +42,7 @@ VECTORS: list[tuple[str, str]] = [
     (control('PipelineSequence', 'K', 'K'), 'K 0K 1K'),
     (control('PipelineSequence', 'K', 'S'), 'S 0K 1S'),
     (control('PipelineSequence', 'SR', 'R'), 'R 0S 1R | halt 1! | R 0R'),
+    (control('PipelineSequence', 'SSR', 'S'), 'S 0S 1S | S 0S 1S | R 0R'),
     # RoundRobin
     (control('RoundRobin', 'S', 'S', 'S'), 'S 0S | S 1S | S 2S | S 0S'),
     (control('RoundRobin', 'F', 'S', 'F'), 'S 0F 1S | S 2F 0F 1S'),

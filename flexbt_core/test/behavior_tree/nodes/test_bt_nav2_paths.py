@@ -134,6 +134,8 @@ def over_paths(script: str, *paths: tuple[tuple[float, float], ...] | None, **po
 def test_a_much_longer_path_near_the_goal_ticks_the_child() -> None:
     assert over_paths('S', STRAIGHT, ROUND, ROUND, STRAIGHT, ROUND) == 'S S0S S S S0S'
     assert over_paths('F', STRAIGHT, ROUND) == 'S F0F'
+    corner, longer = ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0)), ((0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0))
+    assert over_paths('S', corner, longer, corner, ROUND) == 'S S S S0S'
 
 
 def test_the_child_goes_on_with_the_path_with_which_it_began() -> None:

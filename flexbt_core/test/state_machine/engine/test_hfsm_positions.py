@@ -66,7 +66,7 @@ def test_a_run_goes_on_with_its_userdata_and_settings_and_tells_the_state_so() -
     before.set_breakpoint('/M/S1')
     before.set_autonomy(Autonomy.Low, '/M')
     position = through_json(position_of(before.run))
-    assert (position.active, position.userdata) == (('/M', '/M/S1'), {'/': {'x': 7}, '/M': {'x': 7}})
+    assert (position.active, position.userdata) == (('/M', '/M/S1'), {'/': {'x': 7}, '/M': {}})
     states, second = made()
     after = Bench(second, autonomy=Autonomy.Off, at=position)
     assert seen == [(False, 7), (True, 7)]

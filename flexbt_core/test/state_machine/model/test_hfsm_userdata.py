@@ -152,6 +152,31 @@ def test_what_is_only_read_is_a_copy_and_what_is_written_too_is_the_thing_itself
     assert bench.run.userdata() == {'items': [0, 1]}
 
 
+def test_machines_that_are_active_at_once_see_what_each_writes_to_a_key_that_both_read_and_write() -> None:
+    def add(_: Scripted, userdata: UserData) -> None:
+        userdata.count += 1
+
+    def counting(wait: Scripted) -> OperatableStateMachine:
+        first, then = (Scripted(outcome='done', do={'execute': add}, io_keys=['count']) for _ in range(2))
+        waits = Child('Wait', wait, {'done': 'Then'})
+        children = Child('First', first, {'done': 'Wait'}), waits, Child('Then', then, {'done': 'ended'})
+        inner = machine(*children, io_keys=['count'])
+        return machine(Child('In', inner, {'ended': 'ended'}, {}, {'count': 'own'}), io_keys=['own'])
+
+    waits = Scripted(), Scripted()
+    both = machine(
+        Child('One', counting(waits[0]), {}, {}, {'own': 'shared'}),
+        Child('Other', counting(waits[1]), {}, {}, {'own': 'shared'}),
+        conditions=[('ended', [('One', 'ended'), ('Other', 'ended')])],
+        io_keys=['shared'],
+    )
+    bench = Bench(machine(Child('Both', both, {'ended': 'ended'}, {}, {'shared': 'total'}), defaults={'total': 0}))
+    for wait in waits:
+        wait.end('done')
+        bench.settle()
+    assert (bench.outcome, bench.run.userdata()) == ('ended', {'total': 4})
+
+
 def test_one_key_of_the_machine_as_input_and_output_of_a_state_can_be_read_after_it_was_written() -> None:
     def update(_: Scripted, userdata: UserData) -> None:
         before = userdata['before']
