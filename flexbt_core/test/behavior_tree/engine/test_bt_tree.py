@@ -507,6 +507,11 @@ def test_a_control_goes_on_at_the_child_that_raised(control: str, passing: str) 
     check(body, f'error 0{passing} | x=1 {passing} 1{passing} 2{passing} 3{passing}')
 
 
+def test_a_skip_counts_no_longer_after_another_child_has_raised() -> None:
+    raises = f'<Precondition if="x" else="FAILURE">{step("S", 1)}</Precondition>'
+    check(f'<Parallel success_count="-1">{step("KR")}{raises}</Parallel>', 'error 0K | x=1 R 0R 1S')
+
+
 @pytest.mark.parametrize('value', ['a', '{k}'])
 def test_each_write_of_set_blackboard_counts_once(value: str) -> None:
     running = tree(f'<SetBlackboard value="{value}" output_key="n"/>')
