@@ -57,11 +57,13 @@ export class Form {
     const key = JSON.stringify([part && [part.kind, part.path, part.data, part.problems, part.locked, part.behavior], extra]);
     if (key === this.key) return;
     const isSame = Boolean(part) && this.on.now(this.part) === part.part, active = document.activeElement;
-    const typed = isSame && active?.dataset?.field && this.root.contains(active) ? {field: active.dataset.field, value: active.value, was: active.dataset.was, at: [active.selectionStart, active.selectionEnd]} : null;
+    const typed = active?.dataset?.field && this.root.contains(active) ? {field: active.dataset.field, value: active.value, was: active.dataset.was, at: [active.selectionStart, active.selectionEnd]} : null;
+    if (typed && !isSame) this.commit(active);  // as if it was left
+    if (typed) active.dataset.was = active.value;  // a browser tells a change also of what is removed
     Object.assign(this, {key, part: part?.part ?? null, setters: new Map(), words: new Map()});
     byId('form-hint').textContent = part?.title ?? '';
     this.root.replaceChildren(...(!part ? [html('p', {class: 'empty'}, 'Select a node or a state.')] : {tree: () => this.tree(part), node: () => this.node(part), state: () => this.state(part), outcome: () => this.outcome(part)}[part.kind]()));
-    if (!typed) return;
+    if (!typed || !isSame) return;
     const field = this.root.querySelector(`[data-field="${CSS.escape(typed.field)}"]`);
     field?.focus();
     if (field && typed.value !== typed.was) field.value = typed.value;

@@ -19,6 +19,7 @@ export class OpenFile {
     this.watches = new Set();
     this.waiting = [];
     this.syncing = [];
+    this.sinceView = [];      // what has changed since the graph
     buffer.onchange = (change, isRemote) => this.edited(change, isRemote);
     this.begin(model);
     this.saved = model.changed ? null : model.text;  // the text on disk, if it is known
@@ -32,7 +33,6 @@ export class OpenFile {
     this.pending = null;        // the change after that one
     this.others = new Map();    // edits of other pages by version
     this.viewVersion = this.foundIn = 0;
-    this.sinceView = [];
     this.begun = {};            // answers to what was sent before are of no interest
     this.restored = null;       // for a new server: its text when all that it had lost is back, and the edits after that
     this.isRefused = this.sentIsMapped = false;

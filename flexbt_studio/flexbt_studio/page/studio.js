@@ -264,8 +264,8 @@ class Studio {
       put(part, parts.get(state.parent) ?? null);
       for (const way of state.transitions) put({path: outcomePath(state.path, way.outcome), kind: 'outcome', title: way.outcome, span: way.span, open: way.span, data: state, way, note: ''}, part);
     }
-    // What begins where something of its kind began is the same: what was asked for it, or typed, is for what it has become.
-    const key = (part, since) => [part.kind, mapOffset(since, part.span[0]), part.kind === 'outcome' ? part.title : ''].join();
+    // What begins with the letter with which something of its kind began is the same: what was asked for that, or typed, is for this.
+    const key = (part, since) => [part.kind, mapOffset(since, part.span[0] + 1, true) - 1, part.kind === 'outcome' ? part.title : ''].join();
     const begins = new Map([...parts.values()].map((one) => [key(one, file.sinceView), one]));
     for (const one of file.parts?.values() ?? []) one.later = begins.get(key(one, file.sinceBefore)) ?? null;
     file.parts = parts;

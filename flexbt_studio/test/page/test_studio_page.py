@@ -318,13 +318,19 @@ def test_a_value_that_was_refused_is_entered_again(page: StudioPage, folder: Pat
         page.open(port, 'main.xml')
         page.click('Main/0/1')
     page.until_text('link', 'NO SERVER')
+    page.write()
+    page.chord(Keys.CONTROL, Keys.HOME)
+    page.press('<!-- before it -->')
     page.run('document.getElementById("field-wait_duration").focus()')
     page.press(Keys.END, '7', Keys.ENTER)
     page.until_told('not connected to the studio')
     with served(folder, None, port):
         page.until_text('link', 'CONNECTED')
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
+        assert '1.07' not in page.shown_text
         page.press(Keys.ENTER)
-        page.until(lambda: 'wait_duration="1.07"' in page.shown_text)
+        page.until(lambda: page.shown_text == f'<!-- before it -->{TREE}'.replace('1.0', '1.07'))
 
 
 def test_what_was_not_saved_outlives_a_new_server_whose_connection_is_lost_at_once(
@@ -434,7 +440,10 @@ def test_what_was_begun_at_a_node_is_for_that_node_wherever_it_is_then(
         page.run(f'{field} field.focus()')
         page.press(Keys.END, '7')
         insert()
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
         assert page.run(f'{field} return [field.value, document.activeElement === field]') == ['1.07', True]
+        assert '1.07' not in page.shown_text  # it is not entered yet
         page.press(Keys.ENTER)
         page.until(lambda: '<Wait wait_duration="1.07"/>' in page.shown_text)
         page.click('Main/0/2')
@@ -455,6 +464,25 @@ def test_what_was_begun_at_a_node_is_for_that_node_wherever_it_is_then(
         page.chord(Keys.CONTROL, 's')
         page.until_told('main.xml saved')
         assert page.shown_text == text
+
+
+def test_what_was_typed_for_a_node_that_another_page_removes_is_for_no_other(
+    page: StudioPage, other: StudioPage, folder: Path
+) -> None:
+    with served(folder, None) as port:
+        for one in (page, other):
+            one.open(port, 'main.xml')
+        page.click('Main/0/1')
+        page.run('document.getElementById("field-name").focus()')
+        page.press('Rest')
+        other.click('Main/0/1')
+        other.press(Keys.DELETE)
+        page.until(lambda: '<Wait' not in page.shown_text)
+        page.until(lambda: page.run('return document.getElementById("field-wait_duration")') is None)
+        page.click('Main/0/1')
+        page.chord(Keys.ALT, Keys.ARROW_UP)  # what was begun before is done by then
+        page.until_told('Recover: 1 of 2')
+        assert 'Rest' not in page.shown_text
 
 
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
