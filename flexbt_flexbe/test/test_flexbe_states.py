@@ -15,10 +15,12 @@ from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import to_entry
 from flexbt_common.values.value_types import resolve_type
+from flexbt_core.state_machine.engine.operator_commands import pause, resume
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_flexbe import EventState as FlexbeState
 from flexbt_flexbe import Logger, OperatableStateMachine, ProxySubscriberCached, states
+from flexbt_flexbe.api.topic_proxies import QOS_LATCH
 from flexbt_flexbe.states import (
     BtGetDataState,
     BtSetDataState,
@@ -92,6 +94,15 @@ class TestComputing:
         self, bench: StateBench, calculation: Callable[..., Any]
     ) -> None:
         assert outcome_of(bench, lambda: FlexibleCalculationState(calculation, ['a', 'b']), a=3, b=4) == ('done', -1)
+
+    def test_differs_a_value_is_computed_once_also_while_the_operator_is_asked(self, bench: StateBench) -> None:
+        """FlexBE computes it again in each tick."""
+        seen: list[int] = []
+        make = lambda: FlexibleCalculationState(lambda n: seen.append(n) or n + 1, ['n'])  # type: ignore[func-returns-value]  # noqa: E731
+        run = bench.run_state(make, {'n': 1, 'output_value': 0}, required=3)
+        (asked,) = wait_until(run.decisions, 'decision')
+        assert (run.answer_to(pause), run.answer_to(resume), run.confirm(asked.id)) == (None, None, None)
+        assert (run.wait(), seen) == ('done', [1])
 
     def test_flexible_calculation_takes_builtins(self, bench: StateBench) -> None:
         assert outcome_of(bench, lambda: FlexibleCalculationState(max, ['a', 'b']), a=3, b=4) == ('done', 4)
@@ -290,6 +301,26 @@ class TestTopics:
         publisher.publish(Int64(data=5))
         assert run.wait() == 'received'
         assert read['message'].data == 5
+
+    @pytest.mark.parametrize('blocking', [True, False])
+    def test_differs_what_was_received_stays_while_the_operator_is_asked(
+        self, bench: StateBench, blocking: bool
+    ) -> None:
+        """FlexBE executes the state again, which then waits for the next message."""
+        node = bench.runtime.node
+        publisher = bench.runtime.call(lambda: node.create_publisher(Int64, 'once', QOS_LATCH))
+        publisher.publish(Int64(data=5))
+        read: dict[str, Any] = {}
+
+        def make() -> SubscriberState:
+            state = SubscriberState('once', Int64, blocking=blocking, qos=QOS_LATCH)
+            wait_until(lambda: state._subscriber.has_msg('once'), 'the message')
+            return state
+
+        run = bench.run_state(make, {'message': None}, outputs=['message'], read=read, required=3)
+        (asked,) = wait_until(run.decisions, 'decision')
+        assert (run.answer_to(pause), run.answer_to(resume), run.confirm(asked.id)) == (None, None, None)
+        assert (run.wait(), read['message'].data) == ('received', 5)
 
     @pytest.mark.parametrize('make', [lambda: SubscriberState('seen', String), lambda: Hearing('seen')])
     def test_a_sensor_that_it_cannot_hear_is_shown_with_what_to_do(

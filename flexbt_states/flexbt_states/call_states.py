@@ -111,9 +111,9 @@ class _Exchange:
                 return outcome
         return ''
 
-    def described(self, message: Any) -> str:
-        """Return the values that the conditions have read, as text."""
-        lines = (one.described(Blackboard(), {self._root: message}) for one in self.conditions.values() if one)
+    def described(self, message: Any, values: Mapping[str, Any]) -> str:
+        """Return what the conditions have read as text; ``values`` are those of the userdata."""
+        lines = (one.described(Blackboard(), {self._root: message}, values) for one in self.conditions.values() if one)
         return f'no condition of {self._root} is true: {"; ".join(lines)}'
 
 
@@ -248,13 +248,14 @@ class CallActionState(GoalState):
 
 def _taken(state: EventState, what: str, exchange: _Exchange, message: Any, userdata: UserData) -> str:
     """Return the outcome for a message. If no condition is true or one raises, log the reason and return failed."""
+    values = {key: userdata[key] for key in exchange.keys if key in userdata}  # before the message changes them
     try:
         outcome = exchange.take(message, userdata)
     except FlexbtError as error:
         state.log_error(f'{what}: {error}')
         return 'failed'
     if not outcome:
-        state.log_warn(f'{what}: {exchange.described(message)}')
+        state.log_warn(f'{what}: {exchange.described(message, values)}')
     return outcome or 'failed'
 
 

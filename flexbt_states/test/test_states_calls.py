@@ -91,6 +91,24 @@ def test_the_first_true_condition_is_the_outcome(bench: StateBench, code: int, o
     assert ('no condition of result is true' in run.errors()) is (outcome == 'failed')
 
 
+def test_if_no_condition_is_true_the_values_of_the_userdata_that_they_read_are_told(bench: StateBench) -> None:
+    bench.serve(Spin, 'spin', ends(Spin.Result(error_code=5)))
+    run = bench.run_state(
+        lambda: CallActionState(
+            SPIN,
+            'spin',
+            result={'error_code': 'limit'},
+            outcomes={'done': 'result.error_code > limit && place.pose.position.x > 1'},
+        ),
+        {'limit': 700, 'place': place(1.0)},
+        outputs=['limit'],
+    )
+    assert run.wait() == 'failed'
+    for told in ('limit = 700', 'result.error_code = 5', 'place.pose.position.x = 1.0'):
+        assert told in run.errors()
+    assert 'raised' not in run.errors()
+
+
 def test_a_goal_that_fails_and_one_that_cannot_be_made(bench: StateBench) -> None:
     bench.serve(Spin, 'spin', ends(Spin.Result(error_msg='too narrow'), 'abort'))
     run = bench.run_state(lambda: CallActionState(SPIN, 'spin'))

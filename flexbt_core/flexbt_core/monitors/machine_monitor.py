@@ -157,6 +157,8 @@ class MachineMonitor(RunReader):
         self._check_parts(event.definition)
 
     def _ends(self, _event: RunEnding) -> None:
+        if not self._is_ending:
+            self.requirements.rests(self._run.is_paused)  # a callback may have taken longer than a deadline
         self._is_ending = True
 
     def _rested(self, _event: RunRested) -> None:

@@ -100,6 +100,8 @@ class SubscriberState(EventState):
     <= unavailable              The type is unknown without a publisher, or no message arrived and it does not wait.
     """
 
+    runs_while_blocked = False  # it would wait for another message than the one that it has received
+
     def __init__(
         self,
         topic: str,

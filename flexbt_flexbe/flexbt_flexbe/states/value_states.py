@@ -36,6 +36,7 @@ class FlexibleCalculationState(EventState):
     """
 
     is_instant = True
+    runs_while_blocked = False  # a value that is computed of itself, such as a count, is computed once
 
     def __init__(self, calculation: Callable[..., Any], input_keys: Sequence[str]) -> None:
         super().__init__(outcomes=['done'], input_keys=input_keys, output_keys=['output_value'], desired_rate=None)
@@ -114,6 +115,7 @@ class UserdataState(EventState):
     """
 
     is_instant = True
+    runs_while_blocked = False  # it would overwrite what others write meanwhile
 
     def __init__(self, data: Any) -> None:
         super().__init__(outcomes=['done'], output_keys=['data'], desired_rate=None)

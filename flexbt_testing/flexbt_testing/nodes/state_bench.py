@@ -154,8 +154,10 @@ class StateBench:
         outputs: Sequence[str] = (),
         read: dict[str, Any] | None = None,
         autonomy: int = 3,
+        required: int = -1,
     ) -> Run:
-        """Run one state. Each of its outcomes is an outcome of the run.
+        """Run one state. Each of its outcomes is an outcome of the run, and requires the level ``required`` of
+        autonomy.
 
         ``userdata`` is its input. At the end, those of the keys ``outputs`` that have a value are copied to ``read``.
         """
@@ -163,14 +165,15 @@ class StateBench:
         def machine() -> OperatableStateMachine:
             state = make()
             root = OperatableStateMachine(outcomes=list(state.outcomes))
+            levels = dict.fromkeys(state.outcomes, required)
             for key, value in (userdata or {}).items():
                 root.userdata[key] = value
             with root:
                 if not outputs:
-                    OperatableStateMachine.add('State', state, {name: name for name in state.outcomes})
+                    OperatableStateMachine.add('State', state, {name: name for name in state.outcomes}, levels)
                     return root
                 taken = {name: f'Read_{name}' for name in state.outcomes}
-                OperatableStateMachine.add('State', state, taken)
+                OperatableStateMachine.add('State', state, taken, levels)
                 for name, label in taken.items():
                     OperatableStateMachine.add(label, _Reader(outputs, {} if read is None else read), {'read': name})
             return root

@@ -99,7 +99,8 @@ class Scope:
     """The userdata of one machine while it is active.
 
     It starts with copies of ``defaults``. ``inputs`` and ``outputs`` map its keys to those of the parent: an input
-    that was not written here is read there, and an output is also written there.
+    that was not written here is read there, and an output is also written there. A key that is both is that of the
+    parent, where a concurrent state may write it too: this scope holds no value of its own for it.
     """
 
     __slots__ = ('_data', '_inputs', '_outputs', '_parent', 'now', 'shared_types', 'writers')
@@ -139,13 +140,15 @@ class Scope:
 
     def set(self, key: str, value: Any, writer: str = '') -> None:
         """Write a key. ``writer`` is the path of the state, '' if it is no state."""
+        if self._parent is not None and key in self._outputs:
+            self._parent.set(self._outputs[key], value, writer)
+            if key in self._inputs:
+                return
         self._data[key] = value
         if writer:
             self.writers[key] = writer, self.now()
         else:
             self.writers.pop(key, None)
-        if self._parent is not None and key in self._outputs:
-            self._parent.set(self._outputs[key], value, writer)
 
     def note_shared(self, value: Any) -> bool:
         """Record that a value is passed without a copy. Return whether it is the first of its type in the run."""
@@ -164,7 +167,8 @@ class Scope:
 
     def restore(self, values: Mapping[str, Any]) -> None:
         """Restore the values of an earlier scope of this machine, without writing them to the parent."""
-        self._data.update(values)
+        shared = self._inputs.keys() & self._outputs.keys()
+        self._data.update((key, value) for key, value in values.items() if key not in shared)
 
 
 def _reason(error: Exception) -> str:
