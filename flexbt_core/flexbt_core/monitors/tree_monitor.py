@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, Final
 
+from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction, ThreadedAction
 from flexbt_core.behavior_tree.engine.context import UnfinishedWork
 from flexbt_core.behavior_tree.engine.leaf import LeafNode, StatefulAction
 from flexbt_core.behavior_tree.engine.node import TreeNode, kept_by_class
@@ -234,9 +235,12 @@ class TreeMonitor:
             self._found(Violation(Property.STOP_STOPS, leaf.path, text))
         self._own(leaf)
 
-    def done(self, leaf: TreeNode, status: NodeStatus) -> None:
-        """Record that a leaf was done within a tick."""
-        self._event(leaf)
+    def done(self, leaf: TreeNode, before: NodeStatus, status: NodeStatus) -> None:
+        """Record a tick of a leaf that is no StatefulAction, with its status before it and its result."""
+        if isinstance(leaf, CoroutineAction | ThreadedAction) and (before is SUCCESS or before is FAILURE):
+            return  # it keeps its result
+        if before is not RUNNING:
+            self._event(leaf)
         self._tell_result(leaf, status)
         if status is SUCCESS or status is FAILURE:
             self._answers[leaf] = status
@@ -322,8 +326,9 @@ def _watched_action(plain: Any) -> type[Any]:
 @kept_by_class
 def _watched_leaf(plain: Any) -> type[Any]:
     def execute(self: Any) -> NodeStatus:
+        before = self.stored_status
         status: NodeStatus = plain.execute(self)
-        self.context.monitor.done(self, status)
+        self.context.monitor.done(self, before, status)
         return status
 
     return _derived(plain, {'execute': execute})

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
+from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineAction
 from flexbt_core.behavior_tree.engine.context import UnfinishedWork
 from flexbt_core.behavior_tree.engine.leaf import Condition, StatefulAction
 from flexbt_core.behavior_tree.engine.parents import Control
@@ -16,6 +17,7 @@ from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.ports import STRING, input_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2.controls import PipelineSequence
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.monitors.properties import Property, Violation
@@ -54,6 +56,15 @@ class Drive(Work):
 
 class RollOn(Drive):
     ends_later = True
+
+
+class Takes(CoroutineAction):
+    """Done in its third tick."""
+
+    async def run(self) -> NodeStatus:
+        await self.next_tick()
+        await self.next_tick()
+        return SUCCESS
 
 
 class Flag(Condition):
@@ -95,7 +106,9 @@ class Watched:
 
     def __init__(self, body: str, *requirements: Requirement) -> None:
         registry = builtin_registry()
-        registry.register_classes([Work, Drive, RollOn, Flag, Wavers, Turns, Stalled, ForgetfulFallback])
+        registry.register_classes([
+            Work, Drive, RollOn, Takes, Flag, Wavers, Turns, Stalled, ForgetfulFallback, PipelineSequence,
+        ])  # fmt: skip
         text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
         self.found: list[Violation] = []
         self.clock = ManualClock()
@@ -357,3 +370,11 @@ def test_inputs_are_told_apart_by_the_keys_of_the_whole_tree_whatever_sub_trees_
     monitor.begins(Tree(library, 'Main', clock=ManualClock(), substitute=monitor.watched))
     monitor.check_parts()
     assert [one.text.partition('; required is: ')[2] for one in found] == wrong
+
+
+def test_a_coroutine_begins_once_and_gives_its_result_once() -> None:
+    asked_again = '<PipelineSequence><Takes name="it"/><Work name="one"/></PipelineSequence>'
+    watched = Watched(asked_again, AtMost('it', 1), AtMost('it > SUCCESS', 1))
+    for result in (RUNNING, RUNNING, RUNNING, RUNNING, SUCCESS):
+        assert watched.tick(one=result) == []
+    assert watched.tick() == ['it happens more than once; required is: it at most 1 time']
