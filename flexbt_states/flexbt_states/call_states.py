@@ -372,7 +372,8 @@ class PublishState(MessagePublisher):
 
 class ReadTopicState(WaitForMessage):
     """
-    Wait for a message for which a condition is true, and keep some of its fields.
+    Wait for a message for which a condition is true, and keep some of its fields. Each message counts, the last 10 of
+    those that arrive at once or in a pause.
 
     -- topic        string      Name of the topic
     -- msg_type     string      Type of its messages, e.g. sensor_msgs/msg/BatteryState, or the class
@@ -388,6 +389,8 @@ class ReadTopicState(WaitForMessage):
     <= OUTCOME                  The condition of this outcome is true for a message; without outcomes, received.
     <= timeout                  No such message arrived in time.
     """
+
+    depth = 10
 
     def __init__(
         self,
@@ -444,6 +447,8 @@ class CheckTopicState(ReadTopicState):
     <= OUTCOME                  The condition of this outcome is true for the newest message.
     <= timeout                  No condition was true in time.
     """
+
+    depth = 1
 
     def __init__(
         self,

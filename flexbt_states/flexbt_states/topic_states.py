@@ -4,8 +4,9 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -79,7 +80,12 @@ class PublishOnceState(MessagePublisher):
 
 
 class WaitForMessage(EventState):
-    """A state that waits for messages of a topic until one leads to an outcome, or until its time is up."""
+    """A state that waits for messages of a topic until one leads to an outcome, or until its time is up.
+
+    Of messages that arrive before the state is executed, the last ``depth`` are kept, of a latched topic the newest.
+    """
+
+    depth: ClassVar[int] = 1
 
     def __init__(
         self,
@@ -96,7 +102,7 @@ class WaitForMessage(EventState):
         self._topic = checked_topic(self, 'topic', topic)
         self._timeout = checked_timeout(self, 'timeout', timeout)
         self.skill = self.skill.within(self._timeout)
-        qos = names.transient_local_qos() if latched else QoSProfile(depth=1)
+        qos = names.transient_local_qos() if latched else QoSProfile(depth=self.depth)
         if best_effort:
             qos.reliability = ReliabilityPolicy.BEST_EFFORT
         self._subscription = StateSubscription(self, self._topic, msg_type, qos)
@@ -118,11 +124,11 @@ class WaitForMessage(EventState):
         self._subscription.open()
 
     def execute(self, userdata: UserData) -> str | None:
-        message = self._subscription.take()
-        outcome = None if message is None else self._received(message, userdata)
-        if outcome is not None:
-            return outcome
-        self._has_heard = self._has_heard or message is not None
+        while (message := self._subscription.take()) is not None:
+            self._has_heard = True
+            outcome = self._received(message, userdata)
+            if outcome is not None:
+                return outcome
         if self._deadline is not None and state_services(self).runtime.steady.now() >= self._deadline:
             what, lack = 'no condition was true for a message', ''
             if not self._has_heard:
@@ -227,11 +233,12 @@ class SubscriberState(EventState):
         self._subscription.close()
 
 
-# The newest message of a topic, for a state.
+# The newest messages of a topic, for a state.
 
 
 class StateSubscription:
-    """A subscription that keeps the newest message since :meth:`open`, and wakes the state for each.
+    """A subscription that keeps the newest messages since :meth:`open`, as many as its queue, and wakes the state for
+    each.
 
     Call its methods on the thread of the state; it opens and closes on the executor thread, in the order of the calls.
     """
@@ -242,7 +249,7 @@ class StateSubscription:
         self._message_type = message_type
         self._qos = qos
         self._lock = threading.Lock()
-        self._newest: Any | None = None
+        self._unread: deque[Any] = deque(maxlen=qos.depth)
         self._error: Exception | None = None
         self._visit = 0
         self._is_open = False
@@ -257,7 +264,7 @@ class StateSubscription:
         runtime.post(lambda: self._subscribe(runtime, visit))
 
     def close(self) -> None:
-        """Unsubscribe, and drop the message."""
+        """Unsubscribe, and drop the messages."""
         if not self._is_open:
             return
         self._is_open = False
@@ -266,13 +273,13 @@ class StateSubscription:
         runtime.post(lambda: self._unsubscribe(runtime))
 
     def take(self) -> Any | None:
-        """Return the newest message, once; None if no message is available.
+        """Return the oldest message that is kept, once; None if no message is available.
 
         Raises what prevented the subscription, such as TopicTypeError.
         """
         with self._lock:
             error, self._error = self._error, None
-            message, self._newest = self._newest, None
+            message = self._unread.popleft() if self._unread else None
         if error is not None:
             raise error
         return message
@@ -280,13 +287,14 @@ class StateSubscription:
     def lack(self) -> list[str]:
         """Return why no message arrives, for the operator; empty if no problem is known."""
         runtime = state_services(self._state).runtime
-        text = qos_misfit(runtime, runtime.node.resolve_topic_name(self._topic)) if self._newest is None else ''
+        text = '' if self._unread else qos_misfit(runtime, runtime.node.resolve_topic_name(self._topic))
         return [text] if text else []
 
     def _begin_visit(self) -> int:
         """Drop what was received, and ignore what an earlier subscription still receives; return the new number."""
         with self._lock:
-            self._newest = self._error = None
+            self._unread.clear()
+            self._error = None
             self._visit += 1
             return self._visit
 
@@ -295,7 +303,7 @@ class StateSubscription:
             with self._lock:
                 if visit != self._visit:
                     return
-                self._newest = message
+                self._unread.append(message)
             self._state.wake()
 
         try:

@@ -230,8 +230,11 @@ class Topic:
         runtime = SimpleNamespace(node=node, post=lambda fn: fn(), steady=self.steady)
         monkeypatch.setattr(topic_states, 'state_services', lambda state: SimpleNamespace(runtime=runtime))
 
-    def send(self, bench: Bench, message: Any) -> None:
+    def receive(self, message: Any) -> None:
         self._receivers[-1](message)
+
+    def send(self, bench: Bench, message: Any) -> None:
+        self.receive(message)
         bench.settle()
 
 
@@ -245,6 +248,19 @@ def test_conditions_compare_a_message_with_the_one_that_was_kept_last(monkeypatc
         topic.send(bench, BatteryState(percentage=percentage))
     assert len(bench.transitions) == 2
     assert bench.run.userdata()['charge'] == 0.125
+
+
+@pytest.mark.parametrize(('kind', 'ends_by'), [(ReadTopicState, 'pressed'), (CheckTopicState, None)])
+def test_of_messages_that_come_at_once_each_is_read_or_only_the_newest_checked(
+    kind: type[EventState], ends_by: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    topic, made = Topic(monkeypatch), cast('Any', kind)
+    state = made('button', 'std_msgs/msg/String', outcomes={'pressed': "message.data == 'down'"})
+    bench = Bench(machine(Child('Button', state, {'pressed': 'ended', 'timeout': 'ended'})))
+    for data in ('up', 'down', 'up'):
+        topic.receive(String(data=data))
+    bench.settle()
+    assert [one[1] for one in bench.transitions] == ([] if ends_by is None else [ends_by])
 
 
 @pytest.mark.parametrize('kind', [ReadTopicState, CheckTopicState])
