@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -418,10 +419,11 @@ def test_a_button_that_has_just_changed_its_meaning_sends_nothing(browser: Brows
     with served({'robot': robot.station()}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
-        for id, word, change in (
+        changes: list[tuple[str, str, Callable[[], object]]] = [
             ('pause', 'Go on', lambda: robot.show(state=ExecutiveState.PAUSED)),
             ('queue-hold', 'Release', lambda: robot.mirror.receive_queue(MissionQueue('e', 3, 'it failed'))),
-        ):
+        ]
+        for id, word, change in changes:
             browser.run(
                 'const [id, word] = arguments, button = document.getElementById(id);'
                 'const press = (_, watch) => {'

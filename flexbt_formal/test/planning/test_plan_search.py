@@ -221,9 +221,10 @@ def test_no_plan_is_cheaper_than_the_bound_whenever_the_time_is_over() -> None:
 
 
 def test_what_is_not_planned_for_when_the_time_is_over_is_not_called_complete() -> None:
-    ways = [((frozenset(needs), frozenset('g'), frozenset()), cost) for needs, cost in (('p', 1), ('q', 5))]
+    goal, nothing = frozenset('g'), frozenset[str]()
+    ways = [((frozenset(needs), goal, nothing), cost) for needs, cost in (('p', 1), ('q', 5))]
     moved = (frozenset('p'), frozenset('q'), frozenset('p'))
-    problem = problem_of(ways, [moved], frozenset('p'), [frozenset('g')])
+    problem = problem_of(ways, [moved], frozenset('p'), [goal])
     for limit in range(1, 30):
         found = plan(problem, time_limit=float(limit), clock=itertools.count(0.0).__next__)
         assert found.coverage is None or not (found.coverage.complete and found.coverage.uncovered), limit

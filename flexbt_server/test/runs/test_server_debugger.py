@@ -224,6 +224,35 @@ def test_run_to_a_node_holds_there_once(world: ServerWorld, debugger: Debugger) 
     assert goal.result.code == Result.CANCELED
 
 
+def test_who_keeps_a_tree_paused_is_shown_when_it_changes(world: ServerWorld, debugger: Debugger) -> None:
+    world.client.load_tree(COUNTING, 'Counting')
+    world.client.execute('Counting')
+    wait_until(lambda: world.server.goals.running.all() and world.server.goals.running.all()[0].run.tree, 'the tree')
+    (running,) = world.server.goals.running.all()
+
+    def shown(operator: str, reason: str) -> None:
+        wait_until(
+            lambda: [(one.path, one.operator_id, one.reason) for one in debugger.shown.holds] == [('', operator, reason)],
+            lambda: f'{operator!r}, {reason!r}; {debugger.shown.holds}',
+        )
+
+    assert 'is not a node name' in debugger.ask(Request.PAUSE, owner='no name', operator_id='bob')
+    running.run.hold('the owner is late')
+    shown('', 'the owner is late')
+    since = debugger.shown.holds[0].since
+    assert debugger.ask(Request.PAUSE) == ''
+    shown('ann', 'paused; the owner is late')
+    running.run.hold('')
+    shown('ann', 'paused')
+    running.run.hold('the owner is late again')
+    shown('ann', 'paused; the owner is late again')
+    assert debugger.ask(Request.RESUME) == ''
+    shown('', 'the owner is late again')
+    assert debugger.shown.holds[0].since == since  # it was held all the time
+    running.run.hold('')
+    debugger.goes()
+
+
 def test_a_command_for_a_hold_that_is_over_does_not_let_the_tree_go_from_the_next_one(
     world: ServerWorld, debugger: Debugger
 ) -> None:
