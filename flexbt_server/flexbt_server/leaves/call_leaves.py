@@ -125,7 +125,7 @@ class CallAction(MessageLeaf, ActionLeaf):
         return self.message('goal')
 
     def newer_goal(self, feedback: Any) -> None:
-        if feedback is not self._heard:
+        if feedback is not None and feedback is not self._heard:  # a goal that is sent again has none at first
             self._heard = feedback
             self.take('feedback', feedback)
 

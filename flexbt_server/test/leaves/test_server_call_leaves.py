@@ -102,6 +102,35 @@ def test_results_and_feedback_go_to_the_blackboard(world: ServerWorld) -> None:
     assert value(world, 'passed', 'results') == 7
 
 
+def test_a_goal_that_is_sent_again_after_a_pause_has_no_feedback_at_first(world: ServerWorld) -> None:
+    world.navigation.hold.add(names.WAIT)
+    body = (
+        '<ReactiveSequence><ScriptCondition code="(ticks += 1) > 0"/>'
+        '<CallAction type="nav2_msgs/action/Wait" server_name="wait" feedback.time_left.sec="{left}"/></ReactiveSequence>'
+    )
+    world.client.load_tree(body)
+    goal = world.client.execute(blackboard='paused', inputs={'ticks': 0})
+    wait = world.navigation.actions[names.WAIT]
+    wait_until(lambda: wait.goals, 'the goal')
+    feedback = Wait.Feedback()
+    feedback.time_left.sec = 2
+    wait.feedback(0, feedback)
+    wait_until(lambda: value(world, 'left', 'paused') == 2, 'the feedback')
+    run = world.server_runtime.call(lambda: world.server.goals.running.find(goal.call.goal_id.hex()).run)
+    run.hold('a test')
+    wait_until(lambda: wait.cancels, 'the cancel for the pause')
+    run.hold('')
+    wait_until(lambda: len(wait.goals) == 2, 'the goal is sent again')
+    before = value(world, 'ticks', 'paused')
+    wait_until(lambda: goal.ended or value(world, 'ticks', 'paused') > before + 1, 'a tick without feedback')
+    assert not goal.ended, goal.result.message
+    feedback.time_left.sec = 1
+    wait.feedback(1, feedback)
+    wait_until(lambda: value(world, 'left', 'paused') == 1, 'the next feedback')
+    wait.end(1)
+    assert goal.result.code == Result.SUCCESS, goal.result.message
+
+
 @pytest.mark.parametrize(('code', 'condition', 'succeeds'), [
     (0, 'result.error_code == 0', True),
     (0, 'result.error_code == result.NONE', True),
