@@ -106,7 +106,8 @@ def test_a_goal_that_is_sent_again_after_a_pause_has_no_feedback_at_first(world:
     world.navigation.hold.add(names.WAIT)
     body = (
         '<ReactiveSequence><ScriptCondition code="(ticks += 1) > 0"/>'
-        '<CallAction type="nav2_msgs/action/Wait" server_name="wait" feedback.time_left.sec="{left}"/></ReactiveSequence>'
+        '<CallAction type="nav2_msgs/action/Wait" server_name="wait" feedback.time_left.sec="{left}"/>'
+        '</ReactiveSequence>'
     )
     world.client.load_tree(body)
     goal = world.client.execute(blackboard='paused', inputs={'ticks': 0})
