@@ -269,18 +269,20 @@ class DebuggedRun(RunReader):
         if self.is_held_in_tick:
             return  # it is shown as held at a node
         if is_paused:
-            self._hold('', self.paused_by, self._control.reason or 'paused')
+            operator = self.paused_by if self._control.is_paused_by_command else ''
+            self._hold('', operator, self._control.reason or 'paused')
         else:
             self.hold, self.paused_by = None, ''
             self._debugger.changed()
 
     def _hold(self, path: str, operator: str, reason: str) -> None:
+        is_paused_since = self.hold.since if self.hold is not None and not (path or self.hold.path) else None
         self.hold = TreeHold(
             run_id=self.run_id,
             behavior_tree=self.tree_id,
             path=sanitize_for_message(path),
             operator_id=operator,
-            since=self._runtime.clock.stamp(),
+            since=is_paused_since or self._runtime.clock.stamp(),
             reason=sanitize_for_message(reason, _REASON_LENGTH),
             not_paused=[sanitize_for_message(line, _REASON_LENGTH) for line in self._control.not_paused],
         )

@@ -232,7 +232,9 @@ def test_who_keeps_a_tree_paused_is_shown_when_it_changes(world: ServerWorld, de
 
     def shown(operator: str, reason: str) -> None:
         wait_until(
-            lambda: [(one.path, one.operator_id, one.reason) for one in debugger.shown.holds] == [('', operator, reason)],
+            lambda: (
+                [(one.path, one.operator_id, one.reason) for one in debugger.shown.holds] == [('', operator, reason)]
+            ),
             lambda: f'{operator!r}, {reason!r}; {debugger.shown.holds}',
         )
 
@@ -241,11 +243,11 @@ def test_who_keeps_a_tree_paused_is_shown_when_it_changes(world: ServerWorld, de
     shown('', 'the owner is late')
     since = debugger.shown.holds[0].since
     assert debugger.ask(Request.PAUSE) == ''
-    shown('ann', 'paused; the owner is late')
+    shown('ann', 'the owner is late; also a pause')
     running.run.hold('')
     shown('ann', 'paused')
     running.run.hold('the owner is late again')
-    shown('ann', 'paused; the owner is late again')
+    shown('ann', 'the owner is late again; also a pause')
     assert debugger.ask(Request.RESUME) == ''
     shown('', 'the owner is late again')
     assert debugger.shown.holds[0].since == since  # it was held all the time

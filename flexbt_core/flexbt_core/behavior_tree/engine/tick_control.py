@@ -48,7 +48,8 @@ class TickControl:
 
     The host ticks by :meth:`tick`; it need not wait for the clock while :attr:`paused`, and must not sleep while
     :attr:`pending`. ``on_command()`` is called, from any thread, when the host should call :meth:`tick` soon, and
-    ``on_change(paused)`` on the thread of the host. :meth:`close` ends the control.
+    ``on_change(paused)`` on the thread of the host, also when only the :attr:`reason` has changed. :meth:`close` ends
+    the control.
     """
 
     def __init__(self, on_command: Callable[[], None], on_change: Callable[[bool], None]) -> None:
@@ -58,7 +59,7 @@ class TickControl:
         self._lock = threading.Lock()
         self._asked_to_pause = False
         self._hold = ''
-        self._paused = False
+        self._why = ''  # the reason for which it is paused now
         self._is_held_in_tick = False
         self._step: TickCommandReply = _ignore
         self._closed: str | None = None
@@ -67,17 +68,24 @@ class TickControl:
 
     @property
     def paused(self) -> bool:
-        return self._paused
+        return bool(self._why)
+
+    @property
+    def is_paused_by_command(self) -> bool:
+        """True if a command has paused the tree, whether or not the host holds it as well."""
+        return self._asked_to_pause
 
     @property
     def reason(self) -> str:
-        """The reason of the host to hold the tree, or ''."""
-        return self._hold
+        """Why the tree is to be paused: 'paused' for a command, the reason of the host to hold it, or both; else ''."""
+        if not self._asked_to_pause:
+            return self._hold
+        return f'{self._hold}; also a pause' if self._hold else 'paused'
 
     @property
     def pending(self) -> bool:
         """True if there are commands that :meth:`tick` would run."""
-        return bool(self._commands) or self._is_to_pause is not self._paused
+        return bool(self._commands) or self.reason != self._why
 
     def command(self, command: TickCommand, answer: TickCommandReply) -> None:
         """Queue a command. PAUSE is answered once the current tick has ended, STEP when its tick has ended; PAUSE and
@@ -116,7 +124,7 @@ class TickControl:
         """
         step = self._obey(tree)
         if step is None:
-            return None if self._paused else tree.tick_once()
+            return None if self.paused else tree.tick_once()
         self._step = step
         try:
             status = tree.tick_exactly_once()
@@ -132,7 +140,7 @@ class TickControl:
     def held_in_tick(self, tree: Tree) -> Iterator[None]:
         """Return a context in which the tree is held within a tick, on its thread. Commands that wait for the end of
         the tick are answered: they have their effect after it. Raises NodeExecutionError if a leaf does not resume."""
-        was_paused = self._paused
+        was_paused = self.paused
         with self._lock:
             self._is_held_in_tick = True
             waiting = [answer for command, answer in self._commands if command is not TickCommand.STEP]
@@ -160,10 +168,6 @@ class TickControl:
         step, self._step = self._step, _ignore
         return step
 
-    @property
-    def _is_to_pause(self) -> bool:
-        return self._asked_to_pause or bool(self._hold)
-
     def _obey(self, tree: Tree) -> TickCommandReply | None:
         """Run commands up to the first valid STEP and return its reply callback; None if the queue has none."""
         while True:
@@ -183,17 +187,18 @@ class TickControl:
                 answer('')
             elif self._hold:
                 answer(f'the tree is held: {self._hold}')
-            elif self._paused:
+            elif self.paused:
                 return answer
             else:
                 answer('the tree is not paused; pause it before you step it')
 
     def _settle(self, tree: Tree) -> None:
-        paused = self._is_to_pause
-        if paused is self._paused:
+        why, before = self.reason, self._why
+        if why == before:
             return
-        self._paused = paused
-        self.not_paused = tree.pause() if paused else ()
-        self._on_change(paused)
-        if not paused:
+        self._why = why
+        if not (why and before):
+            self.not_paused = tree.pause() if why else ()
+        self._on_change(self.paused)
+        if not why:
             tree.resume()
