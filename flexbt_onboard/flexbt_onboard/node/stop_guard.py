@@ -133,7 +133,7 @@ class StopGuard:
         LivelinessWatch(
             runtime,
             names.ONBOARD_EXECUTIVE,
-            on_change=lambda is_alive: None if is_alive else self._take_over(),
+            on_change=lambda is_alive: None if is_alive else self._executive_has_gone(),
             on_late=lambda is_late: self._take_over() if is_late else None,
         )
         CommandIntake(runtime, self._on_stop, functools.partial(log_to_node, node), only_stops=True)
@@ -154,17 +154,16 @@ class StopGuard:
             stop.id = stop_id = uuid.uuid4().hex  # apply the STOP anyway, although its result cannot be reported
         if stop_id in self._known:
             return
-        self._known[stop_id] = None
-        if len(self._known) > _KNOWN_STOPS:
-            self._known.popitem(last=False)
         operator = one_line(stop.operator_id, COMMAND_LENGTHS['operator_id'])
-        self._open[stop_id] = ExecutiveCommand(
-            id=stop_id,
-            stamp=stop.stamp,
-            kind=ExecutiveCommand.STOP,
-            operator_id=operator,
-            run_id=stop.run_id[: COMMAND_LENGTHS['run_id']],
-            reason=stop.reason[: COMMAND_LENGTHS['reason']],
+        self._add(
+            ExecutiveCommand(
+                id=stop_id,
+                stamp=stop.stamp,
+                kind=ExecutiveCommand.STOP,
+                operator_id=operator,
+                run_id=stop.run_id[: COMMAND_LENGTHS['run_id']],
+                reason=stop.reason[: COMMAND_LENGTHS['reason']],
+            )
         )
         if len(self._open) > _OPEN_STOPS:
             self._open.popitem(last=False)
@@ -176,6 +175,17 @@ class StopGuard:
             self._is_told_soon = True
             self._plan(TELL_SECONDS)
         self._take_answers()  # the answer may have arrived before the STOP
+
+    def _add(self, stop: ExecutiveCommand) -> None:
+        stop_id = str(stop.id)
+        self._open[stop_id], self._known[stop_id] = stop, None
+        while len(self._known) > _KNOWN_STOPS:
+            self._known.popitem(last=False)
+
+    def _add_anew(self, stop: ExecutiveCommand) -> None:
+        """Add a STOP under another id: the next executive may know the result of the old one from its journal."""
+        stop.id = uuid.uuid4().hex
+        self._add(stop)
 
     def _on_status(self, received: Received) -> None:
         self._newest = received
@@ -212,11 +222,16 @@ class StopGuard:
         applied, self._applied = self._applied, None
         if applied is None or self._runtime.steady.now() > applied.until:
             return
-        stop = applied.stop
-        stop.id = uuid.uuid4().hex  # executives know the result of the old one
-        self._known[stop.id] = None
-        self._open[stop.id] = stop
+        self._add_anew(applied.stop)
         self._hold()
+
+    def _executive_has_gone(self) -> None:
+        """Ask the next executive for all that this one has not answered, or has just applied."""
+        waiting = list(self._open.values())
+        self._open.clear()
+        for stop in waiting:
+            self._add_anew(stop)
+        self._take_over()
 
     def _hold(self) -> None:
         self._motion.hold()

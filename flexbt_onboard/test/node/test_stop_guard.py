@@ -150,6 +150,24 @@ def test_an_executive_that_ends_just_after_its_answer_has_not_stopped_everything
     wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
 
 
+def test_a_stop_that_an_executive_has_not_answered_before_its_end_is_a_new_one_for_the_next(world: World) -> None:
+    with NodeRuntime.open(names.ONBOARD_EXECUTIVE) as executive:
+        LivelinessToken(executive).set_ready(True)
+        follows = LivelinessWatch(world.runtime, names.ONBOARD_EXECUTIVE)
+        wait_until(lambda: follows.ready, 'the executive')
+        stop_id = world.stop()
+        world.wait_holding(stop_id)
+    world.begin_executive()
+    again = wait_until(lambda: next((one for one in world.heard if one.id != stop_id), None), 'the STOP, as a new one')
+    assert again.operator_id == 'ann'
+    world.answer(stop_id, executive='two')  # as its journal says; it has stopped nothing
+    count = len(world.statuses)
+    wait_until(lambda: len(world.statuses) > count + 1, 'the guard goes on holding the robot')
+    world.answer(again.id, executive='two')
+    wait_until(lambda: not world.last.holding, 'the guard lets the robot go')
+    assert [now for now, _ in groupby(status.holding for status in world.statuses)] == [False, True, False]
+
+
 def test_a_run_that_has_begun_after_a_stop_is_not_stopped_when_its_executive_ends(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
