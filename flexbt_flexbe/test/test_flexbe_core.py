@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.clock.clock import ManualClock
-from flexbt_core.state_machine.engine.operator_commands import set_autonomy
+from flexbt_core.state_machine.engine.operator_commands import pause, resume, set_autonomy
 from flexbt_core.state_machine.model.state_host import Severity
 from flexbt_flexbe import (
     Autonomy,
@@ -443,6 +443,28 @@ def test_a_state_finds_what_flexbe_gives_to_each(bench: StateBench) -> None:
         True,
         ('my own', 'ProxySubscriberCached', True),
     ]
+
+
+@pytest.mark.parametrize(
+    'name', ['_host', 'activity', 'progress', 'halting', 'not_paused', 'clock', 'services', 'skill']
+)
+def test_a_state_may_have_attributes_of_names_that_flexbe_does_not_use(bench: StateBench, name: str) -> None:
+    class Own(EventState):
+        def __init__(self) -> None:
+            super().__init__(outcomes=['done'])
+            setattr(self, name, 0.5)
+
+        def execute(self, userdata: Any) -> str | None:
+            return 'done' if resumed else None
+
+    resumed: list[None] = []
+    going = bench.run_state(Own)
+    wait_until(going.active, 'active')
+    assert going.answer_to(pause) is None
+    wait_until(lambda: [one.is_paused for one in going.active()] == [True], 'paused')
+    resumed.append(None)
+    assert going.answer_to(resume) is None
+    assert (going.wait(), going.errors()) == ('done', '')
 
 
 def test_a_state_finds_the_outcome_that_the_operator_forced(bench: StateBench) -> None:

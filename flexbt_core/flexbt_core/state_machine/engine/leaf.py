@@ -35,7 +35,8 @@ class LeafRun:
 
     ``outcome`` is the outcome that the state wants to be left by. ``choice`` is the prompt and the suggestion of a
     question to the operator. ``is_entered`` is true until ``on_exit`` is called. Call all methods except :meth:`wake`
-    on the thread of the run.
+    on the thread of the run. What FlexBE's states do not have, such as ``progress``, is called by their class: they may
+    have attributes of these names.
     """
 
     def __init__(self, engine: Engine, definition: StateDefinition) -> None:
@@ -210,23 +211,23 @@ class LeafRun:
             return self._never_halted
         if type(self.state).halting is EventState.halting:  # most states have nothing to wait for
             return None
-        halting = self.call('halting', self.state.halting)
+        halting = self.call('halting', type(self.state).halting, self.state)
         if halting is _Raised.RAISED:
             halting = self._never_halted = 'halting() raised'
         return halting
 
     def activity(self) -> list[str] | None:
         """Return the activity that the state reports; None if it raised."""
-        return self._lines('activity', self.state.activity)
+        return self._lines('activity', type(self.state).activity)
 
     def progress(self) -> Progress | None:
         """Return the progress that the state reports; None if it has none or raised."""
-        progress = self.call('progress', self.state.progress)
+        progress = self.call('progress', type(self.state).progress, self.state)
         return progress if isinstance(progress, Progress) else None
 
     def not_paused(self) -> list[str] | None:
         """Return the work that continues while the state is paused, as it reports it; None if it raised."""
-        return self._lines('not_paused', self.state.not_paused) if self.is_paused else []
+        return self._lines('not_paused', type(self.state).not_paused) if self.is_paused else []
 
     def next_wake(self) -> float | None:
         """Return the time of the next execution without a wake-up, on the run's clock."""
@@ -286,8 +287,8 @@ class LeafRun:
             )
         return outcome
 
-    def _lines(self, what: str, callback: Callable[[], Iterable[object]]) -> list[str] | None:
-        lines = self.call(what, lambda: [str(line) for line in callback()])
+    def _lines(self, what: str, callback: Callable[[EventState], Iterable[object]]) -> list[str] | None:
+        lines = self.call(what, lambda: [str(line) for line in callback(self.state)])
         return None if lines is _Raised.RAISED else lines
 
     def _fail(self) -> None:

@@ -90,7 +90,7 @@ class EventState:
         self.exit_reason: ExitReason | None = None
         self.is_resumed = False
         """True in and after on_enter if an interrupted run continues in this state."""
-        self._host: StateHost | None = None
+        self.__host: StateHost | None = None  # a state of a user may have a _host of its own
 
     # -- callbacks ---------------------------------------------------------------------------------------------------
 
@@ -156,11 +156,11 @@ class EventState:
     @property
     def bound_to(self) -> StateHost | None:
         """The host of the state in a run; None if it is not part of a run."""
-        return self._host
+        return self.__host
 
     def bind(self, host: StateHost | None) -> None:
         """Bind the state to its host in a run, or unbind it with None. For the host of the state."""
-        self._host = host
+        self.__host = host
 
     @property
     def type_name(self) -> str:

@@ -198,9 +198,11 @@ def test_what_a_state_tells_the_operator_has_the_types_of_messages() -> None:
     ('value', 'is_usable'), [(fractions.Fraction(7, 2), True), (2, True), ('far', False), (None, False)]
 )
 def test_the_progress_of_a_state_has_the_types_of_its_message(value: Any, is_usable: bool) -> None:
-    state = Scripted()
-    state.progress = lambda: Progress(distance=value, poses=10**6, recoveries=-1)  # type: ignore[method-assign]
-    bench = Bench(nested(state, 'A'))
+    class Moving(Scripted):
+        def progress(self) -> Progress:
+            return Progress(distance=value, poses=10**6, recoveries=-1)
+
+    bench = Bench(nested(Moving(), 'A'))
     (leaf,) = bench.run.active_states()
     told = leaf.progress()
     if is_usable:
@@ -311,9 +313,8 @@ def test_what_a_state_reports_of_its_work_is_text() -> None:
 
 @pytest.mark.parametrize('report', ['activity', 'progress', 'not_paused'])
 def test_a_report_that_raises_is_a_fault_of_that_report(report: str) -> None:
-    state = Scripted()
-    setattr(state, report, lambda: 1 / 0)
-    bench = Bench(nested(state, 'A'))
+    broken = type('Broken', (Scripted,), {report: lambda _: 1 / 0})
+    bench = Bench(nested(broken(), 'A'))
     bench.pause()
     (leaf,) = bench.run.active_states()
     assert getattr(leaf, report)() is None
