@@ -290,7 +290,7 @@ class TreeGoals:
         running.run.hold(self._reason_to_hold(newer))
         self.end(older, _replaced())
         if newer.stop_reason is not None:
-            running.run.stop(newer, newer.stop_reason)
+            running.run.stop(newer, newer.stop_reason, newer.stop_within)
 
     def _on_end(self, running: RunningTree, outcome: RunOutcome) -> None:
         self.running.remove(running)
@@ -314,6 +314,7 @@ class TreeGoals:
         """Stop the work for a goal within this many seconds of wall time, by default the cancel timeout."""
         if goal.stop_reason is None:
             goal.stop_reason = reason
+        goal.stop_within = goal.stop_within if within is None else within
         if goal.running is None:  # the reader is looking for its tree, on a disk that may not answer
             self.end(goal, RunOutcome(ExecuteResult.CANCELED, reason))
         elif goal.running.goal is goal:
@@ -382,7 +383,8 @@ class TreeGoal(ABC):
     ``served`` is the goal of the action server, ``action`` the name of its action. ``tree`` is the requested tree, by
     ID or file, ``blackboard`` the blackboard of the run, ``owner`` the node that must stay alive meanwhile, or '', and
     ``owner_process`` its process, or '' for any.
-    ``running`` is set once a tree runs for the goal or the goal is offered to a run, ``stop_reason`` once it must stop.
+    ``running`` is set once a tree runs for the goal or the goal is offered to a run, ``stop_reason`` once it must stop,
+    and ``stop_within`` if the time for that is not the cancel timeout.
     ``leave_queue`` removes it from the queue of the reader thread. ``on_ended`` is called when the result was sent.
     """
 
@@ -406,6 +408,7 @@ class TreeGoal(ABC):
         self.leave_queue: Callable[[], None] = lambda: None
         self.on_ended: Callable[[], None] = lambda: None
         self.stop_reason: str | None = None
+        self.stop_within: float | None = None
         self.notice = ''
         self.running: RunningTree | None = None
         self.found: FoundTree | None = None

@@ -25,7 +25,9 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.entries import Encoding, from_entry, to_entry
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_msgs.action import BtExecute, BtLoad, BtSetData
+from flexbt_server.actions.tree_goals import RunningTree, TreeGoals
 from flexbt_server.bt_server import BtServer
+from flexbt_server.runs.run_events import RunAdopted
 from flexbt_server.runs.tree_run import TickOverrunWarner
 from flexbt_testing.behavior_trees import faulty_leaves as bt_faulty_leaves
 from flexbt_testing.behavior_trees.faulty_leaves import Held, Work, tree_threads
@@ -206,6 +208,29 @@ def test_the_end_of_the_server_waits_for_no_leaf_and_tells_the_client(body: str)
         began = uncontended_time()
         world.server_runtime.close()
         assert uncontended_time() - began < 1.7
+        assert goal.result.code == Result.ERROR
+        assert goal.result.message.startswith('the BT server is shutting down; not halted in time')
+        Held.release.set()
+    wait_until(lambda: not tree_threads(), 'the end of the threads')
+
+
+def test_a_goal_that_takes_a_tree_over_as_the_server_ends_has_the_time_to_halt_of_that(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    note = TreeGoals.note
+
+    def note_late(goals: TreeGoals, running: RunningTree, event: Any) -> None:
+        if isinstance(event, RunAdopted):  # the thread of the tree has told that, and nobody has heard it yet
+            goals.stop_each('the BT server is shutting down', within=0.1)
+        note(goals, running, event)
+
+    Held.reset()
+    with open_server_world(cancel_timeout=60.0) as world:
+        world.client.load_tree('<NeverRests/>')
+        world.client.execute()
+        wait_until(lambda: any(one.run.tree for one in world.server.goals.running.all()), 'the tree')
+        monkeypatch.setattr(TreeGoals, 'note', note_late)
+        goal = world.client.execute()
         assert goal.result.code == Result.ERROR
         assert goal.result.message.startswith('the BT server is shutting down; not halted in time')
         Held.release.set()
