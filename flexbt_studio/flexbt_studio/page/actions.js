@@ -35,12 +35,11 @@ export class Actions {
   get isTree() { return this.file?.language === 'xml'; }
 
   // Carry out a gesture, and select what it is about.
-  async run(make, then = () => null, told = '') {
-    const {file} = this;
+  async run(make, then = () => null, told = '', file = this.file) {
     const change = await file.gesture(make);
     if (!change) return false;
-    const path = then();
-    if (path !== null && file === this.file) this.studio.select(path, {isMoved: true});
+    const path = file === this.file ? then() : null;
+    if (path !== null) this.studio.select(path, {isMoved: true});
     if (told) this.studio.told(typeof told === 'function' ? told() : told);
     return true;
   }
@@ -50,10 +49,10 @@ export class Actions {
     let path = null;
     return this.run(() => {
       const now = this.studio.now(part);
-      if (this.studio.part(now?.path) !== now) throw new Error(`${part?.title ?? 'it'} has gone since; nothing was changed`);
+      if (!now) throw new Error(`${part?.title ?? 'it'} has gone since; nothing was changed`);
       path = now.path;
       return make(path);
-    }, () => then(path), told);
+    }, () => then(path), told, part?.file);
   }
 
   // A gesture of the form of a part, whose state that of an outcome is.
@@ -201,9 +200,11 @@ export class Actions {
   }
 
   // Give a tree, a node or a state another name in all files, and select it again.
-  async renameTo(part, name) {
-    const {file} = this, at = part.span[0];
-    if (name === '' || !await this.studio.names.rename({offset: this.studio.names.placeOf(part), name})) return;
+  async renameTo(asked, name) {
+    const part = this.studio.now(asked);
+    if (!part) { this.studio.told(`${asked.title} has gone since; nothing was renamed`, 'warning'); return; }
+    const {file} = part, at = part.span[0];
+    if (name === '' || !await this.studio.names.rename({file, offset: this.studio.names.placeOf(part), name})) return;
     await file.settled();
     const same = [...file.parts.values()].find((one) => one.span[0] === at && one.kind === part.kind);
     if (same && file === this.file) this.studio.select(same.path, {isMoved: true});

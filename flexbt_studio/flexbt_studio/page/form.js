@@ -90,7 +90,7 @@ export class Form {
 
   tree(part) {
     const {data} = part;
-    return [this.buttons(['add_child', 'Add Child'], ['rename', 'Rename…'], ['paste', 'Paste']), ...this.problems(part), this.field('ID', data.id, (value) => this.on.rename(value), {isFirst: true, hint: 'what names it follows, in all files'}), this.comment(part, 'node')];
+    return [this.buttons(['add_child', 'Add Child'], ['rename', 'Rename…'], ['paste', 'Paste']), ...this.problems(part), this.field('ID', data.id, (value) => this.on.rename(part.part, value), {isFirst: true, hint: 'what names it follows, in all files'}), this.comment(part, 'node')];
   }
 
   node(part) {
@@ -115,7 +115,7 @@ export class Form {
     const given = Object.keys(CONDITIONS).filter((name) => values.has(name));
     return [
       this.keys(), this.buttons(['set_type', `${data.type} – Change…`], ['add_after', 'Add After'], ['add_child', 'Add Child'], ['wrap', 'Wrap…'], ['remove', 'Remove']), ...this.problems(part),
-      this.field('name', values.get('name') ?? '', (value) => (value && values.get('name') ? this.on.rename(value) : set('name')(value)), {placeholder: data.type, words: () => []}), ...fields, ...others,
+      this.field('name', values.get('name') ?? '', (value) => (value && values.get('name') ? this.on.rename(part.part, value) : set('name')(value)), {placeholder: data.type, words: () => []}), ...fields, ...others,
       html('button', {type: 'button', onclick: () => this.add(part, 'set_value')}, isSubTree ? 'Hand Over a Key…' : 'Add an Attribute…'), this.comment(part, 'node'),
       html('details', {open: given.length > 0}, html('summary', {}, `Conditions${given.length ? ` (${given.length})` : ''}`), ...Object.entries(CONDITIONS).map(([name, hint]) => this.field(name, values.get(name) ?? '', set(name), {hint}))),
       ...(type?.documentation ? [html('details', {}, html('summary', {}, `Help: ${data.type}`), html('p', {class: 'hint'}, type.documentation))] : []),
@@ -133,7 +133,7 @@ export class Form {
     const edit = (name, args) => this.edit(part, name, {state: path, ...args});
     const parts = [...(isLocked ? [html('p', {class: 'warning'}, `Locked: ${data.locked}`)] : []), ...this.problems(part)];
     parts.unshift(this.buttons(...(isContainer ? [['add_child', 'Add State']] : []), ...(isRoot ? [] : [['add_after', 'Add Beside'], ['set_initial', 'Make Initial'], ['remove', 'Remove']])));
-    if (!isRoot) parts.push(this.field('its:label', data.label, (label) => this.on.rename(label), {label: 'label', isFirst: true, isReadOnly: isLocked, words: () => []}));
+    if (!isRoot) parts.push(this.field('its:label', data.label, (label) => this.on.rename(part.part, label), {label: 'label', isFirst: true, isReadOnly: isLocked, words: () => []}));
     if (data.type) parts.push(html('p', {class: 'hint'}, `${data.kind} ${data.type}`));
     const known = this.on.typeOf(data)?.parameters ?? [], given = new Map(data.parameters.map((one) => [one.name, one]));
     for (const name of new Set([...known.map((one) => one.name), ...given.keys()])) {

@@ -23,15 +23,15 @@ export class Names {
   }
 
   // Where the name of an item stands; that of the tree for a sub-tree without a name.
-  placeOf({kind, parent, data, open}) {
-    const {file} = this.studio, {attributes = []} = data, named = attributes.find((one) => one.name === 'name') ?? attributes.find((one) => one.name === 'ID');
+  placeOf({file, kind, parent, data, open}) {
+    const {attributes = []} = data, named = attributes.find((one) => one.name === 'name') ?? attributes.find((one) => one.name === 'ID');
     const head = kind === 'state' && !parent ? file.view.behavior?.name_span : null;
     return file.now(head ?? named?.span ?? open)[0];
   }
 
-  // Rename what stands at an offset of the open file. Whether it was done; null if it was left to the user, who did not.
-  async rename({offset = this.place(), name = null} = {}) {
-    const {studio} = this, {file, link} = studio;
+  // Rename what stands at an offset of an open file. Whether it was done; null if it was left to the user, who did not.
+  async rename({file = this.studio.file, offset = this.place(), name = null} = {}) {
+    const {studio} = this, {link} = studio;
     return file.watching(async (watch) => {
       await this.settled();
       const here = () => mapOffset(watch.change, offset), meant = await link.request('name', {file: file.name, offset: here()});

@@ -56,7 +56,7 @@ class Studio {
     this.recordings = new Recordings(this);
     this.form = new Form({
       gesture: (part, name, args) => this.actions.change(part, name, args), now: (part) => this.now(part), can: (name) => this.file.gestures.includes(name), isPython: () => this.file.language === 'python', act: (id) => this.run(id), typeOf: (data) => this.typeOf(data), keys: () => this.keys(),
-      trees: () => Object.keys(this.treeFiles), rename: (name) => this.actions.renameTo(this.part(this.file.selected), name), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
+      trees: () => Object.keys(this.treeFiles), rename: (part, name) => this.actions.renameTo(part, name), target: (path, outcome) => this.actions.target(path, outcome), leave: () => this.graph.focus(),
     });
     this.palette = new Palette({add: (entry) => this.actions.add('after', entry).then(() => this.graph.focus()), drag: (event, entry) => this.graph.drag(event, null, entry)});
     this.names = new Names(this);
@@ -249,11 +249,11 @@ class Studio {
     this.palette.show(this.entries());
   }
 
-  // What the graph has, by path: {path, kind, title, span, open, data, parent, children}.
+  // What the graph has, by path: {file, path, kind, title, span, open, data, parent, children}.
   outline(file) {
     const {view} = file, parts = new Map();
     const put = (part, parent) => {
-      Object.assign(part, {parent, children: []});
+      Object.assign(part, {file, parent, children: []});
       parent?.children.push(part);
       parts.set(part.path, part);
     };
@@ -271,11 +271,11 @@ class Studio {
     file.parts = parts;
   }
 
-  // What a part of an earlier graph of a file has become; null if it is gone.
+  // What a part of an earlier graph of a file has become; null if it is gone, or its file is closed.
   now(part) {
     let one = part;
     while (one?.later) one = one.later;
-    return one?.later === null ? null : one;
+    return one && this.open.get(one.file.name)?.parts.get(one.path) === one ? one : null;
   }
 
   part(path) { return this.file?.parts.get(path) ?? null; }

@@ -466,9 +466,11 @@ def test_what_was_begun_at_a_node_is_for_that_node_wherever_it_is_then(
         assert page.shown_text == text
 
 
+@pytest.mark.parametrize('name', ['', 'name="Nap" '])
 def test_what_was_typed_for_a_node_that_another_page_removes_is_for_no_other(
-    page: StudioPage, other: StudioPage, folder: Path
+    page: StudioPage, other: StudioPage, folder: Path, name: str
 ) -> None:
+    (folder / 'main.xml').write_text(TREE.replace('<Wait ', f'<Wait {name}'))
     with served(folder, None) as port:
         for one in (page, other):
             one.open(port, 'main.xml')
@@ -483,6 +485,22 @@ def test_what_was_typed_for_a_node_that_another_page_removes_is_for_no_other(
         page.chord(Keys.ALT, Keys.ARROW_UP)  # what was begun before is done by then
         page.until_told('Recover: 1 of 2')
         assert 'Rest' not in page.shown_text
+
+
+@pytest.mark.parametrize(('field', 'text'), [('wait_duration', 'wait_duration="1.07"'), ('name', 'name="Nap7"')])
+def test_what_was_typed_while_another_file_is_opened_is_for_its_own_file(
+    page: StudioPage, folder: Path, field: str, text: str
+) -> None:
+    (folder / 'main.xml').write_text(TREE.replace('<Wait ', '<Wait name="Nap" '))
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.click('Main/0/1')
+        page.run(f'document.getElementById("field-{field}").focus()')
+        page.press(Keys.END, '7')
+        page.go('more/recover.xml')
+        page.until(lambda: page.focused.startswith('Recover'))
+        page.go('main.xml')
+        page.until(lambda: text in page.shown_text)
 
 
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
