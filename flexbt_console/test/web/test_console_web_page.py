@@ -779,6 +779,14 @@ def test_a_lost_server_is_told_and_found_again(browser: Browser) -> None:
         assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.PAUSE]
 
 
+def test_a_key_is_answered_also_while_nothing_was_heard(browser: Browser) -> None:
+    with served({'robot': WebRobot().station()}, Access('127.0.0.1', 'secret')) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/#token=another')
+        browser.until_text('alarm', 'the token is missing or wrong')
+        browser.press('p')
+        browser.until_text('told', 'nothing was sent')
+
+
 def test_a_page_that_comes_back_is_not_live_before_it_has_heard_anything(browser: Browser) -> None:
     robot = WebRobot()
     leave = 'dispatchEvent(new PageTransitionEvent(arguments[0], {persisted: true}));'

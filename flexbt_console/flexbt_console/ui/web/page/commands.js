@@ -64,7 +64,7 @@ export class Commands {
   }
 
   toggle(id) {
-    const {line, since} = this.meanings.get(id);
+    const {line = id, since = -Infinity} = this.meanings.get(id) ?? {};  // nothing was heard of the robot yet
     if (performance.now() - since < REACTION_MS) this.tell(`nothing was sent: this button has just come to mean "${plain(line)}". Press it again`, 'warning');
     else this.do(line);
   }
