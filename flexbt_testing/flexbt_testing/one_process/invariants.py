@@ -582,6 +582,9 @@ class _Robot:
     def goes_on(self) -> None:
         """Note that a program sends its next goal, or a run begins: the STOP is over."""
         self._wanted_at = SCHEDULER.now
+        self._forget_stops()
+
+    def _forget_stops(self) -> None:
         self._rest_by = [one for one in self._rest_by if 'STOP' not in one[2]]
 
     # -- regular checks
@@ -599,8 +602,9 @@ class _Robot:
             self._driven_at = now
             return
         guard = self._world.processes[named(self.namespace, 'stop_guard')]
-        if not (executive.works or guard.works):
-            self._stop_at = None  # nobody is there to stop it
+        if not (executive.works or guard.works):  # nobody is there to stop it
+            self._stop_at = None
+            self._forget_stops()
         if self._stop_at is not None and now >= self._stop_at and not robot.at_rest:
             self._say(2, f'it moves {(now - self._stop_at) / SECOND:.2f} s after it had to be at rest', 'stop')
         if robot.at_rest:

@@ -94,6 +94,16 @@ def test_a_stop_whose_executive_hangs_while_a_hung_bt_server_has_not_canceled_is
     assert run_one(Job(plan)).violations == []
 
 
+def test_a_stop_after_which_nobody_is_there_need_not_stop_what_a_program_drives() -> None:
+    steps = (
+        Step(0.010052, 'kill', 'stop_guard', 2.279, 'command 2'),
+        Step(0.152, 'stop', 'engineer', 0.354, 'fault 1'),
+        Step(1.866452, 'hang', 'onboard_executive', 2.574),
+    )
+    plan = Plan(130680, 'nav2_robot', 'abstract', behavior='', autonomy='FULL', preemption=0.1, steps=steps)
+    assert run_one(Job(replace(plan, seconds=6.0, answers=((0.28, 0.197),)))).violations == []
+
+
 def test_a_stop_need_not_discover_what_a_program_drives_by() -> None:
     steps = (
         Step(0.659, 'hang', 'stop_guard', 8.977),
