@@ -24,7 +24,7 @@ from flexbt_onboard.runs import motion_stop
 from flexbt_onboard.runs.motion_stop import MotionParameters, MotionStop
 
 SERVERS = ('spin', 'navigate_to_pose', 'drill', 'follow_path', 'dock_robot', 'bt_executor', 'backup')
-PERIOD, REST_SECONDS, FRONT_SECONDS = 1 / 16, 1 / 4, 3 / 16
+PERIOD, REST_SECONDS, FRONT_SECONDS, HELD_FRONT_SECONDS = 1 / 16, 1 / 4, 3 / 16, 2 / 16
 """Other than those of the product, for sums without rounding."""
 
 FRONT, MIDDLE, REST = ['bt_executor'], ['dock_robot', 'navigate_to_pose'], ['follow_path', 'spin', 'backup']
@@ -50,8 +50,8 @@ class Surroundings:
         self.tell: dict[str, Callable[[Any], None]] = {}
         monkeypatch.setattr(motion_stop, '_PERIOD', PERIOD)
         monkeypatch.setattr(motion_stop, '_REST_SECONDS', REST_SECONDS)
-        for front in ('_FRONT_SECONDS', '_HELD_FRONT_SECONDS'):
-            monkeypatch.setattr(motion_stop, front, FRONT_SECONDS)
+        monkeypatch.setattr(motion_stop, '_FRONT_SECONDS', FRONT_SECONDS)
+        monkeypatch.setattr(motion_stop, '_HELD_FRONT_SECONDS', HELD_FRONT_SECONDS)
         monkeypatch.setattr(motion_stop, 'ServiceCall', self._ask)
         monkeypatch.setattr(motion_stop, 'ReceivedMessages', self._subscribe)
         this: Any = self
@@ -194,15 +194,15 @@ def test_all_goals_are_canceled_every_ten_periods_those_that_send_others_first(a
     assert around.take_cancels() == []
     around.steady.set(second)
     assert around.take_cancels() == FRONT, 'again'
-    around.steady.set(second + FRONT_SECONDS - 0.01)
+    around.steady.set(second + HELD_FRONT_SECONDS - 0.01)
     assert around.take_cancels() == []
-    around.steady.set(second + FRONT_SECONDS)
+    around.steady.set(second + HELD_FRONT_SECONDS)
     assert around.take_cancels() == [*MIDDLE, *REST], 'whose turn comes although nobody answers'
     around.answer(*MIDDLE, *REST)
     around.servers = ('spin',)
     around.steady.set(third)
     assert around.take_cancels() == []
-    around.steady.set(third + FRONT_SECONDS)
+    around.steady.set(third + HELD_FRONT_SECONDS)
     assert around.take_cancels() == ['spin'], 'the others have no server any more'
 
 
@@ -210,7 +210,9 @@ def test_goals_of_others_are_canceled_where_they_are_sent_and_only_once(around: 
     around.stop.cancel_others()
     around.stop.cancel_others()  # the first one goes on
     assert around.take_cancels() == FRONT
-    around.steady.advance(0.21)
+    around.steady.advance(FRONT_SECONDS - 0.01)
+    assert around.take_cancels() == [], 'longer than where the robot is held'
+    around.steady.advance(0.01)
     assert around.take_cancels() == MIDDLE
     around.stop.cancel_others()
     assert around.take_cancels() == [], 'the answers are pending'
