@@ -400,8 +400,9 @@ def test_a_double_click_and_a_key_that_is_held_down_press_once(browser: Browser)
         browser.until_live()
         browser.until_it_may_be_answered()
         double_click('#machine .choice[id="s2o0"] rect')  # the first click puts the decision into the bar
-        browser.until_text('told', 'nothing was sent')
+        browser.until(lambda: 'nothing was sent' in browser.text('log') + browser.text('told'))
         double_click('#queue [title="Remove entry 5"]')
+        browser.until(lambda: 'nothing was done at the second press' in browser.text('log') + browser.text('told'))
         browser.run('document.getElementById("pause").focus()')
         for number in range(4):
             held = {'type': 'keyDown', 'autoRepeat': number > 0, **enter}

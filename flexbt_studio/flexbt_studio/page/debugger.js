@@ -41,7 +41,7 @@ export class Debugger {
     this.log = html('ol', {id: 'debug-log', class: 'list', 'aria-label': 'answers of the robot'});
     this.pane = html('details', {id: 'debug', open: true, hidden: true}, html('summary', {}, 'Debugger'), this.who, this.buttons,
       html('div', {class: 'buttons'}, act('why', 'Why Not Running', 'q', () => this.why()), act('board', 'Blackboard', '', () => this.board()), act('userdata', 'Userdata', '', () => this.do('userdata', null, true)), act('switch', 'Use This Version…', '', () => this.offer())), this.set, this.data, this.log);
-    pressedOnce('#held button, #debug button');
+    pressedOnce('#held button, #debug button', (...words) => studio.told(...words));
     document.querySelector('.head').append(this.stop);
     byId('alarm').after(this.bar);
     byId('runs').prepend(this.pane);

@@ -49,7 +49,7 @@ bar.turned = new URL(location).searchParams.get('decision');  // a link of "cons
 let dropping = false;
 for (const [id, by] of [['map-out', 0.8], ['map-in', 1.25], ['map-fit', 0]]) byId(id).addEventListener('click', () => map.zoomBy(by));
 const commands = new Commands({send, tell, bar, now: () => known});
-pressedOnce('button:not(.stop, .zoom *, .timeline *), .choice');
+pressedOnce('button:not(.stop, .zoom *, .timeline *), .choice', tell);
 byId('dialog').addEventListener('close', () => bar.uncovered());
 byId('waiting').addEventListener('change', () => drawPlan());
 byId('drop').addEventListener('click', () => { dropping = !dropping; choose(); });

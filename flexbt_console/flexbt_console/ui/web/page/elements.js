@@ -16,11 +16,13 @@ export const html = (name, attributes = {}, ...parts) => filled(document.createE
 export const svg = (name, attributes = {}, ...parts) => filled(document.createElementNS(NAMESPACE, name), attributes, parts);
 
 // A double click and a key that is held down press what a selector names once: it may mean something else when it has been pressed.
-export function pressedOnce(selector) {
+// tell(text, tone): who presses again on purpose, but soon, is told.
+export function pressedOnce(selector, tell) {
   const once = (kind, isAgain) => document.addEventListener(kind, (event) => {
     if (!isAgain(event) || !event.target.closest?.(selector)) return;
     event.preventDefault();
     event.stopPropagation();
+    if (kind === 'click') tell('A double click presses once: nothing was done at the second press. Press again if you mean it', 'warning');
   }, {capture: true});
   once('click', (event) => event.detail > 1);
   once('keydown', (event) => event.repeat && event.key === 'Enter');
