@@ -269,7 +269,13 @@ def test_an_executive_that_leaves_a_run_behind_says_so_by_its_exit_code(bench: D
 
 def test_a_crash_before_the_first_state_keeps_the_autonomy_of_the_start(bench: DurableBench) -> None:
     bench.launch()
-    bench.send(C.START, behavior='Crash', autonomy=3)
+    start = bench.send(C.START, behavior='Crash', autonomy=3)
+
+    def ends() -> bool:
+        bench.resend(start)  # as a console, while there is no answer
+        return bench.has_ended
+
+    wait_until(ends, 'the crash', every=0.1)
     assert bench.wait_end() == -signal.SIGKILL
     assert bench.launch() == ExecutiveStatus.INTERRUPTED
     assert (bench.status.behavior, bench.status.autonomy) == ('Crash', 3)
