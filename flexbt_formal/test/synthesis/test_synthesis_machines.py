@@ -143,7 +143,7 @@ def test_the_world_that_may_begin_in_several_ways_is_asked_about(heat: str, stat
 
 
 def test_the_operator_is_asked_for_a_value_by_its_name() -> None:
-    """Of numbers that are no values nothing is asked, and nothing is to be done with them."""
+    """Ask nothing about numbers that are no values, and do nothing with them."""
     changes = (
         ('capabilities:', 'variable_mappings: {env_props: {water: {1: cold, 3: warm}}}\ncapabilities:'),
         ("preconditions: ['!press']", "preconditions: ['!press', water=warm]"),

@@ -327,15 +327,16 @@ class _RestsLate(EventState):
         return None if self.rests else 'a goal not confirmed canceled'
 
 
+def driving(state: EventState) -> OperatableStateMachine:
+    """Return a machine of this state only."""
+    made = OperatableStateMachine(outcomes=['finished'])
+    with made:
+        made.add('Drive', state, transitions={'done': 'finished'})
+    return made
+
+
 def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_the_run() -> None:
     state = _RestsLate()
-
-    def machine() -> OperatableStateMachine:
-        made = OperatableStateMachine(outcomes=['finished'])
-        with made:
-            made.add('Drive', state, transitions={'done': 'finished'})
-        return made
-
     with NodeRuntime.open('robot') as robot:
         commands: list[Twist] = []
         poses = robot.call(lambda: robot.node.create_publisher(PoseStamped, names.POSE, 1))
@@ -351,7 +352,7 @@ def test_a_robot_whose_server_ignores_cancels_is_kept_at_rest_after_the_end_of_t
             poses.publish(pose)
             return bool(commands)
 
-        bench = ExecutiveBench(behavior_of(machine))
+        bench = ExecutiveBench(behavior_of(lambda: driving(state)))
         try:
             bench.start()
             bench.wait_active('/Drive')
@@ -402,18 +403,11 @@ class _Drives(EventState):
 
 def test_a_stop_of_a_run_that_has_just_ended_by_itself_stops_what_others_have_begun() -> None:
     state = _Drives()
-
-    def machine() -> OperatableStateMachine:
-        made = OperatableStateMachine(outcomes=['finished'])
-        with made:
-            made.add('Drive', state, transitions={'done': 'finished'})
-        return made
-
     with NodeRuntime.open('robot') as robot:
         spin = ScriptedActionServer(robot, Spin, names.SPIN)
         goal = SentGoal(ActionLinks(robot).link(Spin, names.SPIN), Spin.Goal())
         wait_until(lambda: spin.running, 'the goal of somebody else')
-        bench = ExecutiveBench(behavior_of(machine))
+        bench = ExecutiveBench(behavior_of(lambda: driving(state)))
         try:
             bench.start()
             bench.wait_active('/Drive')
