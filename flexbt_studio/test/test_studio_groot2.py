@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import signal
 import socket
 import subprocess
@@ -18,11 +19,14 @@ import pytest
 import zmq
 from test_studio_server import Page, Refused, with_pages
 
-from flexbt_server.groot2.protocol import HEADER_BYTES, RequestType, reply_header
+from flexbt_core import ManualClock, Tree, TreeLibrary, builtin_registry, load_xml
+from flexbt_server.groot2.protocol import HEADER_BYTES, RequestType, reply_header, request_header
+from flexbt_server.groot2.server import Groot2Server
 from flexbt_studio.server import groot2_robot
 from flexbt_studio.server.groot2_robot import robot_name
 from flexbt_testing.behavior_trees import wheel
 from flexbt_testing.system.processes import free_pair
+from flexbt_testing.waiting import DEADLINE
 
 PROGRAM = Path(__file__).with_name('groot2_program.py')
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Main">
@@ -134,6 +138,39 @@ def test_a_program_is_watched_held_and_released_and_may_hang_and_die(engine: str
             assert 'name="pause"' in (await page.ask('open', file=event['trees'][0]['file']))['text']
 
     with_pages(project, story)
+
+
+def test_a_tree_that_is_held_before_it_was_seen_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has other nodes than the tree before it, which have been ticked, and a breakpoint of another client."""
+    monkeypatch.setattr(groot2_robot, 'PERIOD', 3600.0)
+    monkeypatch.setattr(groot2_robot, 'LONGEST_REST', 3600.0)
+
+    def tree(leaves: int) -> Tree:
+        text = f'<root><BehaviorTree ID="T"><Sequence>{"<AlwaysSuccess/>" * leaves}</Sequence></BehaviorTree></root>'
+        return Tree(TreeLibrary([load_xml(text, 't.xml', builtin_registry())]), 'T', clock=ManualClock())
+
+    async def story(server: Groot2Server, port: int) -> None:
+        told = asyncio.Queue[dict[str, Any]]()
+        robot = groot2_robot.Groot2Robot(robot_name(str(port)), told.put_nowait, lambda file, text: asyncio.sleep(0.0))
+        while not (await told.get())['trees']:
+            pass
+        await robot.command('break AlwaysSuccess::2')
+        larger = tree(5)
+        with server.watch(larger):
+            larger.tick_once()
+            hook = {'enabled': True, 'uid': 2, 'mode': 0, 'once': False, 'desired_status': 'SKIPPED', 'position': 0}
+            server.answer([request_header(RequestType.HOOK_INSERT), json.dumps(hook).encode()])
+            ticking = asyncio.create_task(asyncio.to_thread(larger.tick_once))
+            while not (event := await told.get())['holds']:
+                pass
+            assert (event['holds'][0]['path'], event['trees'][0]['nodes']) == ('AlwaysSuccess::2', 6)
+            await robot.command('tree continue')
+            await ticking
+        await robot.close()
+
+    port = free_pair()
+    with Groot2Server(port) as server, server.watch(tree(1)):
+        asyncio.run(asyncio.wait_for(story(server, port), DEADLINE))
 
 
 class Peer:

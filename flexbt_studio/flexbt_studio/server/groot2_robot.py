@@ -91,6 +91,7 @@ class Groot2Robot:
         self._ends: zmq.asyncio.Socket | None = None
         """Where the ends of the connection are told."""
         self._asking = asyncio.Lock()
+        self._looking = asyncio.Lock()
         self._tree = b''
         """What identifies the tree that is known; nothing while none is."""
         self._trees = 0
@@ -185,7 +186,8 @@ class Groot2Robot:
             while True:
                 began = time.monotonic()
                 try:
-                    await self._look()
+                    async with self._looking:
+                        await self._look()
                     self._problem = ''
                 except StudioError as error:
                     self._problem = one_line(str(error), 300)
@@ -212,7 +214,7 @@ class Groot2Robot:
             await self._read_tree()
             await self._read_hooks()
             return
-        if self._held and statuses != self._statuses:
+        if self._held and self._statuses and statuses != self._statuses:
             self._held = 0  # somebody else has let it go on
         self._statuses = statuses
         if (self._points and time.monotonic() >= self._hooks_due) or any(one.once for one in self._points.values()):
@@ -296,14 +298,16 @@ class Groot2Robot:
             frames = await notices.recv_multipart()
             text = frames[1] if len(frames) == 2 else b''
             uid = int(text) if text.isdigit() and len(text) < 6 else 0
-            if uid in self._nodes and uid not in self._points:  # somebody else has set it
+            if uid in self._points and self._points[uid].kind is not BreakpointKind.BREAK:
+                continue
+            async with self._looking:
                 with contextlib.suppress(StudioError):
-                    await self._read_hooks()
-            if uid in self._points and self._points[uid].kind is BreakpointKind.BREAK:
-                with contextlib.suppress(StudioError):
-                    _, self._statuses = await self._ask_statuses()
-                self._held, self._held_since = uid, time.time()
-                self._show_event()
+                    await self._look()  # it may be another tree by now
+                    if uid in self._nodes and uid not in self._points:  # somebody else has set it
+                        await self._read_hooks()
+                if uid in self._points and self._points[uid].kind is BreakpointKind.BREAK:
+                    self._held, self._held_since = uid, time.time()
+                    self._show_event()
 
     # The protocol.
 
