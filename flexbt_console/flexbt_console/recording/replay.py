@@ -84,7 +84,8 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
     def tell_damage() -> None:
         print(one_line(f'replay: {file}: {DAMAGED}'), file=sys.stderr)
 
-    messages = (one for one in read_run(file, tell_damage) if one.topic not in NOT_REPLAYED)
+    known = TOPICS.keys() - NOT_REPLAYED  # a black box records others, too
+    messages = (one for one in read_run(file, tell_damage) if one.topic in known)
     first = next(messages, None)
     if first is None:
         raise UsageError(f'{file}: has no messages of a run')

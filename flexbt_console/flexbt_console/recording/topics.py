@@ -100,7 +100,7 @@ def full_definition(type: str) -> str:
 
 def check_definition(topic: str, type: str, definition: str, where: str = '') -> None:
     """Raise UsageError if what was recorded of a topic has another type, or other fields, than it has here."""
-    known = TOPICS[topic].type if topic in TOPICS else 'none that is known here'
+    known = TOPICS[topic].type
     if type != known:
         raise UsageError(f'{where}{topic} was recorded with the type {type}, and has {known}')
     if fields_of(full_definition(type)) != fields_of(definition):

@@ -22,6 +22,7 @@ from mcap.exceptions import McapError
 from mcap.reader import SeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
 from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.msg import Log
 from rclpy.duration import Duration
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import LaserScan
@@ -348,6 +349,16 @@ def test_a_replay_beside_a_real_executive_is_refused(executives: Any, tmp_path: 
     run_recorded(executives, file, 'taken', signal.SIGINT)
     code, text = run_replay(str(file), '--namespace', 'taken')
     assert code == ExitCode.NO_LINK and '/taken/executive/status' in text
+
+
+def test_a_replay_leaves_out_the_further_topics_of_a_black_box(tmp_path: Path) -> None:
+    file, type = tmp_path / 'run.mcap', 'rcl_interfaces/msg/Log'
+    with contextlib.closing(RunWriter(file)) as writer:
+        writer.add_topic('/rosout', '/rosout', type, full_definition(type))
+        writer.add('/rosout', serialize_message(Log(msg='hello')), 0, 0)
+        writer.add_topic(names.PLACES, '/places', TOPICS[names.PLACES].type, full_definition(TOPICS[names.PLACES].type))
+        writer.add(names.PLACES, serialize_message(PlaceList()), 1, 1)
+    assert run_replay(str(file), '--namespace', 'further') == (0, '')
 
 
 @given(st.binary(max_size=300))
