@@ -52,6 +52,7 @@ class Ring:
         self._writer: RunWriter | None = None
         self._current: Path | None = None
         self._rolls_at = 0
+        self._full_at = 0.0
         self._is_closed = False
         self.problem: OSError | None = None
         try:
@@ -88,7 +89,7 @@ class Ring:
             if self._is_closed:
                 return
             now, is_ahead = self._now_ns(), self._is_ahead(self._current)
-            if self._writer is None or is_ahead or now >= self._rolls_at or self._writer.size > self._most / SEGMENTS:
+            if self._writer is None or is_ahead or now >= self._rolls_at or self._writer.size > self._full_at:
                 self.roll()
             heard = max(min(heard, now), int(self._current.stem) if self._current else 0)
             if topic in self._latched:
@@ -124,6 +125,8 @@ class Ring:
             for topic, kept in self._latched.items():
                 for message in kept:
                     self._write(topic, *message)
+            # What each file begins with does not count: it may be more than a file is to have, and the next has it too.
+            self._full_at = (self._writer.size if self._writer is not None else 0) + self._most / SEGMENTS
 
     def files(self, since: float = 0.0) -> list[Path]:
         """Return the files that have anything later than ``since``, s since the epoch, oldest first: held ones may be

@@ -172,6 +172,19 @@ def test_the_ring_is_bounded_and_one_for_each_robot(tmp_path: Path) -> None:
         Ring(tmp_path / 'open' / 'robot', 1.0, 10**6)
 
 
+def test_a_ring_whose_files_begin_with_much_turns_no_more_often(tmp_path: Path) -> None:
+    """Else each message would begin a file, and the ring would have the last moment alone."""
+    now = [10**18]
+    ring = filled_ring(tmp_path / 'robot', now, seconds=3600.0, size=1_000_000)
+    ring.add(LOG, serialize_message(String(data=random.Random(1).randbytes(200_000).hex())), now[0], now[0])
+    begin = now[0]
+    for _ in range(100):
+        now[0] += SECOND
+        ring.add(TEXT, serialize_message(String(data='x')), now[0], now[0])
+    assert len(ring.files()) == 2 and int(ring.files()[0].stem) == begin
+    ring.close(keep=False)
+
+
 class Robot:
     """A robot that says what the test wants, and a black box in a process of its own."""
 
