@@ -170,13 +170,14 @@ def _incident_in(folder: Path) -> Incident | None:
 
 
 def incident_named(directory: Path, name: str) -> Incident:
-    """Return the incident whose name begins so; '' is the newest one.
+    """Return the incident of a name, or else the one whose name begins so; '' is the newest one.
 
     Raises:
         UsageError: there is none, or there are several.
     """
     known = incidents_in(directory)
-    found = [one for one in known if one.folder.name.startswith(name)][: None if name else 1]
+    found = [one for one in known if one.folder.name == name]
+    found = found or [one for one in known if one.folder.name.startswith(name)][: None if name else 1]
     if len(found) != 1:
         what = f'{len(found)} incidents begin with {name!r}' if name else 'there is no incident'
         raise UsageError(f'{directory}: {what}; "console incidents" lists them')

@@ -672,3 +672,10 @@ def test_only_the_newest_incidents_stay(tmp_path: Path) -> None:
     assert incident_named(Path(request.target), '').first.text == 'number 4'
     with pytest.raises(UsageError, match="3 incidents begin with '2001'"):
         incident_named(Path(request.target), '2001')
+
+
+def test_an_incident_is_found_by_its_name_though_that_of_another_begins_so(tmp_path: Path) -> None:
+    """As when all robots of one computer are stopped in the same second."""
+    stop = Occurrence(1e9, 'stop', 'STOP by ann')
+    folders = [make(Request(robot, (stop,), (), str(tmp_path / 'incidents'), 0.0)) for robot in ('', 'r1', 'r10')]
+    assert [incident_named(tmp_path / 'incidents', one.name).folder for one in folders] == folders
