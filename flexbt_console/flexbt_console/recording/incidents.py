@@ -275,8 +275,11 @@ def _copy_records(request: Request, part: Path) -> list[str]:
                 source.seek(max(0, size - _MOST_COPIED))
                 data = source.read(_MOST_COPIED)
             is_cut = size > _MOST_COPIED and file.suffix == '.jsonl'
-            (part / 'records').mkdir(mode=0o700, exist_ok=True)
-            (part / 'records' / file.name).write_bytes(data.partition(b'\n')[2] if is_cut else data)
+            records = part / 'records'
+            records.mkdir(mode=0o700, exist_ok=True)
+            names = (f'{number}_{file.name}' if number > 1 else file.name for number in count(1))
+            copy = next(records / name for name in names if not (records / name).exists())
+            copy.write_bytes(data.partition(b'\n')[2] if is_cut else data)
         except PermissionError as error:
             lost.append(f'{file} was not copied: {error.strerror}')
     return lost

@@ -679,3 +679,13 @@ def test_an_incident_is_found_by_its_name_though_that_of_another_begins_so(tmp_p
     stop = Occurrence(1e9, 'stop', 'STOP by ann')
     folders = [make(Request(robot, (stop,), (), str(tmp_path / 'incidents'), 0.0)) for robot in ('', 'r1', 'r10')]
     assert [incident_named(tmp_path / 'incidents', one.name).folder for one in folders] == folders
+
+
+def test_files_of_the_same_name_in_two_directories_are_both_in_an_incident(tmp_path: Path) -> None:
+    for name in ('first', 'second'):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'events.jsonl').write_text(name)
+    records = tuple(str(tmp_path / name) for name in ('first', 'second'))
+    stop = Occurrence(1e9, 'stop', 'STOP by ann')
+    folder = make(Request('', (stop,), (), str(tmp_path / 'incidents'), 0.0, records))
+    assert {file.read_text() for file in (folder / 'records').iterdir()} == {'first', 'second'}
