@@ -378,7 +378,7 @@ class Names:
         inside = self._inside()
         for file, document in self._project.documents():
             may_use = isinstance(document, MachineDocument) or (named.kind == 'tree' and file != named.file)
-            is_named = named.name in document.text or '\\' in document.text or "''" in document.text  # perhaps escaped
+            is_named = any(part in document.text for part in (named.name, '\\', "''", '&#'))  # perhaps escaped
             for use in self._uses_in(file, document, inside) if may_use and is_named else ():
                 if use.named == named and not use.is_class:
                     made.add(file, [document.renamed(use.span, new)])
@@ -390,7 +390,8 @@ class Names:
         document = self._project.trees(named.file)
         made.add(named.file, document.gesture('rename_tree', {'id': named.owner, 'new': new}))
         self._rename_elsewhere(named, new, made)
-        self._in_requirements(made, {named.name: {}}, sections={named.name: new})
+        is_behavior = named.name in self._inside().behaviors  # then the requirements may be those of the behavior
+        self._in_requirements(made, {}, sections={} if is_behavior else {named.name: new})
         defined = [one for one, other in self._project.tree_files() if other.definition(named.name) is not None]
         for file, _ in self._machines() if len(defined) > 1 else ():
             spans = [Span(one.start, one.end) for one in made.edits.pop(file, ())]
@@ -572,7 +573,8 @@ class Names:
         is_written = any(one['name'] == named.name and one.get('name_span') for one in document.behaviors)
         need(is_written, f'{named.file} does not write the name of its behavior; rename the file, or add name:')
         self._rename_elsewhere(named, new, made)
-        self._in_requirements(made, {named.name: {}}, sections={named.name: new})
+        is_tree = named.name in tree_places(self._project)
+        self._in_requirements(made, {}, sections={} if is_tree else {named.name: new})
 
     def _rename_parameter(self, named: Named, new: str, made: Renaming) -> None:
         document = self._machine(named.file)
@@ -661,11 +663,20 @@ def _known_spans(document: MachineDocument) -> list[Span]:
 
 
 def _sections(text: str) -> Iterator[tuple[Node, list[Node]]]:
-    """Yield names and lines of a text in YAML whose entries are lists of texts."""
+    """Yield names and lines of the lists of requirements of a text in YAML: each has at least one requirement."""
     root = Tree(text).root
     for key, value in root.pairs() if root is not None else ():
-        if key.kind == 'scalar' and value.kind == 'sequence' and all(one.kind == 'scalar' for one in value.parts):
+        is_list = key.kind == 'scalar' and value.kind == 'sequence' and all(one.kind == 'scalar' for one in value.parts)
+        if is_list and any(_is_requirement(one.value) for one in value.parts):
             yield key, value.parts
+
+
+def _is_requirement(line: str) -> bool:
+    try:
+        parse_requirement(line, '')
+    except RequirementError:
+        return False
+    return True
 
 
 def _replaced(text: str, node: Node, new: str, *, is_line: bool = False) -> TextEdit:

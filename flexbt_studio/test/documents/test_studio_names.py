@@ -617,6 +617,28 @@ def test_odd_names_are_written_so_that_they_are_read_again(site: Site) -> None:
         site.project.adopt('round.yaml', ROUND)
 
 
+def test_only_requirements_of_one_thing_are_renamed_and_a_name_by_references(
+    tmp_path: Path, registry: NodeRegistry
+) -> None:
+    files = {
+        'a.xml': '<root BTCPP_format="4"><BehaviorTree ID="Round"><AlwaysSuccess/></BehaviorTree></root>',
+        'b.xml': '<root BTCPP_format="4"><BehaviorTree ID="B"><SubTree ID="R&#111;und"/></BehaviorTree></root>',
+        'places.yaml': 'Round: [1.0, 2.0]\n',
+        'site.yaml': 'Round: [never FAILURE]\n',
+    }
+    site = Site(tmp_path, registry, files)
+    made = site.rename(site.at('a.xml', 'ID="', 'Round'), 'Tour')
+    assert set(made.edits) == {'a.xml', 'b.xml', 'site.yaml'} and site.texts['b.xml'].endswith(
+        '<SubTree ID="Tour"/></BehaviorTree></root>'
+    )
+    assert [one.file for one in made.notes] == ['places.yaml']
+    (tmp_path / 'tour.yaml').write_text(ROUND.replace('name: Round', 'name: Tour'))
+    for file, before in (('a.xml', 'ID="'), ('tour.yaml', 'name: ')):
+        site.texts['tour.yaml'] = site.project.text('tour.yaml')
+        made = site.names.rename(site.at(file, before, 'Tour'), 'Round')
+        assert 'site.yaml' not in made.edits and 'site.yaml' in {one.file for one in made.notes}
+
+
 def test_a_file_that_cannot_be_read_wholly_is_told(site: Site) -> None:
     site.project.adopt('more/give.xml', GIVE.replace('</Sequence>', '<'))
     made = site.names.rename(site.at('deliver.xml', 'SubTree ID="', 'Give'), 'Hand')
