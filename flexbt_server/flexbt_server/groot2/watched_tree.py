@@ -148,19 +148,20 @@ class WatchedTree:
             self._untimed.clear()
             if not self._ended:
                 self.log.timed = command == b'start'
-        if command == b'stop':
-            return None
-        self._recorded.clear()
-        self._recorded_from = clock()
-        return str(time.time_ns() // 1000).encode()
+            if command == b'stop':
+                return None
+            self._recorded.clear()
+            self._recorded_from = clock()
+            return str(time.time_ns() // 1000).encode()
 
     def transitions(self) -> bytes:
         """Return the transitions recorded since the last call."""
-        self._read()
-        start = self._recorded_from
-        records = [protocol.record(max(0, when - start) // 1000, uid, status) for when, uid, status in self._recorded]
-        self._recorded.clear()
-        return b''.join(records)
+        with self._reading:
+            self._read()
+            recorded = list(self._recorded)
+            self._recorded.clear()
+            start = self._recorded_from
+        return b''.join(protocol.record(max(0, when - start) // 1000, uid, status) for when, uid, status in recorded)
 
     def blackboards(self, names: str) -> bytes:
         """Return the blackboards of sub-trees as msgpack. ``names`` are the paths of the sub-trees (the tree ID for the

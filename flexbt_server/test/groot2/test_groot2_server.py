@@ -7,6 +7,7 @@ import json
 import random
 import socket
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -287,6 +288,23 @@ def test_a_recording_keeps_the_newest(server: Groot2Server) -> None:
     # The last of them is that the root is IDLE again.
     assert kept[-3:] == b'\1\0\0'
     assert ask(server, RequestType.GET_TRANSITIONS)[1] == b''
+
+
+def test_a_run_adds_nothing_to_a_recording_while_a_client_reads_it(server: Groot2Server) -> None:
+    watched = observed(server, tree())
+    ask(server, RequestType.TOGGLE_RECORDING, b'start')
+    may_add: list[bool] = []
+
+    class Recorded(deque[tuple[int, int, int]]):
+        def __iter__(self) -> Iterator[tuple[int, int, int]]:
+            run = threading.Thread(target=lambda: may_add.append(watched._reading.acquire(blocking=False)))
+            run.start()
+            run.join(DEADLINE)
+            return super().__iter__()
+
+    watched._recorded = Recorded([(1, 1, 1)])
+    assert len(ask(server, RequestType.GET_TRANSITIONS)[1]) == 9
+    assert may_add == [False]
 
 
 def test_the_topmost_blackboard_comes_with_others(server: Groot2Server) -> None:
