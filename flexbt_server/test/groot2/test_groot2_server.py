@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import random
 import socket
@@ -293,18 +294,27 @@ def test_a_recording_keeps_the_newest(server: Groot2Server) -> None:
 def test_a_run_adds_nothing_to_a_recording_while_a_client_reads_it(server: Groot2Server) -> None:
     watched = observed(server, tree())
     ask(server, RequestType.TOGGLE_RECORDING, b'start')
-    may_add: list[bool] = []
+    held: list[str] = []
+
+    class Reading(contextlib.AbstractContextManager[None]):
+        def __enter__(self) -> None:
+            held.append('begin')
+
+        def __exit__(self, *_: object) -> None:
+            held.append('end')
 
     class Recorded(deque[tuple[int, int, int]]):
         def __iter__(self) -> Iterator[tuple[int, int, int]]:
-            run = threading.Thread(target=lambda: may_add.append(watched._reading.acquire(blocking=False)))
-            run.start()
-            run.join(DEADLINE)
+            held.append('copy')
             return super().__iter__()
 
-    watched._recorded = Recorded([(1, 1, 1)])
+        def clear(self) -> None:
+            held.append('clear')
+            super().clear()
+
+    watched._reading, watched._recorded = Reading(), Recorded([(1, 1, 1)])  # type: ignore[assignment]
     assert len(ask(server, RequestType.GET_TRANSITIONS)[1]) == 9
-    assert may_add == [False]
+    assert ' '.join(held).endswith('copy clear end')
 
 
 def test_the_topmost_blackboard_comes_with_others(server: Groot2Server) -> None:
