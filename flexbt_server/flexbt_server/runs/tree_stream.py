@@ -283,8 +283,11 @@ def tree_structure(tree: Tree, run_id: str, number: int, blackboard: str, now: T
 # message, and its elements have a fixed size, so they can be appended to the serialized rest of the message. The
 # changes of a round have the same stamp; the bytes after it are the *end* of a change.
 
-_MOST_REMEMBERED: Final = 20_000
-"""Number of ends of changes that are remembered; about 2 MB."""
+_MOST_REMEMBERED: Final = 2_000_000
+"""Maximum size of the rounds that are remembered, bytes."""
+
+_END_BYTES: Final = 100
+"""Size of an end in a round that is remembered, with its mark, bytes, at most."""
 
 _STAMP: Final = struct.Struct('=iI')
 _END: Final = struct.Struct('=HBB')
@@ -316,10 +319,11 @@ class RoundReader:
             ends, reader.statuses[:] = known
             return ends
         ends = reader.read(marks)
-        self._remembered += len(ends)
+        size = 2 * len(reader.statuses) + _END_BYTES * len(ends)
+        self._remembered += size
         if self._remembered > _MOST_REMEMBERED:
             self._rounds.clear()
-            self._remembered = len(ends)
+            self._remembered = size
         self._rounds[key] = ends, bytes(reader.statuses)
         return ends
 

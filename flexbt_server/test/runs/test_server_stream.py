@@ -8,6 +8,7 @@ import random
 import struct
 import threading
 import time
+import tracemalloc
 from array import array
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -25,7 +26,7 @@ from flexbt_core.behavior_tree.engine.observers import StatusLog
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import NodeStatus
+from flexbt_core.behavior_tree.model.status import SUCCESS, NodeStatus
 from flexbt_core.clock.clock import Timer
 from flexbt_msgs.msg import TreeNode, TreeStatus, TreeStatusChange, TreeStructure
 from flexbt_server.runs.run_events import RoundEnded, RunEnded, RunEvents, RunOutcome, RunPaused, RunStarted
@@ -34,6 +35,7 @@ from flexbt_server.runs.tree_stream import (
     MAX_CHANGES,
     MAX_MARKS,
     MESSAGES_KEPT,
+    RoundReader,
     RunStream,
     TreeStream,
     encoded,
@@ -456,3 +458,15 @@ def test_messages_are_what_the_middleware_would_make(
     # Bytes that pad are whatever was in memory.
     assert len(made) == len(serialize_message(message))
     assert deserialize_message(made, TreeStatus) == message
+
+
+def test_a_large_tree_whose_rounds_all_differ_costs_little_memory() -> None:
+    """Its rounds are remembered with the statuses of all nodes."""
+    nodes = make(f'<Sequence>{"<AlwaysSuccess/>" * 3000}</Sequence>').nodes
+    reader = RoundReader(nodes)
+    tracemalloc.start()
+    for node in nodes:
+        assert reader.read([node.uid << 4 | SUCCESS]) == [struct.pack('=HBB', node.uid, 0, SUCCESS)]
+    size, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert size < 4_000_000
