@@ -171,11 +171,11 @@ class _Builder:
         self._pending.append((tree.root, _Scope(tree, key.file, path, board), children, level + 1))
 
     def _declare_entries(self, definition: NodeDefinition, scope: _Scope) -> None:
-        """Declare the entries that the ports of a node point to, with the types of the ports."""
+        """Declare the entries that the XML of a node points to, with the types of the ports; not those of defaults."""
         board = scope.board
         for name, port in definition.manifest.ports.items():
             value = definition.values.get(name)
-            if value is None or value.key is None or not port.declares:
+            if value is None or value.key is None or not port.declares or name not in definition.places:
                 continue
             try:
                 entry = board.entry(value.key)

@@ -91,6 +91,11 @@ def test_defaults_are_literals_pointers_and_keys_of_the_same_name() -> None:
     ]
 
 
+def test_a_default_that_points_to_an_entry_does_not_declare_it() -> None:
+    tree, _ = make('<Sequence><Defaults/><Needs second="{point}"/></Sequence>')
+    assert {key: entry.type for key, entry in tree.blackboard.entries().items()} == {'point': INT}
+
+
 def test_what_is_given_takes_the_place_of_a_default() -> None:
     tree, seen = make(
         '<Defaults answer="7" greeting="" pos="{p}" elsewhere="5,6" same="hola" none="1;2"/>', p=Point(8, 9)
