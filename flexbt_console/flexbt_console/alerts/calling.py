@@ -23,13 +23,14 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from flexbt_console.errors import ConsoleError, UsageError
+from flexbt_console.mirror.fleet import Urgency
 from flexbt_core.clock.clock import seconds_asleep
 from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.text import one_line, pluralize
 from flexbt_core.values.text_files import version_of
 
 from .delivered import SEND_SECONDS
-from .escalation import Call, SeenRobot
+from .escalation import Call, SeenNeed, SeenRobot
 from .rules import AlertRules, Severity, load_rules, rule_text
 from .store import Store
 
@@ -38,6 +39,11 @@ PERIOD: Final = 1.0
 
 SENDING_PERIOD: Final = 0.1
 """Time between two looks at processes that send, s."""
+
+STILL_SECONDS: Final = 5.0
+HEAR_SECONDS: Final = 30.0
+"""Where a robot was not heard for this much longer, s, than this program has listened to it, since computer or process
+stood still, it counts as silent only after this time of listening, s."""
 
 MOST_SENDERS: Final = 4
 """Maximum number of processes that send at the same time."""
@@ -117,6 +123,10 @@ class Calling:
         self._addresses: dict[tuple[str, int], _Address] = {}
         self._problem = self._mistakes = ''
         self._left_out = 0
+        self._looked_at = self._steady()
+        self._listened = 0.0
+        self._heard: dict[str, float] = {}
+        """For how long was listened until each robot was heard the last time, s."""
         # The time only grows, also when the clock of the computer is set.
         self._ahead = time.time() - self._steady()
         store.memory.resume(time.time())
@@ -142,7 +152,7 @@ class Calling:
             acknowledged = self._store.read('acknowledgment')
         for number in memory.acknowledge(acknowledged):
             self._log.info(f'{acknowledged[number]} has acknowledged {number}: {memory.things[number].robot}')
-        memory.step(self._steady() + self._ahead, self._local(), self._look(), self.rules)
+        memory.step(self._steady() + self._ahead, self._local(), self._robots(), self.rules)
         if memory.left_out and not self._left_out:
             self._log.error(f'{memory.left_out} needs of robots are too many to call about: acknowledge some')
         self._left_out = memory.left_out
@@ -151,6 +161,20 @@ class Calling:
                 self._log.warning(f'{call.contact} has no such address any more; not sent: {call.title}')
                 del memory.calls[call.id]
         self._save(acknowledged)
+
+    def _robots(self) -> list[SeenRobot]:
+        """Return the robots. One that could not be heard, since computer or process stood still, is not silent yet."""
+        before, self._looked_at = self._looked_at, self._steady()
+        self._listened += min(self._looked_at - before, 2.0 * PERIOD)
+        robots = self._look()
+        self._heard = {one.name: self._listened if one.is_live else self._heard.get(one.name, 0.0) for one in robots}
+
+        def is_known(robot: SeenRobot, need: SeenNeed) -> bool:
+            listened = self._listened - self._heard[robot.name]
+            stood_still = need.seconds > listened + STILL_SECONDS
+            return need.condition is not Urgency.UNREACHABLE or listened >= HEAR_SECONDS or not stood_still
+
+        return [one._replace(needs=tuple(need for need in one.needs if is_known(one, need))) for one in robots]
 
     def _save(self, acknowledged: Iterable[int] = ()) -> None:
         problem = self._store.save(acknowledged)

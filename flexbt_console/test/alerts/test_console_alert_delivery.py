@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import random
@@ -199,6 +200,23 @@ def test_a_call_reaches_a_web_service_and_a_mail_server_once_and_its_end_too(
         assert 'over since' in service.got[1]['title'] and service.got[1]['type'] == 'success'
     finally:
         mail_server.stop()
+
+
+def test_nobody_is_called_about_robots_that_could_not_be_heard_as_the_computer_slept(
+    tmp_path: Path, programs: Callable[[Path], Program], service: Service, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """When it wakes up, all of them are as silent as the night was long, until the first message comes."""
+    looks = itertools.count(1)
+    program = programs(write(tmp_path, 'rules: [{when: silent, for: 1 min, call: anna}]', anna=service.address))
+    program.robots = asks()
+    program.run(lambda: next(looks) > 2)
+    night = 8 * 3600.0
+    monkeypatch.setattr(calling, 'seconds_asleep', lambda: night)
+    program.robots = [SeenRobot('/a', False, (SeenNeed(Urgency.UNREACHABLE, '', night, 'unreachable'),))]
+    program.run(lambda: next(looks) > 6)
+    assert program.is_idle() and not service.got
+    monkeypatch.setattr(calling, 'HEAR_SECONDS', 0.0)
+    program.run(lambda: service.titles() == ['/a is silent'])
 
 
 def refuse(code: int) -> Callable[[BaseHTTPRequestHandler], bool]:
