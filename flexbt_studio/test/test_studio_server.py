@@ -132,6 +132,35 @@ def test_an_edit_reaches_the_other_page_and_the_disk_only_by_a_save(folder: Path
     with_pages(folder, story, 2)
 
 
+def test_what_a_page_has_sent_is_done_and_told_though_it_ends_at_once(folder: Path) -> None:
+    async def story(one: Page, other: Page) -> None:
+        for page in (one, other):
+            await page.ask('open', file='main.xml')
+        change = {'file': 'main.xml', 'version': 1, 'edits': [[0, 0, ' ']]}
+        await one.socket.send_json({'id': 98, 'method': 'edit', 'arguments': change})
+        await one.socket.send_json({'id': 99, 'method': 'save', 'arguments': {'file': 'main.xml', 'version': 2}})
+        await one.socket.close()
+        assert (await other.event('edited', file='main.xml'))['version'] == 2
+        await other.event('files_changed', file='main.xml', what='save')
+        assert (folder / 'main.xml').read_text() == f' {TREE}'
+
+    with_pages(folder, story, 2)
+
+
+def test_a_file_that_is_closed_before_its_check_stays_closed(folder: Path) -> None:
+    async def story(page: Page) -> None:
+        await page.ask('open', file='main.xml')
+        await page.ask('create', file='new.xml', text=TREE)
+        for file in ('main.xml', 'new.xml'):
+            await page.ask('close', file=file)
+        await page.ask('open', file='more/other.xml')
+        await page.event('findings', file='more/other.xml')  # after the checks of the others would have been
+        assert [one['file'] for one in await page.ask('files') if one['open']] == ['more/other.xml']
+        assert not [one for one in page.events if one['event'] == 'note']
+
+    with_pages(folder, story)
+
+
 def test_what_somebody_else_wrote_is_not_overwritten(folder: Path) -> None:
     async def story(page: Page) -> None:
         await page.ask('open', file='main.xml')

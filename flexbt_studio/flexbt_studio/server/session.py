@@ -151,6 +151,7 @@ class Sessions:
             task = asyncio.create_task(self._answer(page, number, method, arguments))
             waiting.add(task)
             task.add_done_callback(waiting.discard)
+        await asyncio.sleep(0)  # what has arrived begins
         for task in waiting:
             task.cancel()
         await asyncio.gather(*waiting, return_exceptions=True)
@@ -167,10 +168,10 @@ class Sessions:
             _LOGGER.exception('fault in a request of the page')
             told = one_line(traceback.format_exception_only(error)[-1])
             answer = {'id': number, 'error': {'kind': 'fault', 'message': f'internal fault of the studio: {told}'}}
+        if 'result' in answer:  # first, so that all pages are told of edits in their order
+            self._follow(page, method, arguments, answer['result'])
         with contextlib.suppress(ConnectionError, TimeoutError):
             await page.send(answer)
-        if 'result' in answer:
-            self._follow(page, method, arguments, answer['result'])
 
     async def _start_job(self, page: Page, arguments: dict[str, Any]) -> dict[str, Any]:
         try:
@@ -237,7 +238,22 @@ class Sessions:
             return await self._simulate(page, method, arguments)
         if method in _OWN:
             raise StudioError(f'{method}: wrong arguments')
-        return await self._work(workbench.answer, method, arguments)
+        return await self._done(page, method, arguments)
+
+    async def _done(self, page: Page, method: str, arguments: dict[str, Any]) -> Any:
+        """Return the result of a request of the workbench. If the page ends meanwhile, the others are told of it."""
+        answer = partial(self._workbench.answer, method, arguments)
+        doing = asyncio.get_running_loop().run_in_executor(self._thread, answer)
+
+        def follow(done: asyncio.Future[Any]) -> None:
+            if not done.cancelled() and done.exception() is None:
+                self._follow(page, method, arguments, done.result())
+
+        try:
+            return await asyncio.shield(doing)
+        except asyncio.CancelledError:
+            doing.add_done_callback(follow)
+            raise
 
     async def _drawn(self, function: Any, *arguments: Any) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._drawing, function, *arguments)
@@ -384,23 +400,29 @@ class Sessions:
         self._checks[file] = asyncio.create_task(self._check(file))
 
     async def _check(self, file: str) -> None:
-        """Check a file after a pause, and send its graph and its findings to all pages."""
+        """Check a file after a pause, if it is open, and send its graph and its findings to all pages."""
         await asyncio.sleep(CHECK_SECONDS)
+
+        def of_open(function: Callable[..., Any], *arguments: Any) -> Any:
+            if file not in self._workbench.project.open_files:
+                raise ConflictError(f'{file} was closed')
+            return function(file, *arguments)
+
         try:
-            model = await self._work(self._workbench.model, file)
+            model = await self._work(of_open, self._workbench.model)
             model.pop('text')
             self.tell({'event': 'model', **model})
-            question = await self._work(self._workbench.question, file)
+            question = await self._work(of_open, self._workbench.question)
             if question['language'] == 'yaml':
                 found = await asyncio.get_running_loop().run_in_executor(self._checking, self._check_machine, question)
             elif file.endswith('.py') and not model['problems'] and any(page.runs_code for page in self._pages):
-                version, name, copy = await self._work(self._workbench.check_copy, file)
-                found = await self._work(self._workbench.located, file, version, name, await checked(copy))
+                version, name, copy = await self._work(of_open, self._workbench.check_copy)
+                found = await self._work(of_open, self._workbench.located, version, name, await checked(copy))
             else:
-                found = await self._work(self._workbench.checked, file)
+                found = await self._work(of_open, self._workbench.checked)
             self.tell({'event': 'findings', 'file': file, **found})
         except ConflictError:
-            pass  # a check of the new text follows
+            pass  # it was closed, or a check of the new text follows
         except StudioError as error:
             self.tell({'event': 'note', 'file': file, 'message': str(error)})
         except Exception as error:  # a fault of a checker: the user sees it
