@@ -65,3 +65,21 @@ def test_a_page_that_opens_a_file_is_told_what_was_told_before(file: Path) -> No
             await one.ask('save', file='main.xml', version=2)
 
     with_pages(file.parent, story, 2)
+
+
+def test_a_mark_that_another_program_writes_stays_and_what_is_no_text_is_not_replaced(file: Path) -> None:
+    async def story(page: Page) -> None:
+        await page.ask('open', file='main.xml')
+        file.write_bytes(b'\xef\xbb\xbf' + TREE.encode())
+        with pytest.raises(Refused, match='changed on disk'):
+            await page.ask('save', file='main.xml', version=1)
+        assert await page.ask('take_disk', file='main.xml') == TREE
+        await page.ask('edit', file='main.xml', version=1, edits=[[0, 0, ' ']])
+        await page.ask('save', file='main.xml', version=2)
+        assert file.read_bytes() == b'\xef\xbb\xbf ' + TREE.encode()
+        await page.ask('create', file='new.xml', text=TREE)
+        (file.parent / 'new.xml').write_bytes(b'\xff\xfe')
+        with pytest.raises(Refused, match='changed on disk'):
+            await page.ask('save', file='new.xml', version=1)
+
+    with_pages(file.parent, story)

@@ -505,6 +505,16 @@ def test_a_name_is_renamed_in_all_files_or_in_none(folder: Path) -> None:
             assert (opened['version'] == file['version']) is (file['file'] == 'main.xml')
         plan = await one.ask('rename', file='main.xml', offset=at, new='tempo')
         assert {file['file']: file['version'] for file in plan['files']} == {'main.xml': 1, 'more/other.xml': 2}
+        # It is closed without a save, and then written by somebody else, while the user looks at the plan.
+        for text in (other, f'\n{other}'):
+            await two.ask('close', file='more/other.xml')
+            (folder / 'more' / 'other.xml').write_text(text)
+            opened = await one.ask('open', file='more/other.xml')
+            assert opened['version'] not in [file['version'] for file in plan['files'] if file['file'] != 'main.xml']
+            await one.ask('close', file='more/other.xml')
+            plan = await one.ask('rename', file='main.xml', offset=at, new='tempo')
+        assert {file['file']: file['version'] for file in plan['files']} == {'main.xml': 1, 'more/other.xml': 4}
+        assert (await two.ask('open', file='more/other.xml'))['version'] == 4
         # Somebody else writes one of the files: nothing is renamed in any.
         (folder / 'more' / 'other.xml').write_text(other.replace('x :=', 'y :='))
         with pytest.raises(Refused, match=r'more/other\.xml was changed on disk') as refused:

@@ -114,6 +114,8 @@ class Project:
         """Documents of files that are not open, with time and size of each when it was read."""
         self._kinds: dict[Path, tuple[tuple[int, int], Kind | None]] = {}
         """Kinds of the files on disk, with time and size of each when it was looked into."""
+        self._last: dict[str, tuple[str, int]] = {}
+        """The last version of each file that is not open, and the identity of its text on disk; '' if it was edited."""
 
     def files(self) -> list[dict[str, str]]:
         """Return name and kind of each file that the studio opens, in order of names."""
@@ -213,14 +215,28 @@ class Project:
         opened = self._open.get(file)
         if opened is None:
             text, disk, has_mark = self._read(file)
-            opened = self._open[file] = OpenFile(document_for(file, text), 1, disk, text, has_mark)
+            version = self._version_of(file, disk)
+            opened = self._open[file] = OpenFile(document_for(file, text), version, disk, text, has_mark)
         return opened
+
+    def version(self, file: str) -> int:
+        """Return the version of a file; of one that is not open, that with which it would be opened now. It is another
+        one if the text is another one than before. Raises StudioError."""
+        opened = self._open.get(file)
+        return self._version_of(file, self.text_on_disk(file)[1]) if opened is None else opened.version
+
+    def _version_of(self, file: str, disk: str) -> int:
+        last, version = self._last.get(file, ('', 0))
+        if not disk or last != disk:
+            version += 1
+            self._last[file] = disk, version
+        return version
 
     def create(self, file: str, text: str) -> OpenFile:
         """Open a new file with this text. It is written when it is saved. Raises StudioError if it exists."""
         if file in self._open or self.path(file).exists():
             raise StudioError(f'{file} exists already; open it, or choose another name')
-        self._open[file] = OpenFile(document_for(file, text), 1, '', '')
+        self._open[file] = OpenFile(document_for(file, text), self._version_of(file, ''), '', '')
         return self._open[file]
 
     def adopt(self, file: str, text: str) -> OpenFile:
@@ -247,7 +263,9 @@ class Project:
 
     def forget(self, file: str) -> None:
         """Forget an open file, or a text from elsewhere."""
-        self._open.pop(file, None)
+        opened = self._open.pop(file, None)
+        if opened is not None:
+            self._last[file] = '' if opened.is_changed else opened.disk, opened.version
 
     def edit(self, file: str, version: int, edits: Sequence[TextEdit]) -> OpenFile:
         """Apply edits to a version of an open file.
@@ -287,7 +305,7 @@ class Project:
         opened = self._current(file, version)
         path = self.path(file)
         on_disk = self._disk(file)
-        if on_disk not in (opened.disk, over) and path.exists():
+        if (not on_disk or on_disk not in (opened.disk, over)) and path.exists():
             raise ConflictError(f'{file} was changed on disk by another program; compare the two, then save again')
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -311,10 +329,10 @@ class Project:
     def take_disk(self, file: str) -> str | None:
         """Take the text on disk as the saved one and return it; None if it is that. Raises StudioError."""
         opened = self.open(file)
-        text, disk = self.text_on_disk(file)
+        text, disk, has_mark = self._read(file)
         if disk == opened.disk:
             return None
-        opened.disk, opened.saved_text = disk, text
+        opened.disk, opened.saved_text, opened.has_mark = disk, text, has_mark
         return text
 
     def disk_changes(self) -> list[str]:
@@ -356,13 +374,13 @@ class Project:
                 has_mark = content.read(3) == b'\xef\xbb\xbf'
         except (TextFileError, OSError) as error:
             raise StudioError(f'{file} cannot be read: {getattr(error, "strerror", None) or error}') from error
-        return text, _identity(text), has_mark
+        return text, _identity('\ufeff' * has_mark + text), has_mark
 
     def _disk(self, file: str) -> str:
         """Return the identity of the text on disk; '' if there is no file, or none that can be read as text."""
         try:
-            return _identity(read_text(self.path(file), MOST_BYTES))
-        except TextFileError:
+            return self._read(file)[1]
+        except StudioError:
             return ''
 
 

@@ -353,12 +353,10 @@ class Workbench:
             raise ConflictError(f'{", ".join(sorted(foreign))} was changed on disk by another program; save it first')
         files = []
         for one, edits in made.edits.items():
-            opened = self.project.open_files.get(one)
             before, after = self.project.text(one), applied(self.project.text(one), edits)
             lines = difflib.unified_diff(shown(before).splitlines(), shown(after).splitlines(), n=0, lineterm='')
             edited = PageText(before).edits_to_page(edits)
-            version = opened.version if opened is not None else 1
-            files.append({'file': one, 'version': version, 'edits': edited, 'lines': [*lines]})
+            files.append({'file': one, 'version': self.project.version(one), 'edits': edited, 'lines': [*lines]})
         return {**named._asdict(), 'files': files, 'notes': [self._mention(one) for one in made.notes]}
 
     def _mention(self, mention: Mention) -> dict[str, Any]:
