@@ -109,6 +109,7 @@ class Lanes:
         self._places: Mapping[str, FramedPose] = {}
         self._runs: OrderedDict[str, _Run] = OrderedDict()
         self._takers: dict[str, Callable[..., None]] = {
+            '': lambda: self._take_known(mirror.contents()),
             'receive_snapshot': self._take_snapshot,
             'receive_events': self._take_events,
             'receive_log': self._take_log,
@@ -135,6 +136,16 @@ class Lanes:
             with self._lock:
                 self._now = self._at = now
                 self._takers[method](*arguments)
+
+    def _take_known(self, contents: Mapping[str, Any]) -> None:
+        """Take what is sent once, and was received before: the places, and the nodes of the trees that run."""
+        self._places = contents['_places'] or {}
+        for one in contents['_trees'].runs(self._now):
+            if one.is_running:
+                nodes = TreeNodes(one.run_id, one.tree, one.nodes, one.stamp, one.structure)
+                now = one.run_id, one.sequence, one.statuses, (), one.stamp, one.finished, one.paused
+                self._take_nodes(nodes)
+                self._take_report(TreeReport(*now, structure=one.structure, server=one.server))
 
     # Entries
 

@@ -336,3 +336,20 @@ def test_a_goal_has_the_name_of_a_place_of_its_own_frame() -> None:
         robot.clock.advance(0.2)
     found = {one.key.split()[0]: one.label for one in lanes.since() if one.lane is Lane.GOALS}
     assert found == {'/map': 'dock', '/odom': 'start', '/utm': '1.0, 0.1'}, found
+
+
+def test_lanes_know_what_was_sent_once_before_they_began() -> None:
+    """A page may be opened long after its server has heard of the places, or while a program follows a tree."""
+    robot = Robot(0)
+    goal = FramedPose(1.0, 2.0)
+    robot.mirror.receive_places({'dock': goal})
+    robot.mirror.receive_tree_structure(TreeNodes('x', 'Main', NODES, 0.0))
+    running, failure = MirroredStatus.RUNNING, MirroredStatus.FAILURE
+    robot.mirror.receive_tree_status(TreeReport('x', 1, (running, running), (), 0.0, finished=False, paused=False))
+    robot.clock.advance(10.0)
+    lanes = Lanes(robot.mirror)
+    robot.clock.advance(10.0)
+    robot.mirror.receive_tree_status(TreeReport('x', 2, (running, failure), (), 20.0, finished=False, paused=False))
+    robot.snapshot(active_states=(ActiveState('/Go', 20.0, progress=DriveProgress(goal=goal)),))
+    shown = [(one.label, one.begin, one.end, one.word) for one in lanes.since() if one.lane is not Lane.STATES]
+    assert shown == [('Main', 10.0, None, ''), ('Go', 10.0, 20.0, 'failure'), ('dock', 20.0, None, '')]
