@@ -153,24 +153,25 @@ def import_blackboard(board: Blackboard, document: Mapping[str, Any], types: Jso
         BlackboardError: names every entry that is not understood, or the one that does not fit.
     """
     with board.lock:
-        writes: list[tuple[str, PortType | None, Any]] = []
+        writes: list[tuple[Blackboard, str, PortType | None, Any]] = []
         problems: list[str] = []
         for key, item in document.items():
             try:
-                writes.append((key, *_decode_entry(item, types, board.entry(key))))
+                writes.append((*board.outermost(key), *_decode_entry(item, types, board.entry(key))))
             except ConversionError as error:
                 problems.append(f'entry [{key}]: {error}')
         if problems:
             raise BlackboardError('; '.join(problems))
-        # Write to a copy with the same types first: if the copy accepts all values, the board does too.
-        rehearsal = Blackboard()
-        for key, kind, value in writes:
-            entry = board.entry(key)
-            if entry is not None:
+        # Write to copies with the same types first: if they accept all values, the scopes of the entries do too.
+        rehearsals: dict[Blackboard, Blackboard] = {}
+        for scope, key, kind, value in writes:
+            rehearsal = rehearsals.setdefault(scope, Blackboard())
+            entry = scope.entry(key)
+            if entry is not None and key not in rehearsal:
                 rehearsal.declare(key, entry.type).value = entry.value
             _write(rehearsal, key, kind, value)
-        for key, kind, value in writes:
-            _write(board, key, kind, value)
+        for scope, key, kind, value in writes:
+            _write(scope, key, kind, value)
 
 
 def _entries(board: Blackboard) -> list[tuple[str, PortType | None, Any]]:

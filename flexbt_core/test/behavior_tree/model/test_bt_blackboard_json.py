@@ -301,6 +301,19 @@ def test_an_entry_that_has_a_type_converts_and_counts_the_write() -> None:
     assert identical(entry.value, 4.5)
 
 
+def test_entries_of_outer_scopes_convert_or_nothing_is_written() -> None:
+    outer = Blackboard()
+    outer.declare('speed', ports.DOUBLE)
+    inner = Blackboard(outer)
+    for key in ('speed', 'velocity'):
+        inner.remap(key, 'speed')
+    import_blackboard(inner, {'own': 1, 'speed': 3, '@name': 'base'}, TYPES)
+    assert (inner.keys(), outer.snapshot()) == (['own'], {'speed': 3.0, 'name': 'base'})
+    with pytest.raises(BlackboardError, match='speed'):
+        import_blackboard(inner, {'own': 2, 'speed': 4, 'velocity': [1]}, TYPES)
+    assert (inner.snapshot(), outer.snapshot()) == ({'own': 1}, {'speed': 3.0, 'name': 'base'})
+
+
 def test_nothing_is_written_if_one_type_does_not_fit_although_its_value_would() -> None:
     board = Blackboard()
     for key in 'ab':
