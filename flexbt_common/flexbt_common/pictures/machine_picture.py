@@ -112,7 +112,8 @@ def machine_graph(states: Sequence[DrawnState]) -> MachineBox:
         state = states[place]
         made = MachineBox(f'm{place}', state, {name: f'm{place}out{n}' for n, name in enumerate(state.outcomes)})
         inside = state.path.rstrip('/') + '/'
-        children = [places[inside + label] for label in state.children if inside + label in places]
+        labels = [label for label in dict.fromkeys(state.children) if label and '/' not in label]  # of any sender
+        children = [places[inside + label] for label in labels if inside + label in places]
         entries: dict[str, str] = {}
         for child in children:
             inner = StateBox(f's{child}', states[child]) if states[child].kind == 'state' else box(child)

@@ -55,7 +55,7 @@ from flexbt_console.ui.station import Session
 from flexbt_console.ui.web import picture, requests
 from flexbt_console.ui.web import server as web_run
 from flexbt_console.ui.web.access import ANYBODY, GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
-from flexbt_console.ui.web.drawings import Drawings
+from flexbt_console.ui.web.drawings import Drawings, machine_drawing
 from flexbt_console.ui.web.greetings import GREETING_OF_SOURCE, MOST_GREETING
 from flexbt_console.ui.web.page_link import MOST_AT_ONCE, PageLink
 from flexbt_console.ui.web.picture import MOST_CELLS, Pictures, map_part
@@ -949,3 +949,12 @@ def test_a_large_map_becomes_smaller_and_no_wall_gets_lost(width: int, height: i
     assert len(sent) == head['width'] * head['height'] <= MOST_CELLS
     assert (sent[0], sent[-1]) == (2, 1) and sent.count(0) == len(sent) - 2
     assert head['width'] * head['resolution'] == pytest.approx(width * 0.05, abs=head['resolution'])
+
+
+@pytest.mark.parametrize('children', [('',), ('A', 'A'), ('A/B', 'A')])
+def test_a_machine_whose_containers_have_odd_children_is_drawn(children: tuple[str, ...]) -> None:
+    """Else no page of the robot would show anything."""
+    paths = {'/': children, '/A': ('B',), '/A/B': ()}
+    states = [StateStructure(path, StateKind.MACHINE, children=inside) for path, inside in paths.items()]
+    drawn = machine_drawing(Structure('r', 'Odd', tuple(states)))
+    assert drawn.dot.count('subgraph') == (1 if children == ('',) else 3)
