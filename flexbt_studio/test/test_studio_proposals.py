@@ -250,6 +250,28 @@ def test_the_versions_of_a_file_are_found_also_under_its_former_name(repository:
         text_at(file, 'a' * 40, 'main.xml')
 
 
+def test_a_merge_that_was_resolved_is_a_version_and_a_name_may_have_a_quote(folder: Path) -> None:
+    file = folder / 'a "b".xml'
+    git(folder, 'init', '-q', '-b', 'one')
+
+    def commit(text: str, *words: str) -> None:
+        file.write_text(text)
+        git(folder, 'add', file.name)
+        git(folder, 'commit', '-q', '-m', text, *words)
+
+    commit('first')
+    git(folder, 'branch', 'two')
+    commit('ours')
+    git(folder, 'checkout', '-q', 'two')
+    commit('theirs')
+    with pytest.raises(subprocess.CalledProcessError):
+        git(folder, 'merge', 'one')
+    commit('both')
+    found = revisions(file)
+    assert found[0]['subject'] == 'both' and {one['subject'] for one in found} == {'both', 'ours', 'theirs', 'first'}
+    assert all(text_at(file, one['revision'], one['name']) == one['subject'] for one in found)
+
+
 def test_what_git_has_no_version_of_says_so(tmp_path: Path, repository: Path) -> None:
     (repository / 'new.xml').write_text(TREE)
     with pytest.raises(StudioError, match='no revision in git yet'):

@@ -31,7 +31,8 @@ _ENVIRONMENT: Final = {
     'GIT_TERMINAL_PROMPT': '0',
     'LC_ALL': 'C.UTF-8',
 }
-_LOG: Final = ('log', '--follow', '--no-textconv', '--no-ext-diff', '--no-show-signature', '--name-only')
+_LOG: Final = ('log', '--follow', '-c', '-z', '--no-textconv', '--no-ext-diff', '--no-show-signature', '--name-only')
+"""Also merges in which the file is another one than in each branch (``-c``), and names as they are (``-z``)."""
 _FORMAT: Final = '--format=%x00%H%x1f%aI%x1f%an%x1f%s'
 _REVISION: Final = re.compile(r'[0-9a-f]{40}(?:[0-9a-f]{24})?')
 
@@ -45,11 +46,12 @@ def revisions(file: Path) -> list[dict[str, str]]:
     """
     folder = next(one for one in file.parents if one.is_dir())
     out = _git(folder, *_LOG, f'-n{MOST_REVISIONS}', _FORMAT, '--', str(file.relative_to(folder)))
-    found = []
-    for record in out.decode('utf-8', 'replace').split('\0')[1:]:
-        head, _, name = record.strip('\n').partition('\n\n')
-        values = dict(zip(('revision', 'time', 'author', 'subject'), head.split('\x1f', 3), strict=False))
-        found.append({**values, 'name': name.partition('\n')[0]})
+    found: list[dict[str, str]] = []
+    for part in filter(None, out.decode('utf-8', 'replace').split('\0')):
+        if '\x1f' in part:
+            found.append(dict(zip(('revision', 'time', 'author', 'subject'), part.split('\x1f', 3), strict=False)))
+        else:
+            found[-1].setdefault('name', part.removeprefix('\n'))
     if not found:
         raise StudioError(f'{file.name} has no revision in git yet; compare it with the disk, or commit it')
     return found
