@@ -100,7 +100,9 @@ def test_a_proof_and_a_comparison_are_of_the_text_in_the_page(folder: Path) -> N
         await page.ask('open', file='waits.py')
         await found(page, 1)
         await edited(page, 1, "'finished'}", "'failed'}")
-        await page.ask('start_job', job='prove', file='waits.py', version=2, require=['never =failed'])
+        require = ['never =failed']
+        started = await page.ask('start_job', job='prove', file='waits.py', version=2, require=require)
+        assert set(started['files']) == {'waits.py', '__init__.py', '../__init__.py', '../helper.py'}
         proved = await page.event('job', job='prove')
         (proof,) = proved['result'][0]['proofs']
         assert any(step['statuses'] for step in proof['wrong'][0]['steps']) and proof['never'] == ['/ > finished']

@@ -291,7 +291,17 @@ def test_a_comparison_tells_whether_an_edit_changes_what_the_tree_does(folder: P
         number = (await page.ask('start_job', job='compare', file='main.xml', version=3))['number']
         other = await page.event('job', number=number)
         assert any(one['differences'] for one in other['result'][0]['comparisons']), other
+        # It uses another file no longer, which is compared, too.
+        length = len((await page.ask('model', file='main.xml'))['text'])
+        text = TREE.replace('<SubTree ID="Other"/>', '<AlwaysSuccess/>')
+        await page.ask('edit', file='main.xml', version=3, edits=[[0, length, text]])
+        started = await page.ask('start_job', job='compare', file='main.xml', version=4)
+        assert started['files'] == ['main.xml', 'more/other.xml']
+        same = await page.event('job', number=started['number'])
+        told = [(one['name'], one['only'], one['differences']) for one in same['result'][0]['comparisons']]
+        assert told == [('tree Main', '', []), ('tree Other', '', [])]
 
+    (folder / 'latin.xml').write_bytes(b'<BehaviorTree ID="\xe9"/>')  # cannot be read, and has nothing to do with it
     with_pages(folder, story)
 
 

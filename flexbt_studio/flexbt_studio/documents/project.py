@@ -203,6 +203,12 @@ class Project:
             raise StudioError(f'{short_repr(file)} is not in the project; open the folder that contains it instead')
         return path
 
+    def unedited(self) -> Project:
+        """Return the project as it is on disk, without what is edited here."""
+        project = Project(self.root)
+        project._closed, project._kinds = self._closed, self._kinds
+        return project
+
     # Open files.
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -107,13 +108,14 @@ class Workbench:
         if document.language == 'python':
             return self._behavior_job(job, file, document, require)
         files = self._checker.files(file) if is_tree else [file]
-        texts = {one: self.project.text(one) for one in [*files, *self._others(files)]}
-        words = ['run' if job == 'run' else 'prove', *files, '--json']
-        if job == 'compare':
-            for one in files:
-                opened = self.project.open_files.get(one)
-                texts[f'before/{one}'] = self.project.text(one) if opened is None else opened.saved_text
-                words += ['--against', f'before/{one}']
+        texts, words = _with_trees(self.project, file), ['--json']
+        if job == 'compare':  # it may have had other sub-trees
+            before = self.project.unedited()
+            old = Checker(before, self._registry, self._skills).files(file) if is_tree else [file]
+            files += [one for one in old if one not in files]
+            texts |= {f'before/{one}': text for one, text in _with_trees(before, file).items()}
+            words += [f'--against=before/{one}' for one in _having_trees(before, files)]
+        words = ['run' if job == 'run' else 'prove', *_having_trees(self.project, files), *words]
         palettes = palette_files(self.project) if is_tree else []
         for one in palettes:
             texts[one] = self.project.text(one)
@@ -131,8 +133,8 @@ class Workbench:
     def _behavior_job(self, job: str, file: str, document: Document, require: Sequence[str]) -> ToolCopy:
         """Return the copy for a proof or comparison of a behavior in Python, the first one of its file."""
         name, texts, saved = behavior_copy(self.project, file)
-        above = file.removesuffix(name)  # the folders between that of the project and what was copied
-        files = [f'{above}{one}' for one in texts]
+        top = self.project.path(file).parents[name.count('/')]
+        files = [os.path.relpath(top / one, self.project.root) for one in texts]
         behavior = document.view()['behavior']
         name += f':{behavior["class"]}' if behavior else ''
         words = ['prove', name, '--json', *(word for one in require for word in ('--require', str(one)))]
@@ -153,10 +155,6 @@ class Workbench:
         page = PageText(opened.document.text)
         found = self._checker.located(file, name, records)
         return {'version': version, 'findings': [shown_finding(asdict(one), page) for one in found]}
-
-    def _others(self, files: Sequence[str]) -> list[str]:
-        """Return the other tree files of the project, which files may include."""
-        return [one['file'] for one in self.project.files() if one['kind'] == 'trees' and one['file'] not in files]
 
     def states(self, file: str) -> list[dict[str, Any]]:
         """Return the states of a machine as its view has them. Raises StudioError."""
@@ -447,6 +445,17 @@ class Workbench:
         """Return the text that is on disk now, and its identity for ``save``."""
         text, disk = self.project.text_on_disk(file)
         return {'text': shown(text), 'disk': disk}
+
+
+def _with_trees(project: Project, file: str) -> dict[str, str]:
+    """Return the texts of a file, and of the files with trees that can be read, which it may use."""
+    return {one: tree.text for one, tree in project.tree_files()} | {file: project.text(file)}
+
+
+def _having_trees(project: Project, files: Sequence[str]) -> list[str]:
+    """Return the first of these files, and those of the others that have trees in this project."""
+    known = {one for one, tree in project.tree_files() if tree.trees}
+    return [*files[:1], *(one for one in files[1:] if one in known)]
 
 
 def shown_finding(finding: Mapping[str, Any], page: PageText) -> dict[str, Any]:
