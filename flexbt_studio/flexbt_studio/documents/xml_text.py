@@ -284,7 +284,7 @@ class Markup(Document):
         text = self.text
         for begin, end, what in _OTHER_MARKUP:
             if text.startswith(begin, start):
-                found = -1 if end in self._missing else text.find(end, start + 2)
+                found = -1 if end in self._missing else text.find(end, start + len(begin))
                 if found < 0:
                     self._missing.add(end)
                     self._problem(start, f'this {what} is never closed')

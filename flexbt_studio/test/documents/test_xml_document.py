@@ -88,7 +88,9 @@ def test_files_are_there() -> None:
 
 
 _BLANKS = st.sampled_from(['', ' ', '\n', '\n  ', '\n\t', '\n\n    ', '\r\n  ', ' \n'])
-_FILLING = st.sampled_from(['', '', '', '<!-- c -->', '<!--a\n  b-->', 'text', '<![CDATA[<x>]]>', '<?pi x?>'])
+_FILLING = st.sampled_from(
+    ['', '', '', '<!-- c -->', '<!--> <b/> -->', '<!--a\n  b-->', 'text', '<![CDATA[<x>]]>', '<?pi x?>']
+)
 _VALUES = st.sampled_from(['1', '{k}', 'a && b', 'a < b', '', "it's", 'x\n  y', '&lt;', '&#10;', '>', '<b/>'])
 
 

@@ -207,7 +207,7 @@ class _Parser:
             ('<![CDATA[', ']]>', 'CDATA section'),
         ):
             if text.startswith(begin, start):
-                found = text.find(end, start + 2)
+                found = text.find(end, start + len(begin))
                 if found < 0:
                     raise self._fail(start, f'this {what} is never closed')
                 return found + len(end)

@@ -148,6 +148,7 @@ REFUSED: list[tuple[str, str, int, int, str]] = [
     ('no element', '<!-- nothing -->', 1, 1, 'no element'),
     ('empty', '', 1, 1, 'no element'),
     ('unclosed comment', '<root>\n<!-- a </root>', 2, 1, 'comment is never closed'),
+    ('comment that only begins', '<root>\n<!--></root>', 2, 1, 'comment is never closed'),
     ('not a name', '<root><1/></root>', 1, 7, 'not followed by the name'),
     # Hostile
     ('doctype', '<?xml version="1.0"?>\n<!DOCTYPE root [<!ENTITY a "b">]>\n<root/>', 2, 1, 'DOCTYPE'),
@@ -289,7 +290,7 @@ def test_attribute_values_are_read_as_btcpp_does(written: str, value: str) -> No
 def test_what_btcpp_ignores_is_ignored() -> None:
     text = (
         '\ufeff<?xml version="1.0" encoding="latin-1"?><!-- c > c --><root BTCPP_format="4" other="1">'
-        '<Unknown ID="x"/><BehaviorTree ID="A" extra="1">text<![CDATA[<x>]]><?pi <a?>'
+        '<Unknown ID="x"/><BehaviorTree ID="A" extra="1">text<!--> <x/> --><!---> <x/> --><![CDATA[<x>]]><?pi <a?>'
         '<AlwaysSuccess _description="d" _uid="3"/></BehaviorTree><TreeNodesModel><Whatever/></TreeNodesModel></root >'
         '<root/><!-- end -->'
     )
