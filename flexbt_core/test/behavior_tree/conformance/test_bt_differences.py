@@ -49,6 +49,14 @@ ROWS = [
         '<output_port name="out" default="{=}"/></SubTree></TreeNodesModel>',
     ),
     Row(
+        'the nodes of a sub-tree that is named like its tree have the path of the sub-tree, with its number',
+        '<SubTree ID="T" name="T"/>',
+        [TICK, ['halt']],
+        'R -!T/a',
+        'R -!T::1/a',
+        others='<BehaviorTree ID="T"><Act name="a" _script="R"/></BehaviorTree>',
+    ),
+    Row(
         'the explicit form is accepted below a ReactiveSequence',
         '<ReactiveSequence><Action ID="AlwaysSuccess"/></ReactiveSequence>',
         [TICK],
