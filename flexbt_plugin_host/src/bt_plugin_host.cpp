@@ -322,7 +322,11 @@ public:
       entry->value = std::move(received);
       entry->sequence_id++;
       entry->stamp = std::chrono::steady_clock::now().time_since_epoch();
-      known_[name] = {entry->sequence_id, value};
+      auto & [sequence, before] = known_[keys_.at(name)];
+      sequence = entry->sequence_id;
+      if (port.direction() == BT::PortDirection::INOUT) {
+        before = entry->value.empty() ? json() : json_of(entry->value);
+      }
     }
   }
 
@@ -353,7 +357,7 @@ public:
         continue;
       }
       const std::scoped_lock lock(entry->entry_mutex);
-      auto & [sequence, before] = known_[name];
+      auto & [sequence, before] = known_[key];
       const bool is_new = entry->sequence_id != sequence;
       if (entry->value.empty() || (!is_new && direction == BT::PortDirection::OUTPUT)) {
         continue;
@@ -377,7 +381,7 @@ private:
   const BT::TreeNodeManifest & manifest_;
   BT::Blackboard::Ptr board_;
   std::map<std::string, std::string> keys_;
-  std::map<std::string, std::pair<uint64_t, json>> known_;
+  std::map<std::string, std::pair<uint64_t, json>> known_;  // what the server has, by key
   std::unique_ptr<BT::TreeNode> node_;
 };
 

@@ -177,6 +177,22 @@ private:
   }
 };
 
+class Keep : public BT::StatefulActionNode  // could change its entries, and does not
+{
+public:
+  using StatefulActionNode::StatefulActionNode;
+  static BT::PortsList providedPorts()
+  {
+    return {
+      BT::InputPort<int>("in"), BT::OutputPort<int>("out"), BT::BidirectionalPort<geometry_msgs::msg::Point>("point")};
+  }
+
+private:
+  BT::NodeStatus onStart() override { return BT::NodeStatus::RUNNING; }
+  BT::NodeStatus onRunning() override { return BT::NodeStatus::RUNNING; }
+  void onHalted() override {}
+};
+
 class Add : public BT::SyncActionNode  // two ports, which may lead to one entry
 {
 public:
@@ -340,6 +356,7 @@ BT_REGISTER_NODES(factory)
   factory.registerNodeType<Echo<Opaque>>("Echo_opaque");
   factory.registerNodeType<Norm>("Norm");
   factory.registerNodeType<Grow>("Grow");
+  factory.registerNodeType<Keep>("Keep");
   factory.registerNodeType<Add>("Add");
   factory.registerNodeType<Faulty>("Faulty");
   factory.registerNodeType<HangingCondition>("HangingCondition");

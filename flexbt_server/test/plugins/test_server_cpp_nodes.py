@@ -256,6 +256,16 @@ def test_an_entry_crosses_when_it_has_changed(world: ServerWorld) -> None:
             ran.tree.tick_exactly_once()
 
 
+def test_what_a_node_only_reads_is_not_written(world: ServerWorld) -> None:
+    """It reads and writes one entry by two ports, and it may change another in place."""
+    with Ran(world, '<Keep in="{x}" out="{x}" point="{p}"/>', x=1, p=Point(x=0.5)) as ran:
+        for key, changed in (('x', 2), ('p', Point()), ('y', 0)):
+            before = {one: ran.board.entry(one).sequence for one in ('x', 'p')}  # type: ignore[union-attr]
+            assert [ran.tree.tick_exactly_once() for _ in range(3)] == [RUNNING] * 3
+            assert {one: ran.board.entry(one).sequence for one in ('x', 'p')} == before  # type: ignore[union-attr]
+            ran.board.set(key, changed)
+
+
 def test_a_node_wakes_its_tree(world: ServerWorld) -> None:
     with Ran(world, '<Wakes/>') as ran:
         while ran.tree.tick_exactly_once() is RUNNING:
