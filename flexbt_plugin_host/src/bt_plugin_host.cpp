@@ -302,6 +302,8 @@ public:
       halt();
     } catch (const std::exception & error) {
       std::cerr << "[" << node_->fullPath() << "] raised when its run ended: " << error.what() << std::endl;
+    } catch (...) {
+      std::cerr << "[" << node_->fullPath() << "] raised when its run ended" << std::endl;
     }
   }
   HostedNode(const HostedNode &) = delete;

@@ -260,8 +260,12 @@ private:
   void onHalted() override
   {
     setOutput("done", 3);
-    if (getInput<std::string>("how").value() == "throw in halt") {
+    const auto how = getInput<std::string>("how").value();
+    if (how == "throw in halt") {
       throw std::runtime_error("the brush sticks");
+    }
+    if (how == "throw a number in halt") {
+      throw 7;
     }
   }
 };

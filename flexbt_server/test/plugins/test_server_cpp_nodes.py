@@ -342,6 +342,16 @@ def test_halt_writes_outputs_and_its_error_counts(world: ServerWorld) -> None:
     assert (result.code, 'the brush sticks' in result.message) == (Result.ERROR, True)
 
 
+def test_a_node_that_throws_anything_in_a_halt_costs_no_other_node(world: ServerWorld) -> None:
+    """It throws again as it is destroyed."""
+    process = host_of(world)._process._process
+    result = outcome(world, '<Timeout msec="50"><Faulty how="throw a number in halt"/></Timeout>')
+    assert (result.code, 'not a std::exception' in result.message) == (Result.ERROR, True)
+    threads = Path(f'/proc/{process.pid}/task')
+    wait_until(lambda: process.poll() is not None or len(list(threads.iterdir())) <= 2, 'the end of the node')
+    assert process.poll() is None
+
+
 def test_a_tick_that_ends_after_the_halt_counts(impatient: ServerWorld, tmp_path: Path) -> None:
     body = f'<Faulty how="{tmp_path}/go" done="{{done}}" late="{{late}}"/>'
     with Ran(impatient, body) as ran:
