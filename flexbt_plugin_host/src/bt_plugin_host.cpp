@@ -182,6 +182,37 @@ json description_of(const BT::TreeNodeManifest & manifest)
   return node;
 }
 
+// Numbers that JSON lacks have their names of YAML in lists and objects, as in the texts of messages.
+const std::map<std::string, double> NAMED_NUMBERS = {
+  {".nan", std::numeric_limits<double>::quiet_NaN()},
+  {".inf", std::numeric_limits<double>::infinity()},
+  {"-.inf", -std::numeric_limits<double>::infinity()},
+};
+
+void name_numbers(json & value)
+{
+  if (value.is_number_float() && !std::isfinite(value.get<double>())) {
+    const auto number = value.get<double>();
+    value = std::isnan(number) ? ".nan" : number > 0 ? ".inf" : "-.inf";
+  } else if (value.is_structured()) {
+    for (auto & part : value) {
+      name_numbers(part);
+    }
+  }
+}
+
+void read_numbers(json & value)
+{
+  const auto named = value.is_string() ? NAMED_NUMBERS.find(value.get<std::string>()) : NAMED_NUMBERS.end();
+  if (named != NAMED_NUMBERS.end()) {
+    value = named->second;
+  } else if (value.is_structured()) {
+    for (auto & part : value) {
+      read_numbers(part);
+    }
+  }
+}
+
 BT::Any value_of(const json & value, const BT::PortInfo & port)
 {
   const auto & exporter = BT::JsonExporter::get();
@@ -211,8 +242,13 @@ BT::Any value_of(const json & value, const BT::PortInfo & port)
   if (value.is_number_float()) {
     return BT::Any(value.get<double>());
   }
+  if (port.type() == typeid(std::vector<std::string>)) {
+    return BT::Any(value.get<std::vector<std::string>>());
+  }
+  json read = value;
+  read_numbers(read);
   if (port.type() == typeid(std::vector<double>)) {
-    return BT::Any(value.get<std::vector<double>>());
+    return BT::Any(read.get<std::vector<double>>());
   }
   if (port.type() == typeid(std::vector<int>)) {
     return BT::Any(value.get<std::vector<int>>());
@@ -220,10 +256,7 @@ BT::Any value_of(const json & value, const BT::PortInfo & port)
   if (port.type() == typeid(std::vector<bool>)) {
     return BT::Any(value.get<std::vector<bool>>());
   }
-  if (port.type() == typeid(std::vector<std::string>)) {
-    return BT::Any(value.get<std::vector<std::string>>());
-  }
-  auto entry = port.isStronglyTyped() ? exporter.fromJson(value, port.type()) : exporter.fromJson(value);
+  auto entry = port.isStronglyTyped() ? exporter.fromJson(read, port.type()) : exporter.fromJson(read);
   if (!entry) {
     throw BT::RuntimeError("a value of type ", BT::demangle(port.type()), " cannot be read: ", entry.error());
   }
@@ -244,6 +277,7 @@ json json_of(const BT::Any & value)
       "a value of type ", BT::demangle(value.type()), " cannot leave the host: register it with "
       "BT::RegisterJsonDefinition");
   }
+  name_numbers(result);
   if (result.is_object()) {
     result["__type"] = BT::demangle(value.type());
   }

@@ -61,6 +61,9 @@ SEND_SECONDS: Final = 0.5
 """Time for a host to read a request that does not fit into the buffer of the socket, s."""
 MOST_BYTES: Final = 100_000_000
 """Maximum size of an answer."""
+_NUMBERS: Final = {'.nan': math.nan, '.inf': math.inf, '-.inf': -math.inf}
+"""Numbers that JSON lacks, by their names in lists and objects: those of YAML, which the texts of messages have."""
+_NAMES: Final = {str(number): name for name, number in _NUMBERS.items()}
 _MESSAGE: Final = re.compile(r'(\w+)::msg::(\w+)_<std::allocator<void> ?>')
 KINDS: Final = {'Action': NodeKind.ACTION, 'Condition': NodeKind.CONDITION}
 """Kinds of nodes that are served. Others have children."""
@@ -509,7 +512,7 @@ class CppLeaf(ServerNode, LeafNode):
         """Write the outputs of an answer, and return it. Raises CppNodeError if the node threw."""
         answer = request.answer or {'out': {}}
         for port, value in answer['out'].items():
-            self.set_output(port, self._from_json(value))
+            self.set_output(port, self._from_json(port, value))
         if 'error' in answer:
             self._sent = {}  # it may have read only some of the changes
             raise CppNodeError(one_line(str(answer['error']), 2000))
@@ -522,15 +525,18 @@ class CppLeaf(ServerNode, LeafNode):
         if isinstance(value, str | int | float):
             return value
         if isinstance(value, list):
-            return [self._as_json(port, one) for one in value]
+            return [_named(one) if isinstance(one, float) else self._as_json(port, one) for one in value]
         if isinstance(value, NodeStatus):
             return value.name
         known = self.types.of_class(type(value))
         if known is not None:
-            return known.to_json(value) | {TYPE_FIELD: known.name}
+            return _named(known.to_json(value)) | {TYPE_FIELD: known.name}
         raise ConversionError(f'port [{port}]: {type(value).__name__} cannot be sent to a C++ node')
 
-    def _from_json(self, value: Any) -> Any:
+    def _from_json(self, port: str, value: Any) -> Any:
+        kind = self.ports[port].type
+        if isinstance(value, list) and kind is not None and kind.name == 'std::vector<double>':
+            return [_NUMBERS.get(one, one) for one in value]
         if not isinstance(value, dict):
             return value
         fields = dict(value)
@@ -679,6 +685,17 @@ def _type_name(name: str) -> str:
     """Return the name of the message type that a C++ type implements; for another type, its name."""
     message = _MESSAGE.fullmatch(name)
     return f'{message[1]}/msg/{message[2]}' if message else name
+
+
+def _named(value: Any) -> Any:
+    """Return JSON with names for the numbers that JSON lacks."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return _NAMES[str(value)]
+    if isinstance(value, list):
+        return [_named(one) for one in value]
+    if isinstance(value, dict):
+        return {key: _named(one) for key, one in value.items()}
+    return value
 
 
 def _untyped(value: Any) -> Any:

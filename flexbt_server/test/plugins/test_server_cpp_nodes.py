@@ -7,6 +7,7 @@ The nodes are in flexbt_plugin_host/test; they are built with that package where
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 import signal
@@ -195,6 +196,16 @@ def test_numbers_that_json_lacks_cross(world: ServerWorld) -> None:
         written = value_after(world, f'<Echo_double in="{text}" out="{{x}}"/>', 'x')
         read = value_after(world, '<Echo_double in="{x}" out="{y}"/>', 'y', x=written)
         assert str(read) == text == str(written)
+
+
+def test_numbers_that_json_lacks_cross_in_lists_and_objects(world: ServerWorld) -> None:
+    for name, value in (
+        ('doubles', [math.nan, -math.inf, 1.0]),
+        ('message', Point(x=math.nan, y=math.inf, z=-math.inf)),
+    ):
+        body = f'<Sequence><Echo_{name} in="{{x}}" out="{{y}}"/><Echo_{name} in="{{y}}" out="{{z}}"/></Sequence>'
+        assert repr(value_after(world, body, 'z', x=value)) == repr(value)
+    assert str(value_after(world, '<Echo_doubles in="nan;inf" out="{x}"/>', 'x')) == '[nan, inf]'
 
 
 def test_a_large_value_crosses(world: ServerWorld) -> None:
