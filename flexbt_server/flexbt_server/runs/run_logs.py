@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 _OURS: Final = re.compile(rf'\d{{8}}T\d{{6}}\.\d{{6}}Z_.*_[0-9a-f]{{8}}{re.escape(SUFFIX)}')
 _UNFIT: Final = re.compile(r'[^\w.-]')
 _NAME_LIMIT: Final = 80
+"""Maximum number of bytes of the ID of a tree in the name of its file; a file system allows 255 in all."""
 
 MOST_WAITING: Final = 10_000
 """Maximum number of rounds of ticks of all runs that wait for the disk; the log of a run that exceeds it ends."""
@@ -83,7 +84,7 @@ class RunLogs:
         start = time.perf_counter_ns()
         epoch = time.time()
         started = datetime.fromtimestamp(epoch, UTC)
-        name = _UNFIT.sub('_', tree.key.id)[:_NAME_LIMIT]
+        name = _UNFIT.sub('_', tree.key.id).encode()[:_NAME_LIMIT].decode(errors='ignore')
         path = self._directory / f'{started:%Y%m%dT%H%M%S.%fZ}_{name}_{run_id[:8]}{SUFFIX}'
         log = LogWriter(path, tree, marks, start, epoch, write=self._write, on_error=self._tell_end)
         self._write(self._prune)

@@ -154,6 +154,15 @@ def test_every_run_has_a_log_file(tmp_path: Path) -> None:
         assert abs(log.epoch - time.time()) < 600.0
 
 
+def test_the_log_of_a_tree_with_a_long_name_is_written(tmp_path: Path) -> None:
+    name = '導' * 90
+    with open_server_world(btlog_directory=str(tmp_path)) as world:
+        world.client.load_tree(BODY, name)
+        assert world.client.execute(name).wait().status is GoalStatus.SUCCEEDED
+    (file,) = tmp_path.iterdir()
+    assert file.name[24:].split('_')[0] == name[:26] and read_log(file).transitions
+
+
 def test_a_disk_that_hangs_is_told_and_holds_up_no_tree(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
