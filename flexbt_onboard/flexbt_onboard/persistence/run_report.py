@@ -68,16 +68,20 @@ def _report(arguments: Sequence[str] | None) -> int:
 
 
 def _send_as_they_end(url: str, file: Path) -> None:
-    """Send each run that ends from now on. One that a collector does not take is sent again with the next one."""
+    """Send each run that ends from now on. One that a collector does not take is sent again with the next one, unless
+    it never takes it."""
     waiting: deque[dict[str, Any]] = deque(maxlen=MOST_WAITING)
     for run in ended_runs(file):
         waiting.append(spans_of(run))
-        try:
-            while waiting:
+        while waiting:
+            try:
                 send_spans(url, waiting[0])
-                waiting.popleft()
-        except SpanError as error:
-            print(one_line(f'run_report: {error}; {len(waiting)} runs wait for it'), file=sys.stderr, flush=True)
+            except SpanError as error:
+                what = 'a run is left out' if error.is_final else f'{len(waiting)} runs wait for it'
+                print(one_line(f'run_report: {error}; {what}'), file=sys.stderr, flush=True)
+                if not error.is_final:
+                    break
+            waiting.popleft()
 
 
 def as_json(run: RunMetrics) -> dict[str, object]:

@@ -27,6 +27,9 @@ MOST_EVENTS: Final = 50_000
 """Events of a run that are kept until it ends."""
 
 _MOST_RUNS: Final = 16
+_FINAL: Final = (400, 413)
+"""HTTP codes of an answer to spans that a collector never takes, such as more than it allows."""
+
 FAILED: Final = frozenset({'failed', 'error', 'preempted', 'canceled'})
 """Outcomes with which a span has the status ERROR."""
 
@@ -36,7 +39,9 @@ _ERROR: Final = 2
 
 
 class SpanError(Exception):
-    """A collector that cannot be reached, or refuses the spans."""
+    """A collector that cannot be reached, or refuses the spans. ``is_final``: it never takes these spans."""
+
+    is_final = False
 
 
 def ended_runs(file: Path) -> Iterator[RunMetrics]:
@@ -109,7 +114,9 @@ def send_spans(url: str, body: Mapping[str, Any]) -> None:
         with urllib.request.urlopen(request, timeout=SEND_SECONDS):  # noqa: S310
             pass
     except (OSError, ValueError) as error:
-        raise SpanError(f'{address}: {error}') from error
+        refusal = SpanError(f'{address}: {error}')
+        refusal.is_final = isinstance(error, urllib.error.HTTPError) and error.code in _FINAL
+        raise refusal from error
 
 
 def _span(

@@ -10,11 +10,14 @@ import random
 import subprocess
 import sys
 import threading
+import urllib.error
+import urllib.request
 from contextlib import nullcontext
+from email.message import Message
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 from xml.etree import ElementTree
 
 import pytest
@@ -27,6 +30,7 @@ from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_msgs.msg import ExecutiveCommand
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
+from flexbt_onboard.persistence import run_report
 from flexbt_onboard.persistence.run_metrics import RunMetrics, metrics_of, read_events
 from flexbt_onboard.persistence.run_report import as_json, as_text, main, timeline
 from flexbt_onboard.persistence.run_spans import ended_runs
@@ -408,6 +412,31 @@ def test_runs_are_sent_as_spans_also_while_the_log_is_rotated_and_a_collector_re
             assert int(one['startTimeUnixNano']) <= int(one['endTimeUnixNano'])
             assert one['parentSpanId'] in ('', *spans)
     assert len(Collector.taken) >= 5
+
+
+def test_a_run_that_a_collector_never_takes_does_not_keep_back_the_next_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'executive.jsonl'
+    file.touch()
+    codes = iter([503, 413, 200, 200])
+    sent = []
+
+    def urlopen(request: urllib.request.Request, timeout: float) -> nullcontext[None]:
+        sent.append(json.loads(cast(bytes, request.data))['resourceSpans'][0]['scopeSpans'][0]['spans'][0]['name'])
+        if (code := next(codes)) != 200:
+            raise urllib.error.HTTPError(request.full_url, code, 'no', Message(), None)
+        return nullcontext()
+
+    monkeypatch.setattr(urllib.request, 'urlopen', urlopen)
+    runs = [RunMetrics(name, name) for name in ('large', 'second', 'third')]
+    monkeypatch.setattr(run_report, 'ended_runs', lambda _: runs)
+    assert main([str(file), '--otlp', 'http://here', '--follow']) == 0
+    assert sent == [f'behavior {name}' for name in ('large', 'large', 'second', 'third')]
+    assert [line.partition('; ')[2] for line in capsys.readouterr().err.splitlines()] == [
+        '1 runs wait for it',
+        'a run is left out',
+    ]
 
 
 def test_a_collector_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
