@@ -288,7 +288,7 @@ class _Reader:
         elif kind == 'command':
             if event.get('effect') == 'applied' and 'wait_queue' in event and 'wait_interaction' in event:
                 measured = float(event['wait_queue']), float(event['wait_interaction'])
-                self._causes[str(event.get('decision'))] = measured
+                self._measure(str(event.get('decision')), *measured)
             parts = [event.get(name) for name in _TOLD]
             text = ' '.join(str(part) for part in parts if part not in (None, ''))
             metrics.interventions.append(
@@ -317,10 +317,6 @@ class _Reader:
     def finished(self) -> RunMetrics:
         """Return the metrics after the last event."""
         self.interrupt()
-        for place, wait in enumerate(self._metrics.waits):
-            if wait.decision in self._causes:
-                queue, interaction = self._causes[wait.decision]
-                self._metrics.waits[place] = replace(wait, queue=queue, interaction=interaction)
         return self._metrics
 
     def _see_clock_set(self, wall: float, steady: object) -> None:
@@ -348,8 +344,19 @@ class _Reader:
         begin = self._active.pop(path, now)
         self._metrics.visits.append(StateVisit(path, begin, now, outcome, reason))
 
+    def _measure(self, decision: str, queue: float, interaction: float) -> None:
+        """Note the measured times of the newest wait for a decision. A restarted executive numbers its inputs anew."""
+        if decision in self._waiting:
+            self._causes[decision] = queue, interaction
+            return
+        waits = self._metrics.waits
+        place = next((at for at in reversed(range(len(waits))) if waits[at].decision == decision), None)
+        if place is not None:
+            waits[place] = replace(waits[place], queue=queue, interaction=interaction)
+
     def _decide(self, decision: str, now: float) -> None:
         begin, wall, event = self._waiting.pop(decision, (now, 0.0, None))
+        queue, interaction = self._causes.pop(decision, (None, None))
         if event is not None:
             self._metrics.waits.append(
                 OperatorWait(
@@ -360,6 +367,8 @@ class _Reader:
                     str(event.get('outcome', '')),
                     decision,
                     max(0.0, self._wall - wall),
+                    queue,
+                    interaction,
                 )
             )
 

@@ -256,6 +256,30 @@ def test_waits_are_told_by_their_causes() -> None:
     assert sum(causes.values()) == sum(wait.end - wait.begin for wait in run.waits)
 
 
+def test_an_input_after_a_restart_of_the_executive_has_its_own_causes() -> None:
+    """A restarted executive numbers its inputs anew. The result of a command may come before or after the decision."""
+
+    def event(time: float, name: str, **fields: Any) -> dict[str, Any]:
+        return {'event': name, 'stamp': time, 'time': time, 'run': 'r', **fields}
+
+    def asked(time: float, *measured: float) -> list[dict[str, Any]]:
+        given = dict(zip(('wait_queue', 'wait_interaction'), measured, strict=False))
+        answers = [
+            event(time + 4.0, 'decided', decision='input-1'),
+            event(time + 4.0, 'command', decision='input-1', effect='applied', **given),
+        ]
+        return [
+            event(time, 'waiting', decision='input-1', path='/A', kind='input'),
+            *(answers if 1.0 in measured else answers[::-1]),
+            event(time + 5.0, 'executive', state='started'),
+            event(time + 6.0, 'resumed', behavior='B'),
+        ]
+
+    story = [event(0.0, 'started', behavior='B'), *asked(1.0, 1.0, 2.0), *asked(10.0), *asked(20.0, 0.0, 3.0)]
+    (run,) = metrics_of(story)
+    assert [(wait.queue, wait.interaction) for wait in run.waits] == [(1.0, 2.0), (None, None), (0.0, 3.0)]
+
+
 @pytest.mark.parametrize('offset', [0.0, -100.0])
 def test_that_the_clock_was_set_counts_in_no_time(offset: float) -> None:
     """The stamps are of the computer's clock, or of a simulated one."""
