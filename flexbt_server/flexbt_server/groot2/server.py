@@ -102,12 +102,10 @@ class Groot2Server:
 
     def close(self) -> None:
         """Close the server. Every tree that a breakpoint holds continues."""
-        with self._lock:
-            self._silent = True
-            self._mute()
         with suppress(zmq.ZMQError):
             self._stop.send(b'')
-        self._thread.join()
+        self._thread.join()  # a request would set the hooks off again
+        self._hear(silent=True)
         with self._publishing:
             self._context.destroy(linger=0)
 

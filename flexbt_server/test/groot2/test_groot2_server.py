@@ -11,6 +11,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgpack
@@ -251,6 +252,27 @@ def test_the_end_of_the_server_lets_go() -> None:
     with Groot2Server(free_pair()) as server:
         held = Held(server, tree(), 1)
     assert held.goes_on() is NodeStatus.SUCCESS
+
+
+def test_a_request_during_the_end_of_the_server_holds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    port, shown = free_pair(), tree()
+    with zmq.Context() as context, context.socket(zmq.REQ) as client:
+        client.connect(f'tcp://127.0.0.1:{port}')
+        with Groot2Server(port) as server:
+            observed(server, shown)
+            ask(server, RequestType.HOOK_INSERT, breakpoint(1))
+            stop = server._stop.send
+
+            def ask_and_stop(data: bytes) -> None:
+                client.send(HEADER)
+                client.recv_multipart()
+                stop(data)
+
+            monkeypatch.setattr(server, '_stop', SimpleNamespace(send=ask_and_stop))
+    ticking = threading.Thread(target=shown.tick_once, daemon=True)
+    ticking.start()
+    ticking.join(DEADLINE)
+    assert not ticking.is_alive()
 
 
 def test_hooks_are_handed_on_to_the_next_run_of_the_tree(server: Groot2Server) -> None:
