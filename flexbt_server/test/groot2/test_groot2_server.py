@@ -233,11 +233,14 @@ class Held:
 def test_a_tree_that_is_held_stays_and_holds_no_other(server: Groot2Server) -> None:
     held = Held(server, tree('One'), 3)
     other = tree('One')
-    observed(server, other)
+    watched = observed(server, other)
     assert other.tick_once() is NodeStatus.SUCCESS
     assert shown_tree(server) == held.watched.uuid
     ask(server, RequestType.BREAKPOINT_UNLOCK, breakpoint(3, desired_status='FAILURE', remove_when_done=True))
     assert held.goes_on() is NodeStatus.FAILURE
+    assert shown_tree(server) == held.watched.uuid
+    server.remove(held.watched)
+    assert shown_tree(server) == watched.uuid
 
 
 def test_a_hidden_tree_is_not_held(server: Groot2Server) -> None:
