@@ -42,8 +42,8 @@ class Groot2Server:
     reached.
 
     Clients see the tree that started last. When it ends, they see the latest tree that still runs, or else the ended
-    one. A tree that a breakpoint holds when another one starts stays visible until it ends. Each run has a unique ID, by
-    which clients notice a new run. Hooks of hidden trees have no effect. The next run of the same tree inherits the
+    one. A tree that a breakpoint holds when another one starts stays visible until it ends. Each run has a unique ID,
+    by which clients notice a new run. Hooks of hidden trees have no effect. The next run of the same tree inherits the
     hooks of the visible tree.
 
     With ``only``, the ID of a tree, clients see only runs of this tree.
