@@ -2,9 +2,10 @@
 """Python code for scripts, specialized to the kinds of values that their entries currently hold.
 
 The code first checks that the entries still hold values of these kinds. It then computes with local variables, and
-writes the entries last. In any other case (another kind, an error, a number that is too large, a division by zero) it
-calls ``slow`` *before it writes anything*. The closures then run the whole script, and raise the errors. So the code
-never defines what a script means; it only runs several times as fast.
+writes the entries last. In any other case (another kind, an error, a number that is too large, a division by zero, a
+sum for an entry that another thread has written meanwhile) it calls ``slow`` *before it writes anything*. The closures
+then run the whole script, and raise the errors. So the code never defines what a script means; it only runs several
+times as fast.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ _LARGEST: Final = 2**30 - 1
 _EXACT: Final = 2**53 - 1
 _MAX_DEPTH: Final = 40
 """Maximum nesting of expressions, because Python's parser has a limit."""
+_CALL: Final = re.compile(r'\b(int|len|format)\(')
+"""Calls in the code: Python switches threads only there."""
 
 
 class Variable(NamedTuple):
@@ -140,6 +143,7 @@ class _CodeWriter:
         self.lines: list[str] = []
         self._used: set[str] = set()
         self._writes: dict[str, int] = {}
+        self._changed: set[str] = set()
         self._temporaries = 0
         self._depth = 0
 
@@ -156,7 +160,8 @@ class _CodeWriter:
         for place, (name, variable) in enumerate(self._variables.items()):
             if name not in self._used:
                 continue
-            lines.append(f'v{place} = e{place}.value')
+            before = f'b{place} = ' if name in self._checked else ''
+            lines.append(f'v{place} = {before}e{place}.value')
             wrong = f'v{place}.__class__ is not {_CLASSES[variable.kind]}'
             if variable.kind == 'integer':
                 wrong += f' or not {-_LARGEST} <= v{place} <= {_LARGEST}'
@@ -168,12 +173,18 @@ class _CodeWriter:
 
     def commits(self) -> list[str]:
         """Write the entries."""
-        # Two stores without a call in between: no other thread runs between the value and its sequence number.
-        lines = []
+        # Stores without a call in between: no other thread runs between the values and their sequence numbers.
+        places = [self._locals[name][1:] for name in self._checked]
+        lines = [f'if e{place}.value is not b{place}: return slow()' for place in places]
         for name, count in self._writes.items():
             place = self._locals[name][1:]
             lines += [f'e{place}.value = v{place}', f'e{place}.sequence += {count}']
         return lines
+
+    @property
+    def _checked(self) -> list[str]:
+        """The entries to which the script adds and the like, if another thread may run before they are written."""
+        return sorted(self._changed) if any(map(_CALL.search, self.lines)) else []
 
     def _check(self, holds: str) -> None:
         self.lines.append(f'if not ({holds}): raise ValueError')
@@ -201,6 +212,7 @@ class _CodeWriter:
         self._used.add(name)
         code = self._expression(statement.value)
         if statement.operator not in (':=', '='):
+            self._changed.add(name)
             code = self._operate(statement.operator[0], self._variable(name), code)
         local = self._locals[name]
         bounds = f'{target.minimum} <= {local} <= {target.maximum}'

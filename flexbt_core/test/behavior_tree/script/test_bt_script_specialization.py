@@ -4,13 +4,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
+from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
 from flexbt_core.behavior_tree.model.errors import ScriptError
 from flexbt_core.behavior_tree.script.interpreter import BoundScript, ScriptLibrary
 
@@ -136,6 +136,48 @@ def test_the_code_notices_that_an_entry_was_removed_or_has_another_kind() -> Non
     assert board.snapshot() == {'n': 4.5, 's': 'n4.500000'}
     assert removed is not None
     assert removed.value is EMPTY
+
+
+class WrittenMeanwhile(Entry):
+    """An entry that another thread writes just after it was read, once."""
+
+    __slots__ = ()
+    others: ClassVar[list[Any]] = []
+
+    @property
+    def value(self) -> Any:
+        slot = vars(Entry)['value']
+        value = slot.__get__(self)
+        if self.others:
+            slot.__set__(self, self.others.pop())
+        return value
+
+    @value.setter
+    def value(self, value: Any) -> None:
+        vars(Entry)['value'].__set__(self, value)
+
+
+@pytest.mark.parametrize(
+    ('script', 'before', 'other', 'after'),
+    [('n += 0.5 + 0.5', 1, 10, 11), ("n += 'b'", 'a', 'x', 'xb'), ("n += 'b' .. 1; s = n", 'a', 'x', 'xb1')],
+)
+def test_code_adds_to_what_another_thread_has_written_meanwhile(
+    script: str, before: Any, other: Any, after: Any
+) -> None:
+    board = Blackboard()
+    board.set('n', before)
+    board.set('s', '')
+    bound = ScriptLibrary(warm_up=1).script(script).bind(board)
+    for _ in range(2):
+        bound.run()
+        board.set('n', before)
+    assert bound.run.__name__ == 'run'
+    entry = board.entry('n')
+    assert entry is not None
+    entry.__class__ = WrittenMeanwhile
+    WrittenMeanwhile.others.append(other)
+    bound.run()
+    assert board.get('n') == after
 
 
 def test_two_names_of_one_entry_stay_one() -> None:
