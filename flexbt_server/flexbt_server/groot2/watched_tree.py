@@ -233,17 +233,16 @@ class HookSettings:
     @classmethod
     def read(cls, document: Any) -> HookSettings:
         """Return the settings in the JSON of a request. Raises RequestError."""
+        # In the order of BehaviorTree.CPP: the first fault is told.
+        uid = read.unsigned_16(read.member(document, 'uid'))
+        position = read.signed_32(read.member(document, 'position'))
+        enabled = read.boolean(read.member(document, 'enabled'))
+        once = read.boolean(read.member(document, 'once'))
+        mode = read.signed_32(read.member(document, 'mode'))
         status = read.string(read.member(document, 'desired_status'))
         if status not in NodeStatus.__members__:
             raise RequestError(f'Cannot convert this to NodeStatus: {status}')
-        return cls(
-            enabled=read.boolean(read.member(document, 'enabled')),
-            uid=read.unsigned_16(read.member(document, 'uid')),
-            mode=read.signed_32(read.member(document, 'mode')),
-            once=read.boolean(read.member(document, 'once')),
-            desired_status=status,
-            position=read.signed_32(read.member(document, 'position')),
-        )
+        return cls(enabled, uid, mode, once, status, position)
 
 
 class _Hook:

@@ -122,7 +122,8 @@ def test_any_request_has_a_reply_and_hurts_nothing(
     ('type', 'content', 'text'),
     [
         # The texts of BehaviorTree.CPP 4.10 and of its JSON library; 4.8.2 ends the process instead.
-        ('I', b'{"uid": 1, "position": 0}', "[json.exception.out_of_range.403] key 'desired_status' not found"),
+        ('I', b'{"uid": 1, "position": 0}', "[json.exception.out_of_range.403] key 'enabled' not found"),
+        ('I', b'{"uid": 1, "desired_status": "x"}', "[json.exception.out_of_range.403] key 'position' not found"),
         ('R', b'{"position": 0}', "[json.exception.out_of_range.403] key 'uid' not found"),
         ('R', b'{"uid": "1"}', '[json.exception.type_error.302] type must be number, but is string'),
         ('R', b'[]', '[json.exception.type_error.304] cannot use at() with array'),
