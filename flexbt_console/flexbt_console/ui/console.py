@@ -117,6 +117,10 @@ def _run_words(words: list[str]) -> int:
         return _run(line)
     except ConsoleError as error:
         return _report(words, line.spec.name, error.exit_code, str(error))
+    except OSError as error:
+        if error.filename is None:
+            raise
+        return _report(words, line.spec.name, ExitCode.USAGE, f'{error.filename}: cannot be used: {error.strerror}')
     except (_Interrupted, RuntimeError) as error:
         # A caller that waited for a lock when the signal arrived has lost it, and raises a RuntimeError.
         if not any(isinstance(one, _Interrupted) for one in (error, error.__context__)):

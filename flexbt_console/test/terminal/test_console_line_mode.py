@@ -76,6 +76,14 @@ def test_what_lost_its_lock_to_a_signal_was_interrupted(monkeypatch: pytest.Monk
         assert (main(['watch']), main(['status'])) == (ExitCode.OK, ExitCode.INTERRUPTED)
 
 
+def test_a_file_that_cannot_be_used_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / ('x' * 300)
+    with restored_signals():
+        assert main(['users', str(file)]) == main(['users', str(file), '--add', 'ann']) == ExitCode.USAGE
+    told = f'users: {file}: cannot be used: File name too long\n'
+    assert capsys.readouterr().err == 2 * told
+
+
 @pytest.fixture
 def executive(executives: Any) -> ScriptedExecutive:
     started = executives(NAMESPACE)
