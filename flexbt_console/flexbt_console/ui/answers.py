@@ -113,7 +113,7 @@ def _command(line: CommandLine, view: View, builder: CommandBuilder, bound: Boun
     if line.has('--help'):
         return Meaning(Local.HELP, line=line)
     shell_only = [option.name for option in spec.options if not option.in_prompt and line.has(option.name)]
-    shell_only += [option.name for option in COMMON_OPTIONS if line.has(option.name)]
+    shell_only += [*(option.name for option in COMMON_OPTIONS if line.has(option.name)), *line.ros_arguments[:1]]
     if shell_only:
         raise UsageError(f'{shell_only[0]} is for the command line, not for the prompt')
     check(line)

@@ -166,8 +166,9 @@ def test_local_lines() -> None:
             interpret(text, view(), MAKE, Bound(None))
     with pytest.raises(UsageError, match='for the command line: console watch'):
         interpret('watch', view(INPUT), MAKE, Bound('i1'))
-    with pytest.raises(UsageError, match='not for the prompt'):
-        interpret('stop --wait', view(), MAKE, Bound(None))
+    for text in ('stop --wait', 'note started with --ros-args -r __ns:=/a'):
+        with pytest.raises(UsageError, match='not for the prompt'):
+            interpret(text, view(), MAKE, Bound(None))
     with pytest.raises(RefusedError, match='no decision is pending'):
         interpret('1', view(), MAKE, Bound(None))
 
