@@ -9,6 +9,7 @@ with a ``/`` in its ID, or ``#`` before it, is called ``#N`` instead: the N-th t
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import cached_property, lru_cache
 from typing import Any, Final
 
@@ -28,7 +29,7 @@ from flexbt_server.node_types import node_registry
 from flexbt_studio.errors import GestureError
 
 from .document import gesture, need
-from .text import LINE_BREAK, Span, TextEdit
+from .text import LINE_BREAK, Span, TextEdit, applied
 from .xml_keys import SUBTREES, KeyReader, KeyUse, arguments, is_autoremapped, is_true, node_type, script_name_problem
 from .xml_text import Layout, Written, XmlElement
 
@@ -72,6 +73,18 @@ class XmlDocument(Layout):
     def is_old(self) -> bool:
         """Whether the text is of format 3."""
         return self._root is not None and is_format_3(self._root)
+
+    def checked(self, edits: Iterable[TextEdit]) -> list[TextEdit]:
+        made = super().checked(edits)
+        after = self.after(applied(self.text, made))
+        roots = (*self.tops[:1], *after.tops[:1])
+        if after.is_old is not self.is_old and not any('BTCPP_format' in one.attributes for one in roots):
+            calls = (one for one in after.subtrees if one.tag == 'SubTree')
+            is_same = all(key is not None for one in calls for _, key in arguments(one, bare=False).values())
+            before, now = ('3', '4') if self.is_old else ('4', '3')
+            told = f'texts of sub-trees would mean {"keys" if after.is_old else "themselves"}, as in format {now}'
+            need(is_same, f'after this edit {told}; declare it: write BTCPP_format="{before}" into <root> first')
+        return made
 
     def sections(self, tag: str) -> list[XmlElement]:
         """Return the elements of <root> with this tag."""
@@ -593,8 +606,12 @@ class XmlDocument(Layout):
         fits = _KEY.fullmatch(new) and new.startswith('@') == old.startswith('@')
         need(fits, f'{short_repr(new)} cannot replace the key [{old}]; use letters, digits and _')
         id, uses = element.attributes.get('ID'), self._uses(element)
-        is_shared = self.is_shared(tree, old)
-        edits = self.renamed_port(id, old, new, is_shared=is_shared) if self.definition(id) is element else []
+        is_shared, known = self.is_shared(tree, old), {use.key for use in uses}
+        edits: list[TextEdit] = []
+        if self.definition(id) is element:
+            known |= {old} if self.renamed_port(id, old, new, is_shared=False) else set()
+            edits += self.renamed_port(id, old, new, is_shared=is_shared)
+        need(old in known, f'tree [{tree}] has no key [{old}]', old, known)
         for use in uses:
             need(use.key != new, f'tree [{tree}] uses the key [{new}] too, so the two would become one')
             edits += self._renamed(use, new) if use.key == old else ()
@@ -602,12 +619,18 @@ class XmlDocument(Layout):
             is_user = is_autoremapped(call) and old not in arguments(call, bare=self.is_old)
             if is_user and self._may_use(call.attributes.get('ID'), old):
                 edits += self.value_edits(call, {old: self._argument(call, new)})
-        need(edits, f'tree [{tree}] has no key [{old}]', old, {use.key for use in uses})
         return edits
 
     def is_shared(self, tree: str, key: str) -> bool:
-        """Return whether a tree uses a key that is also that of a tree around it which hands over all keys."""
-        return key[:1] not in ('_', '@') and any(use.key == key for use in self._uses(self.trees[tree]))
+        """Return whether a tree, or one to which it hands all keys, uses a key that may be that of a tree around it."""
+        if key[:1] in ('_', '@'):
+            return False
+        element = self.trees[tree]
+        calls = (one for one in _calls_in(element) if is_autoremapped(one))
+        return any(use.key == key for use in self._uses(element)) or any(
+            key not in arguments(one, bare=self.is_old) and self._may_use(one.attributes.get('ID'), key)
+            for one in calls
+        )
 
     def renamed_port(self, id: str | None, old: str, new: str, *, is_shared: bool) -> list[TextEdit]:
         """Return the edits where this file hands a key to the tree ``id``, which gets another name in that tree.

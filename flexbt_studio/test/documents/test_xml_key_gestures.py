@@ -122,6 +122,43 @@ def test_a_key_that_others_know_is_not_renamed() -> None:
     assert '<SubTree ID="New" a="{a}" b="{b}"/>' in extracted
 
 
+def test_a_key_that_a_tree_only_hands_on_with_all_others_is_renamed() -> None:
+    text = """<root BTCPP_format="4">
+  <BehaviorTree ID="Main"><Fallback><SubTree ID="One" b="{x}"/><SubTree ID="One" _autoremap="1"/></Fallback>
+  </BehaviorTree>
+  <BehaviorTree ID="One"><SubTree ID="Two" _autoremap="1"/></BehaviorTree>
+  <BehaviorTree ID="Two"><Script code="b := 1"/></BehaviorTree>
+</root>"""
+    after = applied(text, XmlDocument(text).gesture('rename_key', {'tree': 'One', 'old': 'b', 'new': 'c'}))
+    one, *parts = '<SubTree ID="One" c="{x}"/>', '_autoremap="1" c="{b}"', '_autoremap="1" b="{c}"'
+    assert all(part in after for part in (one, *parts))
+    assert run(after, {}) == run(text, {})
+    with pytest.raises(GestureError, match=r'has no key \[z\]'):
+        XmlDocument(text).gesture('rename_key', {'tree': 'One', 'old': 'z', 'new': 'c'})
+
+
+@pytest.mark.parametrize('declared', ['', ' BTCPP_format="3"'])
+def test_an_edit_does_not_change_the_format_by_which_keys_of_sub_trees_are_read(declared: str) -> None:
+    calls = '<SequenceStar><SubTree ID="S" k="place"/></SequenceStar>'
+    trees = f'<BehaviorTree ID="T">{calls}</BehaviorTree><BehaviorTree ID="S"><Fallback/></BehaviorTree>'
+    document = XmlDocument(f'<root{declared}>{trees}</root>')
+    for name, arguments in (
+        ('unwrap', {'node': 'T/0'}),
+        ('set_type', {'node': 'T/0', 'type': 'Sequence'}),
+    ):
+        if declared:
+            assert XmlDocument(applied(document.text, document.gesture(name, arguments))).is_old
+        else:
+            with pytest.raises(GestureError, match=r'would mean themselves.* write BTCPP_format="3" into <root>'):
+                document.gesture(name, arguments)
+    new = XmlDocument(f'<root{declared}>{trees.replace("Star", "")}</root>')
+    if not declared:
+        with pytest.raises(GestureError, match=r'would mean keys.* write BTCPP_format="4" into <root>'):
+            new.gesture('set_type', {'node': 'T/0', 'type': 'SequenceStar'})
+    assert new.gesture('set_type', {'node': 'S/0', 'type': 'Sequence'})
+    assert document.gesture('remove', {'node': 'T/0'})  # with what would be read anew
+
+
 def given(text: str) -> dict[str, Any]:
     """Return values for the keys that Main, or a tree that shares its keys, uses."""
     main = text.partition('</BehaviorTree>')[0]
