@@ -27,6 +27,7 @@ MOST_PRIORITY: Final = 1000
 SHORTEST_INTERVAL: Final = 1.0
 LONGEST_INTERVAL: Final = 31_536_000.0
 FARTHEST: Final = 1_000_000.0
+LATEST: Final = 2.0**31 - 1.0
 """Limits of the options; seconds and metres."""
 
 OLD_SECONDS: Final = 60.0
@@ -49,6 +50,8 @@ def check_options(options: QueueOptions, places: Mapping[str, Place]) -> None:
     most, battery = f'from -{MOST_PRIORITY} to {MOST_PRIORITY}', options.battery
     require(abs(options.priority) <= MOST_PRIORITY, 'priority', options.priority, most)
     require(battery <= 1.0, 'battery', battery, 'a charge from 0 to 1')
+    latest = 'a time until January 2038, which messages can have'
+    require(abs(options.not_before) <= LATEST, 'not_before', options.not_before, latest)
     window = options.window
     require(not window or _WINDOW.fullmatch(window) is not None, 'window', window, 'times of a day, as in 22:00-06:00')
     if options.place:

@@ -9,12 +9,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from builtin_interfaces.msg import Time
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule, run_state_machine_as_test
 
+from flexbt_common.values.message_fields import options_message, options_of
 from flexbt_common.values.queue_options import OnFailure, QueueOptions
 from flexbt_msgs.msg import BlackboardEntry
+from flexbt_msgs.msg import QueueOptions as QueueOptionsMessage
 from flexbt_onboard.errors import CommandRefusedError
 from flexbt_onboard.mission_queue import mission_queue
 from flexbt_onboard.mission_queue.conditions import check_options, is_within, time_problem
@@ -304,3 +307,19 @@ def test_a_window_of_the_day_holds_from_its_begin_to_its_end_whatever_the_clock_
     check_options(QueueOptions(window=window), {})
     expected = begin == end or (minute - begin) % 1440 < (end - begin) % 1440
     assert is_within(window, now) is expected
+
+
+@given(st.builds(Time, sec=st.integers(-(2**31), 2**31 - 1), nanosec=st.integers(0, 2**32 - 1)))
+@example(Time(sec=2**31 - 1, nanosec=999_999_999))
+@example(Time(sec=2**31 - 1))
+def test_an_earliest_start_is_kept_over_a_restart_and_shown_or_refused(when: Time) -> None:
+    options, disk = options_of(QueueOptionsMessage(not_before=when, on_failure=QueueOptionsMessage.HOLD)), Disk()
+    try:
+        check_options(options, {})
+    except CommandRefusedError as error:
+        assert 'not_before' in str(error) and not 1 - 2**31 <= when.sec < 2**31 - 5
+        return
+    MissionQueue(QueueState(), disk.write).add(QueueEntry(0, 'Work', options))
+    (entry,) = disk.read().entries.values()
+    assert entry.options == options
+    assert abs(options_message(entry.options).not_before.sec) < 2**31
