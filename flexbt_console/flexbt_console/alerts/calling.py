@@ -30,7 +30,7 @@ from flexbt_core.values.text import one_line, pluralize
 from flexbt_core.values.text_files import version_of
 
 from .delivered import SEND_SECONDS
-from .escalation import Call, SeenNeed, SeenRobot
+from .escalation import Call, SeenRobot
 from .rules import AlertRules, Severity, load_rules, rule_text
 from .store import Store
 
@@ -43,7 +43,7 @@ SENDING_PERIOD: Final = 0.1
 STILL_SECONDS: Final = 5.0
 HEAR_SECONDS: Final = 30.0
 """Where a robot was not heard for this much longer, s, than this program has listened to it, since computer or process
-stood still, it counts as silent only after this time of listening, s."""
+stood still, somebody is called about it only after this time of listening, s."""
 
 MOST_SENDERS: Final = 4
 """Maximum number of processes that send at the same time."""
@@ -163,18 +163,18 @@ class Calling:
         self._save(acknowledged)
 
     def _robots(self) -> list[SeenRobot]:
-        """Return the robots. One that could not be heard, since computer or process stood still, is not silent yet."""
+        """Return the robots, with a mark at those that could not be heard, since computer or process stood still."""
         before, self._looked_at = self._looked_at, self._steady()
         self._listened += min(self._looked_at - before, 2.0 * PERIOD)
         robots = self._look()
         self._heard = {one.name: self._listened if one.is_live else self._heard.get(one.name, 0.0) for one in robots}
 
-        def is_known(robot: SeenRobot, need: SeenNeed) -> bool:
+        def is_unheard(robot: SeenRobot) -> bool:
             listened = self._listened - self._heard[robot.name]
-            stood_still = need.seconds > listened + STILL_SECONDS
-            return need.condition is not Urgency.UNREACHABLE or listened >= HEAR_SECONDS or not stood_still
+            silent = [need.seconds for need in robot.needs if need.condition is Urgency.UNREACHABLE]
+            return listened < HEAR_SECONDS and max(silent, default=0.0) > listened + STILL_SECONDS
 
-        return [one._replace(needs=tuple(need for need in one.needs if is_known(one, need))) for one in robots]
+        return [one._replace(is_unheard=is_unheard(one)) for one in robots]
 
     def _save(self, acknowledged: Iterable[int] = ()) -> None:
         problem = self._store.save(acknowledged)

@@ -76,11 +76,13 @@ class SeenNeed(NamedTuple):
 
 
 class SeenRobot(NamedTuple):
-    """A robot with its needs. If it is not live, needs that are missing here may still be there."""
+    """A robot with its needs. If it is not live, needs that are missing here may still be there. If it ``is_unheard``,
+    it could not be heard for a while, and nobody is called about it yet."""
 
     name: str
     is_live: bool
     needs: tuple[SeenNeed, ...]
+    is_unheard: bool = False
 
 
 def seen(robot: RobotOverview) -> SeenRobot:
@@ -182,7 +184,8 @@ class Escalation:
                 is_gone = robot.is_live and thing.robot == robot.name and key not in there
                 if is_gone and now >= thing.since + lasts:
                     self._end(known.pop(key), local, rules)
-        for thing in list(self.things.values()):
+        unheard = {robot.name for robot in robots if robot.is_unheard}
+        for thing in [one for one in self.things.values() if one.robot not in unheard]:
             self._call(thing, now, local, needs.get(thing.id), rules)
 
     def acknowledge(self, by: Mapping[int, str]) -> list[int]:

@@ -206,17 +206,20 @@ def test_nobody_is_called_about_robots_that_could_not_be_heard_as_the_computer_s
     tmp_path: Path, programs: Callable[[Path], Program], service: Service, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """When it wakes up, all of them are as silent as the night was long, until the first message comes."""
-    looks = itertools.count(1)
-    program = programs(write(tmp_path, 'rules: [{when: silent, for: 1 min, call: anna}]', anna=service.address))
-    program.robots = asks()
-    program.run(lambda: next(looks) > 2)
-    night = 8 * 3600.0
+    looks, night = itertools.count(1), 8 * 3600.0
+    rules = 'rules: [{when: [decision, silent], call: anna, then: [{after: 1 min, call: ben}]}]'
+    program = programs(write(tmp_path, rules, anna=service.address, ben=f'{service.address}/ben'))
+    program.robots = [*asks('k'), *asks(robot='/b')]
+    program.run(lambda: service.titles() == ['/a waits for a decision'] and program.is_idle())
     monkeypatch.setattr(calling, 'seconds_asleep', lambda: night)
-    program.robots = [SeenRobot('/a', False, (SeenNeed(Urgency.UNREACHABLE, '', night, 'unreachable'),))]
-    program.run(lambda: next(looks) > 6)
-    assert program.is_idle() and not service.got
+    unreachable = (SeenNeed(Urgency.UNREACHABLE, '', night, 'unreachable'),)
+    program.robots = [SeenRobot(name, False, unreachable) for name in ('/a', '/b')]
+    program.run(lambda: next(looks) > 5)
+    program.robots = [*asks(), *program.robots[1:]]  # somebody has answered it
+    program.run(lambda: next(looks) > 10)
+    assert program.is_idle() and len(service.got) == 1
     monkeypatch.setattr(calling, 'HEAR_SECONDS', 0.0)
-    program.run(lambda: service.titles() == ['/a is silent'])
+    program.run(lambda: service.titles()[1:] == ['/b is silent'])
 
 
 def refuse(code: int) -> Callable[[BaseHTTPRequestHandler], bool]:
