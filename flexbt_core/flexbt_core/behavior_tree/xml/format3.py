@@ -29,6 +29,7 @@ _RENAMED_PORTS: Final = {
 _CHECKS: Final = frozenset(f'BlackboardCheck{kind}' for kind in ('Int', 'Double', 'String', 'Bool'))
 _SUBTREES: Final = ('SubTree', 'SubTreePlus')
 _EXPLICIT: Final = ('Action', 'Condition', 'Control', 'Decorator')
+_KEY: Final = re.compile(r'[A-Za-z_]\w*', re.ASCII)
 _NUMBER: Final = re.compile(r'[+-]?\d+(\.\d+)?([eE][+-]?\d+)?')
 
 
@@ -104,9 +105,10 @@ def _convert_check(element: Element, id: str) -> None:
 def _operand(value: str, port: str, text: bool) -> str:
     key = pointer_key(value, port)
     if key is not None:
-        return key
+        # A script cannot read other entries: [{a-b}] is an error in it, where [a-b] would be a difference.
+        return key if _KEY.fullmatch(key) else value
     is_word = not text and (_NUMBER.fullmatch(value) or value in ('true', 'false'))
-    return value if is_word else f"'{value}'"
+    return value.removeprefix('+') if is_word else f"'{value}'"
 
 
 def _rename_node(element: Element, id: str) -> None:

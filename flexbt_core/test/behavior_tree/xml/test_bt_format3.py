@@ -52,6 +52,10 @@ def text_of(element: Element) -> str:
             '<Precondition if="a == 42" else="SUCCESS"><A/></Precondition>',
         ),
         (
+            '<BlackboardCheckDouble value_A="{a}" value_B="+0.5"><A/></BlackboardCheckDouble>',
+            '<Precondition else="FAILURE" if="a == 0.5"><A/></Precondition>',
+        ),
+        (
             '<Decorator ID="BlackboardCheckString" value_A="{a}" value_B="42"><A/></Decorator>',
             """<Decorator ID="Precondition" if="a == '42'" else="FAILURE"><A/></Decorator>""",
         ),
@@ -90,6 +94,13 @@ def test_a_file_runs() -> None:
     tree = Tree(TreeLibrary([load_xml(text, 'old.xml', builtin_registry())]), 'Main', blackboard=board)
     assert tree.tick_once() is NodeStatus.SUCCESS
     assert board.get('result') == 'done'
+
+
+def test_a_check_of_an_entry_that_no_script_can_read_is_an_error() -> None:
+    check = '<BlackboardCheckInt value_A="{goal-x}" value_B="0"><AlwaysSuccess/></BlackboardCheckInt>'
+    text = f'<root BTCPP_format="3"><BehaviorTree ID="Main">{check}</BehaviorTree></root>'
+    with pytest.raises(TreeLoadError, match=r'script of \[if\]'):
+        load_xml(text, 'old.xml', builtin_registry())
 
 
 def test_errors_have_the_places_of_the_file() -> None:
