@@ -17,7 +17,6 @@ import itertools
 import keyword
 import math
 import re
-import textwrap
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
@@ -411,8 +410,11 @@ class MachineDocument(Document):
         return self.dedented(LINE_BREAK.sub('\n', text)).strip('\n')
 
     def dedented(self, text: str) -> str:
-        """Return a part of a text without the indentation that all its lines have."""
-        return textwrap.dedent(text)
+        """Return the lines of a state without its indentation; comments, too, that have less of it."""
+        lines = text.split('\n')
+        begin = next((one for one in lines if one.strip() and one.lstrip()[0] != '#'), '')
+        margin = re.compile(f' {{0,{len(begin) - len(begin.lstrip(" "))}}}')
+        return '\n'.join(margin.sub('', line, count=1) for line in lines)
 
     def neighbor(self, parent: State) -> State:
         """Return the last state of a container that can be edited. Raises GestureError if there is none."""

@@ -553,7 +553,7 @@ class YamlDocument(MachineDocument):
         one = self.container(parent)
         around = 'machine:\n  outcomes: [_]\n  states:\n'
         spaces = _TABS.sub(lambda found: found.group().expandtabs(), text)
-        body = textwrap.indent(textwrap.dedent(spaces).strip('\n'), '    ')
+        body = textwrap.indent(self.dedented(spaces).strip('\n'), '    ')
         pasted = type(self)(f'{around}{body}\n')
         found = pasted.roots[0][1].children if pasted.roots and not pasted.problems else []
         need(found, f'{short_repr(text)} is no state of a machine in YAML; copy one')

@@ -46,6 +46,7 @@ machine = OperatableStateMachine(
 POSITIONED = FLEXBE.replace("            machine.add('Wait'", "            # x:30 y:40\n            machine.add('Wait'")
 CASES: dict[str, tuple[type[YamlDocument | PythonDocument], str, str | None]] = {
     'rows': (YamlDocument, ROWS, '/Inner'),
+    'commented out': (YamlDocument, ROWS.replace('      state: W', '# retry: 1\n      state: W'), None),
     'windows': (YamlDocument, ROWS.replace('\n', '\r\n'), '/Inner'),
     'child': (PythonDocument, CHILD, '/Inner'),
     'with': (PythonDocument, LINE, None),
