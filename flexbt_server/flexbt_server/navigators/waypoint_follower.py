@@ -44,6 +44,8 @@ class WaypointFollower:
         self.services = services
         self.task = task
         self.stop_on_failure = stop_on_failure
+        self.calls: list[ActionCall] = []
+        """The calls that drive the robot, oldest first: the navigator replaces one by the next."""
         self._tour: _Tour | None = None
         self._admission = GoalAdmission(names.WAYPOINT_FOLLOWER, refusal)
         GoalServer(
@@ -67,11 +69,18 @@ class WaypointFollower:
             return
         older, newer = self._tour, _Tour(self, served)
         self._tour = newer
-        newer.drive(None if older is None else older.replaced())
+        if older is not None:
+            older.replaced()
+        newer.drive()
 
     def _cancel(self, served: ServedGoal) -> None:
         if self._tour is not None and self._tour.served is served:
             self._tour.cancel()
+
+    def call_ended(self, outcome: GoalOutcome) -> None:
+        """Continue the active goal after the end of a call, its own or that of a goal before it."""
+        if self._tour is not None:
+            self._tour.call_ended(outcome)
 
     def forget(self, tour: _Tour) -> None:
         """Remove a goal that has ended."""
@@ -92,11 +101,9 @@ class _Tour:
         self._call: ActionCall | None = None
         self._is_canceled = False
 
-    def replaced(self) -> ActionCall | None:
-        """End this goal since a newer one has arrived, and return the running call for it, or None."""
-        call = self._call
+    def replaced(self) -> None:
+        """End this goal since a newer one has arrived, whose call replaces the present one."""
         self._end(self.served.abort, 'a newer goal has taken over')
-        return call
 
     def cancel(self) -> None:
         """Cancel for the client; the goal ends when the robot has stopped."""
@@ -112,27 +119,35 @@ class _Tour:
             self._call.cancel(self._follower.services.cancel_timeout)
         self._end(self.served.abort, why)
 
-    def drive(self, replaced: ActionCall | None = None) -> None:
-        """Drive to the next waypoint. ``replaced``: the present call, which the navigator replaces."""
+    def drive(self) -> None:
+        """Drive to the next waypoint."""
         self.served.publish_feedback(FollowWaypoints.Feedback(current_waypoint=self._index))
         pose = deepcopy(self.served.request.poses[self._index])
         pose.header.stamp = self._follower.runtime.clock.stamp()
+        calls = self._follower.calls
 
-        def arrived(outcome: GoalOutcome) -> None:
-            if replaced is not None:
-                replaced.cancel(self._follower.services.cancel_timeout)  # the navigator may have refused to replace it
-            if self.served.active:
-                self._call = None
-                self._arrived(outcome)
+        def ended(outcome: GoalOutcome) -> None:
+            for older in calls[: calls.index(call)]:
+                older.cancel(self._follower.services.cancel_timeout)  # the navigator may have refused to replace it
+            calls.remove(call)
+            self._follower.call_ended(outcome)
 
-        self._call = ActionCall(
+        call = self._call = ActionCall(
             self._follower.services.actions.link(NavigateToPose, names.NAVIGATE_TO_POSE),
             NavigateToPose.Goal(pose=pose),
-            on_done=arrived,
+            on_done=ended,
             on_feedback=lambda _: self.served.publish_feedback(FollowWaypoints.Feedback(current_waypoint=self._index)),
             server_timeout=self._follower.services.first_timeout,
             accept_timeout=self._follower.services.server_timeout,
         )
+        calls.append(call)
+
+    def call_ended(self, outcome: GoalOutcome) -> None:
+        """Continue after the end of a call, unless the present one, or an older one after a cancel, still drives."""
+        drives_on = self._is_canceled and self._follower.calls and outcome.status not in _MAY_DRIVE
+        if self._call is not None and self._call.done and not drives_on:
+            self._call = None
+            self._arrived(outcome)
 
     def _arrived(self, outcome: GoalOutcome) -> None:
         if self._is_canceled and outcome.status in _MAY_DRIVE:

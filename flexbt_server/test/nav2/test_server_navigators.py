@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import math
 import random
 import threading
+import weakref
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -25,6 +27,7 @@ from flexbt_common import names
 from flexbt_common.calls.action_call import ActionLinks, GoalStatus
 from flexbt_common.errors import ResourceError, UnfitParameterError
 from flexbt_common.files import resolve_file
+from flexbt_common.transform_listener import TransformListener
 from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtLoad
 from flexbt_msgs.msg import TreeStatus
@@ -74,8 +77,9 @@ class Front:
             self._through, NavigateThroughPoses.Goal(poses=[pose_stamped(x) for x in xs], behavior_tree=tree), DEADLINE
         )
 
-    def waypoints(self, *xs: float, **fields: Any) -> SentGoal:
-        return SentGoal(self._waypoints, FollowWaypoints.Goal(poses=[pose_stamped(x) for x in xs], **fields), DEADLINE)
+    def waypoints(self, *xs: float, frame: str = 'map', **fields: Any) -> SentGoal:
+        poses = [pose_stamped(x, frame=frame) for x in xs]
+        return SentGoal(self._waypoints, FollowWaypoints.Goal(poses=poses, **fields), DEADLINE)
 
     def click(self, x: float) -> None:
         """As RViz's goal tool."""
@@ -660,20 +664,40 @@ def test_waypoints_that_are_missed_are_left_out() -> None:
 
 
 @pytest.mark.parametrize(('xs', 'fields', 'why'), [((), {}, 'no waypoints'), ((1.0,), {'goal_index': 1}, 'waypoint 1')])
-def test_waypoints_that_cannot_be(front: Front, xs: tuple[float, ...], fields: dict[str, int], why: str) -> None:
+def test_waypoints_that_cannot_be(front: Front, xs: tuple[float, ...], fields: dict[str, Any], why: str) -> None:
     ended(front.waypoints(*xs, **fields), GoalStatus.ABORTED, why, code=FollowWaypoints.Result.UNKNOWN)
 
 
 def test_newer_waypoints_take_over_and_a_cancel_stops_the_robot(driving: Front) -> None:
     first = driving.waypoints(1.0, 2.0)
     driving.drives_to(1.0)
+    tour = weakref.ref(driving.world.server.navigators._follower._tour)  # type: ignore[union-attr]
     second = driving.waypoints(3.0, 4.0)
     ended(first, GoalStatus.ABORTED, 'newer goal', code=FollowWaypoints.Result.UNKNOWN)
     driving.drives_to(3.0)
+    wait_until(lambda: (gc.collect(), tour() is None)[1], 'nothing is kept of what was replaced')
     assert 'canceled' not in driving.follow.statuses.values()
     second.call.cancel(DEADLINE)
     assert second.wait().status is GoalStatus.CANCELED
     assert driving.follow.statuses[len(driving.follow.goals) - 1] == 'canceled'
+
+
+@pytest.mark.parametrize('newer', [1, 2])
+def test_newer_waypoints_are_canceled_when_the_robot_of_older_ones_has_stopped(
+    driving: Front, monkeypatch: pytest.MonkeyPatch, newer: int
+) -> None:
+    monkeypatch.setattr(TransformListener, 'transform_pose', lambda *_: None)  # they wait for their frame
+    driving.follow.delay_cancel = 0.1
+    goals = [driving.waypoints(1.0)]
+    driving.drives_to(1.0)
+    at_server = driving.world.server.goals._goals
+    for _ in range(newer):
+        goals.append(driving.waypoints(2.0, frame='odom'))
+        ended(goals[-2], GoalStatus.ABORTED, 'newer goal', code=FollowWaypoints.Result.UNKNOWN)
+        wait_until(lambda: len(at_server) == len(goals), 'the newer goal')
+    goals[-1].cancel()
+    assert goals[-1].wait().status is GoalStatus.CANCELED
+    assert driving.follow.statuses == {0: 'canceled'}
 
 
 def test_waypoints_are_not_told_as_canceled_while_the_robot_may_drive() -> None:
