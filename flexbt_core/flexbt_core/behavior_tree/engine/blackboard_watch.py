@@ -99,7 +99,7 @@ class BlackboardWatch:
         entries = {entry for board in boards for entry in board.entries().values()}
         for entry in self._writes.keys() - entries:
             entry.__class__ = Entry
-            del self._writes[entry]
+            self._writes.pop(entry, None)  # the tree may have removed it meanwhile
         for entry in entries:
             if entry.__class__ is not self._watched:
                 self._writes[entry] = EntryWrites()

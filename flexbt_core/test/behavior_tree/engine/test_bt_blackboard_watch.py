@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import random
+from typing import Any
 
 import pytest
 
@@ -91,3 +92,21 @@ def test_an_entry_that_two_watch_is_watched_until_both_have_left() -> None:
     assert {type(one) for one in (entry, silent, board.entry('later'))} == {Entry} and not watch.writes(entry).count
     board.unset('new')
     assert not watch.is_watching('b') and watch.is_watching('a')
+
+
+def test_a_client_leaves_while_a_tree_removes_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+    board, watch = Blackboard(), BlackboardWatch(lambda: 0.0)
+    board.set('k', 1)
+    watch.watch('a client', [board])
+
+    class RemovedMeanwhile(dict[Entry, Any]):
+        def keys(self) -> Any:
+            found = set(super().keys())
+            board.unset('k')
+            return found
+
+    monkeypatch.setattr(watch, '_writes', RemovedMeanwhile(watch._writes))
+    watch.leave('a client')
+    assert not watch.is_watching('a client')
+    board.set('k', 2)
+    assert type(board.entry('k')) is Entry
