@@ -285,13 +285,12 @@ class TreeNavigator:
     def in_global_frame(self, goal: NavigatorGoal) -> None:
         """Transform the poses of a goal to the global frame. If one is not known in time, the goal ends."""
         frame = self.parameters.global_frame
-        there: list[PoseStamped | None] = [None] * len(goal.asked)
+        there: dict[int, PoseStamped] = {}
 
         def known(index: int, pose: PoseStamped) -> None:
             there[index] = pose
-            found = [pose for pose in there if pose is not None]
-            if len(found) == len(there):
-                goal.poses = found
+            if len(there) == len(goal.asked):
+                goal.poses = [there[index] for index in range(len(there))]
 
         def unknown(error: TransformError) -> None:
             goal.problem = 'TF_ERROR'
