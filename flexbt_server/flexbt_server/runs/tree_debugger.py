@@ -25,7 +25,7 @@ from flexbt_core.behavior_tree.model.blackboard import EMPTY
 from flexbt_core.behavior_tree.model.definition import RunnableScript, ScriptFactory
 from flexbt_core.behavior_tree.model.errors import ScriptError, TickAbandoned
 from flexbt_core.behavior_tree.model.status import SKIPPED, NodeStatus
-from flexbt_core.behavior_tree.script.parser import Assignment, parse_script
+from flexbt_core.behavior_tree.script.parser import is_assigning
 from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.values.text import did_you_mean, sanitize_for_message, short_repr
 from flexbt_msgs import msg
@@ -409,12 +409,10 @@ def _check_condition(text: str, scripts: ScriptFactory) -> None:
         return
     try:
         scripts.script(text)
-        statements = parse_script(text)
     except ScriptError as error:
         raise BreakpointError(f'the condition is not a script: {error}') from error
-    if not statements or any(isinstance(one, Assignment) for one in statements):
-        what = 'it would change the blackboard' if statements else 'it is empty'
-        raise BreakpointError(f'the condition {short_repr(text)} is not a condition: {what}')
+    if is_assigning(text):
+        raise BreakpointError(f'the condition {short_repr(text)} is not a condition: it would change the blackboard')
 
 
 # The blackboards of a run, with their writers.

@@ -192,6 +192,7 @@ def test_conditions_hold_only_while_they_are_true_and_errors_hold_and_are_told(
     assert 'not a script' in debugger.ask(Request.BREAK, 'count', condition='ticks >')
     assert 'change the blackboard' in debugger.ask(Request.BREAK, 'count', condition='ticks := 0')
     assert 'change the blackboard' in debugger.ask(Request.BREAK, 'count', condition='ticks > 1; ticks := 0')
+    assert 'change the blackboard' in debugger.ask(Request.BREAK, 'count', condition='(ticks := 0) == 0')
     assert 'at most 1000' in debugger.ask(Request.BREAK, 'count', condition='ticks > 1 || ' * 80 + 'true')
     goal.call.cancel(DEADLINE)
     assert goal.result.code == Result.CANCELED

@@ -115,6 +115,13 @@ def parse_script(script: str) -> tuple[Expression, ...]:
     return _Parser(script).parse() if script else ()
 
 
+def is_assigning(script: str) -> bool:
+    """Return whether a script assigns to an entry, also within an expression. Raises ScriptError, as tokenize does."""
+    return any(
+        token.kind is TokenKind.OPERATOR and _BINDING.get(str(token.value)) == _ASSIGNMENT for token in tokenize(script)
+    )
+
+
 class _Parser:
     def __init__(self, script: str) -> None:
         self._script = script
