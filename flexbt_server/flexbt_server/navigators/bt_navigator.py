@@ -372,7 +372,8 @@ class NavigatorGoal(TreeGoal):
 
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
         result = self.navigator.action_type.Result()
-        if hasattr(result, 'waypoint_statuses'):
+        # The blackboard has the poses of the goal for which a tree runs.
+        if hasattr(result, 'waypoint_statuses') and self.running is not None and self.running.goal is self:
             succeeded = outcome.code == ExecuteResult.SUCCESS
             result.waypoint_statuses = concluded(self.navigator.statuses(), succeeded=succeeded)
         if outcome.code != ExecuteResult.SUCCESS:

@@ -12,6 +12,7 @@ import weakref
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -29,11 +30,14 @@ from flexbt_common.errors import ResourceError, UnfitParameterError
 from flexbt_common.files import resolve_file
 from flexbt_common.transform_listener import TransformListener
 from flexbt_common.values.entries import from_entry
-from flexbt_msgs.action import BtLoad
+from flexbt_msgs.action import BtExecute, BtLoad
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.nav2 import motion_actions
+from flexbt_server.nav2.branches import FAILED, pending
 from flexbt_server.navigators import activation
+from flexbt_server.navigators.bt_navigator import NavigatorGoal
+from flexbt_server.runs.run_events import RunOutcome
 from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
 from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -176,6 +180,23 @@ def test_poses_to_pass_have_statuses_that_begin_anew_with_each_goal(front: Front
     for _ in range(2):
         ended(front.through(0.1, 4.0, tree='Once'))
     ended(front.through(0.1, 4.0, tree='Twice'), GoalStatus.ABORTED, 'no pending waypoint status')
+
+
+def test_a_goal_that_does_not_drive_ends_without_the_waypoints_of_another() -> None:
+    """In main, where results have the statuses of waypoints."""
+    theirs = pending([pose_stamped(1.0)])
+    navigator: Any = SimpleNamespace(
+        name=names.NAVIGATE_THROUGH_POSES,
+        parameters=SimpleNamespace(default_trees={names.NAVIGATE_THROUGH_POSES: 'Tree'}),
+        action_type=SimpleNamespace(Result=lambda: SimpleNamespace(waypoint_statuses=[])),
+        statuses=lambda: theirs,
+    )
+    goal = NavigatorGoal(navigator, SimpleNamespace(request=NavigateThroughPoses.Goal()), 0.0)  # type: ignore[arg-type]
+    refused = RunOutcome(BtExecute.Result.ERROR, 'another drives')
+    for running, statuses in ((None, []), (SimpleNamespace(goal=None), []), (SimpleNamespace(goal=goal), [FAILED])):
+        goal.running = running  # type: ignore[assignment]
+        _, result = goal.result(refused, 0.0)
+        assert [one.waypoint_status for one in result.waypoint_statuses] == statuses
 
 
 def test_codes_are_those_of_the_servers_and_messages_name_the_node(front: Front) -> None:
