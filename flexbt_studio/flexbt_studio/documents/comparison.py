@@ -86,6 +86,7 @@ def _content(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for one in data.get('attributes', ()):
         if one['name'] not in ('name', 'ID'):
             yield one['name'], one['value']
+    counts: Counter[str] = Counter()
     for key, value in _plain({name: one for name, one in data.items() if name not in _NOT_CONTENT}).items():
         if not value:
             continue
@@ -93,8 +94,10 @@ def _content(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield 'note', '\n'.join(value)
         elif isinstance(value, list) and all(isinstance(one, dict) for one in value):
             for number, one in enumerate(value, 1):
-                label = one.pop(next((name for name in _LABELS if name in one), ''), number)
-                yield f'{key} {label}', _text(next(iter(one.values())) if len(one) == 1 else one)
+                label = f'{key} {one.pop(next((name for name in _LABELS if name in one), ""), number)}'
+                counts[label] += 1  # several conditions may have one outcome
+                label += f' ({counts[label]})' if counts[label] > 1 else ''
+                yield label, _text(next(iter(one.values())) if len(one) == 1 else one)
         else:
             yield key, _text(value)
 

@@ -35,6 +35,8 @@ MAX_CHARACTERS: Final = 1_000_000
 CONTAINERS: Final = ('machine', 'concurrency', 'priority')
 """Kinds of states that contain others."""
 
+_NAMES: Final = ('input_keys', 'output_keys', 'io_keys', 'default_keys')
+"""Lists of names that a state may have."""
 _NOWHERE: Final = Span(0, 0)
 _LONG: Final = 1000  # characters before a state in its line: such a line is data, and has no comments of states
 _COMMA: Final = re.compile(r'[ \t]*,')
@@ -110,6 +112,8 @@ class State:
     conditions: list[Condition] = field(default_factory=list)
     wrappers: list[dict[str, Any]] = field(default_factory=list)
     locked: str = ''
+    level: str = ''
+    """Autonomy of the states in a container that declare none, as it is written."""
     node: Any = None
 
     @property
@@ -162,6 +166,11 @@ class MachineDocument(Document):
     def value(self, item: Item) -> tuple[Any, bool]:
         """Return a value as JSON, and whether it is literal."""
         raise NotImplementedError
+
+    def value_or_text(self, item: Item) -> Any:
+        """Return a value as JSON; that of a reference or an expression as it is written."""
+        value, is_literal = self.value(item)
+        return value if is_literal else self.source(item.value_span)
 
     def name(self, name: str, like: str = '') -> str:
         """Return a name as it is written in the text, with the quotes of ``like``."""
@@ -262,6 +271,8 @@ class MachineDocument(Document):
             'remapping': rows('remapping', 'key', 'name'),
             'conditions': [{'outcome': one.outcome.value, 'when': w, 'span': one.item.span} for one, w in conditions],
             'wrappers': state.wrappers,
+            'default_autonomy': state.level,
+            **{table: [one.key for one in state.items(table)] for table in _NAMES if table in state.tables},
             'comments': self.comments_of(state),
             'locked': state.locked,
         }

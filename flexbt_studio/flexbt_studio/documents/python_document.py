@@ -218,6 +218,8 @@ class PythonDocument(MachineDocument):
                 state.tables[item.key] = self._literal(item.node)
             elif item.key == 'userdata':
                 state.tables[item.key] = self._literal(item.node, ast.Dict)
+            elif item.key == 'autonomy':
+                state.level = self.source(item.value_span)
         for item in state.items('conditions'):
             outcome = self._literal(item.node)
             if len(outcome.items) == 2:
@@ -277,7 +279,7 @@ class PythonDocument(MachineDocument):
         made, locked = self._resolved(made, scope, self._statements[state])
         while isinstance(made, ast.Call) and self._name_of(made.func) in _WRAPPERS and made.args:
             kind, names = _WRAPPERS[self._name_of(made.func)]
-            fields = {one.key: self.value(one)[0] for one in self._arguments(made, names).items[1:]}
+            fields = {one.key: self.value_or_text(one) for one in self._arguments(made, names).items[1:]}
             state.wrappers.append({**fields, 'kind': kind, 'span': self._span(made)})
             made, why = self._resolved(made.args[0], scope, self._statements[state])
             locked = locked or why
@@ -299,7 +301,9 @@ class PythonDocument(MachineDocument):
         if isinstance(made.func, ast.Attribute) and made.func.attr == 'use_behavior' and made.args:
             state.kind, state.type_span = 'behavior', self._span(made.args[0])
             state.type = self.source(state.type_span)
-            parameters = table.find('parameters')
+            parameters, kept = table.find('parameters'), table.find('default_keys')
+            if kept is not None:
+                state.tables['default_keys'] = self._literal(kept.node)
             table = self._mapping(parameters.node, scope, []) if parameters else Table(locked='it has no parameters')
         table.locked = table.locked or locked
         if container is None:

@@ -218,6 +218,8 @@ class YamlDocument(MachineDocument):
             parameter = {'description': '', **fields, 'name': one.key, 'span': one.span, 'value': fields.get('default')}
             parameter['default'] = self.source(default.value_span) if default else ''
             head['parameters'].append(parameter)
+        inputs = self._head.find('inputs')
+        head['inputs'] = self.source(inputs.value_span) if inputs else ''
         self.behaviors.append(head)
 
     def _parameters(self) -> Table:
@@ -238,7 +240,8 @@ class YamlDocument(MachineDocument):
             outcome, when = parts.find('outcome'), parts.find('when')
             if outcome is not None and when is not None:
                 state.conditions.append(Condition(item, outcome, self._table(when.node)))
-        states = content.find('states')
+        states, level = content.find('states'), content.find('autonomy')
+        state.level = self.source(level.value_span) if level is not None else ''
         state.rows = self._table(states.node) if states is not None else Table()
         for item in state.rows.items:
             self._read_child(state, item)
@@ -260,7 +263,7 @@ class YamlDocument(MachineDocument):
             if one.key in ('transitions', 'autonomy', 'remapping') or (one.key == 'parameters' and kind == 'state'):
                 state.tables.setdefault(one.key, self._table(one.node))
             elif one.key in _WRAPPERS:
-                fields = {part.key: self.value(part)[0] for part in self._table(one.node).items}
+                fields = {part.key: self.value_or_text(part) for part in self._table(one.node).items}
                 state.wrappers.append({**fields, 'kind': one.key, 'span': one.span})
         for one in state.items('autonomy'):
             text = (one.value or '').lower()
@@ -270,11 +273,13 @@ class YamlDocument(MachineDocument):
             self._read_container(state, kinds[0].node)
         elif kind == 'behavior' and kinds[0].value is None:
             used = state.tables['behavior'] = self._table(kinds[0].node)
-            name, parameters = used.find('use'), used.find('parameters')
+            name, parameters, kept = used.find('use'), used.find('parameters'), used.find('default_keys')
             state.type = name.value or '' if name else ''
             state.type_span = name.value_span if name else state.type_span
             if parameters is not None:
                 state.tables['parameters'] = self._table(parameters.node)
+            if kept is not None:
+                state.tables['default_keys'] = self._table(kept.node)
 
     def value(self, item: Item) -> tuple[Any, bool]:
         if item.node.kind == 'scalar' and _REFERENCE.fullmatch(item.node.value):
@@ -608,8 +613,12 @@ class YamlDocument(MachineDocument):
         content = {'outcomes': outcomes, **(keys or {})}
         head = [f'{indent}{self.name(label)}:', f'{indent}{step}machine:']
         head += [f'{indent}{step * 2}{key}: {self._json(names)}' for key, names in content.items()]
-        before = self.line_break.join([*head, f'{indent}{step * 2}states:', ''])
         tail = f'{indent}{step}transitions: {self._flow([(name, self.name(name)) for name in outcomes])}'
+        if parent.level:  # it counts for the states, and not once more for what leads out of the group
+            head.append(f'{indent}{step * 2}autonomy: {parent.level}')
+            levels = self._flow([(name, self.level('off', '')) for name in outcomes])
+            tail += f'{self.line_break}{indent}{step}autonomy: {levels}'
+        before = self.line_break.join([*head, f'{indent}{step * 2}states:', ''])
         is_ended = self.text.endswith(('\n', '\r')) or max(spans).end < len(self.text)
         edits = [self.renamed(item.value_span, label) for item in into]
         if places == list(range(places[0], places[0] + len(places))):
@@ -632,7 +641,11 @@ class YamlDocument(MachineDocument):
         is_machine = one.kind == 'machine' and parent.kind != 'concurrency' and one.children
         need(is_machine, f'{state} is no machine in a machine')
         own = [table for table in ('autonomy', 'remapping', 'userdata') if table in one.tables]
+        if parent.level and all(item.value == 'off' for item in one.items('autonomy')):  # as group writes it
+            own = [table for table in own if table != 'autonomy']
         need(not own, f'{state} has {", ".join(own)} of its own; remove it before')
+        levels = f'{one.level or "not set"}, and around it {parent.level or "not set"}'
+        need(one.level == parent.level, f'the autonomy of the states in {state} is {levels}; let it be one')
         others = {*self.targets(parent), one.label}
         for child in one.children:
             taken = f'{parent.path} has {short_repr(child.label)} already; rename {child.path} before'
@@ -735,8 +748,7 @@ class YamlDocument(MachineDocument):
 
     def default_key(self, state: State, key: str) -> Item | None:
         """Return where an embedded behavior is told to keep its own value of an input key."""
-        kept = state.find('behavior', 'default_keys')
-        return None if kept is None else self._table(kept.node).find(key)
+        return state.find('default_keys', key)
 
     def input(self, key: str) -> Item | None:
         """Return the entry of the head that describes an input key."""

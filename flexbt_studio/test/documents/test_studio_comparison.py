@@ -194,6 +194,35 @@ def test_a_gesture_on_a_machine_is_found_as_such(
         assert told == [(path.replace('#received', '#done'), kinds) for path, kinds in expected]
 
 
+CONTAINER = """\
+behavior: {name: Both, inputs: {place: {type: int}}}
+concurrency:
+  outcomes: [done]
+  input_keys: [place]
+  autonomy: high
+  conditions: [{outcome: done, when: {A: done}}, {outcome: done, when: {B: done}}]
+  states:
+    A: {state: WaitState, timeout: {after: $limit}, transitions: {done: done}}
+    B: {behavior: {use: Other, default_keys: [place]}, transitions: {done: done}}
+"""
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [
+        ('type: int', 'type: str'), ('input_keys: [place]', 'output_keys: [place]'), ('autonomy: high', 'autonomy: 0'),
+        ('when: {A: done}', 'when: {A: failed}'), ('when: {B: done}', 'when: {B: failed}'), ('$limit', '$other'),
+        ('default_keys: [place]', 'default_keys: [time]'),
+    ],
+)  # fmt: skip
+def test_no_change_of_what_a_container_does_is_left_out(old: str, new: str) -> None:
+    views = [YamlDocument(text).view() for text in (CONTAINER, CONTAINER.replace(old, new))]
+    assert compared(*views)['changes']
+    code = "with OperatableStateMachine(['done'], autonomy={}) as machine:\n    machine.add('A', WaitState(1.0))\n"
+    views = [PythonDocument(code.format(level)).view() for level in ('Autonomy.High', 'Autonomy.Off')]
+    assert compared(*views)['changes']
+
+
 def test_large_and_deep_trees_are_compared_in_linear_time() -> None:
     """Rows of twice the length take about twice as long; four times would be a row compared with itself."""
 

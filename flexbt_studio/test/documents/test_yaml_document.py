@@ -334,6 +334,37 @@ def test_grouping_keeps_comments_and_ungrouping_gives_the_bytes_back(style: str)
     assert tried
 
 
+LEVELS = """\
+machine:
+  outcomes: [done]
+  autonomy: high
+  states:
+    First:
+      state: WaitState
+      timeout: {after: $limit, outcome: late}
+      transitions: {done: Second, late: done}
+    Second:
+      state: WaitState
+      transitions: {done: done}
+"""
+
+
+def test_a_group_keeps_the_autonomy_of_its_states() -> None:
+    grouped = done(LEVELS, 'group', states=['/First'], label='Group')
+    group = data_of(grouped)['machine']['states']['Group']
+    assert group['machine']['autonomy'] == 'high' and group['autonomy'] == {'Second': 'off', 'done': 'off'}
+    assert done(grouped, 'ungroup', state='/Group') == LEVELS
+    with pytest.raises(GestureError, match='autonomy of the states in /Group is full, and around it high'):
+        done(grouped.replace('    autonomy: high', '    autonomy: full'), 'ungroup', state='/Group')
+
+
+def test_a_field_of_a_wrapper_is_changed_beside_a_reference() -> None:
+    fields = dict(YamlDocument(LEVELS).states['/First'].wrappers[0])
+    del fields['kind'], fields['span']
+    text = done(LEVELS, 'set_wrapper', state='/First', kind='timeout', fields={**fields, 'outcome': 'done'})
+    assert text == LEVELS.replace('outcome: late', 'outcome: done')
+
+
 def test_outcomes_are_removed_with_what_leads_to_them() -> None:
     after = data_of(done(PLAIN, 'remove_outcome', container='/Both', outcome='failed', instead='done'))
     both = after['machine']['states']['Both']
