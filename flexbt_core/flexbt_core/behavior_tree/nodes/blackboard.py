@@ -19,6 +19,7 @@ from flexbt_core.behavior_tree.model.ports import (
     STRING,
     Port,
     PortType,
+    cast,
     inout_port,
     input_port,
     is_fixed,
@@ -69,7 +70,7 @@ class SetBlackboard(SyncAction):
 
     ports = {
         'value': input_port(description='text, or {key} of the entry to be copied'),
-        'output_key': inout_port(STRING, literal=KEY, description='key to be written'),
+        'output_key': inout_port(literal=KEY, description='key to be written'),
     }
     example = Example('<SetBlackboard value="dock" output_key="place"/>', ticks=(SUCCESS,), after={'place': 'dock'})
 
@@ -103,7 +104,10 @@ class SetBlackboard(SyncAction):
         return super().execute()
 
     def tick(self) -> NodeStatus:
-        key: str = self.get_input('output_key')
+        try:
+            key = cast(self.get_input('output_key'), STRING)
+        except ConversionError as error:
+            raise self._port_error('output_key', str(error)) from error
         with self.blackboard.lock:
             if self._source is None:
                 return self._write_text(key)

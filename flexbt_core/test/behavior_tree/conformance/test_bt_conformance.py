@@ -125,6 +125,14 @@ SURPRISES = [
         (f'<Sequence><Script code="y := 1"/>{CHOICE}<SetBlackboard value="{{y}}" output_key="{key}"/></Sequence>', '')
         for key in ('z', 'x', 't', 'n')
     ),
+    # A key that is the content of an entry: of any type, which the port does not fix.
+    ('<Sequence><SetBlackboard value="a" output_key="{n}"/><SetBlackboard value="b" output_key="{x}"/></Sequence>', ''),
+    (
+        '<Sequence><Script code="y := 1"/><SetBlackboard value="a" output_key="{y}"/><Act name="v" _write="y:i:3"/>'
+        '</Sequence>',
+        '',
+    ),
+    ('<Sequence><Repeat num_cycles="{n}"><SetBlackboard value="{t}" output_key="{n}"/></Repeat></Sequence>', ''),
     # An entry that a node watches, before it is written.
     ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := \'a\'"/></Fallback>', ''),
     ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := 1; y := \'2\'"/></Fallback>', ''),

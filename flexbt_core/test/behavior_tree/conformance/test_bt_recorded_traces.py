@@ -23,7 +23,7 @@ SAME = [vector for vector in VECTORS if vector['same_in_4.10']]
 
 # Titles, and what the first difference is; docs/reference/bt_differences.md says why.
 DIFFERS_ON_PURPOSE = {
-    'setbb no output_key': 'port [output_key] of type std::string of [SetBlackboard] is missing',
+    'setbb no output_key': 'port [output_key] of [SetBlackboard] is missing',
     'missing port': 'port [num_cycles] of type int of [Repeat] is missing',
     'NodeStatus port bad': "'success' is not a status",
     'explicit child in ReactiveSequence': 'load error',
