@@ -23,7 +23,7 @@ from flexbt_core import ManualClock, Tree, TreeLibrary, builtin_registry, load_x
 from flexbt_server.groot2.protocol import HEADER_BYTES, RequestType, reply_header, request_header
 from flexbt_server.groot2.server import Groot2Server
 from flexbt_studio.server import groot2_robot
-from flexbt_studio.server.groot2_robot import robot_name
+from flexbt_studio.server.groot2_robot import described, robot_name
 from flexbt_testing.behavior_trees import wheel
 from flexbt_testing.system.processes import free_pair
 from flexbt_testing.waiting import DEADLINE
@@ -171,6 +171,18 @@ def test_a_tree_that_is_held_before_it_was_seen_is_shown(monkeypatch: pytest.Mon
     port = free_pair()
     with Groot2Server(port) as server, server.watch(tree(1)):
         asyncio.run(asyncio.wait_for(story(server, port), DEADLINE))
+
+
+def test_a_sub_tree_keeps_its_name_and_the_main_tree_its_blackboard() -> None:
+    """One has a slash in its name, the other the ID of the main tree."""
+    places = ''.join(f'<SubTree ID="In" _fullpath="{name}" _uid="{uid}"/>' for uid, name in ((2, 'a/b'), (3, 'T')))
+    leaf = '<SubTree ID="Leaf" _fullpath="{0}/Leaf::{1}" _uid="{1}"/>'
+    inner = f'<BehaviorTree ID="In" _fullpath="{{0}}">{leaf}</BehaviorTree>'
+    trees = f'<BehaviorTree ID="T" _fullpath=""><Sequence _uid="1">{places}</Sequence></BehaviorTree>'
+    _, document, nodes, boards = described('p', f'<root>{trees}{inner.format("a/b", 4)}{inner.format("T", 5)}</root>')
+    assert '<SubTree name="a/b" ID="In"/>' in document and '<SubTree ID="Leaf"/>' in document
+    assert nodes == {1: 'Sequence::1', 2: 'a/b', 3: 'T', 4: 'a/b/Leaf::4', 5: 'T/Leaf::5'}
+    assert boards == {'T': '', 'a/b': 'a/b'}
 
 
 class Peer:

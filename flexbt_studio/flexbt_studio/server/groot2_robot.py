@@ -416,9 +416,10 @@ def described(name: str, text: str) -> tuple[str, str, dict[int, str], dict[str,
     if len(document) > MOST_BYTES:
         raise StudioError(f'the tree of {name} has more than {MOST_BYTES} characters, which is more than is shown')
     nodes = {uid: node.path for uid, node in described_nodes(root)}
-    boards = {
-        one.attributes.get('_fullpath') or one.attributes['ID']: one.attributes.get('_fullpath', '') for one in trees
-    }
+    boards: dict[str, str] = {}
+    for one in trees:  # of two with one name, programs send the first
+        path = one.attributes.get('_fullpath', '')
+        boards.setdefault(path or one.attributes['ID'], path)
     return trees[0].attributes['ID'], document, nodes, boards
 
 
@@ -427,18 +428,19 @@ def _lines(root: Element, trees: list[Element]) -> Iterator[str]:
     used: set[str] = set()
     for id, tree in {one.attributes['ID']: one for one in trees}.items():
         yield f'  <BehaviorTree ID={xml_attribute(id)}>'
-        yield from _elements(tree.children, 2, used)
+        yield from _elements(tree.children, 2, used, tree.attributes.get('_fullpath', ''))
         yield '  </BehaviorTree>'
     models = [one for one in root.children if one.tag == 'TreeNodesModel']
     yield '  <TreeNodesModel>'
     for model in (one for models_of in models for one in models_of.children):
         if model.tag != 'SubTree' and model.attributes.get('ID') in used:
-            yield from _elements([model], 2, set())
+            yield from _elements([model], 2, set(), '')
     yield '  </TreeNodesModel>'
     yield '</root>'
 
 
-def _elements(elements: list[Element], level: int, used: set[str]) -> Iterator[str]:
+def _elements(elements: list[Element], level: int, used: set[str], scope: str) -> Iterator[str]:
+    """Yield elements of the sub-tree that has the path ``scope``."""
     pending: list[tuple[int, Element | str]] = [(level, one) for one in reversed(elements)]
     while pending:
         level, one = pending.pop()
@@ -447,18 +449,18 @@ def _elements(elements: list[Element], level: int, used: set[str]) -> Iterator[s
             yield f'{indent}</{one}>'
             continue
         used.add(one.tag)
-        attributes = ''.join(f' {key}={xml_attribute(value)}' for key, value in _attributes(one).items())
+        attributes = ''.join(f' {key}={xml_attribute(value)}' for key, value in _attributes(one, scope).items())
         yield f'{indent}<{one.tag}{attributes}{">" if one.children else "/>"}'
         if one.children:
             pending.append((level, one.tag))
             pending.extend((level + 1, child) for child in reversed(one.children))
 
 
-def _attributes(element: Element) -> dict[str, str]:
+def _attributes(element: Element, scope: str) -> dict[str, str]:
     """Return the attributes of a node as they are written to load it; a name only if one was given."""
     found = {key: value for key, value in element.attributes.items() if key not in ('_uid', '_fullpath')}
     if element.tag == 'SubTree' and '_fullpath' in element.attributes:
-        name = element.attributes['_fullpath'].rpartition('/')[2]
+        name = element.attributes['_fullpath'].removeprefix(f'{scope}/' if scope else '')
         usual = f'{found.get("ID")}::{element.attributes.get("_uid")}'
         return found if name == usual else {'name': name, **found}
     return {key: value for key, value in found.items() if (key, value) != ('name', element.tag)}
