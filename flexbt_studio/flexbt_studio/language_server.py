@@ -105,6 +105,8 @@ class FlexbtLanguageServer(LanguageServer):
         self._runs_code = False
         self._checks: dict[str, asyncio.Task[None]] = {}
         self._folders: list[Path] = []
+        self._uris: dict[Path, str] = {}
+        """URIs by which the editor shows files: they may have links."""
         self._use(Path.cwd())
 
     def _use(self, root: Path) -> None:
@@ -133,7 +135,8 @@ class FlexbtLanguageServer(LanguageServer):
 
     def uri(self, file: str) -> str:
         """Return the URI of a file of the project."""
-        uri = from_fs_path(str(self.project.root / file))
+        path = self.project.root / file
+        uri = self._uris.get(path) or from_fs_path(str(path))
         assert uri is not None
         return uri
 
@@ -171,6 +174,7 @@ class FlexbtLanguageServer(LanguageServer):
     def show(self, uri: str, text: str, version: int | None) -> None:
         """Take the text that the editor shows, and publish its diagnostics."""
         file = self.file(uri)
+        self._uris[self.project.root / file] = uri
         self.project.adopt(file, text)
         self.cancel_check(file)
         if self._runs_code and file.endswith('.py') and not self.project.open(file).document.problems:
@@ -243,6 +247,7 @@ class FlexbtLanguageServer(LanguageServer):
     def _closed(self, told: lsp.DidCloseTextDocumentParams) -> None:
         file = self.file(told.text_document.uri)
         self.cancel_check(file)
+        self._uris.pop(self.project.root / file, None)
         self.project.close(file)
         self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(told.text_document.uri, []))
 

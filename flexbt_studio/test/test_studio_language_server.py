@@ -341,6 +341,19 @@ def test_what_the_editor_shows_is_known_after_a_visit_elsewhere(folder: Path) ->
     with_editor(home, story)
 
 
+def test_a_file_that_is_shown_by_a_link_is_edited_there(tmp_path: Path, folder: Path) -> None:
+    (tmp_path / 'link').symlink_to(folder)
+
+    async def story(editor: Editor) -> None:
+        await editor.show('main.xml', TREE)
+        place = editor.at('main.xml', TREE, '{goal}', 2)
+        renamed = await editor.client.text_document_rename_async(lsp.RenameParams(*place, 'pose'))
+        assert renamed is not None and renamed.changes is not None
+        assert list(renamed.changes) == [editor.uri('main.xml')]
+
+    with_editor(tmp_path / 'link', story)
+
+
 def test_many_places_in_a_text_read_its_lines_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     server = FlexbtLanguageServer.__new__(FlexbtLanguageServer)
     server.project = Project(folder)
