@@ -471,7 +471,7 @@ class MachineDocument(Document):
         return [(span, is_own) for one, span, is_own in uses if one == name]
 
     def _check_parameter(self, name: str) -> None:
-        fits = name.isidentifier() and name[0] != '_' and not (self.language == 'python' and keyword.iskeyword(name))
+        fits = name.isidentifier() and name[0] != '_' and not keyword.iskeyword(name)
         need(fits, f'{short_repr(name)} cannot be the name of a parameter; use letters, digits and _')
 
     # -- checks of gestures ------------------------------------------------------------------------------------------

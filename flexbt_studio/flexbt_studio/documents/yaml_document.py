@@ -30,7 +30,7 @@ _LOADER: Final[Any] = yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLo
 _RESOLVER: Final[Any] = yaml.resolver.Resolver()
 _COMMENT: Final = re.compile(r'(?<![^\s\ufeff])#[^\r\n]*')
 _PLAIN: Final = re.compile(r'\w(?:[\w ./+$-]*[\w./+$-])?')
-_REFERENCE: Final = re.compile(r'\$[A-Za-z_]\w*')
+_REFERENCE: Final = re.compile(r'\$[^\W\d]\w*')
 _TABS: Final = re.compile(r'^\t[ \t]*', re.MULTILINE)  # an indentation that is none in YAML
 _OCTAL: Final = re.compile(r'[-+]?0[0-9_]+')
 
@@ -736,11 +736,25 @@ class YamlDocument(MachineDocument):
     def parameter_uses(self, behavior: int = 0) -> Iterator[tuple[str, Span, bool]]:
         known = {item.key: item.key_span for item in self._parameters().items}
         yield from ((name, span, True) for name, span in known.items())
-        for one in self._tree.scalars if known else ():
+        for one in self._values() if known else ():
             name = one.value[1:]
             at = self.text.find(f'${name}', one.start, one.end) + 1
             if at and one.value[:1] == '$' and name in known:
                 yield name, Span(at, at + len(name)), False
+
+    def _values(self) -> Iterator[Node]:
+        """Yield the scalars that may refer to parameters: others, and names in mappings, are read literally."""
+        tables = [table for one in self.states.values() for table in (one.items('parameters'), one.items('userdata'))]
+        wrappers = (item for one in self.states.values() for item in one.items('entries') if item.key in _WRAPPERS)
+        pending = [item.node for table in (*tables, self._parameters().items, wrappers) for item in table]
+        for node in pending:
+            pending += node.parts[1::2] if node.kind == 'mapping' else node.parts
+            if node.kind == 'scalar':
+                yield node
+
+    def renamed(self, span: Span, name: str) -> TextEdit:
+        is_reference = self.text[max(span.start - 1, 0) : span.start] == '$'
+        return TextEdit(*span, name) if is_reference else super().renamed(span, name)
 
     def default_of(self, reference: str) -> Item | None:
         item = self._parameters().find(reference[1:]) if _REFERENCE.fullmatch(reference) else None

@@ -358,6 +358,35 @@ def test_a_group_keeps_the_autonomy_of_its_states() -> None:
         done(grouped.replace('    autonomy: high', '    autonomy: full'), 'ungroup', state='/Group')
 
 
+REFERRING = """\
+behavior:
+  description: $limit
+  parameters: {limit: {default: 1.0}, limits: {default: [1.0]}}
+machine:
+  outcomes: [$limit]
+  userdata: {a: ['$limit', "$limit", $$limit, $limits, {$limit: $limit}]}
+  states:
+    $limit:
+      state: WaitState
+      parameters: {wait_time: $limit}
+      retry: {attempts: 2, on: [done], timeout: {after: $limit}}
+      transitions: {done: $limit}
+"""
+
+
+@pytest.mark.parametrize('new', ['speed', 'no', 'ärger'])
+def test_a_parameter_is_renamed_where_it_is_referred_to_and_where_texts_are_values(new: str) -> None:
+    text = done(REFERRING, 'rename_behavior_parameter', name='limit', new=new)
+    values = ['{limit: ', "'$limit'", '"$limit"', '$limit: $limit', 'time: $limit', 'after: $limit']
+    expected = REFERRING
+    for old in values:
+        new_key = "'no'" if (new, old) == ('no', '{limit: ') else new
+        expected = expected.replace(old, old[: old.rindex('limit')] + new_key + old[old.rindex('limit') + 5 :])
+    assert text == expected
+    with pytest.raises(GestureError, match='cannot be the name'):
+        done(REFERRING, 'rename_behavior_parameter', name='limit', new='class')
+
+
 def test_a_field_of_a_wrapper_is_changed_beside_a_reference() -> None:
     fields = dict(YamlDocument(LEVELS).states['/First'].wrappers[0])
     del fields['kind'], fields['span']
