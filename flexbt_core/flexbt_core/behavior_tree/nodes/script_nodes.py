@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from flexbt_core.behavior_tree.engine.leaf import LeafNode
@@ -86,7 +87,8 @@ class ScriptCondition(LeafNode):
     __slots__ = ('_script',)
 
     kind = NodeKind.CONDITION
-    ports = {'code': input_port(STRING, literal=CONDITION, description='the script')}
+    # A script may also be in an entry of numbers or truth values, which this port does not make one of text.
+    ports = {'code': replace(input_port(STRING, literal=CONDITION, description='the script'), declares=False)}
     example = Example(
         '<ScriptCondition code="battery &lt; 20 || tired"/>',
         ticks=(SUCCESS,),

@@ -133,6 +133,9 @@ SURPRISES = [
         '',
     ),
     ('<Sequence><Repeat num_cycles="{n}"><SetBlackboard value="{t}" output_key="{n}"/></Repeat></Sequence>', ''),
+    # A condition that is the content of an entry, of any type.
+    ('<Fallback><ScriptCondition code="{n}"/><Act name="v" _write="n:i:1"/></Fallback>', ''),
+    ('<Sequence><Act name="v" _write="n:i:1"/><ScriptCondition code="{n}"/><Script code="n = 0"/></Sequence>', ''),
     # An entry that a node watches, before it is written.
     ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := \'a\'"/></Fallback>', ''),
     ('<Fallback><WasEntryUpdated entry="{y}"/><Script code="y := 1; y := \'2\'"/></Fallback>', ''),
