@@ -95,6 +95,9 @@ def test_a_program_is_watched_held_and_released_and_may_hang_and_die(engine: str
             await page.ask('groot2', robot=robot, do='break rest --tree Main')
             event = await until(page, lambda one: one['holds'])
             assert event['holds'][0]['path'] == event['points'][0]['path'] == 'rest'
+            await page.ask('groot2', robot=robot, do='tree run-to rest')  # once more around; the breakpoint stays
+            await until(page, lambda one: not one['holds'])
+            await until(page, lambda one: one['holds'])
             board = await page.ask('groot2', robot=robot, do='tree blackboard')
             assert {'scope': '', 'key': 'laps', 'text': '3', 'writes': []} in board['entries']
             for wrong in ('tree step', 'tree dummy rest MAYBE', 'break', "break 'rest", 'stop', ''):

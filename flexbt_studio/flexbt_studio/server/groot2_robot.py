@@ -147,7 +147,9 @@ class Groot2Robot:
             case ['tree', 'clear', path]:
                 await self._ask(RequestType.HOOK_REMOVE, _json({'uid': self._uid(path), 'position': 0}))
             case ['tree', 'run-to', path]:
-                await self._insert(path, is_break=True, once=True)
+                point = self._points.get(self._uid(path))
+                if point is None or point.kind is not BreakpointKind.BREAK or point.problem:
+                    await self._insert(path, is_break=True, once=True)  # else it is reached anyway
                 if self._held:
                     await self._unlock()
             case ['tree', 'continue']:
