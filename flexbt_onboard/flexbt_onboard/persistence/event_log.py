@@ -50,6 +50,7 @@ from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from flexbt_common.files import INCIDENTS
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.work_thread import watchdog
@@ -264,8 +265,14 @@ def _is_cut(file: Path) -> bool:
 
 
 def newest_log(directory: Path) -> Path | None:
-    """Return the most recently written event log below a directory; None if it contains none."""
-    logs = [file for file in directory.rglob('*.jsonl') if not Path(file.stem).suffix.removeprefix('.').isdigit()]
+    """Return the most recently written event log below a directory; None if it contains none. Copies in incidents do
+    not count, unless the directory is one."""
+    logs = [
+        file
+        for file in directory.rglob('*.jsonl')
+        if not Path(file.stem).suffix.removeprefix('.').isdigit()
+        and Path(INCIDENTS).name not in file.relative_to(directory).parts
+    ]
     return max(logs, key=lambda file: file.stat().st_mtime_ns, default=None)
 
 

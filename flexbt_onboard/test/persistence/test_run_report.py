@@ -210,6 +210,13 @@ def test_without_a_file_it_is_of_the_executive_that_ran_last(
     os.utime(tmp_path / '.ros' / 'flexbt' / f'{names[0]}.jsonl', (200, 200))
     assert main(['--list']) == 0
     assert names[0] in capsys.readouterr().out
+    incident = tmp_path / '.ros' / 'flexbt' / 'incidents' / 'one' / 'records'
+    incident.mkdir(parents=True)
+    (incident / 'copy.jsonl').write_text(json.dumps({'event': 'started', 'run': 'copied', 'time': 1.0, 'stamp': 1.0}))
+    assert main(['--list']) == 0
+    assert names[0] in capsys.readouterr().out
+    assert main(['--list', str(incident.parent)]) == 0
+    assert 'copied' in capsys.readouterr().out
 
 
 def test_a_run_without_any_event_has_a_report_as_well() -> None:
