@@ -214,11 +214,12 @@ class _TreeLog(RunReader):
 
 
 class TreeDocuments:
-    """A publisher of the XML of the tree that started last, or whose nodes have changed last."""
+    """A publisher of the XML of the running tree that started last, or whose nodes have changed last."""
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime
-        self._tree: Tree | None = None
+        self._trees: dict[Tree, None] = {}
+        """The running trees, the latest last."""
         self._publisher: Any = runtime.node.create_publisher(
             String,
             names.BEHAVIOR_TREE_XML,
@@ -232,17 +233,17 @@ class TreeDocuments:
 
     def show(self, tree: Tree) -> None:
         """Show a tree from now on. From any thread."""
-        self._tree = tree
+        self._trees.pop(tree, None)
+        self._trees[tree] = None
         if self._publisher.get_subscription_count():
             self._publish(tree)
 
-    def forget(self, tree: Tree | None) -> None:
+    def forget(self, tree: Tree) -> None:
         """Keep the document of a tree that has ended with the middleware only."""
-        if self._tree is tree:
-            self._tree = None
+        self._trees.pop(tree, None)
 
     def _matched(self, event: Any) -> None:
-        tree = self._tree
+        tree = next(reversed(tuple(self._trees)), None)
         if event.current_count_change > 0 and tree is not None:
             self._publish(tree)
 
@@ -263,7 +264,7 @@ class _TreeDocument(RunReader):
             case RunStarted() | TreeExpanded():
                 self._tree = event.tree
                 self._documents.show(event.tree)
-            case RunEnded():
+            case RunEnded() if self._tree is not None:
                 self._documents.forget(self._tree)
 
 

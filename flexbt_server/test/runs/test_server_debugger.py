@@ -362,8 +362,11 @@ def test_panels_of_foxglove_get_the_xml_and_the_changes_by_the_same_uids(world: 
 
     first = world.client.execute('Steps')
     wait_until(lambda: world.navigation.actions[names.SPIN].running)
+    world.client.load_tree('<AlwaysSuccess/>', 'Short')
+    assert world.client.execute('Short').result.code == Result.SUCCESS
     runtime.call(listen)
     wait_until(lambda: documents, 'the XML of a tree that runs already')
+    assert 'ID="Steps"' in documents[0]
     first.call.cancel(DEADLINE)
     assert first.result.code == Result.CANCELED
     count = len(documents)
