@@ -203,7 +203,7 @@ class _Loader:
                     self._error(source, port, problem, 'name')
                     continue
                 ports[name] = SubTreeModelPort(direction, port.attributes.get('default'))
-            self._models[id] = ports
+            self._models.setdefault(id, {}).update(ports)
 
     def _read_tree(self, source: Source, element: Element, types: NodeTypes, alone: bool) -> None:
         id = element.attributes.get('ID')

@@ -355,6 +355,17 @@ def test_includes_are_resolved_by_the_host_and_own_trees_win() -> None:
     assert Tree(TreeLibrary([document]), 'Main').tick_once() is NodeStatus.FAILURE
 
 
+def test_models_of_one_tree_have_the_ports_of_all_of_them() -> None:
+    def model(**defaults: str) -> str:
+        ports = ''.join(f'<input_port name="{name}" default="{value}"/>' for name, value in defaults.items())
+        return f'<SubTree ID="Door">{ports}</SubTree>'
+
+    door = f'<root BTCPP_format="4"><TreeNodesModel>{model(x="1", y="2")}</TreeNodesModel></root>'
+    models = f'<TreeNodesModel>{model(y="3")}{model(z="4")}</TreeNodesModel>'
+    document = Files(door=door).load(f'<root BTCPP_format="4"><include path="door"/>{models}</root>')
+    assert {name: port.default for name, port in document.models['Door'].items()} == {'x': '1', 'y': '3', 'z': '4'}
+
+
 @pytest.mark.parametrize(
     ('files', 'file', 'words'),
     [
