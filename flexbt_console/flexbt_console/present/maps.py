@@ -331,15 +331,17 @@ def _extent(map: GridMap | None, frame: Frame, axis: int) -> int:
 
 
 def _paste(image: Image, map: GridMap, frame: Frame) -> None:
-    from PIL import Image, ImageFilter
+    import numpy
+    from PIL import Image
 
-    cells = Image.frombytes('L', (map.width, map.height), map.cells.translate(_GRAYS))
-    cells = cells.transpose(Image.Transpose.FLIP_TOP_BOTTOM)
     width, height = (max(1, round(side / frame.step)) for side in map.size)
-    if cells.width > width:  # the darkest cell counts, so that thin walls remain
-        cells = cells.filter(ImageFilter.MinFilter(2 * math.ceil(cells.width / width / 2) + 1))
+    cells = numpy.frombuffer(map.cells.translate(_GRAYS), numpy.uint8).reshape(map.height, map.width)[::-1]
+    for axis, room in enumerate((height, width)):  # the darkest cell of a pixel counts, so that thin walls remain
+        if (count := cells.shape[axis]) > room:
+            cells = numpy.minimum.reduceat(cells, [pixel * count // room for pixel in range(room)], axis)
     left, top = (map.x - frame.x) / frame.step, PIXELS - (map.y + map.size[1] - frame.y) / frame.step
-    image.paste(cells.resize((width, height), Image.Resampling.NEAREST), (round(left), round(top)))
+    pixels = Image.fromarray(cells).resize((width, height), Image.Resampling.NEAREST)
+    image.paste(pixels, (round(left), round(top)))
 
 
 def _disc(draw: ImageDraw, at: Point, radius: float, colour: str) -> None:

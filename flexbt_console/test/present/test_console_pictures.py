@@ -27,7 +27,7 @@ from flexbt_console.mirror.records import (
 from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChange, TreeNodes, TreeReport, Trees
 from flexbt_console.mirror.view import View
 from flexbt_console.present.cells import width
-from flexbt_console.present.maps import draw_map
+from flexbt_console.present.maps import draw_map, map_image
 from flexbt_console.present.style import ASCII, UNICODE, Glyphs, glyphs
 
 RUNNING, FAILURE, IDLE = MirroredStatus.RUNNING, MirroredStatus.FAILURE, MirroredStatus.IDLE
@@ -147,6 +147,16 @@ def test_a_map_is_lines_json_or_an_image(monkeypatch: pytest.MonkeyPatch, tmp_pa
         assert pixels[0] == (40, 40, 40) and pixels[1] == (255, 255, 255)  # the wall, and beside it
         assert pixels[2] == (0, 0x72, 0xB2)  # the plan leads through it
         assert image.getpixel((image.width * 10 // 40, image.height * 17 // 20)) == (0xD5, 0x5E, 0)
+
+
+@pytest.mark.parametrize(('columns', 'resolution'), [(3600, 0.05), (90, 1e-6)])
+def test_of_several_cells_in_a_pixel_the_darkest_counts(columns: int, resolution: float) -> None:
+    """Also of a map whose cells are so small that all of it is a pixel."""
+    row = bytearray(columns)
+    row[columns // 2] = 100
+    image = map_image(robot(map=GridMap(columns, 300, resolution, 0.0, 0.0, bytes(row) * 300), plan=()).view)
+    dark = [place for place in range(image.width) if image.getpixel((place, image.height // 2)) == (40, 40, 40)]
+    assert len(dark) == 1
 
 
 @pytest.mark.parametrize('size', ['80', '80x', 'x24', '7x24', '80x3', '1001x24', '8ex24', '²0x24', '9' * 10**6])
