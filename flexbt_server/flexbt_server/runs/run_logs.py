@@ -21,6 +21,7 @@ from std_msgs.msg import String
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.behavior_tree.engine.observers import LogReader
+from flexbt_core.behavior_tree.engine.tick_control import TickControl
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard_json import JsonTypes
 from flexbt_core.behavior_tree.model.status import NodeStatus
@@ -303,12 +304,14 @@ class _Groot2Run(RunReader):
         self.log = self._marks = LogBuffer(time.perf_counter_ns)
         self._server = server
         self._events = events
+        self._control: TickControl | None = None
         self._watched: WatchedTree | None = None
 
     def read(self, event: RunEvent) -> None:
         watched = self._watched
         match event:
-            case RunStarted(tree):
+            case RunStarted(tree, control):
+                self._control = control
                 self._watched = self._server.add(tree, self._marks, self._pause)
             case RoundEnded() if watched is None:
                 self._marks.take()
@@ -320,4 +323,5 @@ class _Groot2Run(RunReader):
                 self._server.remove(watched)
 
     def _pause(self, is_held: bool) -> None:
-        self._events.emit(RunPaused(is_held))
+        is_paused = self._control is not None and self._control.paused  # then a step has come to the breakpoint
+        self._events.emit(RunPaused(is_held or is_paused))

@@ -19,6 +19,7 @@ import zmq
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_core.behavior_tree.engine.tick_control import TickCommand
 from flexbt_msgs.action import BtExecute
 from flexbt_msgs.msg import TreeStatus
 from flexbt_server.bt_server import BtServer
@@ -42,6 +43,7 @@ class Groot2:
     def __init__(self, context: zmq.Context[Any], port: int, world: ServerWorld) -> None:
         client = self.client = world.client
         self.server = world.server_runtime
+        self.goals = world.server.goals
         self.paused: list[bool] = []
         client.runtime.call(
             lambda: client.runtime.node.create_subscription(
@@ -95,6 +97,30 @@ def test_a_breakpoint_holds_a_run_up_until_it_is_unlocked(groot2: Groot2) -> Non
     assert goal.wait().status is GoalStatus.ABORTED
     assert goal.result.code == Result.FAILURE
     wait_until(lambda: not groot2.paused[-1], 'the end of the pause')
+
+
+def test_a_paused_tree_stays_shown_as_paused_after_a_step_to_a_breakpoint(groot2: Groot2) -> None:
+    groot2.client.load_tree(f'<KeepRunningUntilFailure>{BODY}</KeepRunningUntilFailure>')
+    goal = groot2.client.execute()
+    wait_until(lambda: groot2.ask(RequestType.STATUS)[0] != b'error', 'the tree')
+    (running,) = groot2.goals.running.all()
+    answers: list[str] = []
+    running.run.control(TickCommand.PAUSE, answers.append)
+    wait_until(lambda: answers, 'the pause')
+    groot2.hook(1)
+    running.run.control(TickCommand.STEP, answers.append)
+    (server,) = (one._server for one in groot2.goals._watchers if isinstance(one, run_logs.Groot2Runs))
+    wait_until(lambda: server._shown is not None and server._shown.breakpoints.held, 'the breakpoint')
+    count = len(groot2.paused)
+    groot2.ask(
+        RequestType.BREAKPOINT_UNLOCK,
+        b'{"uid": 1, "position": 0, "desired_status": "SKIPPED", "remove_when_done": true}',
+    )
+    wait_until(lambda: len(answers) == 2, 'the end of the step')
+    wait_until(lambda: len(groot2.paused) > count and groot2.paused[-1], 'the pause, which goes on')
+    goal.call.cancel()
+    assert goal.wait().status is GoalStatus.CANCELED
+    assert groot2.paused[count:-1] == [True] * (len(groot2.paused) - count - 1)
 
 
 def test_a_cancel_lets_go_at_once_and_begins_nothing(groot2: Groot2) -> None:
