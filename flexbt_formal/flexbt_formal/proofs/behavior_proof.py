@@ -106,7 +106,7 @@ class Blackboards:
         keys = dict.fromkeys(use.key for use in used.uses if use.key is not None)
         systems = {key: TreeSystem(library, key, given=(*GOALS, *_written_before(used, key))) for key in keys}
         return cls(
-            {key: system.needed - known - library.model(key.id).keys() for key, system in systems.items()},
+            {key: system.needed - known - library.model(key).keys() for key, system in systems.items()},
             {key: system.removed for key, system in systems.items()},
         )
 

@@ -89,7 +89,7 @@ def prove_tree(
 
 def _given(library: TreeLibrary, key: TreeKey, given: Iterable[str]) -> tuple[str, ...]:
     """Return the keys that are on the blackboard before a tree begins: also those that its model declares as inputs."""
-    ports = library.model(key.id).items()
+    ports = library.model(key).items()
     return (*GOALS, *given, *(name for name, port in ports if port.direction is not PortDirection.OUTPUT))
 
 

@@ -224,7 +224,7 @@ class TreeStore:
         return part
 
     def _files_behind(self, key: TreeKey) -> list[str]:
-        """Return the documents with the parts of a tree, and those with models, which apply to all trees."""
+        """Return the documents with the parts of a tree, and those with models, which may be of its sub-trees."""
         found = self._files_of.get(key)
         if found is None:
             with_models = (file for file, document in self._library.documents.items() if document.models)

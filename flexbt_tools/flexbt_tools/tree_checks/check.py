@@ -74,7 +74,7 @@ def findings(
                 errors += error.errors
         yield from (Diagnostic(REFUSED, error) for error in errors)
         if not errors:
-            given = {*inputs, *HOST_KEYS, *(name for key in group for name in library.model(key.id))}
+            given = {*inputs, *HOST_KEYS, *(name for key in group for name in library.model(key))}
             names = {entry: name for name in blackboard if (entry := blackboard.entry(name)) is not None}
             boards.append(_Board(list(usages.values()), names, given, is_main=not mains.isdisjoint(group)))
     lost: dict[Entry, list[LostWrite]] = {}
@@ -198,7 +198,7 @@ def _unused_ports(library: TreeLibrary) -> Iterator[Diagnostic]:
             keys.update(value.key for value in node.values.values() if value.key is not None)
             if node.autoremap:
                 keys |= known[target] - node.values.keys()
-            ports = known[target] | library.model(target.id).keys()
+            ports = known[target] | library.model(target).keys()
             for name in node.values.keys() - ports:
                 similar = similar_names(name, sorted(ports))
                 hint = f'; did you mean [{similar[0]}]?' if similar else ''

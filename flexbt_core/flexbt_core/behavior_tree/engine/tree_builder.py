@@ -156,7 +156,7 @@ class _Builder:
         board = Blackboard(scope.board)
         values = dict(definition.values)
         if not definition.autoremap:
-            for name, port in self._library.model(tree_id).items():
+            for name, port in self._library.model(key).items():
                 if name not in values and port.default is not None:
                     values[name] = PortValue(port.default, pointer_key(port.default, name))
         for name, value in values.items():

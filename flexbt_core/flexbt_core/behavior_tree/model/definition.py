@@ -188,7 +188,7 @@ class TreeLibrary:
         self._newest: dict[str, TreeKey] = {}
         self._models: dict[str, Mapping[str, SubTreeModelPort]] = {}
         for document in self._documents.values():
-            self._models.update(document.models)
+            self._models.update({id: ports for id, ports in document.models.items() if id not in document.trees})
             for id in document.trees:
                 self._newest[id] = TreeKey(document.file, id)
         errors = list(_Checker(self).errors())
@@ -237,9 +237,11 @@ class TreeLibrary:
     def definition(self, key: TreeKey) -> TreeDefinition:
         return self._documents[key.file].trees[key.id]
 
-    def model(self, id: str) -> Mapping[str, SubTreeModelPort]:
-        """Return the ports that models declare for the tree with this ID; empty without a model."""
-        return self._models.get(id, {})
+    def model(self, key: TreeKey) -> Mapping[str, SubTreeModelPort]:
+        """Return the ports that a model declares for a tree, in its own document or else in one without such a tree;
+        empty without a model."""
+        own = self._documents[key.file].models.get(key.id)
+        return self._models.get(key.id, {}) if own is None else own
 
 
 class _Checker:
@@ -272,7 +274,7 @@ class _Checker:
                 continue
             references.append((node, target))
             if not node.autoremap:
-                for name, port in library.model(node.tree_id).items():
+                for name, port in library.model(target).items():
                     if port.default is None and name not in node.values:
                         yield tree.error(
                             node, f'the model of [{node.tree_id}] declares the port [{name}]; add {name}="{{key}}"'

@@ -355,6 +355,30 @@ def test_includes_are_resolved_by_the_host_and_own_trees_win() -> None:
     assert Tree(TreeLibrary([document]), 'Main').tick_once() is NodeStatus.FAILURE
 
 
+def test_a_model_is_that_of_the_tree_in_its_own_document() -> None:
+    def document(file: str, port: str) -> TreeDocument:
+        ports = f'<input_port name="{port}" default="1"/><input_port name="{port}_needed"/>'
+        door = f'<BehaviorTree ID="Door"><ScriptCondition code="{port} == {port}_needed"/></BehaviorTree>'
+        return load_xml(
+            f'<root BTCPP_format="4"><BehaviorTree ID="{file}"><SubTree ID="Door" {port}_needed="1"/></BehaviorTree>'
+            f'{door}<TreeNodesModel><SubTree ID="Door">{ports}</SubTree></TreeNodesModel></root>',
+            file,
+            registry(),
+        )
+
+    documents = [document('one', 'x'), document('two', 'y')]
+    for library in (TreeLibrary(documents), TreeLibrary(documents[::-1])):
+        assert [Tree(library, file).tick_once() for file in ('one', 'two')] == [NodeStatus.SUCCESS] * 2
+    away = load_xml(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><SubTree ID="Far"/></BehaviorTree><TreeNodesModel>'
+        '<SubTree ID="Far"><input_port name="x" default="1"/></SubTree></TreeNodesModel></root>',
+        'away',
+        registry(),
+    )
+    far = load_xml(wrap('<ScriptCondition code="x == 1"/>', id='Far'), 'far', registry())
+    assert Tree(TreeLibrary([away, far]), 'Main').tick_once() is NodeStatus.SUCCESS
+
+
 def test_models_of_one_tree_have_the_ports_of_all_of_them() -> None:
     def model(**defaults: str) -> str:
         ports = ''.join(f'<input_port name="{name}" default="{value}"/>' for name, value in defaults.items())
