@@ -940,7 +940,7 @@ def test_a_robot_that_comes_later_has_its_line_its_place_on_the_map_and_its_page
     assert (robots.opened, first.sent, second.kinds) == ([], [], [CommandKind.PAUSE])
 
 
-@pytest.mark.parametrize(('width', 'height'), [(3001, 1999), (1, 2_000_000), (10, 10)])
+@pytest.mark.parametrize(('width', 'height'), [(3001, 1999), (1, 16_000_000), (10, 10)])
 def test_a_large_map_becomes_smaller_and_no_wall_gets_lost(width: int, height: int) -> None:
     cells = bytearray(width * height)
     cells[-1] = 100

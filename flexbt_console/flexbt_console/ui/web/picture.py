@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import struct
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any, Final, NamedTuple, TypeVar
+
+import numpy
 
 from flexbt_common.pictures.tree_picture import DrawnNode, NodeShape
 from flexbt_console.commands.registry import COMMANDS
@@ -464,16 +467,12 @@ def map_part(map: GridMap) -> tuple[dict[str, Any], bytes]:
     occupied counts most.
     """
     bits = bytes(2 if OCCUPIED <= value <= 100 else 0 if value < OCCUPIED else 1 for value in range(256))
-    cells, width, height, factor = map.cells.translate(bits), map.width, map.height, 1
-    while width * height > MOST_CELLS:
-        rows = [cells[row * width : (row + 1) * width] for row in range(height)]
-        pairs = [_united(a, b) for a, b in zip(rows[::2], [*rows[1::2], rows[-1]], strict=False)]
-        cells = b''.join(_united(row[::2], row[1::2].ljust(-(-width // 2), b'\0')) for row in pairs)
-        width, height, factor = -(-width // 2), len(pairs), factor * 2
+    cells = numpy.frombuffer(map.cells.translate(bits), numpy.uint8).reshape(map.height, map.width)
+    factor = 1
+    while math.prod(-(-side // factor) for side in cells.shape) > MOST_CELLS:
+        factor *= 2
+    for axis, side in enumerate(cells.shape):
+        cells = numpy.bitwise_or.reduceat(cells, range(0, side, factor), axis)
+    height, width = cells.shape
     head = replace(map, width=width, height=height, resolution=map.resolution * factor)
-    return fields_of(head, 'cells'), cells.translate(bytes([0, 2, 1, 1]) + bytes(252))
-
-
-def _united(one: bytes, other: bytes) -> bytes:
-    """Return the bits of both, byte by byte: as numbers, since that is quick."""
-    return (int.from_bytes(one, 'big') | int.from_bytes(other, 'big')).to_bytes(len(one), 'big')
+    return fields_of(head, 'cells'), cells.tobytes().translate(bytes([0, 2, 1, 1]) + bytes(252))
