@@ -520,26 +520,28 @@ class Names:
             need(is_free, f'{child.path} uses the key {new} too, so the two would become one')
             mapped = [item for item in child.items('remapping') if item.value == old]
             edits += [document.renamed(item.value_span, new) for item in mapped]
-            if not mapped and child.find('remapping', old) is None:
+            if child.find('remapping', old) is None:  # another key of it may be mapped to this one, too
                 uses = self._uses_key(document, child, old)
                 if uses:
                     document.state(child.path)
                     edits += document.put(child, 'remapping', old, new, document.name)
-                elif uses is None:
+                elif uses is None and not mapped:
                     text = f'{child.path} ({child.type}) may use the key by this name'
                     made.notes.append(Mention(named.file, child.label_span, text))
         need(edits, f'{named.owner} has no key {old}')
         made.add(named.file, edits)
         is_interface = any(container.find(table, old) for table in _INTERFACE[1:])
+        is_output = any(container.find(table, old) for table in _INTERFACE[2:])
         outside = [(named.file, document, container)] if container.parent else []
         outside += self._embedding(self._names_of(named.file, named.owner))
         for file, other, state in outside:
             item = state.find('remapping', old)
-            kept = other.default_key(state, old) if isinstance(other, YamlDocument) else None
-            if item is not None or kept is not None:
-                spans = [*([item.key_span] if item else ()), *([kept.span] if kept else ())]
-                made.add(file, [other.renamed(span, new) for span in spans])
-            elif is_interface:
+            kept = state.find('default_keys', old)
+            is_free = not (state.find('remapping', new) or state.find('default_keys', new))
+            need(is_free, f'{file}: {state.path} names a key {new} already; remove that first')
+            spans = [*([item.key_span] if item else ()), *([kept.span] if kept else ())]
+            made.add(file, [other.renamed(span, new) for span in spans])
+            if item is None and (is_interface if kept is None else is_output):
                 made.add(file, other.put(state, 'remapping', new, old, other.name))
         runs = self._runs_of(named.file, named.owner).items()
         renamed = {behavior: {old: new, f'{{{old}}}': f'{{{new}}}'} for behavior, own in runs if '/' in own}
@@ -559,7 +561,8 @@ class Names:
         """Return whether a state uses a key of its container that it names itself; None if that is not known."""
         if child.kind == 'behavior':
             own = next((root for names, _, root in self._behaviors() if child.type in names), None)
-            return None if own is None else any(own.find(table, key) for table in _INTERFACE[1:])
+            tables = _INTERFACE[1:] if child.find('default_keys', key) is None else _INTERFACE[2:]
+            return None if own is None else any(own.find(table, key) for table in tables)
         reads, writes, is_all = state_keys(document, child, self._states)
         return True if key in reads | writes else False if is_all else None
 

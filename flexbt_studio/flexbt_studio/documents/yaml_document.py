@@ -760,10 +760,6 @@ class YamlDocument(MachineDocument):
         item = self._parameters().find(reference[1:]) if _REFERENCE.fullmatch(reference) else None
         return None if item is None else self._table(item.node).find('default')
 
-    def default_key(self, state: State, key: str) -> Item | None:
-        """Return where an embedded behavior is told to keep its own value of an input key."""
-        return state.find('default_keys', key)
-
     def input(self, key: str) -> Item | None:
         """Return the entry of the head that describes an input key."""
         inputs = self._head.find('inputs')

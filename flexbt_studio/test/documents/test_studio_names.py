@@ -307,6 +307,31 @@ def test_an_input_key_of_a_behavior_keeps_the_keys_around_it(site: Site) -> None
     )
 
 
+def test_a_key_that_a_state_uses_in_two_ways_is_renamed_in_both(tmp_path: Path, registry: NodeRegistry) -> None:
+    inner = 'machine:\n  outcomes: [done]\n  io_keys: [a, b]\n  states:\n    Read: {state: LogKeyState}\n'
+    outer = (
+        'machine:\n  outcomes: [done]\n  userdata: {b: 1}\n  states:\n'
+        '    In:\n      behavior: {use: inner}\n      transitions: {done: done}\n      remapping: {a: b}\n'
+        '    Kept:\n      behavior: {use: inner, default_keys: [a]}\n      transitions: {done: done}\n'
+    )
+    code = TWO.replace("parameters={'limit': 2.0}", "default_keys=['place']")
+    code = "(['finished'], input_keys=['place'])".join(code.rsplit("(['finished'])", 1))
+    site = Site(tmp_path, registry, {'inner.yaml': inner, 'outer.yaml': outer, 'two.py': code})
+    site.rename(site.at('outer.yaml', 'userdata: {', 'b'), 'c')
+    changed = outer.replace('{b: 1}', '{c: 1}').replace('{a: b}', '{a: c, b: c}')
+    assert site.texts['outer.yaml'] == f'{changed}      remapping: {{b: c}}\n'
+    site.rename(site.at('inner.yaml', 'io_keys: [', 'a'), 'z')
+    assert 'remapping: {z: c, b: c}' in site.texts['outer.yaml']
+    kept = 'default_keys: [z]}\n      transitions: {done: done}\n      remapping: {b: c, z: a}\n'
+    assert site.texts['outer.yaml'].endswith(kept)
+    for taken, more in (('{z: c, ', '{z: c, x: c, '), ('default_keys: [z', 'default_keys: [z, x')):
+        site.project.adopt('outer.yaml', site.texts['outer.yaml'].replace(taken, more))
+        with pytest.raises(StudioError, match='names a key x already'):
+            site.names.rename(site.at('inner.yaml', 'io_keys: [', 'z'), 'x')
+    site.rename(site.at('two.py', "input_keys=['", 'place'), 'goal')
+    assert "default_keys=['goal']" in site.texts['two.py'] and 'remapping' not in site.texts['two.py']
+
+
 def test_a_behavior_and_its_parameter_are_renamed(site: Site) -> None:
     changed(
         site,
