@@ -37,6 +37,7 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Main">
         <Sleep name="rest" msec="50"/>
         <SubTree ID="Inner" name="first" laps="{laps}"/>
         <SubTree ID="Inner" laps="{laps}"/>
+        <SubTree ID="Inner" name="Inner" laps="{laps}"/>
       </Sequence>
     </KeepRunningUntilFailure>
   </BehaviorTree>
@@ -186,6 +187,12 @@ def test_a_sub_tree_keeps_its_name_and_the_main_tree_its_blackboard() -> None:
     assert '<SubTree name="a/b" ID="In"/>' in document and '<SubTree ID="Leaf"/>' in document
     assert nodes == {1: 'Sequence::1', 2: 'a/b', 3: 'T', 4: 'a/b/Leaf::4', 5: 'T/Leaf::5'}
     assert boards == {'T': '', 'a/b': 'a/b'}
+    like = '<BehaviorTree ID="In" _fullpath="In"><SubTree ID="Leaf" _fullpath="In/l" _uid="2"/></BehaviorTree>'
+    leaf = '<BehaviorTree ID="Leaf" _fullpath="In/l"><AlwaysSuccess _uid="3"/></BehaviorTree>'
+    main = '<BehaviorTree ID="T" _fullpath=""><SubTree ID="In" _fullpath="In::1" _uid="1"/></BehaviorTree>'
+    _, _, nodes, boards = described('p', f'<root>{main}{like}{leaf}</root>')  # as of BehaviorTree.CPP
+    assert nodes == {1: 'In::1', 2: 'In::1/l', 3: 'In::1/l/AlwaysSuccess::3'}
+    assert boards == {'T': '', 'In': 'In::1', 'In/l': 'In::1/l'}
 
 
 class Peer:

@@ -414,15 +414,41 @@ def described(name: str, text: str) -> tuple[str, str, dict[int, str], dict[str,
     trees = [one for one in root.children if one.tag == 'BehaviorTree' and one.attributes.get('ID')]
     if not trees:
         raise StudioError(f'{name} sends no tree')
+    boards = _placed(trees)
     document = '\n'.join(_lines(root, trees)) + '\n'
     if len(document) > MOST_BYTES:
         raise StudioError(f'the tree of {name} has more than {MOST_BYTES} characters, which is more than is shown')
     nodes = {uid: node.path for uid, node in described_nodes(root)}
-    boards: dict[str, str] = {}
-    for one in trees:  # of two with one name, programs send the first
-        path = one.attributes.get('_fullpath', '')
-        boards.setdefault(path or one.attributes['ID'], path)
     return trees[0].attributes['ID'], document, nodes, boards
+
+
+def _placed(trees: list[Element]) -> dict[str, str]:
+    """Give each tree the path of its sub-tree, and return these paths by the names of the blackboards.
+
+    In BehaviorTree.CPP the tree of a sub-tree that is named like its tree has another path than the sub-tree.
+    """
+    known = {tree.attributes.get('_fullpath', '') for tree in trees}
+    places: dict[str, str] = {}
+    boards: dict[str, str] = {}
+    for tree in trees:
+        path = tree.attributes.get('_fullpath', '')
+        place = places.get(path, path)
+        boards.setdefault(path or tree.attributes['ID'], place)  # of two with one name, programs send the first
+        tree.attributes = tree.attributes | {'_fullpath': place}
+        pending = list(tree.children)
+        while pending:
+            one = pending.pop()
+            pending.extend(one.children)
+            below = one.attributes.get('_fullpath')
+            if below is not None:
+                placed = _within(place, below.removeprefix(_within(path, '')))
+                one.attributes = one.attributes | {'_fullpath': placed}
+                places[below if below in known else _within(path, one.attributes.get('ID', ''))] = placed
+    return boards
+
+
+def _within(path: str, name: str) -> str:
+    return f'{path}/{name}' if path else name
 
 
 def _lines(root: Element, trees: list[Element]) -> Iterator[str]:
@@ -462,7 +488,7 @@ def _attributes(element: Element, scope: str) -> dict[str, str]:
     """Return the attributes of a node as they are written to load it; a name only if one was given."""
     found = {key: value for key, value in element.attributes.items() if key not in ('_uid', '_fullpath')}
     if element.tag == 'SubTree' and '_fullpath' in element.attributes:
-        name = element.attributes['_fullpath'].removeprefix(f'{scope}/' if scope else '')
+        name = element.attributes['_fullpath'].removeprefix(_within(scope, ''))
         usual = f'{found.get("ID")}::{element.attributes.get("_uid")}'
         return found if name == usual else {'name': name, **found}
     return {key: value for key, value in found.items() if (key, value) != ('name', element.tag)}
