@@ -400,6 +400,7 @@ class Names:
     def _rename_key(self, named: Named, new: str, made: Renaming) -> None:
         document, old = self._project.trees(named.file), named.name
         made.add(named.file, document.gesture('rename_key', {'tree': named.owner, 'old': old, 'new': new}))
+        made.add(named.file, self._renamed_defaults(named, document, new))
         tree = document.trees[named.owner]
         id = tree.attributes.get('ID', '')
         if document.definition(id) is tree:
@@ -410,6 +411,20 @@ class Names:
         if old.removeprefix('@') in HOST_KEYS:
             text = f'the BT server writes [{old}] before it runs a main tree'
             made.notes.append(Mention(named.file, tree.value_span('ID'), text))
+
+    def _renamed_defaults(self, named: Named, document: XmlDocument, new: str) -> list[TextEdit]:
+        """Return the edits at sub-trees of other files whose models, in these files, let them have a key by default."""
+        edits: list[TextEdit] = []
+        places = tree_places(self._project, named.file)
+        ids = {one.attributes.get('ID', '') for one in document.subtrees}
+        elsewhere = {id for id in ids if id in places and document.definition(id) is None} - document.defaults.keys()
+        for id in sorted(elsewhere):
+            for port, key in self._project.trees(places[id].file).defaults.get(id, ()):
+                given = document.given_by_default(named.owner, id, port, new)
+                taken = f'by default, [{port}] of the sub-tree {id} is the key {new}; choose another name'
+                need(key != new or not given, taken)
+                edits += given if key == named.name else ()
+        return edits
 
     def _board_notes(self, named: Named) -> Iterator[Mention]:
         """Yield the parameters of states that name a key of a blackboard: it may be that of this tree."""

@@ -133,15 +133,20 @@ class XmlDocument(Layout):
         return next((one for one in reversed(self.trees.values()) if one.attributes.get('ID', '') == id), None)
 
     @cached_property
-    def keys(self) -> KeyReader:
-        """The reader of the keys that nodes name."""
-        defaults: dict[str, list[tuple[str, str]]] = {}
+    def defaults(self) -> dict[str, list[tuple[str, str]]]:
+        """The ports of trees that models let lead to a key where they are not given, with these keys."""
+        found: dict[str, list[tuple[str, str]]] = {}
         for model in self.models:
             for port in _ports(model) if model.tag == 'SubTree' else ():
                 name = port.attributes.get('name', '')
                 if (key := pointer_key(port.attributes.get('default', ''), name)) is not None:
-                    defaults.setdefault(model.attributes.get('ID', ''), []).append((name, key))
-        return KeyReader(self.text, self.types, defaults, bare=self.is_old)
+                    found.setdefault(model.attributes.get('ID', ''), []).append((name, key))
+        return found
+
+    @cached_property
+    def keys(self) -> KeyReader:
+        """The reader of the keys that nodes name."""
+        return KeyReader(self.text, self.types, self.defaults, bare=self.is_old)
 
     # View.
 
@@ -620,6 +625,12 @@ class XmlDocument(Layout):
             if is_user and self._may_use(call.attributes.get('ID'), old):
                 edits += self.value_edits(call, {old: self._argument(call, new)})
         return edits
+
+    def given_by_default(self, tree: str, id: str, port: str, key: str) -> list[TextEdit]:
+        """Return the edits that let a port of a sub-tree lead to a key where a tree does not give it."""
+        calls = (one for one in self._calls(id) if self.paths[one].partition('/')[0] == tree)
+        calls = (one for one in calls if not is_autoremapped(one) and port not in arguments(one, bare=self.is_old))
+        return [edit for one in calls for edit in self.value_edits(one, {port: self._argument(one, key)})]
 
     def is_shared(self, tree: str, key: str) -> bool:
         """Return whether a tree, or one to which it hands all keys, uses a key that may be that of a tree around it."""

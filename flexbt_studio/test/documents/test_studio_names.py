@@ -215,6 +215,22 @@ def test_a_key_is_renamed_with_the_ports_that_lead_to_it(site: Site) -> None:
     )
 
 
+def test_a_key_that_a_model_of_another_file_gives_by_default_is_given(tmp_path: Path, registry: NodeRegistry) -> None:
+    nodes = '<Script code="b := 1"/><SubTree ID="Two"/><SubTree ID="Two" a="7"/>'
+    ports = '<input_port name="a" default="{b}"/><input_port name="z" default="{c}"/>'
+    files = {
+        'main.xml': f'<root><BehaviorTree ID="Main"><Sequence>{nodes}</Sequence></BehaviorTree></root>',
+        'two.xml': '<root><BehaviorTree ID="Two"><AlwaysSuccess/></BehaviorTree>'
+        f'<TreeNodesModel><SubTree ID="Two">{ports}</SubTree></TreeNodesModel></root>',
+    }
+    site = Site(tmp_path, registry, files)
+    with pytest.raises(StudioError, match=r'by default, \[z\] of the sub-tree Two is the key c'):
+        site.rename(site.at('main.xml', 'code="', 'b'), 'c')
+    site.rename(site.at('main.xml', 'code="', 'b'), 'new')
+    expected = files['main.xml'].replace('b :=', 'new :=').replace('"Two"/>', '"Two" a="{new}"/>', 1)
+    assert site.texts == {**files, 'main.xml': expected}
+
+
 def test_a_key_is_not_a_text_of_a_script_nor_a_longer_name(site: Site) -> None:
     changed(
         site,
