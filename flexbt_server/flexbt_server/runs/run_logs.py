@@ -119,12 +119,20 @@ class RunLogs:
         self._writer.close()
 
     def _prune(self) -> None:
+        problem: OSError | None = None
         try:
             files = sorted(path for path in self._directory.iterdir() if _OURS.fullmatch(path.name))
-            for path in files[: -self._keep]:
-                path.unlink()
         except OSError as error:
-            self._error(f'{self._directory}: old log files cannot be removed: {error}')
+            files, problem = [], error
+        for path in files[: -self._keep]:
+            try:
+                path.unlink(missing_ok=True)  # another server may use the same directory
+            except OSError as error:
+                problem = error
+        if problem is not None:
+            self._error(
+                f'{self._directory}: old log files cannot be removed: {problem}', throttle_duration_sec=TELL_SECONDS
+            )
 
 
 class _RunLog(RunReader):

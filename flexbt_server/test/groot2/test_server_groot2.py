@@ -158,15 +158,17 @@ def test_the_server_ends_while_a_breakpoint_holds_a_tree_up(groot2: Groot2) -> N
 
 
 def test_every_run_has_a_log_file(tmp_path: Path) -> None:
-    """All transitions are in it, the last ones too; the oldest files go, and what is not ours stays."""
+    """All transitions are in it, the last ones too; the oldest files go, and what is not ours or cannot go stays."""
     directory = tmp_path / 'logs'
-    directory.mkdir()
+    stays = directory / '20200101T000000.000000Z_Logged_00000000.btlog'
+    stays.mkdir(parents=True)
     (directory / 'mine.btlog').write_text('mine')
     with open_server_world(btlog_directory=str(directory), btlog_keep=2) as world:
         world.client.load_tree(BODY, 'Logged')
         for _ in range(3):
             assert world.client.execute('Logged').wait().status is GoalStatus.SUCCEEDED
     (directory / 'mine.btlog').unlink()
+    stays.rmdir()
     files = sorted(directory.iterdir())
     assert len(files) == 2
     for file in files:
