@@ -317,10 +317,15 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
             # As in BehaviorTree.CPP: the first number that a declared entry gets keeps its kind, if it fits.
             value = value if entry.value is EMPTY and kind.category == 'real' else exact
     present = entry.value
-    if present is not EMPTY and isinstance(present, str) is not isinstance(value, str):
+    if present is not EMPTY and _family(present) is not _family(value):
         # The present value came through a sub-tree port, or from a script when the entry was only declared.
         raise BlackboardError(
             f'entry [{key}] of type {declared.name} holds {short_repr(present)}, '
             f'and so does not take {short_repr(value)}; it has to be removed first'
         )
     return float(value) if present.__class__ is float and kind.category != 'text' else value
+
+
+def _family(value: Any) -> type[Any]:
+    """Return the class of the values that a value may be replaced by."""
+    return str if isinstance(value, str) else float if isinstance(value, int | float) else object

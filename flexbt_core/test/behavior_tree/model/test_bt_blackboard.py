@@ -256,6 +256,7 @@ def test_a_value_that_cannot_be_converted_is_refused_with_the_reason(value: Any,
 
 
 POSE = PortType('pose', object)
+LIST = PortType('list', list)
 
 
 @pytest.mark.parametrize(
@@ -269,6 +270,8 @@ POSE = PortType('pose', object)
         (POSE, EMPTY, 5, 'has the type pose, which cannot be changed; it was now used as int'),
         (INT, '7', 3, "of type int holds '7', and so does not take 3; it has to be removed first"),
         (STRING, 5, 'a', "of type std::string holds 5, and so does not take 'a'; it has to be removed first"),
+        (LIST, 2.5, [1], 'of type list holds 2.5, and so does not take [1]; it has to be removed first'),
+        (LIST, 1, [1], 'of type list holds 1, and so does not take [1]; it has to be removed first'),
     ],
 )  # fmt: skip
 def test_a_write_that_an_entry_does_not_take_names_both(
