@@ -57,6 +57,13 @@ ROWS = [
         others='<BehaviorTree ID="T"><Act name="a" _script="R"/></BehaviorTree>',
     ),
     Row(
+        'a port writes a double to its entry, also if a script has set it to an integer',
+        '<Sequence><Script code="x := 1"/><LoopDouble queue="2.5" value="{x}"><AlwaysSuccess/></LoopDouble></Sequence>',
+        [TICK],
+        'error',
+        'R',
+    ),
+    Row(
         'the explicit form is accepted below a ReactiveSequence',
         '<ReactiveSequence><Action ID="AlwaysSuccess"/></ReactiveSequence>',
         [TICK],
