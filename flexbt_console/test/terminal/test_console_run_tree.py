@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from flexbt_console.errors import ExitCode
+from flexbt_console.ui.line.tree_run import _main_tree
 from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -50,6 +51,15 @@ def test_a_failure_has_its_reasons_and_exit_code(tree: Path) -> None:
     ran = run(tree, '--goal', '4.0 4.5 0', '--input', 'n=int64:9', '--json')
     report = json.loads(ran.stdout)
     assert (ran.returncode, report['result'], len(report['reasons'])) == (ExitCode.REFUSED, 'FAILURE', 2)
+
+
+def test_the_main_tree_is_that_of_the_root() -> None:
+    tree = '<BehaviorTree ID="{}"><AlwaysSuccess/></BehaviorTree>'
+    text = (
+        '<!-- main_tree_to_execute="Old" --><root BTCPP_format="4" main_tree_to_execute="Bob\'s &amp; Co">'
+        f'{tree.format("Old")}{tree.format("Bob&apos;s &amp; Co")}</root>'
+    )
+    assert _main_tree(text, ['Old', "Bob's & Co"]) == "Bob's & Co"
 
 
 def test_an_interrupt_cancels_the_tree(world: ServerWorld, tree: Path) -> None:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import sys
@@ -25,7 +26,8 @@ from flexbt_core.values.text import escape_lines, sanitize_for_message
 from flexbt_msgs.action import BtExecute, BtLoad
 
 POSE: Final = 'geometry_msgs/msg/PoseStamped'
-_MAIN_TREE: Final = re.compile(r'main_tree_to_execute\s*=\s*["\']([^"\']+)')
+_MAIN_TREE: Final = re.compile(r'main_tree_to_execute\s*=\s*(["\'])(.*?)\1', re.DOTALL)
+_COMMENT: Final = re.compile('<!--.*?-->', re.DOTALL)
 MOST_BYTES: Final = 1_000_000
 """Maximum size of a file that is sent, bytes."""
 _CANCEL_SECONDS: Final = 5.0
@@ -122,9 +124,9 @@ def _load(links: ActionLinks, file: str, timeout: float) -> str:
 
 def _main_tree(text: str, trees: Sequence[str]) -> str:
     """Return the ID of the tree of a file that is executed by default."""
-    named = _MAIN_TREE.search(text)
+    named = _MAIN_TREE.search(_COMMENT.sub('', text))
     if named is not None:
-        return named[1]
+        return html.unescape(named[2])
     if len(trees) != 1:
         raise UsageError(f'the file does not name its main tree; choose one by --tree: {", ".join(trees)}')
     return trees[0]
