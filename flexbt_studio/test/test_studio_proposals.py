@@ -14,6 +14,7 @@ import pytest
 from test_studio_server import Page, Refused, with_pages
 
 from flexbt_studio.documents.xml_document import XmlDocument
+from flexbt_studio.documents.yaml_document import YamlDocument
 from flexbt_studio.errors import StudioError
 from flexbt_studio.server import proposals
 from flexbt_studio.server.proposals import with_result
@@ -209,6 +210,29 @@ def test_trees_are_put_into_any_text_that_has_a_root(text: str) -> None:
     document = XmlDocument(found)
     assert not document.problems and {'A', 'B'} <= set(document.trees)
     assert with_result(document, made) == found  # once more changes nothing
+
+
+SYNTHESIZED = '# made\nmachine:\n  outcomes: [ok]\n  states: {}\n'
+
+
+@pytest.mark.parametrize(
+    ('machine', 'rest'),
+    [
+        ('machine:\n  outcomes: [a]  # one\n  # two', '\n\n# three\n'),
+        ('machine: {\n  outcomes: [a],\n  states: {}\n}', '\nbehavior: {name: X}\n'),
+        ('"machine":\n  outcomes: [a]\n  states: {A: {state: S, parameters: {text: "x\n\ny"}}}', ''),
+        ('machine:\r\n  outcomes:\r\n  - a', '\r\n...\r\n'),
+    ],
+)
+def test_a_machine_takes_the_place_of_the_whole_machine_in_whatever_form(machine: str, rest: str) -> None:
+    for before in ('', '\ufeff', '# a\n'):
+        found = with_result(YamlDocument(f'{before}{machine}{rest}'), SYNTHESIZED)
+        made = SYNTHESIZED.partition('\n')[2].rstrip('\n')
+        assert found.replace('\r\n', '\n') == f'{before}{made}{rest}'.replace('\r\n', '\n')
+        assert '\r' not in machine or before == '# a\n' or found.count('\n') == found.count('\r')
+    for text in (f'{{{machine}}}', f'  {machine}\n', 'behavior: {}', f'{machine}\n - : ['):
+        with pytest.raises(StudioError, match='make a new file'):
+            with_result(YamlDocument(text), SYNTHESIZED)
 
 
 # Versions from git.

@@ -17,8 +17,9 @@ from flexbt_core.values.text import short_repr
 from flexbt_server.groot2.protocol import models_document
 from flexbt_studio.documents.document import Document
 from flexbt_studio.documents.project import Project
-from flexbt_studio.documents.text import TextEdit, applied
+from flexbt_studio.documents.text import LINE_BREAK, Span, TextEdit, applied
 from flexbt_studio.documents.xml_document import XmlDocument
+from flexbt_studio.documents.yaml_document import YamlDocument
 from flexbt_studio.errors import StudioError
 from flexbt_studio.tool_process import ToolCopy, new_folder
 from flexbt_tools.errors import missing_package
@@ -34,7 +35,7 @@ _GOAL: Final = re.compile(r'^goal\s*:[ \t]*(.+?)[ \t]*(?:[ \t]#.*)?$', re.MULTIL
 _CAPABILITIES: Final = re.compile(r'^capabilities\s*:', re.MULTILINE)
 _CAPABILITY: Final = re.compile(r'^[ ]+([A-Za-z_]\w*)\s*:[^\n]*\n(?=(?:[ ]+#[^\n]*\n)*[ ]+interface\s*:)', re.MULTILINE)
 _REQUEST: Final = re.compile(r'^goals\s*:', re.MULTILINE)
-_MACHINE: Final = re.compile(r'^(?:machine|concurrency|priority)\s*:')
+_REST: Final = re.compile(r'[^\r\n]*(?:(?:\r\n?|\n)[ \t]+[^\s][^\r\n]*)*')
 
 
 # Plans and machines for goals.
@@ -109,16 +110,23 @@ def with_result(document: Document, result: str) -> str:
         for id in made.trees:
             document = XmlDocument(applied(document.text, _tree_edits(document, made, id)), document.file)
         return with_models(document, result)
-    lines, written = document.text.splitlines(keepends=True), result.splitlines(keepends=True)
-    begins = [next((at for at, line in enumerate(one) if _MACHINE.match(line)), None) for one in (lines, written)]
-    if document.language != 'yaml' or None in begins:
-        raise StudioError(f'{document.file} is no machine in YAML; put the result into a new file')
-    first, new = (at or 0 for at in begins)
-    end = next((at for at in range(first + 1, len(lines)) if lines[at][:1] not in ' \t#\r\n'), len(lines))
-    while lines[end - 1][:1] in '#\r\n':  # what is at its end is about what follows
-        end -= 1
-    line_break = '\r\n' if lines[first].endswith('\r\n') else '\n'
-    return ''.join([*lines[:first], *(line.rstrip('\r\n') + line_break for line in written[new:]), *lines[end:]])
+    new = YamlDocument(result)
+    span, written = _machine(document), _machine(new)
+    if span is None or written is None:
+        raise StudioError(f'{document.file} has no machine in YAML on lines of its own; make a new file of the result')
+    return applied(document.text, [TextEdit(*span, LINE_BREAK.sub(document.line_break, new.source(written)))])
+
+
+def _machine(document: Document) -> Span | None:
+    """Return the lines of the machine of a file, with the comments in it; None if it has none that can be replaced."""
+    if not isinstance(document, YamlDocument) or document.unreadable or not document.roots:
+        return None
+    root = document.roots[0][1]
+    start, end = root.span
+    before = document.text[document.lines.start(start) : start]
+    rest = _REST.match(document.text, end)
+    is_apart = root.tables['entries'].inner is None and before in ('', '\ufeff')
+    return Span(start, rest.end() if rest else end) if is_apart else None
 
 
 def _tree_edits(document: XmlDocument, made: XmlDocument, id: str) -> list[TextEdit]:
@@ -157,7 +165,8 @@ def with_models(document: XmlDocument, models: str) -> str:
         now = XmlDocument(text, document.file)
         edits: list[TextEdit] = []
         for model in part:
-            ports = [{key: value for key, value in port.items() if key != 'span'} for port in model['ports']]
+            written = [{**port, 'type': port['type'] or None} for port in model['ports']]
+            ports = [{key: value for key, value in port.items() if key != 'span'} for port in written]
             edits += now.gesture('add_model', {'id': model['id'], 'kind': model['kind'], 'ports': ports})
         text = applied(text, edits)
     return text
