@@ -105,7 +105,7 @@ class World:
         """Obstacles in grippers, by robot name. They block no other body."""
         self._movers: list[Body] = []
         self._next_reading = 0.0
-        self._space = Space(world)
+        self._space = Space(world, step)
         self._rays = RayCaster(world)
         self._faults: dict[str, dict[str, Fault]] = {}
         self._begun: set[Fault] = set()

@@ -113,6 +113,17 @@ def test_nothing_ever_overlaps_whatever_is_commanded(data: st.DataObject, grid: 
         assert_nothing_overlaps(world)
 
 
+@pytest.mark.parametrize(('step', 'speed'), [(0.02, 30.0), (0.1, 30.0), (1.0, 30.0)])
+def test_a_robot_stops_at_an_obstacle_however_far_it_drives_in_one_step(step: float, speed: float) -> None:
+    world = World(step=step)
+    drive = DriveModel(linear_speed=speed, linear_acceleration=1000.0, watchdog=100.0)
+    robot = world.add('robot', RobotModel(footprint=Circle(0.2), drive=drive, lidar=None), Pose(0.0, 0.0, 0.0))
+    world.add('pillar', ObstacleModel(pose=Pose(12.0, 0.0, 0.0), shape=Circle(0.3)))
+    robot.command(speed, 0.0, 0.0)
+    world.step(2.0)
+    assert robot.pose.x == pytest.approx(11.5, abs=0.01) and robot.contacts == 1
+
+
 def test_robots_drive_into_each_other_and_stop() -> None:
     world = World()
     for name, x, yaw in (('one', 0.0, 0.0), ('other', 1.0, math.pi)):

@@ -102,7 +102,7 @@ _BLOCK: Final = 2.0
 """Side of the squares, m."""
 
 _LARGE: Final = 20.0
-"""Radius, m, from which a body counts as near to all others."""
+"""Radius with the margin, m, from which a body counts as near to all others."""
 
 
 class BodyGrid:
@@ -122,7 +122,7 @@ class BodyGrid:
     def add(self, body: Body) -> None:
         """Add a body."""
         self._at[body.name] = body.pose
-        if body.radius > _LARGE:
+        if body.radius + self._margin > _LARGE:
             self.large.append(body)
             return
         for square in _squares(body.pose.x, body.pose.y, body.radius + self._margin):
@@ -131,7 +131,7 @@ class BodyGrid:
     def remove(self, body: Body) -> None:
         """Remove a body, even if it has moved."""
         at = self._at.pop(body.name)
-        if body.radius > _LARGE:
+        if body.radius + self._margin > _LARGE:
             self.large.remove(body)
             return
         for square in _squares(at.x, at.y, body.radius + self._margin):
@@ -166,7 +166,7 @@ COLLISION_CHECK_DISTANCE: Final = 0.002
 """Distance that a body near an obstacle moves between two collision checks, m."""
 
 _REACH: Final = 1.0
-"""Distance, m, within which other bodies are near."""
+"""Distance, m, within which other bodies are near; more where bodies move by more than a quarter of it in a step."""
 
 _ROUNDING: Final = 1e-9
 """Overlap depth, m, that is tolerated."""
@@ -175,8 +175,11 @@ _ROUNDING: Final = 1e-9
 class Space:
     """The solid bodies on a map, or on a plane without one. ``time``, s, is that at the start of the tick."""
 
-    def __init__(self, world: OccupancyMap | None) -> None:
+    def __init__(self, world: OccupancyMap | None, step: float) -> None:
+        """``step`` is the longest tick, s."""
         self.map = world
+        self._step = step
+        self._reach = _REACH
         self.time = 0.0
         self._bodies: dict[str, Body] = {}
         self._mobile: dict[str, Body] = {}
@@ -220,6 +223,7 @@ class Space:
             self._is_changed = False
             self._near_until = -math.inf  # another caller may have updated it meanwhile
             self._fastest = max((body.top_speed for body in self._bodies.values()), default=0.0)
+            self._reach = max(_REACH, 4.0 * self._fastest * self._step)
             for body in self._bodies.values():
                 body.clear_until = -math.inf
 
@@ -245,7 +249,8 @@ class Space:
         """Return the distance, m, from a body at a pose to the nearest other one; a lower bound if it is large."""
         if self.time >= self._near_until:
             self._find_near()
-        nearest = _REACH - 2.0 * self._fastest * (self.time - self._near_since) if self._fastest else _REACH
+        moved = 2.0 * self._fastest * (self.time - self._near_since) if self._fastest else 0.0
+        nearest = self._reach - moved
         for other in body.near:
             there = other.pose
             apart = math.hypot(there.x - pose.x, there.y - pose.y) - body.radius - other.radius
@@ -345,11 +350,11 @@ class Space:
     # -- near bodies -------------------------------------------------------------------------------------------------
 
     def _find_near(self) -> None:
-        """Find, for each body, those within _REACH of it. The result is valid until a body may have moved a quarter of
-        that."""
+        """Find, for each body, those within the reach of it. The result is valid until a body may have moved a quarter
+        of that."""
         self._near_since = self.time
-        self._near_until = self.time + _REACH / (4.0 * self._fastest) if self._fastest else math.inf
-        blocks = BodyGrid(self._bodies.values(), _REACH / 2.0)
+        self._near_until = self.time + self._reach / (4.0 * self._fastest) if self._fastest else math.inf
+        blocks = BodyGrid(self._bodies.values(), self._reach / 2.0)
         for body in self._bodies.values():
             body.near = [other for other in blocks.large if other is not body]
         pairs = set[tuple[str, str]]()
