@@ -31,7 +31,7 @@ class Graph:
     nodes: tuple[str, ...]
     """Names of the other nodes, sorted; a name that two nodes have stands there twice."""
     actions: dict[str, tuple[str, ...]]
-    """Types by the name of the action."""
+    """Types by the name of the action; only of those that have a server, as for services: clients alone show, too."""
     services: dict[str, tuple[str, ...]]
     topics: dict[str, tuple[str, ...]]
     publishers: dict[str, list[Any]] = field(repr=False, default_factory=dict)
@@ -95,11 +95,14 @@ def _graph(runtime: NodeRuntime) -> Graph:
     def others(endpoints: Iterable[Any]) -> list[Any]:
         return [endpoint for endpoint in endpoints if node_of(endpoint) != me]
 
+    def served(found: list[tuple[str, list[str]]], service: str = '') -> dict[str, tuple[str, ...]]:
+        return {name: tuple(types) for name, types in found if node.count_services(name + service)}
+
     topics = {name: tuple(types) for name, types in node.get_topic_names_and_types()}
     return Graph(
         tuple(node_names(runtime)),
-        {name: tuple(types) for name, types in get_action_names_and_types(node)},
-        {name: tuple(types) for name, types in node.get_service_names_and_types()},
+        served(get_action_names_and_types(node), '/_action/send_goal'),
+        served(node.get_service_names_and_types()),
         topics,
         {topic: others(node.get_publishers_info_by_topic(topic)) for topic in topics},
         {topic: others(node.get_subscriptions_info_by_topic(topic)) for topic in topics},

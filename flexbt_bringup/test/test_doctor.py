@@ -18,8 +18,10 @@ import pytest
 import rclpy.qos
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath, Spin, Wait
+from rclpy.action import ActionClient
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
+from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from flexbt_bringup import cli, doctor
@@ -163,6 +165,17 @@ def test_servers_of_another_type_or_missing(other: NodeRuntime) -> None:
     assert of(found, 'servers') == ['/spin has the type nav2_msgs/action/Wait, expected nav2_msgs/action/Spin']
     missing = of(found, 'servers', Level.WARNING)
     assert 'there is no action /follow_path: trees that drive fail; there is /robot1/follow_path' in missing
+
+
+def test_what_is_only_called_is_not_served(other: NodeRuntime) -> None:
+    kept = other.call(lambda: (ActionClient(other.node, Spin, 'spin'), other.node.create_client(Trigger, 'reset')))
+    ScriptedActionServer(other, FollowPath, 'follow_path')
+    with NodeRuntime.open('doctor') as runtime:
+        graph = observe(runtime, 3.0)
+    assert list(graph.actions) == ['/follow_path']
+    assert '/localization/get_parameters' in graph.services
+    assert '/reset' not in graph.services
+    assert kept
 
 
 def test_topics_that_do_not_fit(other: NodeRuntime) -> None:
