@@ -214,7 +214,7 @@ class DockingServer:
                 self._docked = None
             finish(goal, UndockRobot.Result(success=end.succeeded), end)
 
-        request = goal.request
+        request, asked = goal.request, self.arbiter.ask()
         try:
             await self.arbiter.robot.known(goal)
             here = self.arbiter.robot.pose
@@ -222,8 +222,7 @@ class DockingServer:
             if request.dock_type:
                 kind = self._type(request.dock_type)
             if kind.charges and not self._is_charging and (self._docked is None or not self.is_docked(place)):
-                on_end(GoalEnd(message='the robot is on no dock: there is nothing to leave'))
-                return
+                raise NavigationError('NONE', 'the robot is on no dock: there is nothing to leave')
             motion = UndockMotion(
                 self.senses(here),
                 self.parameters.limits,
@@ -232,9 +231,10 @@ class DockingServer:
                 seconds=limited(request.max_undocking_time),
             )
         except Exception as error:
+            self.arbiter.refuse(goal, asked)
             on_end(end_by(self.runtime, error, 'a goal of undock_robot'))
             return
-        self.arbiter.start(RunningMotion(goal, motion, lambda _motion: UndockRobot.Feedback(), on_end))
+        self.arbiter.start(RunningMotion(goal, motion, lambda _motion: UndockRobot.Feedback(), on_end, asked))
 
 
 class DockGoal(Motion):
@@ -257,6 +257,11 @@ class DockGoal(Motion):
             dock, self._kind = server.dock(request)
             message = stamped(dock.pose, dock.frame, server.runtime.clock.stamp())
             asked = asked_pose(message if request.use_dock_id else request.dock_pose, 'the dock', 'DOCK_NOT_VALID')
+        except Exception as error:
+            server.arbiter.refuse(self._goal, server.arbiter.ask())
+            self._fail(error)
+            return
+        try:
             server.arbiter.start(RunningMotion(self._goal, self, lambda _motion: self._feedback(), self._on_end))
             (self._pose,) = await Later(partial(robot.map_frame.poses, [asked]))
             await robot.known(self._goal)

@@ -210,6 +210,25 @@ def test_docking_is_canceled_and_taken_over_at_any_time(world: RobotProbe) -> No
     assert turn.wait().status is GoalStatus.SUCCEEDED
 
 
+def test_a_refused_goal_stops_the_robot_on_the_one_that_it_was_to_replace(
+    world: RobotProbe, battery: list[bool]
+) -> None:
+    """As in Nav2, and as a refused path does."""
+    world.place(BEFORE)
+    goal = dock(world)
+    world.wait_driving(0.1)
+    aborted(undock(world, dock_type='x'), UndockRobot.Result.DOCK_NOT_VALID)
+    assert not goal.ended
+    aborted(dock(world, dock_id='moon'), Result.DOCK_NOT_IN_DB)
+    assert 'was to replace it' in aborted(goal, Result.NONE).error_msg
+    world.wait_at_rest()
+    left = undock(world, dock_type='simple_non_charging_dock', max_undocking_time=30.0)
+    world.wait_driving(0.05)
+    aborted(undock(world, dock_type='x'), UndockRobot.Result.DOCK_NOT_VALID)
+    assert 'was to replace it' in aborted(left, UndockRobot.Result.NONE).error_msg
+    world.wait_at_rest()
+
+
 def test_another_database_replaces_the_docks_and_a_broken_one_does_not(
     world: RobotProbe, world_file: Path, tmp_path: Path
 ) -> None:
