@@ -48,5 +48,14 @@ def test_labels_are_within_their_container_and_cover_no_state(layouts: Layouts, 
     assert labels == sum(len(one['transitions']) for one in states if one['path'] in made['states'])
 
 
+def test_an_outcome_of_any_name_has_its_arrow(layouts: Layouts) -> None:
+    outcomes = ['größe→😀', 'a\\', 'say "no"', '\\n', '<b>', 'a/b', '&amp;']
+    ways = [{'outcome': outcome, 'target': outcome} for outcome in outcomes]
+    root = {'path': '/', 'parent': None, 'kind': 'machine', 'label': '', 'type': '', 'outcomes': outcomes}
+    child = {'path': '/A', 'parent': '/', 'kind': 'state', 'label': 'A', 'type': 'S', 'transitions': ways}
+    edges = layouts.machine([root, child], [])['edges']
+    assert sorted(one['outcome'] for one in edges) == sorted(['', *outcomes])  # '' is the entry
+
+
 def _overlap(one: list[float], other: list[float]) -> bool:
     return all(one[at] < other[at] + other[at + 2] and other[at] < one[at] + one[at + 2] for at in (0, 1))

@@ -161,12 +161,12 @@ def _dot(
     first = [child for child in children if container['kind'] == 'concurrency' or child.get('initial')] or children[:1]
     lines += [f'begin -> s{places[child["label"]]} [id="begin"]' for child in first]
     for index, child in enumerate(children):
-        for way in child.get('transitions', ()):
+        for number, way in enumerate(child.get('transitions', ())):
             target = way['target']
             end = f's{places[target]}' if target in places else f'o{outcomes[target]}' if target in outcomes else ''
             if end:
-                name = json.dumps(f'{index}/{way["outcome"]}')
-                lines.append(f's{index} -> {end} [id={name}, label={"x" * (len(way["outcome"]) + 1)}]')
+                label = 'x' * (len(way['outcome']) + 1)
+                lines.append(f's{index} -> {end} [id="{index}/{number}", label={label}]')
     return '\n'.join([*lines, '}'])
 
 
@@ -198,13 +198,13 @@ def _read(
             outcome = container['outcomes'][int(name[1:])]
             made['ends'][outcome] = [x - width / 2, y - height / 2, width, height]
     for edge in answer.get('edges', ()):
-        index, _, outcome = edge['id'].partition('/')
+        index, _, number = edge['id'].partition('/')
         tip = next((point(part[2:]) for part in edge['pos'].split() if part.startswith('e,')), None)
         points = [point(part) for part in edge['pos'].split() if part[0] not in 'es']
         made['edges'].append(
             {
                 'from': '' if index == 'begin' else children[int(index)]['path'],
-                'outcome': outcome,
+                'outcome': '' if index == 'begin' else children[int(index)]['transitions'][int(number)]['outcome'],
                 'points': points,
                 'tip': None,
                 'label': point(edge['lp']) if 'lp' in edge else None,
