@@ -426,8 +426,8 @@ class NameFilter:
             return part
         if character in ('*', '+', '?', '{'):
             raise self._error('there is nothing to repeat')
-        if character in ('^', '$'):  # the whole name is matched anyway
-            return lambda _name, start: {start}
+        if character in ('^', '$'):
+            return lambda name, start: {start} if start == (0 if character == '^' else len(name)) else set()
         if character == '.':
             return _one(lambda _: True)
         if character == '[':

@@ -13,7 +13,7 @@ from flexbt_sim.errors import SimulationError
 from flexbt_sim.simulator.entity_services import NameFilter
 from flexbt_testing.waiting import processor_time
 
-atoms = st.sampled_from(['a', 'b', '.', '[ab]', '[^a]', '[a-c]', r'\.', 'robot'])
+atoms = st.sampled_from(['a', 'b', '.', '[ab]', '[^a]', '[a-c]', r'\.', 'robot', '^', '$'])
 
 
 def grouped(parts: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
@@ -39,6 +39,8 @@ def test_names_are_matched_as_by_python(pattern: str, name: str) -> None:
         ('robot[[:digit:]]+', 'robot12', 'robot'),
         ('[]a]+', 'a]', 'b'),
         ('^robot.*$', 'robot_a', 'a_robot'),
+        ('(.*_|^)a', 'b_a', 'ba'),
+        ('.*(^|_)a', 'b_a', 'ba'),
         ('a|', '', 'b'),
         ('[[:alpha:]_]+', 'a_b', 'a1'),
     ],
