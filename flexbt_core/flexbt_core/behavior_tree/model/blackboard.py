@@ -323,7 +323,7 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
             f'entry [{key}] of type {declared.name} holds {short_repr(present)}, '
             f'and so does not take {short_repr(value)}; it has to be removed first'
         )
-    return float(value) if present.__class__ is float and kind.category != 'text' else value
+    return float(value) if present.__class__ is float else value
 
 
 def _family(value: Any) -> type[Any]:

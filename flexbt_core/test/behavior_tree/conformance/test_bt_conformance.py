@@ -120,6 +120,12 @@ SURPRISES = [
             '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>',
         )
     ),
+    # The first number that an entry of integers gets is a real one: it stays that of reals, also for text.
+    (
+        '<Sequence><Act name="v" _write="y:d:3.0;y:i:1;y:s:9" _read="y"/><Repeat num_cycles="{y}"><AlwaysSuccess/>'
+        '</Repeat></Sequence>',
+        '',
+    ),
     # A number in an entry of text, which a script has assigned before: where a copy of it can be written.
     *(
         (f'<Sequence><Script code="y := 1"/>{CHOICE}<SetBlackboard value="{{y}}" output_key="{key}"/></Sequence>', '')
