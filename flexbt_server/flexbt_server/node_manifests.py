@@ -24,7 +24,7 @@ A package lists its files in the ament index, in resource ``flexbt_nodes``: path
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
@@ -90,28 +90,32 @@ def read_manifest(text: str, source: str) -> dict[str, type[MessageLeaf]]:
 
 
 def register_manifests(registry: NodeRegistry, on_broken: Callable[[str, Exception], None]) -> None:
-    """Register the node types of all manifests of installed packages."""
-    for file in installed_manifests():
-        try:
-            if file.stat().st_size > MOST_BYTES:
-                raise ManifestError([f'{file}: it has more than {MOST_BYTES} bytes'])
-            nodes = read_manifest(file.read_text(encoding='utf-8'), str(file))
-        except (OSError, ValueError, ManifestError) as error:
-            on_broken(f'the nodes of {file}', error)
-            continue
-        for id, node in nodes.items():
-            try:
-                registry.register(id, node)
-            except RegistrationError as error:
-                on_broken(f'the node type [{id}] of {file}', error)
-
-
-def installed_manifests() -> Iterator[Path]:
-    """Yield the manifests of all packages, sorted by package."""
+    """Register the node types of all manifests of installed packages, in the order of the packages."""
     for package in sorted(get_resources(RESOURCE)):
-        content, _ = get_resource(RESOURCE, package)
-        for line in content.split():
-            yield Path(get_package_share_directory(package)) / line
+        try:
+            files = manifests_of(package)
+        except (OSError, LookupError, ValueError) as error:  # for example what is left of a package
+            on_broken(f'the nodes of the package {package}', error)
+            continue
+        for file in files:
+            try:
+                if file.stat().st_size > MOST_BYTES:
+                    raise ManifestError([f'{file}: it has more than {MOST_BYTES} bytes'])
+                nodes = read_manifest(file.read_text(encoding='utf-8'), str(file))
+            except (OSError, ValueError, ManifestError) as error:
+                on_broken(f'the nodes of {file}', error)
+                continue
+            for id, node in nodes.items():
+                try:
+                    registry.register(id, node)
+                except RegistrationError as error:
+                    on_broken(f'the node type [{id}] of {file}', error)
+
+
+def manifests_of(package: str) -> list[Path]:
+    """Return the manifests that a package lists. Raises OSError, LookupError or ValueError if they are not found."""
+    content, _ = get_resource(RESOURCE, package)
+    return [Path(get_package_share_directory(package)) / line for line in content.split()]
 
 
 class _Reader(YamlParts):
