@@ -41,7 +41,7 @@ from flexbt_common.middleware.received_messages import Received, ReceivedMessage
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_common.runtime.parameters import ParameterDeclarer
 from flexbt_common.values.limits import MESSAGE
-from flexbt_console.mirror.freshness import LinkState
+from flexbt_console.mirror.freshness import LOST_SECONDS, LinkState
 from flexbt_console.mirror.lanes import Lane, LaneEntry, Lanes
 from flexbt_console.mirror.mirror import Mirror
 from flexbt_core.clock.clock import Timer
@@ -160,6 +160,7 @@ class Detector:
         self._executive = ring.noted if killed_for else ''  # which was heard last
         self._gone = ''  # which is told to be gone
         self._was_live, self._was_held = bool(self._executive), False
+        self._looked_at, self._listened = runtime.steady.now(), 0.0  # and for how long since a look found it live
         self._comes_until = runtime.steady.now() + COMES_SECONDS
         self._late: frozenset[str] = frozenset()
         self._is_low = False
@@ -209,12 +210,15 @@ class Detector:
     def _look(self) -> None:
         """Look for what no message tells: an executive that is silent, and new actions."""
         self._runtime.post_in(_LOOK_SECONDS, self._look)
-        view = self.mirror.view()
-        comes = view.snapshot is None and self._runtime.steady.now() < self._comes_until
-        if self._was_live and view.link is LinkState.LOST and not comes:
+        view, now = self.mirror.view(), self._runtime.steady.now()
+        passed, self._looked_at = min(now - self._looked_at, 2.0 * _LOOK_SECONDS), now  # this process may be held up
+        self._listened = 0.0 if view.live else self._listened + passed
+        comes = view.snapshot is None and now < self._comes_until
+        is_lost = view.link is LinkState.LOST and self._listened >= LOST_SECONDS and not comes
+        if self._was_live and is_lost:
             self._gone = self._executive
             self._tell('link', 'the executive is silent or gone')
-        self._was_live = view.live or (self._was_live and (comes or view.link is not LinkState.LOST))
+        self._was_live = view.live or (self._was_live and not is_lost)
         if self._settings.goals:
             node = self._runtime.node
             inside = node.get_namespace().rstrip('/') + '/'

@@ -438,6 +438,11 @@ class Watched:
                 data = serialize_message(status)
                 self._detector.take(names.EXECUTIVE_STATUS, Received(data, len(data), b'', 0.0, 0))
 
+    def stands_still(self, seconds: float) -> None:
+        """Let the process be held up, which looks before it hears anything."""
+        self.clock._now += seconds
+        self.clock.advance(0.0)
+
 
 def killed(ring: Ring) -> None:
     """Release a ring as a process that is killed does."""
@@ -476,6 +481,16 @@ def test_an_executive_that_comes_later_than_the_black_box_is_not_lost(tmp_path: 
     assert lost.told == [('link', gone)]
     ring.close(keep=False)
     assert Ring(tmp_path, 60.0, 10**7).noted == '', 'the executive may end, too, while no black box is there on purpose'
+
+
+def test_an_executive_is_not_lost_because_the_black_box_was_held_up(tmp_path: Path) -> None:
+    watched = Watched(Ring(tmp_path, 60.0, 10**7), 0.0)
+    watched.passes(10.0, 'a')
+    watched.stands_still(60.0)
+    watched.passes(10.0, 'a')
+    assert watched.told == []
+    watched.passes(10.0)
+    assert watched.told == [('link', 'the executive is silent or gone')]
 
 
 def requested(folder: Path) -> Request:
