@@ -212,7 +212,7 @@ class Detector:
         self._runtime.post_in(_LOOK_SECONDS, self._look)
         view, now = self.mirror.view(), self._runtime.steady.now()
         passed, self._looked_at = min(now - self._looked_at, 2.0 * _LOOK_SECONDS), now  # this process may be held up
-        self._listened = 0.0 if view.live else self._listened + passed
+        self._listened, self._gone = (0.0, '') if view.live else (self._listened + passed, self._gone)
         comes = view.snapshot is None and now < self._comes_until
         is_lost = view.link is LinkState.LOST and self._listened >= LOST_SECONDS and not comes
         if self._was_live and is_lost:

@@ -493,6 +493,16 @@ def test_an_executive_is_not_lost_because_the_black_box_was_held_up(tmp_path: Pa
     assert watched.told == [('link', 'the executive is silent or gone')]
 
 
+def test_an_executive_that_was_silent_before_is_missed_when_it_is_started_again(tmp_path: Path) -> None:
+    gone, again = 'the executive is silent or gone', 'the executive has ended or crashed, and was started again at once'
+    watched = Watched(Ring(tmp_path, 60.0, 10**7), 0.0)
+    watched.passes(10.0, 'a')
+    watched.passes(10.0)
+    watched.passes(10.0, 'a')  # it was busy
+    watched.passes(10.0, 'b')
+    assert watched.told == [('link', gone), ('link', again)]
+
+
 def requested(folder: Path) -> Request:
     """Return a request with a ring of two files."""
     now = [time.time_ns() - 10 * SECOND]
