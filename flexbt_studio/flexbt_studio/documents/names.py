@@ -46,6 +46,8 @@ _RUNS_BEHAVIOR: Final = 'behavior'
 """Parameter of states that names a behavior."""
 _BOARD_KEYS: Final = ('goal_id', 'request_id')
 """Parameters of states that name a blackboard key."""
+_NUMBERS: Final = re.compile(r'::\d+(?=/|$)')
+"""What the path of a run has behind the type of a node without a name."""
 _OTHER_FILES: Final = {'.py', '.yaml', '.yml', '.sh', '.md', '.json', '.toml', '.cfg'}
 
 
@@ -391,7 +393,14 @@ class Names:
         made.add(named.file, document.gesture('rename_tree', {'id': named.owner, 'new': new}))
         self._rename_elsewhere(named, new, made)
         is_behavior = named.name in self._inside().behaviors  # then the requirements may be those of the behavior
-        self._in_requirements(made, {}, sections={} if is_behavior else {named.name: new})
+        calls = {
+            (file, tree.paths[one])
+            for file, tree in [(named.file, document), *self._callers(named, named.name)]
+            for one in (tree.subtrees if document.definition(named.name) is document.trees[named.owner] else ())
+            if one.attributes.get('ID') == named.name and 'name' not in one.attributes  # it has the ID as its name
+        }
+        renamed = self._in_runs(named.file, calls, named.name, new)
+        self._in_requirements(made, renamed, sections={} if is_behavior else {named.name: new})
         defined = [one for one, other in self._project.tree_files() if other.definition(named.name) is not None]
         for file, _ in self._machines() if len(defined) > 1 else ():
             spans = [Span(one.start, one.end) for one in made.edits.pop(file, ())]
@@ -444,20 +453,30 @@ class Names:
         need(new.strip(), 'a node needs a name; remove the attribute to have none')
         edits = document.gesture('set_value', {'node': named.owner, 'name': 'name', 'value': new})
         made.add(named.file, edits)
-        renamed: dict[str, dict[str, str]] = {}
-        for section in {one.value for _, text in self._requirement_files() for one, _ in _sections(text)}:
-            place = tree_places(self._project, named.file).get(section)
-            runs = self._checker.nodes(place.file, section) if place is not None else {}
-            own = {run for run, at in runs.items() if at == (named.file, named.owner)}
-            for run in own:
-                if run.rpartition('/')[2] == named.name:
-                    renamed.setdefault(section, {})[run] = f'{run[: -len(named.name)]}{new}'
-        self._in_requirements(made, renamed)
+        self._in_requirements(made, self._in_runs(named.file, {(named.file, named.owner)}, named.name, new))
         nodes = (node for _, one in self._project.tree_files() for node in one.view()['nodes'])
         everywhere = [node for node in nodes if named.name in (node['name'], node['type'])]
         for file, key in self._mock_patterns():
             if key.value == named.name and len(everywhere) == 1 and named.name not in self._registry:
                 made.add(file, [TextEdit(key.start, key.end, scalar_text(new, self._project.text(file)[key.start]))])
+
+    def _in_runs(self, near: str, nodes: set[tuple[str, str]], old: str, new: str) -> dict[str, dict[str, str]]:
+        """Return other names of nodes (file and path) in the runs of the trees that have requirements, by these.
+
+        A node is called by its path in the run, also without the numbers of those in it that have no name.
+        """
+        renamed: dict[str, dict[str, str]] = {}
+        for section in {one.value for _, text in self._requirement_files() for one, _ in _sections(text)}:
+            place = tree_places(self._project, near).get(section)
+            runs = self._checker.nodes(place.file, section) if place is not None else {}
+            called = {name for run, at in runs.items() if at in nodes for name in (run, _NUMBERS.sub('', run))}
+            called -= {name for run, at in runs.items() if at not in nodes for name in (run, _NUMBERS.sub('', run))}
+            for name in sorted(called, reverse=True):  # with its number first
+                above, slash, last = name.rpartition('/')
+                number = ''.join(_NUMBERS.findall(last))
+                if last.removesuffix(number) == old:
+                    renamed.setdefault(section, {})[name] = f'{above}{slash}{new}{number}'
+        return renamed
 
     def _rename_port(self, named: Named, new: str, made: Renaming) -> None:
         is_declared = named.owner not in self._registry

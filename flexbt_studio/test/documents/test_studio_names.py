@@ -266,6 +266,20 @@ def test_a_node_of_a_sub_tree_is_renamed_in_the_paths_of_runs(site: Site) -> Non
     assert {one.file for one in made.notes} == {'plan.yaml', 'site.yaml'}  # another node has the name, too
 
 
+def test_a_sub_tree_without_a_name_is_called_by_its_tree_in_requirements(site: Site) -> None:
+    for file, text in (
+        ('deliver.xml', TREE.replace(' name="give"', '')),
+        ('site.yaml', REQUIREMENTS.replace('- give/plan at', '- Give::4/plan at most 3 times\n  - Give/plan at')),
+    ):
+        site.texts[file] = text
+        (site.project.root / file).write_text(text)
+    before = site.texts['site.yaml']
+    site.rename(site.at('more/give.xml', 'name="', 'plan'), 'grip')
+    assert site.texts['site.yaml'] == before.replace('/plan at', '/grip at')
+    site.rename(site.at('deliver.xml', 'SubTree ID="', 'Give'), 'Hand')
+    assert site.texts['site.yaml'] == before.replace('/plan at', '/grip at').replace('Give', 'Hand')
+
+
 def test_a_state_is_renamed_in_requirements_of_all_behaviors_that_contain_it(site: Site) -> None:
     changed(
         site,
