@@ -19,7 +19,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from .scheduler import SCHEDULER, Process, Task
 
@@ -160,11 +160,23 @@ class Entity(Destroyable):
             SCHEDULER.wake(self.waiter, True)
 
 
+class _Rule(NamedTuple):
+    """A rule that renames: for which node, '' for all; topics or services, '' for both, or a node; what; and how."""
+
+    node: str
+    kind: str
+    name: str
+    value: str
+
+
+_RULE: Final = re.compile(r'(?:([^:]*):(?!//|=))?(?:ros(topic|service)://)?(.*?):=(.*)')
+
+
 class _Rules:
     """The ROS arguments of a process or node: renaming rules; parameters in their order, a file as ``('', path)``."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        self.renaming: list[tuple[str, str]] = []
+        self.renaming: list[_Rule] = []
         self.parameters: list[tuple[str, str]] = []
         self.has_rosout = '--disable-rosout-logs' not in arguments
         words = iter(arguments)
@@ -175,27 +187,25 @@ class _Rules:
             elif word == '--':
                 is_for_ros = False
             elif is_for_ros and word in ('-r', '--remap'):
-                self.renaming.append(_pair(next(words, '')))
+                self._rename(next(words, ''))
             elif is_for_ros and word in ('-p', '--param'):
-                self.parameters.append(_pair(next(words, '')))
+                name, _, value = next(words, '').partition(':=')
+                self.parameters.append((name, value))
             elif is_for_ros and word == '--params-file':
                 self.parameters.append(('', next(words, '')))
             elif is_for_ros and word in ('--log-level', '--log-config-file', '-e', '--enclave', '--log-file-name'):
                 next(words, '')
+            elif not is_for_ros and not REAL.rclpy_remove_ros_args([word]):  # a rule in the form of ROS 2 Dashing
+                self._rename(word)
+
+    def _rename(self, rule: str) -> None:
+        if found := _RULE.fullmatch(rule):
+            self.renaming.append(_Rule(*found.groups('')))
 
 
-def _pair(rule: str) -> tuple[str, str]:
-    name, _, value = rule.partition(':=')
-    return name, value
-
-
-def _renamed(renaming: Sequence[tuple[str, str]], node: str, *rules: str) -> str | None:
+def _renamed(renaming: Sequence[_Rule], node: str, *rules: str) -> str | None:
     """Return what the first of these rules that is meant for a node gives; None without one."""
-    for rule, value in renaming:
-        target, _, kind = rule.rpartition(':')
-        if kind in rules and target in ('', node):
-            return value
-    return None
+    return next((rule.value for rule in renaming if rule.name in rules and rule.node in ('', node)), None)
 
 
 class Context(Destroyable):
@@ -261,7 +271,7 @@ class Node(Destroyable):
             raise RCLError('error creating node: rcl context is not valid')
         self.context = context
         self.process, self.domain = context.process, context.domain
-        words = ['--ros-args', *(cli_args or ())] if '--ros-args' not in (cli_args or ()) else cli_args or ()
+        words = cli_args or ()
         REAL.rclpy_remove_ros_args(words)  # which raises for what it does not know
         own = _Rules(words)
         everywhere = context.rules if use_global_arguments else _Rules(())
@@ -276,9 +286,9 @@ class Node(Destroyable):
         if problem := REAL.rclpy_get_validation_error_for_namespace(namespace):
             raise ValueError(f'invalid namespace {namespace!r}: {problem}')
         self._renaming = [
-            (self.expanded(rule.rpartition(':')[2]), self.expanded(value))
-            for rule, value in renaming
-            if not rule.rpartition(':')[2].startswith('__') and rule.rpartition(':')[0] in ('', self.name)
+            (rule.kind, self.expanded(rule.name), self.expanded(rule.value))
+            for rule in renaming
+            if not rule.name.startswith('__') and rule.node in ('', self.name)
         ]
         self._parameters = everywhere.parameters + own.parameters
         DOMAIN.nodes.append(self)
@@ -301,10 +311,10 @@ class Node(Destroyable):
             raise ValueError(invalid[0])
         return full
 
-    def resolved(self, name: str) -> str:
+    def resolved(self, name: str, kind: str = 'topic') -> str:
         """Return the full name of a topic or service, after renaming."""
         full = self.expanded(name)
-        return next((after for before, after in self._renaming if before == full), full)
+        return next((after for of, before, after in self._renaming if of in ('', kind) and before == full), full)
 
     def get_fully_qualified_name(self) -> str:
         return f'{self.namespace.rstrip("/")}/{self.name}'

@@ -192,9 +192,9 @@ def _set_level(logger: str, *how: Any) -> Any:
     return REAL.rclpy_logging_set_logger_level(logger, *how)
 
 
-def _resolve_name(node: Node, name: str, only_expand: bool, _is_service: bool) -> str:
+def _resolve_name(node: Node, name: str, only_expand: bool, is_service: bool) -> str:
     try:
-        return node.expanded(name) if only_expand else node.resolved(name)
+        return node.expanded(name) if only_expand else node.resolved(name, 'service' if is_service else 'topic')
     except ValueError as error:
         raise graph.RCLError(f'failed to resolve name: {error}') from None
 

@@ -55,7 +55,7 @@ class _ServiceEnd(Entity):
         check_support(service_type)
         self.node, self.process, self.type = node, node.process, service_type
         node.context.check(f'failed to create {type(self).__name__.lower()}')
-        self.service = node.resolved(name)
+        self.service = node.resolved(name, 'service')
         profile = profile or _default('qos_profile_services_default')
         self.given = profile.to_dict()
         self.gid = node.context.gid()

@@ -591,3 +591,26 @@ def test_the_first_rule_that_is_meant_for_a_node_names_it(
     rules, context = (['--ros-args', *(word for rule in given for word in ('-r', rule))] for given in (own, of_all))
     node = ros.node('a', context=ros.context(context), cli_args=rules, spins=False)
     assert node.get_fully_qualified_name() == name
+
+
+@pytest.mark.parametrize('is_of_node', [False, True], ids=['of all', 'of a node'])
+@pytest.mark.parametrize(
+    ('words', 'topic', 'service'),
+    [
+        ('--ros-args -r rostopic://chatter:=a', '/x/a', '/x/chatter'),
+        ('--ros-args -r own:rosservice://chatter:=b -r other:rostopic://chatter:=c', '/x/chatter', '/x/b'),
+        ('--ros-args -r rostopic:///x/chatter:=~/a -r chatter:=/b', '/x/own/a', '/b'),
+        ('chatter:=a', '/x/a', '/x/a'),  # as in ROS 2 Dashing
+        ('--word own:chatter:=a --ros-args -r chatter:=b -- -r', '/x/a', '/x/a'),
+        ('-r chatter:=1 -r', '/x/chatter', '/x/chatter'),
+    ],
+)
+def test_a_rule_is_for_topics_or_services_or_both(
+    ros: Any, words: str, topic: str, service: str, is_of_node: bool
+) -> None:
+    context = ros.context([] if is_of_node else words.split())
+    given = words.split() if is_of_node else None
+    node = ros.node('own', namespace='/x', context=context, cli_args=given, spins=False)
+    assert node.create_publisher(Int32, 'chatter', 1).topic_name == topic
+    assert node.create_service(Empty, 'chatter', print).service_name == service
+    assert (node.resolve_topic_name('chatter'), node.resolve_service_name('chatter')) == (topic, service)
