@@ -9,20 +9,34 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from flexbt_common import discovery
 from flexbt_common.command_line import restored_signals
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import parse
-from flexbt_console.errors import ExitCode
+from flexbt_console.errors import ExitCode, NoLinkError
+from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.freshness import LinkState
-from flexbt_console.mirror.mirror import Transit
-from flexbt_console.mirror.records import ExecutiveSnapshot
+from flexbt_console.mirror.mirror import Mirror, Transit
+from flexbt_console.mirror.records import (
+    CommandResult,
+    ExecutiveSnapshot,
+    ExecutiveState,
+    OperatorCommand,
+    ResultCode,
+)
 from flexbt_console.ui.console import _mirror_maker, main, operator_name
+from flexbt_console.ui.line.line_mode import LineMode
+from flexbt_console.ui.station import Attention, Station
+from flexbt_core.clock.clock import ManualClock
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
 from flexbt_testing.system.python_processes import COMMAND, run_console
 from flexbt_testing.system.python_processes import start_console as start
@@ -150,6 +164,53 @@ def test_exit_code_3_when_a_run_that_is_waited_for_is_stopped(executive: Scripte
         assert console('stop').returncode == 0
         output, _ = waiting.communicate(timeout=60)
     assert waiting.returncode == 3 and 'preempted' in output
+
+
+class Scripted(RobotLink):
+    """A link to a robot that applies a command, and of which then one thing after the other is seen."""
+
+    then: tuple[Callable[[], object], ...] = ()
+
+    def __init__(self, mirror: Mirror) -> None:
+        self._mirror = mirror
+        self._snapshot = ExecutiveSnapshot('e', 0, state=ExecutiveState.RUNNING, run_id='r')
+        self.says()
+
+    def says(self, **parts: Any) -> None:
+        self._snapshot = replace(self._snapshot, sequence=self._snapshot.sequence + 1, **parts)
+        self._mirror.receive_snapshot(self._snapshot)
+
+    def send(self, command: OperatorCommand, timeout: float, label: str) -> None:
+        self._mirror.give(command, timeout)
+        self.says(results=(CommandResult(command.id, ResultCode.APPLIED),))
+
+    def settled(self, command_id: str, timeout: float) -> object:
+        return self._mirror.command(command_id)
+
+    def wait_for(self, inspect: Callable[[Any], Any], timeout: float | None, every: float) -> Any:
+        for then in self.then:
+            then()
+            if found := inspect(self._mirror.view()):
+                return found
+        raise AssertionError('it waits on')
+
+
+def test_who_waits_for_the_end_of_a_run_may_stand_still_meanwhile() -> None:
+    """As a computer that sleeps, or a process that is suspended: the link is not lost for that."""
+    clock = ManualClock()
+    mirror = Mirror(clock)
+    link = Scripted(mirror)
+    station = Station(mirror, link, CommandBuilder('ann'), 5.0, Attention(clock), '')
+
+    def ends(*then: Callable[[], object]) -> ExitCode:
+        link.then = then
+        return LineMode(parse(['stop', '--wait']), station, cast('Any', link), clock).run()
+
+    stood_still = partial(clock.advance, 60.0)
+    assert ends(stood_still, link.says, stood_still, lambda: link.says(state=ExecutiveState.IDLE)) == ExitCode.OK
+    link.says(state=ExecutiveState.RUNNING)
+    with pytest.raises(NoLinkError, match='was lost 66'):
+        ends(stood_still, partial(clock.advance, 1.0), partial(clock.advance, 5.0))
 
 
 def test_exit_code_2_needs_no_executive() -> None:

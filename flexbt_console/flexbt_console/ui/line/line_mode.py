@@ -150,11 +150,13 @@ class LineMode:
             raise NoLinkError('there is no executive whose run could be waited for')
         executive_id = tracked.command.executive_id or answer.executive_id  # a STOP names none
         run: list[str] = [] if starting else [answer.run_id]
+        lost: list[float] = []  # since when: not by its age, as this computer or process may have stood still
 
         def end_of_run(view: View) -> ExecutiveSnapshot | None:
-            snapshot = view.snapshot
-            if view.link is LinkState.LOST and view.age is not None and view.age > self._station.timeout:
-                raise NoLinkError(f'the link was lost {view.age:.1f} s ago; the run may continue')
+            snapshot, now = view.snapshot, self._clock.now()
+            lost[:] = (lost or [now]) if view.link is LinkState.LOST else []
+            if lost and now - lost[0] > self._station.timeout:
+                raise NoLinkError(f'the link was lost {view.age or 0.0:.1f} s ago; the run may continue')
             if snapshot is None:
                 return None
             if snapshot.executive_id != executive_id:
