@@ -93,17 +93,20 @@ class Qos:
         self.given = {**self.given, name: value}
 
     def misfit(self, requested: Qos) -> Any:
-        """Return the kind of policy by which this offer does not meet a request, None if it does."""
+        """Return the kind of policy by which this offer does not meet a request, None if it does.
+
+        Of several it is the one that DDS lists last.
+        """
         if self.reliability == _BEST_EFFORT and requested.reliability == _RELIABLE:
             return _POLICY.RMW_QOS_POLICY_RELIABILITY
-        if self.durability == _VOLATILE and requested.durability == _TRANSIENT_LOCAL:
-            return _POLICY.RMW_QOS_POLICY_DURABILITY
-        if requested.deadline and not 0 < self.deadline <= requested.deadline:
-            return _POLICY.RMW_QOS_POLICY_DEADLINE
         if requested.liveliness == _MANUAL_BY_TOPIC and self.liveliness != _MANUAL_BY_TOPIC:
             return _POLICY.RMW_QOS_POLICY_LIVELINESS
         if requested.lease and not 0 < self.lease <= requested.lease:
             return _POLICY.RMW_QOS_POLICY_LIVELINESS
+        if requested.deadline and not 0 < self.deadline <= requested.deadline:
+            return _POLICY.RMW_QOS_POLICY_DEADLINE
+        if self.durability == _VOLATILE and requested.durability == _TRANSIENT_LOCAL:
+            return _POLICY.RMW_QOS_POLICY_DURABILITY
         return None
 
 

@@ -182,11 +182,13 @@ def test_an_old_message_is_not_delivered(ros: Any) -> None:
     assert 1 not in heard
 
 
+LATCHED_OFTEN = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, deadline=Duration(seconds=1.0))
 MISFITS = {
     'reliability': (BEST_EFFORT, RELIABLE, QoSPolicyKind.RELIABILITY),
     'durability': (RELIABLE, LATCHED, QoSPolicyKind.DURABILITY),
     'deadline': (RELIABLE, QoSProfile(depth=1, deadline=Duration(seconds=1.0)), QoSPolicyKind.DEADLINE),
     'liveliness': (RELIABLE, MANUAL, QoSPolicyKind.LIVELINESS),
+    'several': (RELIABLE, LATCHED_OFTEN, QoSPolicyKind.DEADLINE),
 }
 
 
