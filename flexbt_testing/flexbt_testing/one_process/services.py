@@ -63,7 +63,9 @@ class _ServiceEnd(Entity):
         for other in (*self.ends.servers, *self.ends.clients):
             if other.node.context is node.context and other.type is not service_type:
                 raise RCLError(f'{self.service} has the type {type_name(other.type)} in this context')
-        self._queue: deque[tuple[Any, rmw_request_id_t, int]] = deque(maxlen=Qos(profile).depth)
+        usual = (Qos(_default('qos_profile_services_default')),)  # which is what is best, too
+        self.offered, self.requested = (Qos.of(profile, is_sent, usual) for is_sent in (True, False))
+        self._queue: deque[tuple[Any, rmw_request_id_t, int]] = deque(maxlen=self.requested.depth)
         self._last: dict[Any, int] = {}
 
     def send(self, target: _ServiceEnd, message: Any, request_id: rmw_request_id_t) -> None:
@@ -151,11 +153,16 @@ class Client(_ServiceEnd):
         return header, message
 
     def _servers(self) -> list[Service]:
-        return [server for server in self.ends.servers if server.type is self.type]
+        return [server for server in self.ends.servers if server.type is self.type and _fit(self, server)]
 
     def _destroy(self) -> None:
         if self in self.ends.clients:
             self.ends.clients.remove(self)
+
+
+def _fit(one: _ServiceEnd, other: _ServiceEnd) -> bool:
+    """Return whether each can receive what the other sends."""
+    return one.offered.misfit(other.requested) is None is other.offered.misfit(one.requested)
 
 
 class TypeDescriptionService(Destroyable):

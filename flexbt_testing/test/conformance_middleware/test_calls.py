@@ -27,13 +27,14 @@ from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalRespons
 from rclpy.action.graph import get_action_names_and_types
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.exceptions import ParameterAlreadyDeclaredException, ParameterNotDeclaredException
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.parameter import Parameter, ParameterValue
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import QoSProfile, qos_profile_action_status_default
+from rclpy.qos import QoSPresetProfiles, QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -116,6 +117,26 @@ def test_a_service_has_one_type_in_a_context(ros: Any) -> None:
         node.create_client(SetBool, ros.topic)
     with pytest.raises(RCLError):
         node.create_service(SetBool, ros.topic, lambda _request, response: response)
+
+
+RELIABLE = QoSProfile(depth=10)
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+PERIODIC = QoSProfile(depth=10, deadline=Duration(seconds=10.0))
+BEST = QoSPresetProfiles.BEST_AVAILABLE.value
+
+
+@pytest.mark.parametrize(
+    ('served', 'asked'), [(RELIABLE, BEST_EFFORT), (BEST_EFFORT, RELIABLE), (RELIABLE, PERIODIC), (PERIODIC, RELIABLE)]
+)
+def test_only_a_service_whose_quality_fits_both_ways_is_there(ros: Any, served: QoSProfile, asked: QoSProfile) -> None:
+    ros.node('server').create_service(Trigger, ros.topic, lambda _request, response: response, qos_profile=served)
+    node = ros.node('client')
+    misfit, fit = (node.create_client(Trigger, ros.topic, qos_profile=qos) for qos in (asked, served))
+    assert fit.wait_for_service(60.0)
+    assert ros.result(fit.call_async(Trigger.Request())) == Trigger.Response()
+    assert not misfit.service_is_ready()
+    best = node.create_client(Trigger, ros.topic, qos_profile=BEST)
+    assert best.wait_for_service(60.0 if served is RELIABLE else 0.0) == (served is RELIABLE)
 
 
 # Actions
