@@ -438,6 +438,33 @@ def test_a_machine_is_checked_and_laid_out_in_processes_that_are_gone_at_the_end
     assert children() == []
 
 
+TELL = """\
+machine:
+  outcomes: [done]
+  input_keys: [at]
+  states:
+    Tell:
+      state: LogKeyState
+      transitions: {done: done}
+      remapping: {data: at}
+"""
+
+
+def test_a_group_of_the_page_is_given_the_keys_of_its_states(folder: Path) -> None:
+    async def story(page: Page) -> None:
+        await page.ask('create', file='m.yaml', text=TELL)
+        group: dict[str, Any] = {'file': 'm.yaml', 'version': 1, 'name': 'group'}
+        arguments = {'states': ['/Tell'], 'label': 'Group'}
+        edits = await page.ask('gesture', **group, arguments=arguments)
+        assert any('input_keys: [at]' in new for _, _, new in edits)
+        edits = await page.ask('gesture', **group, arguments={**arguments, 'keys': {}})
+        assert not any('_keys' in new for _, _, new in edits)
+        with pytest.raises(Refused, match='no states'):
+            await page.ask('gesture', **group, arguments={'states': [1], 'label': 'Group'})
+
+    with_pages(folder, story)
+
+
 HANGING = """
 import time
 

@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 
 from flexbt_tools.tree_checks.check import HOST_KEYS
 
+from .document import Document
 from .machine_document import CONTAINERS, MachineDocument, State, Table
 from .project import Project, tree_places
 from .text import Span
@@ -147,6 +148,37 @@ def _of_child(document: MachineDocument, child: State, known: Mapping[str, Mappi
         role = ' and '.join(['reads'] * (key in reads) + ['writes'] * (key in writes)) or 'uses'
         span = item.value_span if item is not None else Span(child.label_span.start, child.label_span.start)
         yield _Use(key if item is None else item.value or '', child.path, role, key, span)
+
+
+def keys_of_group(
+    document: Document, paths: Sequence[str], palette: Sequence[Mapping[str, Any]]
+) -> dict[str, list[str]]:
+    """Return the keys that a machine needs which takes the place of states: its input_keys, output_keys and io_keys, as
+    far as it is known what the states do with their keys."""
+    known = {one['id']: one for one in palette}
+    states = document.states if isinstance(document, MachineDocument) else {}
+    members = [states[path] for path in paths if isinstance(path, str) and path in states]
+    parent = members[0].parent if members else None
+    if not isinstance(document, MachineDocument) or parent is None:
+        return {}
+    own: dict[str, str] = {}  # what the states do with each key, and what is done around them
+    around: dict[str, str] = {}
+    for child in parent.children:
+        side = own if child in members else around
+        for use in _of_child(document, child, known):
+            side[use.key] = f'{side.get(use.key, "")} {use.role.replace("uses", "reads writes")}'
+    for tables, role in ((('userdata', *_INPUTS), 'writes'), (_OUTPUTS, 'reads')):
+        for item in (item for table in tables for item in parent.items(table)):
+            around[item.key] = f'{around.get(item.key, "")} {role}'
+    found: dict[str, list[str]] = {}
+    for key, roles in own.items():
+        is_input = 'reads' in roles and ('writes' not in roles or 'writes' in around.get(key, ''))
+        is_read_later = is_input or 'reads' in around.get(key, '')  # when the machine is entered again, or around it
+        is_output = 'writes' in roles and ('reads' not in roles or is_read_later)
+        table = 'io_keys' if is_input and is_output else 'input_keys' if is_input else 'output_keys'
+        if is_input or is_output:
+            found.setdefault(table, []).append(key)
+    return found
 
 
 def state_keys(

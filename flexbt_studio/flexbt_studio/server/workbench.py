@@ -26,7 +26,7 @@ from flexbt_studio.documents.comparison import compared
 from flexbt_studio.documents.diagnostics import Checker
 from flexbt_studio.documents.document import Document, Problem
 from flexbt_studio.documents.editor_help import MachineHelp, TreeHelp
-from flexbt_studio.documents.flow import flow
+from flexbt_studio.documents.flow import flow, keys_of_group
 from flexbt_studio.documents.names import Mention, Names
 from flexbt_studio.documents.palette import node_types, states
 from flexbt_studio.documents.project import MOST_BYTES, Project, document_for, tree_places
@@ -303,7 +303,13 @@ class Workbench:
 
     @request
     def gesture(self, file: str, version: int, name: str, arguments: dict[str, Any]) -> list[Any]:
-        """Return the edits that carry out a gesture, without applying them."""
+        """Return the edits that carry out a gesture, without applying them.
+
+        A group hands on the keys of its states, unless its ``keys`` are given.
+        """
+        if name == 'group' and 'keys' not in arguments and isinstance(arguments.get('states'), list):
+            keys = keys_of_group(self.project.document(file), arguments['states'], self._states)
+            arguments = {**arguments, 'keys': keys}
         edits = self.project.gesture(file, version, name, arguments)
         return PageText(self.project.open(file).document.text).edits_to_page(edits)
 

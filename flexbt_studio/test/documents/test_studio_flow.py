@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,12 @@ from test_xml_key_gestures import Maker
 from flexbt_core import builtin_registry, load_xml
 from flexbt_core.behavior_tree.model.errors import TreeLoadError
 from flexbt_onboard.behaviors.machine_behavior import installed_states
-from flexbt_studio.documents.flow import flow
+from flexbt_studio.documents.flow import flow, keys_of_group
 from flexbt_studio.documents.palette import states
 from flexbt_studio.documents.project import Project
+from flexbt_studio.documents.text import applied
+from flexbt_studio.documents.yaml_document import YamlDocument
+from flexbt_tools.behaviors.built_behavior import build, machine_file_entry
 from flexbt_tools.trees.key_usage import uses
 
 
@@ -93,3 +97,39 @@ def test_the_states_of_a_machine_use_its_userdata(tmp_path: Path) -> None:
     assert [use['path'] for use in inner['uses']] == ['/Inner/Drive']
     text = FILES['round.yaml']
     assert [text[slice(*one['span'])] for one in keys.values()] == list(keys)
+
+
+def test_a_group_is_given_the_keys_of_its_states() -> None:
+    text = """\
+machine:
+  outcomes: [done]
+  userdata: {place: dock}
+  output_keys: [said]
+  states:
+    Ask:
+      state: OperatorInputState
+      parameters: {prompt: x, type: std_msgs/String}
+      transitions: {received: Tell, declined: Tell, failed: Tell}
+      remapping: {data: place}
+    Tell:
+      state: LogKeyState
+      parameters: {text: 'at {}'}
+      transitions: {done: Say}
+      remapping: {data: place}
+    Say:
+      state: OperatorInputState
+      parameters: {prompt: x, type: std_msgs/String}
+      transitions: {received: done, declined: Say, failed: Say}
+      remapping: {data: said}
+"""
+    document, palette = YamlDocument(text), states(installed_states()[0])
+    found = {}
+    for count in (1, 2, 3):
+        for chosen in itertools.combinations(('/Ask', '/Tell', '/Say'), count):
+            found[chosen] = keys = keys_of_group(document, chosen, palette)
+            if chosen != ('/Ask', '/Say'):  # it would be entered at two states
+                edits = document.gesture('group', {'states': [*chosen], 'label': 'Group', 'keys': keys})
+                built = build(machine_file_entry('m.yaml', applied(text, edits)), ())
+                assert built.machine is not None, (chosen, built)
+    assert found['/Ask',] == {'output_keys': ['place']} and found['/Tell',] == {'input_keys': ['place']}
+    assert found['/Ask', '/Tell', '/Say'] == {'io_keys': ['place'], 'output_keys': ['said']}
