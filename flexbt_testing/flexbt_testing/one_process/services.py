@@ -467,26 +467,20 @@ _STATES: Final = {
     15: 'errorprocessing',
 }
 _ENDS: Final = ('transition_success', 'transition_failure', 'transition_error')
-_TRANSITIONS: Final = (
-    (1, 'configure', 1, 10),
-    (2, 'cleanup', 2, 11),
-    (3, 'activate', 2, 13),
-    (4, 'deactivate', 3, 14),
-    (5, 'shutdown', 1, 12),
-    (6, 'shutdown', 2, 12),
-    (7, 'shutdown', 3, 12),
-    *(
-        (first + index, _ENDS[index], state, goal)
-        for first, state, goals in (
-            (10, 10, (2, 1, 15)),
-            (20, 11, (1, 2, 15)),
-            (30, 13, (3, 2, 15)),
-            (40, 14, (2, 3, 15)),
-            (50, 12, (4, 4, 15)),
-            (60, 15, (1, 4, 4)),
-        )
-        for index, goal in enumerate(goals)
-    ),
+_TRANSITIONS: Final = tuple(
+    one
+    for begins, first, state, goals in (
+        ([(1, 'configure', 1, 10)], 10, 10, (2, 1, 15)),
+        ([(2, 'cleanup', 2, 11)], 20, 11, (1, 2, 15)),
+        ([(3, 'activate', 2, 13)], 30, 13, (3, 2, 15)),
+        ([(4, 'deactivate', 3, 14)], 40, 14, (2, 3, 15)),
+        ([(5, 'shutdown', 1, 12), (6, 'shutdown', 2, 12), (7, 'shutdown', 3, 12)], 50, 12, (4, 4, 15)),
+        ([], 60, 15, (1, 4, 4)),
+    )
+    for one in (
+        *begins,
+        *((first + n, end, state, goal) for n, (end, goal) in enumerate(zip(_ENDS, goals, strict=True))),
+    )
 )
 """Transitions of a managed node: number, label, start and goal (lifecycle_msgs/msg/Transition)."""
 
@@ -545,7 +539,10 @@ class LifecycleStateMachine(Destroyable):
         return [(n, label, start, _STATES[start], goal, _STATES[goal]) for n, label, start, goal in _TRANSITIONS]
 
     def get_transition_by_label(self, label: str) -> int:
-        return next((one[0] for one in self.available_transitions if one[1] == label), 255)
+        for number, one, *_ in self.available_transitions:
+            if one == label:
+                return number
+        raise RCLError('Failed to get transition from label: error not set')
 
     def trigger_transition_by_id(self, number: int, is_published: bool) -> None:
         self._go(lambda one: one[0] == number, is_published)
@@ -557,15 +554,12 @@ class LifecycleStateMachine(Destroyable):
         found = next((one for one in self.available_transitions if is_meant(one)), None)
         if found is None:
             raise RCLError('Failed to trigger lifecycle state machine transition: Transition is not registered.')
-        number, label, start, start_label, self._state, goal_label = found
+        *_, start, start_label, self._state, goal_label = found
         if self._events is not None and is_published:
-            from lifecycle_msgs.msg import State, Transition, TransitionEvent
+            from lifecycle_msgs.msg import State, TransitionEvent
 
-            self._events.publish(
+            self._events.publish(  # as rcl, which fills in no time and no transition
                 TransitionEvent(
-                    timestamp=SCHEDULER.wall,
-                    transition=Transition(id=number, label=label),
-                    start_state=State(id=start, label=start_label),
-                    goal_state=State(id=self._state, label=goal_label),
+                    start_state=State(id=start, label=start_label), goal_state=State(id=self._state, label=goal_label)
                 )
             )

@@ -13,7 +13,7 @@ import pytest
 import rclpy
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
-from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.msg import State, Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from nav2_msgs.action import Wait
 from rcl_interfaces.msg import (
@@ -537,3 +537,25 @@ def test_a_lifecycle_node_goes_its_way(ros: Any) -> None:
     assert {one.transition.label for one in listed} == {'configure', 'shutdown'}
     assert go(Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
     assert state() == State.PRIMARY_STATE_FINALIZED
+
+
+def test_a_lifecycle_node_tells_its_changes_and_refuses_an_unknown_label(ros: Any) -> None:
+    name = f'managed_{ros.topic}'
+    node, asking = ros.node(name, kind=Managed), ros.node('asking')
+    told: list[TransitionEvent] = []
+    asking.create_subscription(TransitionEvent, f'/{name}/transition_event', told.append, RELIABLE)
+    change = asking.create_client(ChangeState, f'/{name}/change_state')
+    graph = asking.create_client(GetAvailableTransitions, f'/{name}/get_transition_graph')
+    assert change.wait_for_service(60.0) and graph.wait_for_service(60.0)
+    ros.wait(lambda: asking.count_publishers(f'/{name}/transition_event'))
+
+    def go(label: str) -> bool:
+        return bool(ros.result(change.call_async(ChangeState.Request(transition=Transition(label=label)))).success)
+
+    assert not go('no such label')
+    assert go('configure')
+    ros.wait(lambda: told and told[-1].goal_state.label == 'inactive')
+    assert (told[-1].start_state.label, told[-1].transition, told[-1].timestamp) == ('configuring', Transition(), 0)
+    everything = ros.result(graph.call_async(GetAvailableTransitions.Request())).available_transitions
+    assert [one.transition.id for one in everything[:6]] == [1, 10, 11, 12, 2, 20]
+    assert node.get_name() == name
