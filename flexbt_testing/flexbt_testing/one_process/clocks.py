@@ -159,7 +159,7 @@ class Timer(Entity):
     def call_timer(self) -> None:
         """Count a call: the next one is due a period after this one was, or the next multiple from now."""
         if self.is_canceled:
-            raise _CANCELED('timer is invalid, or was canceled')
+            raise _CANCELED('failed to call timer: timer is canceled')
         now = self.clock.nanoseconds()
         self._last = now
         self.next += self._period

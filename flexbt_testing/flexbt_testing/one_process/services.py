@@ -187,6 +187,7 @@ class TypeDescriptionService(Destroyable):
 # ------------------------------------------------------------------------------------------------------------ actions
 
 _ACCEPTED, _EXECUTING, _CANCELING, _SUCCEEDED, _CANCELED, _ABORTED = range(1, 7)
+_STATUSES: Final = ('UNKNOWN', 'ACCEPTED', 'EXECUTING', 'CANCELING', 'SUCCEEDED', 'CANCELED', 'ABORTED')
 _ACTIVE: Final = (_ACCEPTED, _EXECUTING, _CANCELING)
 _FOLLOWING: Final = {
     (_ACCEPTED, 'EXECUTE'): _EXECUTING,
@@ -229,7 +230,8 @@ class ActionGoalHandle(Destroyable):
     def update_goal_state(self, event: Any) -> None:
         following = _FOLLOWING.get((self.status, event.name))
         if following is None:
-            raise RCLError(f'goal_handle attempted invalid transition from state {self.status} with event {event.name}')
+            tried = f'from state {_STATUSES[self.status]} with event {event.name}'
+            raise RCLError(f'Failed to update goal state: goal_handle attempted invalid transition {tried}')
         self.status = following
         if following not in _ACTIVE:
             self.ended = self._server.clock.nanoseconds()
@@ -253,6 +255,8 @@ class ActionServer(Destroyable):
     ) -> None:
         super().__init__()
         check_support(action_type)
+        if not -1.0 < result_timeout * SECOND < 2.0**63:
+            raise ValueError('Failed to create action server: timer period must be non-negative')
         kinds = action_type.Impl
         self.clock = clock
         self.goal = Service(node, kinds.SendGoalService, f'{name}/_action/send_goal', goal_qos)
@@ -320,7 +324,7 @@ class ActionServer(Destroyable):
     def notify_goal_done(self) -> None:
         """Let the timer expire when the next result may be forgotten."""
         ended = [goal.ended for goal in self.goals.values() if goal.ended is not None]
-        if ended and self._timeout >= 0:
+        if ended:
             self.expiry.change_timer_period(max(0, min(ended) + self._timeout - self.clock.nanoseconds()))
             self.expiry.reset_timer()
         else:
@@ -328,9 +332,9 @@ class ActionServer(Destroyable):
 
     def expire_goals(self, most: int) -> tuple[Any, ...]:
         now = self.clock.nanoseconds()
-        old = [
-            key for key, goal in self.goals.items() if goal.ended is not None and 0 <= self._timeout <= now - goal.ended
-        ][:most]
+        old = [key for key, goal in self.goals.items() if goal.ended is not None and self._timeout <= now - goal.ended][
+            :most
+        ]
         expired = tuple(self.goals.pop(key).info for key in old)
         self.notify_goal_done()
         return expired

@@ -305,6 +305,21 @@ def test_an_action_is_in_the_graph_until_its_server_ends(ros: Any, server: Serve
     ros.wait(lambda: not client.server_is_ready())
 
 
+@pytest.mark.parametrize('seconds', [-1.0, 1e10, math.inf, math.nan])
+def test_a_time_for_results_that_no_timer_can_wait_for_is_refused(ros: Any, seconds: float) -> None:
+    with pytest.raises(ValueError, match='timer period must be non-negative'):
+        ActionServer(ros.node('server', spins=False), Wait, ros.topic, print, result_timeout=seconds)
+
+
+def test_a_goal_that_has_ended_stays_as_it_is(ros: Any, server: Server, client: Any) -> None:
+    handle = ros.result(client.send_goal_async(goal()))
+    server.end.set()
+    assert ros.result(handle.get_result_async()).status == GoalStatus.STATUS_SUCCEEDED
+    for end, event in ((server.handles[0].abort, 'ABORT'), (server.handles[0].canceled, 'CANCELED')):
+        with pytest.raises(RCLError, match=f'invalid transition from state SUCCEEDED with event {event}'):
+            end()
+
+
 # Parameters
 
 
