@@ -280,6 +280,28 @@ private:
   BT::NodeStatus tick() override { hang(); }
 };
 
+class LateCondition : public BT::ConditionNode  // takes until there is a file, and writes once
+{
+public:
+  using ConditionNode::ConditionNode;
+  static BT::PortsList providedPorts() { return {BT::InputPort<std::string>("file"), BT::OutputPort<int>("late")}; }
+
+private:
+  BT::NodeStatus tick() override
+  {
+    if (!has_written_) {
+      while (access(getInput<std::string>("file").value().c_str(), F_OK) != 0) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+      }
+      setOutput("late", 1);
+      has_written_ = true;
+    }
+    return BT::NodeStatus::SUCCESS;
+  }
+
+  bool has_written_ = false;
+};
+
 class Wakes : public BT::StatefulActionNode  // done when another thread says so
 {
 public:
@@ -364,6 +386,7 @@ BT_REGISTER_NODES(factory)
   factory.registerNodeType<Add>("Add");
   factory.registerNodeType<Faulty>("Faulty");
   factory.registerNodeType<HangingCondition>("HangingCondition");
+  factory.registerNodeType<LateCondition>("LateCondition");
   factory.registerNodeType<Wakes>("Wakes");
   factory.registerNodeType<Twice>("Twice");
 }

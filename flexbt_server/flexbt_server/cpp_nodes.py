@@ -425,7 +425,8 @@ class CppLeaf(ServerNode, LeafNode):
         if is_condition and self._ticking is not None:  # which came too late for its tick
             if not self._await(self._ticking, until):
                 return self.fail('the host still has not answered')
-            self._ticking = None
+            late, self._ticking = self._ticking, None
+            self._taken(late)
         if before is RUNNING and self._session is not None and self._session.lost and self._ticking is None:
             return self.fail(self._session.lost)
         request = self._ticking

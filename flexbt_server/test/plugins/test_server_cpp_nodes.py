@@ -377,6 +377,16 @@ def test_a_tick_that_ends_after_the_halt_counts(impatient: ServerWorld, tmp_path
         assert (ran.board.get('late'), ran.board.get('done')) == (1, 3)
 
 
+def test_a_condition_that_comes_too_late_for_its_tick_has_written_its_outputs(
+    impatient: ServerWorld, tmp_path: Path
+) -> None:
+    with Ran(impatient, f'<LateCondition file="{tmp_path}/go" late="{{late}}"/>') as ran:
+        assert ran.tree.tick_exactly_once() is FAILURE
+        (tmp_path / 'go').touch()
+        wait_until(lambda: ran.tree.tick_exactly_once() is SUCCESS, 'the condition')
+        assert ran.board.get('late') == 1
+
+
 def test_a_node_that_could_not_be_made_is_made_at_the_next_tick(world: ServerWorld) -> None:
     with Ran(world, '<Faulty name="in_constructor"/>') as ran:
         for _ in range(3):
