@@ -299,7 +299,7 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
     declared = entry.type
     assert declared is not None
     if not declared.same(kind):
-        if kind.category == 'text':
+        if kind.category == 'text' and isinstance(value, str):
             if declared.from_text is None:
                 raise _type_clash(key, declared, kind)
             try:

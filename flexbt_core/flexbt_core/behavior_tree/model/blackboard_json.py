@@ -200,6 +200,7 @@ def _encode_entry(kind: PortType | None, value: Any, types: JsonTypes) -> Any:
     if value is EMPTY:
         return None if kind is None else {'type': kind.name}
     encoded = _encode(value, types, 0)
+    _check_fit(value, kind)
     if value is not None and _is_told(kind, value, types):
         return encoded
     return {'type': UNTYPED if kind is None else kind.name, 'value': encoded}
@@ -241,10 +242,16 @@ def _decode_entry(item: Any, types: JsonTypes, present: Entry | None) -> tuple[P
     if 'value' not in item:
         return kind, EMPTY
     value = _decode(item['value'], types, 0)
+    _check_fit(value, kind)
+    return kind, value
+
+
+def _check_fit(value: Any, kind: PortType | None) -> None:
+    """Check that an entry of this type may hold a value. Raises ConversionError, such as for an integer that a script
+    has assigned to an entry of smaller ones."""
     if kind is not None and not isinstance(value, str):
         # Text stays text: its readers convert it. An entry of numbers may also hold the other kind of number.
         cast(value, kind)
-    return kind, value
 
 
 # -- values ------------------------------------------------------------------------------------------------------------

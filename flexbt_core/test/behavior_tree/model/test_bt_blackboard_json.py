@@ -30,6 +30,7 @@ from flexbt_core.behavior_tree.model.errors import BlackboardError
 from flexbt_core.behavior_tree.model.ports import PortType
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
 from flexbt_core.behavior_tree.xml.reader import load_xml
 
 
@@ -301,6 +302,21 @@ def test_an_entry_that_has_a_type_converts_and_counts_the_write() -> None:
     assert identical(entry.value, 4.5)
 
 
+def test_what_a_script_has_put_into_an_entry_of_another_type_is_a_problem_of_the_export() -> None:
+    board, again = Blackboard(), Blackboard()
+    board.set('n', 1)
+    board.set('k', True)
+    board.declare('path', ports.list_of(ports.DOUBLE))
+    board.declare('text', ports.STRING)
+    ScriptLibrary().script('n = 3000000000; k = 5; path := 2.5; text := 1').bind(board).run()
+    document, problems = export_blackboard(board, TYPES)
+    assert [problem.partition(':')[0] for problem in problems] == ['entry [n]', 'entry [k]', 'entry [path]']
+    import_blackboard(again, json.loads(json.dumps(document)), TYPES)
+    assert contents(again) == {'text': ('std::string', 1)}
+    with pytest.raises(BlackboardError, match='path'):
+        import_blackboard(board, {'path': document['text']}, TYPES)
+
+
 def test_entries_of_outer_scopes_convert_or_nothing_is_written() -> None:
     outer = Blackboard()
     outer.declare('speed', ports.DOUBLE)
@@ -318,7 +334,7 @@ def test_nothing_is_written_if_one_type_does_not_fit_although_its_value_would() 
     board = Blackboard()
     for key in 'ab':
         board.set(key, 0)
-    with pytest.raises(BlackboardError, match=r'^entry \[b\]: '):
+    with pytest.raises(BlackboardError, match=r'^entry \[b\] has the type int'):
         import_blackboard(board, {'a': 1, 'b': {'type': 'std::string', 'value': 5}}, TYPES)
     assert board.snapshot() == {'a': 0, 'b': 0}
 
