@@ -412,9 +412,8 @@ class CppLeaf(ServerNode, LeafNode):
         return status
 
     def halt(self) -> None:
-        if self.kind is NodeKind.CONDITION:
-            self._ticking = None  # it may be late, and does nothing that a halt would stop
-        elif self.stored_status is RUNNING or self._ticking is not None:
+        # A condition may be late, and does nothing that a halt would stop.
+        if self.kind is not NodeKind.CONDITION and (self.stored_status is RUNNING or self._ticking is not None):
             self.stop_by(self._halt_in_host)
         self.status = IDLE
 

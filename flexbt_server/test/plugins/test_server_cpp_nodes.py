@@ -377,11 +377,14 @@ def test_a_tick_that_ends_after_the_halt_counts(impatient: ServerWorld, tmp_path
         assert (ran.board.get('late'), ran.board.get('done')) == (1, 3)
 
 
+@pytest.mark.parametrize('is_halted', [False, True])
 def test_a_condition_that_comes_too_late_for_its_tick_has_written_its_outputs(
-    impatient: ServerWorld, tmp_path: Path
+    impatient: ServerWorld, tmp_path: Path, is_halted: bool
 ) -> None:
     with Ran(impatient, f'<LateCondition file="{tmp_path}/go" late="{{late}}"/>') as ran:
         assert ran.tree.tick_exactly_once() is FAILURE
+        if is_halted:
+            ran.tree.halt()
         (tmp_path / 'go').touch()
         wait_until(lambda: ran.tree.tick_exactly_once() is SUCCESS, 'the condition')
         assert ran.board.get('late') == 1
