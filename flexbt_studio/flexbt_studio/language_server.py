@@ -128,7 +128,7 @@ class FlexbtLanguageServer(LanguageServer):
         if not path.is_relative_to(self.project.root):
             self._use(next((folder for folder in self._folders if path.is_relative_to(folder)), path.parent))
             for shown, document in self.workspace.text_documents.items():
-                if _path(shown).is_relative_to(self.project.root):
+                if _is_file(shown) and _path(shown).is_relative_to(self.project.root):
                     with contextlib.suppress(StudioError):  # of a file that has nothing to do with FlexBT
                         self.project.adopt(_path(shown).relative_to(self.project.root).as_posix(), document.source)
         return path.relative_to(self.project.root).as_posix()
@@ -172,7 +172,9 @@ class FlexbtLanguageServer(LanguageServer):
         return lsp.Location(self.uri(place.file), self.range(place.file, place.span))
 
     def show(self, uri: str, text: str, version: int | None) -> None:
-        """Take the text that the editor shows, and publish its diagnostics."""
+        """Take the text that the editor shows of a file, and publish its diagnostics."""
+        if not _is_file(uri):
+            return
         file = self.file(uri)
         self._uris[self.project.root / file] = uri
         self.project.adopt(file, text)
@@ -245,6 +247,8 @@ class FlexbtLanguageServer(LanguageServer):
 
     @feature(lsp.TEXT_DOCUMENT_DID_CLOSE)
     def _closed(self, told: lsp.DidCloseTextDocumentParams) -> None:
+        if not _is_file(told.text_document.uri):
+            return
         file = self.file(told.text_document.uri)
         self.cancel_check(file)
         self._uris.pop(self.project.root / file, None)
@@ -321,6 +325,11 @@ class FlexbtLanguageServer(LanguageServer):
 def _lines(text: str) -> Lines:
     """Return the lines of a text: an answer has many places in one."""
     return Lines(text)
+
+
+def _is_file(uri: str) -> bool:
+    """Return whether a URI is that of a file, not of an older text of one or the like, as ``git:/the/file.xml``."""
+    return urlsplit(uri).scheme in ('file', '')
 
 
 def _path(uri: str) -> Path:

@@ -354,6 +354,25 @@ def test_a_file_that_is_shown_by_a_link_is_edited_there(tmp_path: Path, folder: 
     with_editor(tmp_path / 'link', story)
 
 
+def test_an_older_text_that_the_editor_shows_beside_a_file_is_not_its_text(folder: Path) -> None:
+    async def story(editor: Editor) -> None:
+        unsaved = f'\n{TREE}'
+        await editor.show('main.xml', unsaved)
+        place = editor.at('main.xml', unsaved, '{goal}', 2)
+        older = lsp.TextDocumentItem(editor.uri('main.xml').replace('file:', 'git:'), 'xml', 1, TREE)
+        closed = lsp.DidCloseTextDocumentParams(lsp.TextDocumentIdentifier(older.uri))
+        for is_open in (True, False):
+            if is_open:
+                editor.client.text_document_did_open(lsp.DidOpenTextDocumentParams(older))
+            else:
+                editor.client.text_document_did_close(closed)
+            renamed = await editor.client.text_document_rename_async(lsp.RenameParams(*place, 'pose'))
+            assert renamed is not None and renamed.changes is not None
+            assert '{pose}' in edited(unsaved, list(renamed.changes[editor.uri('main.xml')]))
+
+    with_editor(folder, story)
+
+
 def test_many_places_in_a_text_read_its_lines_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     server = FlexbtLanguageServer.__new__(FlexbtLanguageServer)
     server.project = Project(folder)
