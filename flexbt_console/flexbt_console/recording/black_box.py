@@ -35,6 +35,7 @@ from std_srvs.srv import Trigger
 
 from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceCall, ServiceLinks, ServiceOutcome
+from flexbt_common.errors import UnfitParameterError
 from flexbt_common.files import INCIDENTS, USER_DIRECTORY, home_path
 from flexbt_common.lifecycle.liveliness import LivelinessToken
 from flexbt_common.middleware.received_messages import Received, ReceivedMessages
@@ -47,7 +48,7 @@ from flexbt_console.mirror.mirror import Mirror
 from flexbt_core.clock.clock import Timer
 from flexbt_core.clock.rates import TokenBucket
 from flexbt_core.values.parameter_fields import parameter
-from flexbt_core.values.text import one_line
+from flexbt_core.values.text import one_line, short_repr
 from flexbt_msgs.msg import ExecutiveCommand
 
 from .incidents import ROSOUT, Incident, Occurrence, Request, incidents_in
@@ -121,8 +122,14 @@ def declare_parameters(node: Node) -> Settings:
     )
     space = node.get_namespace().strip('/').replace('/', '.') or 'robot'
     records = 'directories of event log, journal and btlogs; what changed in them lately is copied'
+    settings = declare.fields(Settings())
+    for name in settings.others:
+        try:
+            node.resolve_topic_name(name)
+        except RCLError:
+            raise UnfitParameterError('others', f'{short_repr(name)} is not the name of a topic') from None
     return replace(
-        declare.fields(Settings()),
+        settings,
         ring=home_path(ring) / space,
         incidents=home_path(declare.text('incidents', INCIDENTS, 'directory in which each incident gets a folder')),
         records=declare.directories('records', (f'{USER_DIRECTORY}/{domain}',), records),

@@ -37,6 +37,7 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from flexbt_common import names
+from flexbt_common.errors import UnfitParameterError
 from flexbt_common.middleware.received_messages import Received
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.errors import UsageError
@@ -575,6 +576,13 @@ def box(folder: Path) -> Iterator[tuple[NodeRuntime, BlackBox]]:
             yield runtime, made
         finally:
             made.close()
+
+
+def test_further_topics_have_names_of_topics() -> None:
+    """Else those that are not published yet would never be recorded."""
+    with NodeRuntime.open('black_box', parameters={'others': ['/rosout', 'camera image']}) as runtime:
+        with pytest.raises(UnfitParameterError, match="others.*'camera image' is not the name of a topic"):
+            runtime.call(lambda: black_box.declare_parameters(runtime.node))
 
 
 def test_what_cannot_be_made_keeps_no_later_incident_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
