@@ -18,7 +18,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from .run_metrics import ROOT, LoggedEvent, RunMetrics, events_in, metrics_of
+from .run_metrics import ROOT, LoggedEvent, OperatorWait, RunMetrics, events_in, metrics_of
 
 SEND_SECONDS: Final = 10.0
 """Time for a collector to answer, s."""
@@ -82,16 +82,21 @@ def spans_of(run: RunMetrics, robot: str = '') -> dict[str, Any]:
         _event(one.time, one.command.lower(), operator=one.operator, effect=one.effect, text=one.text)
         for one in run.interventions
     ]
+    visits = sorted(run.visits, key=lambda visit: (visit.begin, visit.path.rstrip('/').count('/')))
+    waits: dict[int, list[OperatorWait]] = {}
+    for wait in run.waits:  # of the newest visit, if the next one begins at the end of one
+        of = [at for at, one in enumerate(visits) if one.path == wait.path and one.begin <= wait.begin <= one.end]
+        waits.setdefault(of[-1] if of else -1, []).append(wait)
     spans, open_visits = [root], {ROOT: (trace[:16], run.end)}
-    for number, visit in enumerate(sorted(run.visits, key=lambda visit: (visit.begin, visit.path.count('/')))):
+    for number, visit in enumerate(visits):
         own = hashlib.sha256(f'{run.run} {number} {visit.path}'.encode(errors='replace')).hexdigest()[:16]
         parent = (
             open_visits.get(visit.path.rpartition('/')[0], open_visits[ROOT])[0] if visit.path != ROOT else trace[:16]
         )
         span = _span(trace, visit.path, visit.begin, visit.end, parent, own, visit.outcome)
-        waits = [wait for wait in run.waits if wait.path == visit.path and visit.begin <= wait.begin <= visit.end]
         span['attributes'] = _attributes({'flexbt.reason': visit.reason})
-        span['events'] = [_event(one.begin, 'waits', kind=one.kind, seconds=one.end - one.begin) for one in waits]
+        told = waits.get(number, ())
+        span['events'] = [_event(one.begin, 'waits', kind=one.kind, seconds=one.end - one.begin) for one in told]
         open_visits[visit.path] = own, visit.end
         spans.append(span)
     resource = {'service.name': 'flexbt', 'service.version': version('flexbt_onboard'), 'robot': robot}

@@ -33,7 +33,7 @@ from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.persistence import run_report
 from flexbt_onboard.persistence.run_metrics import RunMetrics, metrics_of, read_events
 from flexbt_onboard.persistence.run_report import as_json, as_text, main, timeline
-from flexbt_onboard.persistence.run_spans import ended_runs
+from flexbt_onboard.persistence.run_spans import ended_runs, spans_of
 from flexbt_testing.nodes.executive_bench import ExecutiveBench, behavior_of
 from flexbt_testing.waiting import DEADLINE, wait_until
 
@@ -388,6 +388,27 @@ def test_lines_of_any_json_are_events_or_left_out(
         json.dumps(as_json(run), allow_nan=False)
         parsed(timeline(run))
         assert as_text(run)
+
+
+def test_spans_are_below_their_machine_and_have_their_own_waits() -> None:
+    def event(time: float, name: str, **fields: Any) -> dict[str, Any]:
+        return {'event': name, 'stamp': time, 'time': time, 'run': 'r', **fields}
+
+    events = [event(0.0, 'started', behavior='B')]
+    for begin in (1.0, 5.0):
+        events += [
+            event(begin, 'entered', path='/A'),
+            event(begin, 'waiting', path='/A', decision=str(begin), kind='transition'),
+            event(begin + 4.0, 'decided', decision=str(begin)),
+            event(begin + 4.0, 'left', path='/A', outcome='again', reason='outcome'),
+        ]
+    (run,) = metrics_of([*events, event(9.0, 'ended', outcome='done')], wall=True)
+    root, machine, *visits = spans_of(run)['resourceSpans'][0]['scopeSpans'][0]['spans']
+    assert (root['name'], machine['name'], machine['parentSpanId']) == ('behavior B', '/', root['spanId'])
+    assert [(one['name'], one['parentSpanId'], len(one['events'])) for one in visits] == [
+        ('/A', machine['spanId'], 1),
+        ('/A', machine['spanId'], 1),
+    ]
 
 
 class Collector(BaseHTTPRequestHandler):
