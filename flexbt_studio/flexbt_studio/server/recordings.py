@@ -4,6 +4,7 @@ is decided again by files as they are edited (``flexbt_testing.one_process.recor
 
 from __future__ import annotations
 
+import contextlib
 import re
 import shutil
 from importlib.util import find_spec
@@ -86,7 +87,8 @@ def decide_copy(project: Project, recordings: Recordings, file: str, name: str) 
     swaps = {file: installed_name(project, file)}
     for other, opened in project.open_files.items():
         if opened.is_changed and opened.disk and opened.document.language != 'python':
-            swaps[other] = installed_name(project, other)
+            with contextlib.suppress(StudioError):  # what is not installed, the robot has not used
+                swaps[other] = installed_name(project, other)
     folder = new_folder({f'edited/{one}': project.text(one) for one in swaps})
     try:
         shutil.copyfile(recorded, Path(folder.name, 'run.mcap'))
