@@ -70,6 +70,7 @@ class _HostedState:
         self._logger = logger
         self._services: StateServices | None = None
         self.outcome: str | None = None
+        self._has_asked = False
         self._userdata: Any = None  # while the state is active
         self._wake_event = threading.Event()
 
@@ -83,17 +84,17 @@ class _HostedState:
 
     def enter(self, userdata: Any) -> None:
         """Enter the state."""
-        self.outcome = None
+        self.outcome, self._has_asked = None, False
         self._userdata = userdata
         self.state.exit_reason = None
         self._guarded('on_enter', self.state.on_enter)
 
     def execute(self, userdata: Any) -> str | None:
-        """Return the outcome. The first outcome is kept while FlexBE calls this again and the operator has not decided
-        yet."""
+        """Return the outcome. The first outcome, or the suggestion, is kept while FlexBE calls this again and the
+        operator has not decided yet."""
         self._userdata = userdata
-        if self.outcome is None:
-            self.outcome = self._guarded('execute', self.state.execute)
+        if self.outcome is None and not self._has_asked:
+            self.outcome = self._guarded('execute', self.state.execute) or self.outcome
         return self.outcome
 
     def leave(self, reason: ExitReason) -> None:
@@ -160,7 +161,7 @@ class _HostedState:
         """Log the prompt and use the suggestion as outcome: in FlexBE the operator can always force any outcome."""
         if prompt:
             self.log(Severity.HINT, prompt)
-        self.outcome = suggestion
+        self.outcome, self._has_asked = suggestion, True
 
     def log(self, severity: Severity, text: str) -> None:
         """Log a line for FlexBE's operator."""

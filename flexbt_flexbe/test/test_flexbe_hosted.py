@@ -184,3 +184,21 @@ def test_the_operators_choice_becomes_a_hint_and_a_suggestion(bench: StateBench,
     assert made.tick({}) == 'b'
     assert told.lines == ['/State: which?']
     made.on_stop()
+
+
+@pytest.mark.parametrize('suggestion', ['b', None])
+def test_a_state_that_asks_while_it_is_executed_asks_once(
+    bench: StateBench, told: Told, suggestion: str | None
+) -> None:
+    class Asks(EventState):
+        def execute(self, userdata: Any) -> None:
+            self.ask('which?', suggestion)
+
+    made = state(bench, told, lambda: Asks(['a', 'b']))
+    for _ in range(2):
+        assert [made.tick({}, is_blocked=True) for _ in range(3)] == [None] * 3
+        assert made.tick({}) == suggestion
+        assert told.lines == ['/State: which?']
+        told.lines.clear()
+        made.is_entering = True
+    made.on_stop()
