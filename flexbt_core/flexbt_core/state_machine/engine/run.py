@@ -154,6 +154,8 @@ class MachineRun(Engine):
         is_commanded = bool(self._commands)
         if is_commanded:
             self._apply_next_command()
+            if self._preempt_reason is not None:
+                return True  # the command may have taken long, or may have caused the stop
         if pausing.is_paused or pausing.has_changed:  # states are resumed before anything else
             return is_commanded or pausing.has_changed
         return self.root.advance() or is_commanded

@@ -10,6 +10,7 @@ import pytest
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.engine.events import CommandDecided, RunEvent
 from flexbt_core.state_machine.engine.operator_commands import confirm, force, set_autonomy
+from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.definition import Child
 from flexbt_core.state_machine.model.userdata import StateMachineError
@@ -144,6 +145,18 @@ def test_commands_that_are_given_before_a_stop_has_its_effect_are_refused() -> N
     bench.settle()
     assert (bench.answers, bench.answered) == (['the run is ending'] * 3, ['a', 'b', 'c'])
     assert state.trace[-2:] == ['on_exit PREEMPTED', 'on_stop']
+
+
+def test_a_stop_while_a_command_is_applied_comes_before_the_next_step() -> None:
+    def command(run: MachineRun) -> None:
+        state.end('done')
+        run.preempt('now')
+
+    state = Scripted()
+    bench = Bench(nested(state, 'A'))
+    assert bench.answer_to(command) is None
+    assert bench.outcome == 'preempted'
+    assert state.trace == ['on_start', 'on_enter', 'execute', 'on_exit PREEMPTED', 'on_stop']
 
 
 def test_a_command_before_the_start_is_kept_for_it() -> None:
