@@ -16,10 +16,11 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, PortError
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port
+from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortType
 from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
 from flexbt_core.behavior_tree.nodes.nav2.decorators import RateController
 from flexbt_core.behavior_tree.nodes.timing import Delay, Sleep, Timeout
+from flexbt_core.behavior_tree.script.interpreter import BoundScript
 from flexbt_core.monitors.properties import Property, Violation, shared_keys
 from flexbt_core.monitors.requirement_text import Vocabulary
 from flexbt_core.monitors.requirements import Requirement, Requirements
@@ -85,7 +86,7 @@ _OURS: Final = 'flexbt_core.behavior_tree.'
 _ASSIGNED: Final = re.compile(r'([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))')
 
 TREE_LAYOUT: Final = Layout(
-    fixed=(NodeDefinition,),
+    fixed=(NodeDefinition, BoundScript),
     constant={
         TreeNode: frozenset(_CONSTANT),
         ControlNode: frozenset(('children', '_ticks')),
@@ -108,7 +109,6 @@ TREE_LAYOUT: Final = Layout(
             )
         ),
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
-        Entry: frozenset(('type',)),
         UnfinishedWork: frozenset(('_context',)),
         Environment: frozenset(
             ('values', 'choices', 'events', 'begun', 'asked', 'described', 'answers', 'found', 'most_counted')
@@ -143,6 +143,7 @@ TREE_LAYOUT: Final = Layout(
         VirtualClock: frozenset(('time',)),
     },
     views={
+        PortType: {'': lambda type: type.name},
         TreeNode: {
             # The number of writes seen only matters in relation to the current number.
             '_seen': lambda node: node._seen == node._entry.sequence,
@@ -394,6 +395,13 @@ class TreeSystem(System):
         # Only the ends of canceled actions can follow.
         canceling, written = sorted(self._environment.canceling), sorted(self.written & self._observed)
         return configuration.known_by((self._run.result, canceling, written))
+
+    def restore(self, configuration: Configuration) -> None:
+        # Nodes and scripts keep entries that they have found: those that this configuration does not have are removed.
+        for subtree in self.tree.subtrees:
+            for key in subtree.blackboard:
+                subtree.blackboard.unset(key)
+        super().restore(configuration)
 
     @property
     def vocabulary(self) -> Vocabulary:

@@ -630,3 +630,30 @@ def test_what_answers_within_the_tick_does_not_halt_what_is_behind_it(leaf: str,
     """An action of which nothing more is known is RUNNING when it begins anew, and halts what is behind it."""
     report = proved(f'<ReactiveSequence><{leaf}/><Drive/></ReactiveSequence>')
     assert ('SUCCESS' in report.ends) is can_succeed
+
+
+def test_what_one_way_writes_is_not_there_on_another() -> None:
+    """A script and a node that have found an entry do not keep it, where that way was not taken."""
+    number = '<IfThenElse><IsSafe/><Script code="number := 1"/><Script code="number := 2"/></IfThenElse>'
+    report = proved(f'<Sequence>{number}<Turn _skipIf="number == 1"/></Sequence>')
+    assert report.is_complete and report.holds, report.counterexamples
+    place = '<Fallback><Sequence><IsSafe/><SetBlackboard value="1" output_key="place"/></Sequence><Turn/></Fallback>'
+    (absent,) = proved(
+        f'<Sequence><UnsetBlackboard key="place"/>{place}<Follow path="{{place}}"/></Sequence>', 'place'
+    ).counterexamples
+    assert absent.violation.property is Property.DATA
+
+
+def test_an_entry_has_the_type_of_its_way() -> None:
+    """Text that is written to a number of no type, by a second node, is an error, and by the first one is none."""
+    first = (
+        '<Fallback><Sequence><IsSafe/><SetBlackboard value="1" output_key="x"/></Sequence><AlwaysSuccess/></Fallback>'
+    )
+    body = f'<Sequence><Script code="x := 1"/><Turn/>{first}<SetBlackboard value="1" output_key="x"/></Sequence>'
+    assert {'ERROR', 'SUCCESS'} <= proved(body).ends.keys()
+
+
+def test_how_often_a_script_has_run_makes_no_difference() -> None:
+    """Not even as its code is generated, which takes several runs."""
+    body = '<KeepRunningUntilFailure><Sequence><Script code="n := 1"/><Turn/></Sequence></KeepRunningUntilFailure>'
+    assert proved(body).configurations < 8
