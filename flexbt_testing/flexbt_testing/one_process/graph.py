@@ -62,6 +62,8 @@ class Domain:
             REAL.rclpy_logging_set_logger_level(logger, level)
         self.levels: dict[str, int] = {}
         """The levels of loggers before a program has set others."""
+        self.parents: dict[tuple[Process, str], str] = {}
+        """The logger of a node by process and name of a child of it."""
         self.topics: dict[tuple[str, str], Any] = {}  # by domain and name
         self.services: dict[tuple[str, str], Any] = {}
         self.nodes: list[Node] = []
@@ -367,6 +369,8 @@ class Node(Destroyable):
 
     def _actions(self, sides: tuple[str, ...], of_node: tuple[str, str] | None = None) -> list[tuple[str, list[str]]]:
         self.context.check('Failed to get action names and type')
+        if of_node is not None and of_node not in self.get_node_names_and_namespaces():
+            raise RCLError('Failed to get action names and type: error not set')
         found: dict[str, set[str]] = {}
         for end in self.ends(DOMAIN.services, *sides):
             if end.service.endswith(_GOALS) and of_node in (None, (end.node.name, end.node.namespace)):

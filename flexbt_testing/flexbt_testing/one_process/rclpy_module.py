@@ -84,7 +84,7 @@ def _topics(node: Node, _no_demangle: bool) -> NamesAndTypes:
 
 def _services(node: Node) -> NamesAndTypes:
     node.context.check('failed to get service names and types')
-    return _names_and_types(node.ends(DOMAIN.services, 'servers'), 'service')
+    return _names_and_types(node.ends(DOMAIN.services, 'servers', 'clients'), 'service')
 
 
 def _of_node(table: Any, side: str, attribute: str) -> Callable[..., NamesAndTypes]:
@@ -164,15 +164,28 @@ def _told_qos(given: dict[str, Any]) -> dict[str, Any]:
     return {**given, **meant, 'history': HistoryPolicy.UNKNOWN, 'depth': 0}
 
 
+def _node_of_logger(process: Process, name: str) -> graph.Node | None:
+    """Return the node on whose topic a logger writes: that of its name, or whose child it is."""
+    name = DOMAIN.parents.get((process, name), name)
+    own = (one for one in DOMAIN.nodes if one.process is process and one.rosout is not None)
+    return next((one for one in own if one.logger_name() == name), None)
+
+
+def _add_sublogger(logger: str, sublogger: str) -> bool:
+    process = SCHEDULER.current.process
+    node = _node_of_logger(process, logger)
+    if node is not None:
+        DOMAIN.parents[process, f'{logger}.{sublogger}'] = node.logger_name()
+    return node is not None
+
+
 def _log(severity: Any, name: str, text: str, *where: Any) -> None:
     if SCHEDULER.current.process is SCHEDULER.main.process:  # of the test, which may look at its streams
         REAL.rclpy_logging_rcutils_log(severity, name, text, *where)
     DOMAIN.log.append((SCHEDULER.now, SCHEDULER.current.process, int(severity), name, text))
     process = SCHEDULER.current.process
-    own = (one for one in DOMAIN.nodes if one.process is process and one.rosout is not None and one.context.ok())
-    above = (one for one in own if f'{name}.'.startswith(f'{one.logger_name()}.'))  # or a part of it
-    node = max(above, key=lambda one: len(one.logger_name()), default=None)
-    if node is not None:
+    node = _node_of_logger(process, name)
+    if node is not None and node.context.ok():
         from builtin_interfaces.msg import Time
         from rcl_interfaces.msg import Log
 
@@ -268,7 +281,7 @@ _FUNCTIONS: Final[dict[str, Any]] = {
     'rclpy_logging_fini': lambda: None,
     'rclpy_logging_rcutils_log': _log,
     'rclpy_logging_set_logger_level': _set_level,
-    'rclpy_logging_rosout_add_sublogger': lambda _logger, _sublogger: False,
+    'rclpy_logging_rosout_add_sublogger': _add_sublogger,
     'rclpy_logging_rosout_remove_sublogger': lambda _logger, _sublogger: None,
     'rclpy_remap_topic_name': lambda node, name: node.resolved(name),
     'rclpy_resolve_name': _resolve_name,

@@ -8,8 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy.logging
 from geometry_msgs.msg import Point32, PoseStamped
+from nav2_msgs.action import Wait
 from rcl_interfaces.msg import Log
+from rclpy.action import ActionClient
+from rclpy.action.graph import get_action_client_names_and_types_by_node, get_action_names_and_types
 from rclpy.duration import Duration, Infinite
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidNamespaceException, InvalidServiceNameException, InvalidTopicNameException
@@ -512,6 +516,33 @@ def test_what_is_logged_is_on_a_topic_with_its_place(ros: Any) -> None:
     assert (line.msg, line.level, Path(line.file).name) == ('a text', 20, Path(__file__).name)
     assert line.function == 'test_what_is_logged_is_on_a_topic_with_its_place'
     assert line.line > 0
+
+
+def test_only_a_child_of_the_logger_of_a_node_writes_to_its_topic(ros: Any) -> None:
+    got: list[tuple[str, str]] = []
+    node = ros.node(f'talker_{ros.topic}')
+    name = node.get_logger().name
+    heard = ros.node('listener').create_subscription(
+        Log, '/rosout', lambda line: got.append((line.name, line.msg)) if line.name.startswith(name) else None, LATCHED
+    )
+    ros.wait(heard.get_publisher_count)
+    rclpy.logging.get_logger(f'{name}.other').info('is not of the node')
+    child = node.get_logger().get_child('part')
+    child.get_child('of_part').info('a child of a child')
+    child.info('a child')
+    ros.wait(lambda: len(got) == 2)
+    assert got == [(f'{name}.part.of_part', 'a child of a child'), (f'{name}.part', 'a child')]
+
+
+def test_the_graph_names_what_is_only_called(ros: Any) -> None:
+    node, observer = ros.node('caller'), ros.node('observer')
+    kept = node.create_client(Empty, ros.topic), ActionClient(node, Wait, f'{ros.topic}_action')
+    ros.wait(lambda: (f'/{ros.topic}', ['std_srvs/srv/Empty']) in observer.get_service_names_and_types())
+    ros.wait(lambda: (f'/{ros.topic}_action', ['nav2_msgs/action/Wait']) in get_action_names_and_types(observer))
+    assert observer.count_services(ros.topic) == 0
+    with pytest.raises(rclpy_implementation.RCLError):
+        get_action_client_names_and_types_by_node(observer, 'nobody', '/')
+    assert kept
 
 
 def test_a_callback_can_have_the_times_and_the_number_of_a_message(ros: Any) -> None:
