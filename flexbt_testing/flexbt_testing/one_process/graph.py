@@ -380,16 +380,24 @@ class Node(Destroyable):
         return [(name, sorted(types)) for name, types in found.items()]
 
     def get_parameters(self, parameter_class: Any) -> dict[str, Any]:
-        """Return the parameters that files and arguments give this node, the later ones instead of earlier ones."""
-        given: dict[str, Any] = {}
+        """Return the parameters that files and arguments give this node, as rcl: later ones instead of earlier ones.
+
+        But a pattern of nodes keeps the place of its first parameter, and what two parameters of one pattern and name
+        give is of the type that comes first in :func:`_rank`.
+        """
+        groups: dict[str, dict[str, dict[int, Any]]] = {}
         for key, value in self._parameters:
-            pattern, _, name = key.rpartition(':')
-            if not name:
-                for pattern, content in _nodes('', _composed(Path(value).read_text())):
-                    if self._is_meant(pattern):
-                        given.update(_flat('', content))
-            elif not pattern or self._is_meant(pattern):
-                given[name] = _plain(_composed(value))
+            node, _, name = key.rpartition(':')
+            content = _composed(Path(value).read_text() if not name else value)
+            for pattern, part in [(node or '/**', content)] if name else _nodes('', content):
+                for path, one in _flat(name, part):
+                    groups.setdefault(pattern, {}).setdefault(path, {})[_rank(one)] = one
+        given = {
+            name: values[min(values)]
+            for pattern, group in groups.items()
+            if self._is_meant(pattern)
+            for name, values in group.items()
+        }
         # An empty list has no type.
         return {name: parameter_class(name, value=value if value != [] else None) for name, value in given.items()}
 
@@ -400,21 +408,27 @@ class Node(Destroyable):
         return re.fullmatch(expression, self.get_fully_qualified_name()) is not None
 
 
-def _nodes(prefix: str, content: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+def _nodes(prefix: str, content: Any) -> Iterator[tuple[str, Any]]:
     """Yield the patterns of nodes in a parameter file, in which one may occur several times, with their parameters."""
     for name, inner in content.value if content is not None and content.id == 'mapping' else ():
         if name.value == 'ros__parameters':
-            yield prefix, _plain(inner) or {}
+            yield prefix, inner
         else:
-            yield from _nodes(f'{prefix}/{name.value.strip("/")}', inner)
+            yield from _nodes(f'{prefix}/{name.value.strip("/")}' if prefix else name.value, inner)
 
 
-def _flat(prefix: str, content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
-    for name, value in content.items():
-        if isinstance(value, dict):
-            yield from _flat(f'{prefix}{name}.', value)
-        else:
-            yield f'{prefix}{name}', value
+def _flat(path: str, content: Any) -> Iterator[tuple[str, Any]]:
+    if content is not None and content.id == 'mapping':
+        for name, inner in content.value:
+            yield from _flat(f'{path}.{name.value}' if path else name.value, inner)
+    elif path:
+        yield path, _plain(content)
+
+
+def _rank(value: Any) -> int:
+    """Return the place of the type of a parameter in rcl: truth, whole, real number, text, then lists of them."""
+    first, lists = (value[0], 4) if isinstance(value, list) and value else (value, 0)
+    return lists + next((n for n, kind in enumerate((bool, int, float, str)) if isinstance(first, kind)), 8)
 
 
 _BOOLEANS: Final = {
@@ -441,8 +455,6 @@ def _plain(node: Any) -> Any:
     """Return YAML as the parser of rcl reads it, which knows other numbers and booleans than PyYAML."""
     import yaml
 
-    if isinstance(node, yaml.MappingNode):
-        return {key.value: _plain(value) for key, value in node.value}
     if isinstance(node, yaml.SequenceNode):
         return [_plain(one) for one in node.value]
     if node is None or node.style in ("'", '"') or node.tag == _TEXT:
@@ -462,7 +474,8 @@ def _scalar(text: str) -> bool | int | float | str:
             return number
     if _REAL_NUMBER.fullmatch(text):
         value = float(text.lower().replace('.inf', 'inf').replace('.nan', 'nan'))
-        if math.isfinite(value) or text[-1] in 'fFnNyY':
+        is_too_small = abs(value) < sys.float_info.min and text.lower().partition('e')[0].strip('+-.0') != ''
+        if (math.isfinite(value) and not is_too_small) or text[-1] in 'fFnNyY':
             return value
     return text
 

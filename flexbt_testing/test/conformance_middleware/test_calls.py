@@ -396,6 +396,30 @@ def test_of_the_values_of_a_parameter_the_last_one_counts(ros: Any, tmp_path: An
     assert [node.get_parameter(name).value for name in 'abcd'] == [2, 3, 5, 0]
 
 
+@pytest.mark.parametrize(
+    ('contents', 'words', 'value'),
+    [
+        ('/**: 1, own: 2', '-p own:a:=3', 3),
+        ('/**: 1, own: 2', '-p a:=3', 2),  # /** stands before own
+        ('own: 2, /**: 1', '-p a:=3', 3),
+        ('own: 1, /own: 2', '-p own:a:=3', 2),
+        ('/**: 1', '-p a:=2.5', 1),  # of one pattern the type counts first
+        ('/**: x', '-p a:=2.5', 2.5),
+        ('/**: [x]', '-p a:=z', 'z'),
+        ('/**: x, own: 2', '', 2),
+    ],
+)
+def test_a_pattern_of_nodes_keeps_its_place_and_a_parameter_its_type(
+    ros: Any, tmp_path: Any, contents: str, words: str, value: Any
+) -> None:
+    file = tmp_path / 'parameters.yaml'
+    parts = (part.split(': ') for part in contents.split(', '))
+    file.write_text(''.join(f'{pattern}:\n  ros__parameters: {{a: {one}}}\n' for pattern, one in parts))
+    context = ros.context(['--ros-args', '--params-file', str(file), *words.split()])
+    node = ros.node('own', context=context, spins=False, automatically_declare_parameters_from_overrides=True)
+    assert (node.get_parameter('a').value, type(node.get_parameter('a').value)) == (value, type(value))
+
+
 @pytest.mark.parametrize(('word', 'kind'), [
     ('-r no-rule', r'RCLInvalidROSArgsError: Failed to parse ROS arguments: .*no-rule'),
     ('--no-option', r"UnknownROSArgsError: \['--no-option'\]"),
@@ -427,6 +451,8 @@ PARAMETERS = {
     '0b11': '0b11',
     '1_000': '1_000',
     '1e400': '1e400',
+    '-2e-310': '-2e-310',
+    '0e-400': 0.0,
     'y': True,
     'Off': False,
     'tRue': 'tRue',
