@@ -444,6 +444,28 @@ def test_a_button_that_has_just_changed_its_meaning_sends_nothing(browser: Brows
         assert asked == [(CommandKind.RESUME, 0), (CommandKind.QUEUE_RELEASE, 3)]
 
 
+def test_a_button_of_the_queue_that_has_just_come_to_mean_another_entry_sends_nothing(browser: Browser) -> None:
+    robot = WebRobot(answers=False)
+    robot.show()
+    first, *others = [QueueEntry(number, 'Patrol') for number in (4, 5, 7)]
+    robot.mirror.receive_queue(MissionQueue('e', entries=(first, *others)))
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.until_text('queue', '7 Patrol')
+        browser.run(
+            'const list = document.getElementById("queue");'
+            'const press = (_, watch) => { watch.disconnect(); list.children[1].lastElementChild.click(); };'
+            'new MutationObserver(press).observe(list, {childList: true})'
+        )
+        robot.mirror.receive_queue(MissionQueue('e', entries=tuple(others)))
+        browser.until_text('told', 'has just come to mean "queue remove 7"')
+        assert robot.sent == []
+        browser.until_it_may_be_answered()
+        browser.driver.find_element(By.CSS_SELECTOR, '#queue [title="Remove entry 7"]').click()
+        assert [one.queue_number for one in robot.wait_sent(1)] == [7]
+
+
 def test_an_enter_at_what_has_the_focus_neither_stops_nor_confirms(browser: Browser) -> None:
     robot = WebRobot(answers=False, is_drawn=True)
     robot.show(PLAN)

@@ -185,9 +185,12 @@ function drawQueue() {
   byId('queue-held').textContent = queue?.held ? `HELD: ${queue.held}` : '';
   byId('queue-hold').textContent = queue?.hold ? 'Release' : 'Hold';
   const focused = byId('queue').contains(document.activeElement) && document.activeElement.title;
-  byId('queue').replaceChildren(...(queue?.entries ?? []).map((entry) => {
-    const buttons = [['↑', 'Move up', entry.up], ['↓', 'Move down', entry.down], ['✕', 'Remove', `queue remove ${entry.number}`]].map(([sign, what, line]) => (
-      element('button', {type: 'button', class: 'quiet', title: `${what} entry ${entry.number}`, disabled: !acts || !line, onclick: () => commands.do(line)}, sign)));
+  byId('queue').replaceChildren(...(queue?.entries ?? []).map((entry, row) => {
+    const buttons = [['↑', 'Move up', entry.up], ['↓', 'Move down', entry.down], ['✕', 'Remove', `queue remove ${entry.number}`]].map(([sign, what, line]) => {
+      const place = `queue ${row} ${sign}`;
+      commands.means(place, line);
+      return element('button', {type: 'button', class: 'quiet', title: `${what} entry ${entry.number}`, disabled: !acts || !line, onclick: () => commands.toggle(place)}, sign);
+    });
     const state = element('span', {class: entry.running ? 'running' : 'dim'}, entry.state);
     return element('li', {}, element('div', {}, element('strong', {}, `${entry.number}  ${entry.text}`), ' ', state, element('div', {class: 'hint'}, entry.details)), ...buttons);
   }));
