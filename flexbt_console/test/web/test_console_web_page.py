@@ -496,14 +496,19 @@ def test_an_enter_at_what_has_the_focus_neither_stops_nor_confirms(browser: Brow
 
 def test_what_is_typed_as_an_answer_stays_when_something_else_is_asked(browser: Browser) -> None:
     robot = WebRobot()
-    robot.show(WHERE)
+    where = dataclasses.replace(WHERE, subject=('path',), subject_number=1)
+    robot.show(where)
     with served({'robot': robot.station()}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
         browser.until(lambda: browser.driver.find_elements(By.ID, 'value'))
-        browser.driver.find_element(By.ID, 'value').send_keys('kit')
-        robot.show(WHERE, PLAN)
+        browser.driver.find_element(By.ID, 'value').send_keys('ki')
+        robot.show(where, PLAN)
         browser.until_text('decision-line', '(+1 more)')
+        browser.press('t')
+        subject = Subject(where.id, 1, (SubjectValue('path', text='a cup'),))  # more is known of the same decision
+        robot.mirror.receive_subjects(Subjects('e', (subject,)))
+        browser.until_text('decision-body', 'about path: a cup')
         browser.press('chen', Keys.ENTER)
         (sent,) = robot.wait_sent(1)
         assert sent.decision_id == WHERE.id and json.loads(sent.inputs[0].text)['pose']['position']['x'] == 3.0

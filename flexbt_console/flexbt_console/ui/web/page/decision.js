@@ -107,7 +107,7 @@ export class DecisionBar {
           `${index + 1} ${choice.text}${wanted ? ' (wanted)' : ''}${leads}`));
       });
       if (decision.wants_value) {
-        const field = element('input', {id: 'value', 'aria-label': decision.wants_pose ? 'a place, or x y yaw' : 'value', list: 'places',
+        const field = element('input', {id: 'value', 'data-of': decision.id, 'aria-label': decision.wants_pose ? 'a place, or x y yaw' : 'value', list: 'places',
           placeholder: decision.wants_pose ? 'a place, or x y yaw; or click on the map' : 'value', maxlength: '4000'});
         const places = decision.wants_pose ? this.placesOf().map((name) => element('option', {value: name})) : [];
         const answer = (event) => {
@@ -120,11 +120,16 @@ export class DecisionBar {
       choices.append(element('span', {class: 'waited hint', role: 'timer'}));
       rows.push(choices);
     }
-    const focused = this.body.contains(document.activeElement);
+    const focused = this.body.contains(document.activeElement), before = this.body.querySelector('#value'), isTyped = before === document.activeElement;
     this.body.replaceChildren(...rows);
     this.allow(this.allowed, this.why);
     this.markPicked();
-    if (focused) this.bar.focus();  // a key that is still on its way must not press a new button
+    const field = this.body.querySelector('#value');
+    if (before && field?.dataset.of === before.dataset.of) {  // more is known of the same decision: what was typed stays
+      field.value = before.value;
+      if (isTyped) { field.focus(); field.setSelectionRange(before.selectionStart, before.selectionEnd); }
+    }
+    if (focused && document.activeElement !== field) this.bar.focus();  // a key that is still on its way must not press a new button
   }
 
   markPicked() {
