@@ -723,6 +723,21 @@ def test_a_behavior_that_has_changed_is_not_started_by_the_form_of_before(browse
         assert robot.sent == []
 
 
+def test_a_default_of_several_lines_stays_as_it_is(browser: Browser) -> None:
+    robot = WebRobot()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+    parameters = (BehaviorParameter('words', 'str', 'one\ntwo'), BehaviorParameter('speed', 'float', '0.3'))
+    robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Say', parameters=parameters),)))
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.press('s')
+        browser.press('Say', Keys.ENTER)
+        browser.until_text('dialog-title', 'start Say')
+        browser.press(Keys.TAB, '0.5', Keys.ENTER)
+        assert robot.wait_sent(1)[0].arguments == (('speed', '0.5'),)
+
+
 def test_what_is_typed_into_a_list_of_the_page_is_what_is_taken_or_nothing(browser: Browser) -> None:
     names = [
         ['done', 'Drive done'],

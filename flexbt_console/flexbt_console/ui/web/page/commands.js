@@ -175,7 +175,8 @@ export class Commands {
       if (field.selectedIndex < 0) field.selectedIndex = 0;  // a default that is none of the choices
       form.append(element('label', {class: 'field'}, name, field, element('span', {}), element('span', {class: 'hint'}, told)));
       field.addEventListener('input', () => field.setCustomValidity(check(field.value)));
-      fields.push(() => written(field.value));
+      const shown = field.value;  // a field of one line shows no line breaks
+      fields.push(() => written(choices.length || field.value !== shown ? field.value : value));
     };
     for (const parameter of behavior.parameters) {
       add(parameter.label || parameter.name, parameter.help, parameter.choices, parameter.default,
