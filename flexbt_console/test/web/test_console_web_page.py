@@ -812,13 +812,16 @@ def test_a_lost_server_is_told_and_found_again(browser: Browser) -> None:
     with served({'robot': robot.station()}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         browser.until_live()
+        browser.press(':', 'pause')
     browser.until_text('link', 'NO SERVER')
     browser.until_text('alarm', 'trying again')
-    browser.press('!')
+    browser.press(Keys.F8)
     browser.until_text('told', 'nothing was sent')
+    browser.press(Keys.ENTER)
+    assert browser.run('return document.getElementById("line").value') == 'pause'
     with served({'robot': robot.station()}, port=port):
         browser.until_live()
-        browser.press('p', Keys.ENTER)
+        browser.press(Keys.ENTER)
         assert [one.kind for one in robot.wait_sent(1)] == [CommandKind.PAUSE]
 
 

@@ -52,9 +52,9 @@ export class Commands {
     document.addEventListener('keydown', (event) => this.key(event));
   }
 
-  // A stop goes out whatever the picture is; the server judges all other lines, too.
+  // A stop goes out whatever the picture is; the server judges all other lines, too. Whether it went out.
   do(line, decision = this.bar.id) {
-    this.send({do: line, decision});
+    return this.send({do: line, decision});
   }
 
   // Note what a button sends now. What it has begun to mean only just now was not seen when it was pressed.
@@ -257,7 +257,7 @@ export class Commands {
   submit() {
     const text = byId('line').value.trim();
     if (!text) return;
-    this.do(text, this.lineBound ? this.lineBound.id : this.bar.id);
+    if (!this.do(text, this.lineBound ? this.lineBound.id : this.bar.id)) return;
     byId('line').value = '';
     this.lineBound = null;
     if (this.byKey) byId('line').blur();  // the next key is a command again
