@@ -18,7 +18,7 @@ from flexbt_core.values.text import sanitize_for_message
 from flexbt_msgs.action import BtGetData, BtLoad, BtSetData
 from flexbt_msgs.msg import BtLoadError, BtLoadReport
 from flexbt_server.trees.blackboards import Blackboards, entries_of, write_all
-from flexbt_server.trees.tree_store import FileReport, TreeStore
+from flexbt_server.trees.tree_store import FileReport, TreeStore, asked_name
 
 from .tree_goals import MESSAGE_LIMIT, TreeGoals
 
@@ -106,7 +106,7 @@ def _message(report: FileReport) -> BtLoadReport:
         trees=list(report.trees),
         errors=[
             BtLoadError(
-                file=report.file,
+                file=asked_name(error.file),
                 line=error.line,
                 column=error.column,
                 node=error.node,

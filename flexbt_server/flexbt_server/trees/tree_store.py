@@ -385,10 +385,14 @@ class TreeStore:
         by_file = {report.file: report for report in reports}
         new = [report for report in reports if report.code == BtLoadReport.VALID]
         for reason in error.errors:
-            name = XML_TEXT if reason.file.startswith(_TEXT_PREFIX) else reason.file
-            report = by_file.get(name, new[-1] if new else reports[-1])
+            report = by_file.get(asked_name(reason.file), new[-1] if new else reports[-1])
             report.code = BtLoadReport.REFUSED
             report.errors.append(reason)
+
+
+def asked_name(file: str) -> str:
+    """Return the name of a document as it was asked for: :data:`XML_TEXT` for a text."""
+    return XML_TEXT if file.startswith(_TEXT_PREFIX) else file
 
 
 def _refuse(report: FileReport, error: ResourceError | OSError) -> None:

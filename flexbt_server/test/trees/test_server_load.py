@@ -85,6 +85,17 @@ def test_an_include_that_cannot_be_read_is_refused_at_its_place_with_all_other_e
     assert 'no such file' in report.errors[0].message
 
 
+def test_an_error_in_an_included_file_names_that_file(world: ServerWorld, tmp_path: Path) -> None:
+    inner = write(tmp_path / 'trees/inner.xml', document('\n\n<Nowhere/>', 'B'))
+    text = document('<SubTree ID="B"/>', 'A').replace('<BehaviorTree', f'<include path="{inner}"/><BehaviorTree')
+    outer = write(tmp_path / 'trees/outer.xml', text)
+    for reports in (world.client.load(outer).reports, world.client.load(xml=text).reports):
+        [error] = [error for report in reports for error in report.errors]
+        assert (error.file, error.line) == (inner, 3)
+    [report] = world.client.load(xml=document('<Nowhere/>')).reports
+    assert [(report.file, error.file) for error in report.errors] == [('<xml>', '<xml>')]
+
+
 @pytest.mark.parametrize(
     ('text', 'fragment'),
     [
