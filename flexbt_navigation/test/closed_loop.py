@@ -66,7 +66,8 @@ class Run:
             self._move(under_way.popleft())
         else:
             return self
-        for _ in range(late + 20):
+        drive = self.robot.model.drive
+        for _ in range(late + max(20, math.ceil(drive.linear_speed / drive.linear_acceleration / PERIOD))):
             self._move(under_way.popleft() if under_way else STOP)
         assert (self.robot.linear, self.robot.angular) == (0.0, 0.0)
         return self

@@ -176,10 +176,10 @@ def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, in
     If the robot already overlaps an obstacle, only a deeper overlap counts. A circular robot may always turn in place.
     """
     inflation = costmap.inflation
-    if command.linear == 0.0 and not inflation.corners:
+    inertia = inertia or Inertia(command)
+    if command.linear == inertia.velocity.linear == 0.0 and not inflation.corners:
         return False
     world = costmap.world
-    inertia = inertia or Inertia(command)
     linear, angular = (max(map(abs, pair)) for pair in zip(command, inertia.velocity, strict=True))
     way = (linear + angular * (inflation.outer_radius if inflation.corners else 0.0)) * seconds
     if costmap.has_room(pose, inflation.outer_radius + way):

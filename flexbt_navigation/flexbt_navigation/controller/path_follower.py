@@ -24,6 +24,7 @@ from flexbt_sim.world.models import DriveModel
 from flexbt_sim.world.plane.geometry import Pose, compose, drive, wrap
 
 from .motions import (
+    LATENCY,
     PERSONAL_SPACE,
     STOP,
     CommandedDrive,
@@ -623,16 +624,25 @@ class PathFollower(Motion):
 
     def _stoppable(self, pose: Pose, velocity: Velocity, seconds: float = 0.0) -> Velocity:
         """Return the velocity, slower on the same arc as far as it collides before the robot could stop, or within this
-        time, s, if that is longer."""
+        time, s, if that is longer; or where the robot would collide if it braked after this command."""
         limits = self._limits
         _, inertia = self._drive.foreseen(pose)
-        while abs(velocity.linear) > limits.approach_speed:
+        while True:
+            rolls_on = self._collides_braking(pose, velocity)
+            if abs(velocity.linear) <= limits.approach_speed:
+                return STOP if rolls_on else velocity
             fastest = max(abs(velocity.linear), abs(inertia.velocity.linear))
-            if not self._collides(pose, velocity, max(seconds, fastest / limits.linear_acceleration)):
-                break
+            if not (rolls_on or self._collides(pose, velocity, max(seconds, fastest / limits.linear_acceleration))):
+                return velocity
             share = max(0.5, limits.approach_speed / abs(velocity.linear))
             velocity = Velocity(velocity.linear * share, velocity.angular * share)
-        return velocity
+
+    def _collides_braking(self, pose: Pose, velocity: Velocity) -> bool:
+        """Return whether the robot collides if it brakes after this command: it turns less then, and leaves the arc."""
+        coming, inertia = self._drive.foreseen(pose)
+        (there,) = inertia.poses(coming, velocity, LATENCY, 1)
+        inertia = inertia.after(velocity, LATENCY)
+        return collides(self._costmap, there, STOP, abs(inertia.velocity.linear) / inertia.linear, inertia)
 
     def _give_way(self, pose: Pose) -> Velocity:
         """Drive to where the gap to a body in the way grows most, if that leads away from it, or wait."""

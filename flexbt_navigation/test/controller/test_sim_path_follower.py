@@ -25,7 +25,19 @@ from flexbt_navigation.controller.path_follower import (
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.planner.planners import GridPlanner, planner_for
-from flexbt_sim.world import MODELS, Circle, OccupancyMap, Pose, World, box, compose, wrap
+from flexbt_sim.world import (
+    MODELS,
+    Circle,
+    DriveModel,
+    OccupancyMap,
+    Pose,
+    RobotModel,
+    Shape,
+    World,
+    box,
+    compose,
+    wrap,
+)
 from flexbt_testing.worlds import drawn, free_places, room, worlds
 
 OPEN = drawn(*['.' * 160] * 120)
@@ -225,6 +237,26 @@ def test_a_fast_car_stops_before_an_obstacle() -> None:
     done = Run(world, way[0], car).go(PathFollower(way, maps[1], limits), late=1)
     assert (done.code, done.touched) == ('PATIENCE_EXCEEDED', False)
     assert max(command.linear for command in done.commands) == limits.speed
+
+
+@pytest.mark.parametrize(
+    ('shape', 'acceleration', 'turn', 'wall'),
+    [(Circle(0.25), 0.5, 120.0, 2.2), (Circle(0.25), 0.3, 90.0, 2.2), (box(0.8, 0.4), 0.3, 60.0, 2.5)],
+)
+def test_a_robot_that_brakes_slowly_stops_before_a_wall_behind_a_bend(
+    shape: Shape, acceleration: float, turn: float, wall: float
+) -> None:
+    """It brakes its turn faster than its speed, and so leaves the bend that was free."""
+    cells = numpy.zeros((100, 160), numpy.int8)
+    cells[int(wall / 0.05), 80:] = 100
+    grid = OccupancyMap(cells, 0.05, Pose(0.0, 0.0, 0.0))
+    drive = DriveModel(linear_speed=1.0, linear_acceleration=acceleration)
+    model = RobotModel(footprint=shape, lidar=None, drive=drive)
+    angle = math.radians(turn)
+    path = line((1.0, 1.5), (5.0, 1.5), (5.0 + 2.0 * math.cos(angle), 1.5 + 2.0 * math.sin(angle)))
+    limits = replace(FollowerLimits.of(drive), speed=1.0)
+    done = Run(grid, path[0], model).go(PathFollower(path, Costmap(grid, Inflation.of(shape)), limits))
+    assert (done.code, done.touched) == ('PATIENCE_EXCEEDED', False)
 
 
 def test_patience_does_not_begin_anew_with_each_path() -> None:
