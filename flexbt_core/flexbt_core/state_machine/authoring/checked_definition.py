@@ -8,7 +8,7 @@ from itertools import islice
 from types import MappingProxyType
 from typing import Final, TypeVar
 
-from flexbt_core.state_machine.model.autonomy import UNDECLARED, Autonomy
+from flexbt_core.state_machine.model.autonomy import UNDECLARED, Autonomy, no_level
 from flexbt_core.state_machine.model.definition import (
     ERROR,
     PREEMPTED,
@@ -117,6 +117,8 @@ def _machine(machine: Machine, path: str, seen: dict[int, str]) -> Iterator[Mach
         yield MachineProblem(path, 'the machine has no states', ('states',))
     if not machine.outcomes:
         yield MachineProblem(path, 'the machine has no outcomes', ('outcomes',))
+    if not _is_level(machine.autonomy):
+        yield MachineProblem(path, no_level(machine.autonomy), ('autonomy',), is_value=True)
     labels: set[str] = set()
     is_concurrent = machine.kind is StateKind.CONCURRENCY
     targets = dict.fromkeys([*(child.label for child in machine.children if not is_concurrent), *machine.outcomes])
@@ -189,9 +191,13 @@ def _transitions(own: str, child: Child, targets: Collection[str], *, is_concurr
         if outcome not in outcomes:
             near = did_you_mean(outcome, outcomes)
             yield MachineProblem(own, f"autonomy of '{outcome}', which is not an outcome of it{near}", place)
-        if not (isinstance(level, int) and UNDECLARED <= level <= Autonomy.Full):
+        if not _is_level(level):
             text = f"autonomy {level!r} of '{outcome}' is none of the levels Off 0, Low 1, High 2, Full 3"
             yield MachineProblem(own, text, place, is_value=True)
+
+
+def _is_level(level: object) -> bool:
+    return isinstance(level, int) and UNDECLARED <= level <= Autonomy.Full
 
 
 def _remapping(own: str, child: Child) -> Iterator[MachineProblem]:

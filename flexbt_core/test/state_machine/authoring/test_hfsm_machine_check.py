@@ -163,6 +163,13 @@ def test_all_problems_of_all_levels_are_in_one_report() -> None:
         assert words in problem
 
 
+@pytest.mark.parametrize('level', ['low', 4, -2, None])
+def test_a_level_for_all_outcomes_of_a_machine_that_is_none_is_refused(level: Any) -> None:
+    inner = OperatableStateMachine(['ended'], autonomy=level, children=[Child('A', Scripted(), END)])
+    made = machine(Child('In', inner, {'ended': 'ended'}))
+    assert problems(made) == (f'/In: autonomy {level} is none of the levels Off 0, Low 1, High 2, Full 3',)
+
+
 def test_one_object_in_two_places_is_refused() -> None:
     state = Scripted()
     inner = machine(Child('C', state, END))
