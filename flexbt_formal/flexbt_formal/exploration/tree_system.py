@@ -156,6 +156,16 @@ TREE_LAYOUT: Final = Layout(
 )
 
 
+def remove_entries(tree: Tree) -> None:
+    """Remove all entries of a tree, before a configuration with :data:`TREE_LAYOUT` is restored.
+
+    Nodes and scripts keep the entries that they have found. Those that the configuration does not have stay removed.
+    """
+    for subtree in tree.subtrees:
+        for key in subtree.blackboard:
+            subtree.blackboard.unset(key)
+
+
 def _is_unlimited(node: Any) -> bool:
     """Return whether a node counts attempts without a limit."""
     limit = getattr(node, 'limit', None)
@@ -397,10 +407,7 @@ class TreeSystem(System):
         return configuration.known_by((self._run.result, canceling, written))
 
     def restore(self, configuration: Configuration) -> None:
-        # Nodes and scripts keep entries that they have found: those that this configuration does not have are removed.
-        for subtree in self.tree.subtrees:
-            for key in subtree.blackboard:
-                subtree.blackboard.unset(key)
+        remove_entries(self.tree)
         super().restore(configuration)
 
     @property

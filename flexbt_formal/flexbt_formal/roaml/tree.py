@@ -33,7 +33,7 @@ from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.xml.parser import Element, parse
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_formal.exploration.configuration import Configuration, StateSnapshotter
-from flexbt_formal.exploration.tree_system import TREE_LAYOUT
+from flexbt_formal.exploration.tree_system import TREE_LAYOUT, remove_entries
 from flexbt_formal.exploration.virtual_time import VirtualClock
 
 from .ascxml import Instance, is_pointer
@@ -352,6 +352,7 @@ class TreePlayer:
         return self._steps[step][0], seen
 
     def _restore(self, base: Configuration, time: float) -> None:
+        remove_entries(self._tree)
         self._memory.restore(base)
         self._clock.time = time  # type: ignore[assignment]
         self._conversation.pending = None

@@ -553,6 +553,14 @@ def test_plugins_share_the_blackboard(tmp_path: Path) -> None:
     assert values == dict.fromkeys(properties, 1.0) | {'got 8': 0.0}
 
 
+@pytest.mark.parametrize('last', ['<ScriptCondition code="x == 2"/>', '<AlwaysSuccess _failureIf="x == 1"/>'])
+def test_a_script_reads_what_is_written_on_its_own_way(tmp_path: Path, last: str) -> None:
+    way = '<IfThenElse><Action ID="Try" chance="0.7"/><Script code="x := 1"/><Script code="x := 2"/></IfThenElse>'
+    tree = f'<root BTCPP_format="4"><BehaviorTree ID="T"><Sequence>{way}{last}</Sequence></BehaviorTree></root>'
+    main = write(tmp_path, {'asked': finally_(ROOT, 1)}, plugins={'Try': TRY}, tree=tree)
+    assert checked(main).value == pytest.approx(0.3)
+
+
 def test_the_tree_is_ticked_on_only_if_it_is_asked(tmp_path: Path) -> None:
     tree = '<root><BehaviorTree ID="T"><Probe topic="one" runs="0"/></BehaviorTree></root>'
     properties = {'asked': finally_('topic_one_msg__ros_fields__data', 5)}
