@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from types import SimpleNamespace
 from typing import Any, Final
 
@@ -266,10 +267,9 @@ class Publisher(Endpoint):
         self.kept: deque[Sample] | None = deque(maxlen=self.qos.depth) if is_latched else None
         self.sent = 0
         self._is_manual = self.qos.liveliness == _MANUAL_BY_TOPIC and bool(self.qos.lease)
-        self._is_asserted = not self._is_manual
         self.shown: dict[Subscription, bool] = {}
         """The subscriptions that have heard an assertion since their match, and whether it still holds."""
-        self._lease: Alarm | None = None
+        self._leases: list[Alarm] = []
         if self.qos.lease and not self._is_manual:
             self.process.watchers.append(self._follow_process)
         self.topic.publishers.append(self)
@@ -329,49 +329,53 @@ class Publisher(Endpoint):
     def _renew(self) -> None:
         """Count as alive from now on until the lease ends."""
         if self._is_manual:
-            self._begin_lease()
             self._regain()
+            self._begin_leases()
 
     def _follow_process(self, runs: bool) -> None:
         """Lose the lease that the middleware renews by itself, as long as the process runs."""
         if runs:
-            self._cancel_lease()
+            self._cancel_leases()
             self._regain()
         else:
-            self._begin_lease()
+            self._begin_leases()
 
-    def _begin_lease(self) -> None:
-        self._cancel_lease()
-        self._lease = SCHEDULER.call_at(SCHEDULER.now + self.qos.lease, self._lose)
+    def _begin_leases(self) -> None:
+        """Begin the own lease, and that of each subscription, which may be longer."""
+        self._cancel_leases()
+        self._leases.append(SCHEDULER.call_at(SCHEDULER.now + self.qos.lease, self._lose))
+        for subscription in self.shown:
+            lose = partial(self._lose_for, subscription)
+            self._leases.append(SCHEDULER.call_at(SCHEDULER.now + subscription.qos.lease, lose))
 
-    def _cancel_lease(self) -> None:
-        if self._lease is not None:
-            self._lease.cancel()
+    def _cancel_leases(self) -> None:
+        while self._leases:
+            self._leases.pop().cancel()
 
     def _regain(self) -> None:
-        self._is_asserted = True
         for subscription in self.matches:
             is_shown = self.shown.get(subscription)
-            if not is_shown:
+            if subscription.qos.lease and not is_shown:
                 self.shown[subscription] = True
                 subscription.count_alive(1, 0 if is_shown is None else -1)
 
     def _lose(self) -> None:
-        self._is_asserted = False
         self.tell(PublisherEvent.RCL_PUBLISHER_LIVELINESS_LOST, total_count=1)
-        for subscription in self.shown:
+
+    def _lose_for(self, subscription: Subscription) -> None:
+        if self.shown.get(subscription):
             self.shown[subscription] = False
             subscription.count_alive(-1, 1)
 
     def show_itself(self) -> None:
         """Show new subscriptions that it is alive, if the middleware asserts that by itself."""
-        if self.qos.lease and self._is_asserted and not self._is_manual:
+        if self.qos.lease and not self._is_manual and self.process.works:
             self._regain()
 
     def _destroy(self) -> None:
         if self in self.topic.publishers:
             self.topic.publishers.remove(self)
-        self._cancel_lease()
+        self._cancel_leases()
         if self._follow_process in self.process.watchers:
             self.process.watchers.remove(self._follow_process)
         for subscription in self.matches:

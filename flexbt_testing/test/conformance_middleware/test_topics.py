@@ -304,6 +304,37 @@ def test_a_publisher_that_ends_is_neither_alive_nor_lost(ros: Any) -> None:
     ros.wait(lambda: counts[-1] == (0, 0))
 
 
+def test_each_subscription_has_its_own_lease(ros: Any) -> None:
+    told: dict[str, list[tuple[int, int]]] = {'patient': [], 'without': []}
+    lost: list[int] = []
+    patient = QoSProfile(
+        depth=10, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC, liveliness_lease_duration=Duration(seconds=4.0)
+    )
+    publisher = ros.node('talker').create_publisher(
+        Int32,
+        ros.topic,
+        MANUAL,
+        event_callbacks=PublisherEventCallbacks(liveliness=lambda event: lost.append(event.total_count)),
+    )
+    heard = []
+    for name, qos in (('patient', patient), ('without', RELIABLE)):
+
+        def tell(event: Any, those: list[tuple[int, int]] = told[name]) -> None:
+            those.append((event.alive_count, event.not_alive_count))
+
+        events = SubscriptionEventCallbacks(liveliness=tell)
+        heard.append(Heard(ros.node(name), ros.topic, qos, event_callbacks=events))
+    ros.wait(lambda: publisher.get_subscription_count() == 2)
+    ros.wait(lambda: all(one.subscription.get_publisher_count() for one in heard))
+    publisher.publish(Int32())
+    sent = time.monotonic()
+    ros.wait(lambda: (1, 0) in told['patient'] and all(heard))
+    ros.wait(lambda: lost)
+    ros.wait(lambda: (0, 1) in told['patient'])
+    assert time.monotonic() - sent > 3.0, 'the lease of the subscription'
+    assert told['without'] == []
+
+
 @pytest.mark.parametrize('qos', [RELIABLE, BEST_EFFORT, LATCHED, MANUAL])
 def test_the_graph_tells_what_is_offered_and_what_is_meant_by_a_default(ros: Any, qos: QoSProfile) -> None:
     publisher, _ = pair(ros, qos, qos)
