@@ -23,6 +23,8 @@ from nav2_msgs.msg import RouteEdge, RouteNode, SpeedLimit
 from nav2_msgs.srv import DynamicEdges as DynamicEdgesService
 from nav2_msgs.srv import SetRouteGraph
 from nav_msgs.msg import Path
+from rclpy.action.server import RCLError
+from rclpy.exceptions import NameValidationException
 from rclpy.task import Future
 from std_msgs.msg import ColorRGBA
 from std_srvs.srv import Trigger
@@ -335,7 +337,12 @@ class RouteOperations:
             raise NavigationError(
                 'OPERATION_FAILED', f'the metadata of the operation {operation.name!r} have no service_name'
             )
-        link = self._services.link(Trigger, service)
+        try:
+            link = self._services.link(Trigger, service)
+        except (RCLError, NameValidationException) as error:
+            raise NavigationError(
+                'OPERATION_FAILED', f'{short_repr(service)} is no name of a service: {error}'
+            ) from None
         ServiceCall(link, Trigger.Request(), on_done=partial(self._on_triggered, self._run, service))
 
     def _on_triggered(self, run: int, service: str, outcome: ServiceOutcome) -> None:

@@ -330,7 +330,8 @@ def test_an_operation_that_fails_or_that_nobody_knows_ends_the_tracking(
     set_graph(world, write(graph_file.parent / 'door', first))
     aborted(track(world, 2), Tracked.OPERATION_FAILED)
     door[0] = True
-    for operation in (DOOR | {'type': 'sing'}, DOOR | {'metadata': {}}):
+    wrong = [{}, {'service_name': 'open the door'}, {'service_name': '{open}'}, {'service_name': 'door' * 99}]
+    for operation in (DOOR | {'type': 'sing'}, *(DOOR | {'metadata': metadata} for metadata in wrong)):
         first[2] = edge(3, 1, 2, operations=[operation])
         set_graph(world, write(graph_file.parent / 'door', first))
         aborted(track(world, 2), Tracked.OPERATION_FAILED)
