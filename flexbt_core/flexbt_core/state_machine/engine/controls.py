@@ -24,6 +24,12 @@ class Step(NamedTuple):
     def __str__(self) -> str:
         return f'{self.how} {self.path}'
 
+    @classmethod
+    def of(cls, text: str) -> Step | None:
+        """Return the step that is written as by ``str``; None for ''."""
+        how, _, path = text.partition(' ')
+        return cls(how, path) if text else None
+
 
 STEPS: Final = ('into', 'over', 'out')
 
@@ -66,15 +72,19 @@ class Controls:
         is_held = path in self.breakpoints or (self.step is not None and self.step.holds(path))
         return not is_held and is_autonomous(required, self._levels[path])
 
-    def restore(self, levels: Mapping[str, int], locked: Iterable[str], breakpoints: Iterable[str]) -> None:
+    def restore(
+        self, levels: Mapping[str, int], locked: Iterable[str], breakpoints: Iterable[str], step: Step | None
+    ) -> None:
         """Restore the settings of another run of the machine; ``levels`` comes from :meth:`levels`."""
         for path in sorted(levels):  # parents first
             self.set_level(levels[path], path)
         self.locked = set(locked)
         self.breakpoints = set(breakpoints)
+        self.step = step
 
     def move_to(self, definition: MachineDefinition) -> None:
-        """Switch to another machine: nodes in both keep their settings, new nodes inherit their parent's level."""
+        """Switch to another machine: nodes in both keep their settings, new nodes inherit their parent's level. A step
+        goes on."""
         levels: dict[str, int] = {}
         for node in definition.nodes():  # parents first
             around = levels.get(_around(node.path), self._levels[ROOT_PATH])
@@ -82,7 +92,6 @@ class Controls:
         self._levels = levels
         self.locked &= levels.keys()
         self.breakpoints &= levels.keys()
-        self.step = None
 
 
 def _around(path: str) -> str:

@@ -13,6 +13,7 @@ from flexbt_core.state_machine.model.definition import MachineDefinition, StateD
 from flexbt_core.state_machine.model.userdata import Scope, StateMachineError
 from flexbt_core.values.text import short_repr
 
+from .controls import STEPS, Step
 from .events import MachineSwitched
 from .leaf import LeafRun
 from .region import ContainerRun, Region, RegionChild
@@ -34,6 +35,7 @@ class RunPosition:
     ``userdata``: keys and values of the root and of each machine in ``active``. These are the values themselves, not
     copies: save them at once.
     ``levels``: autonomy of the root, and of each sub-tree whose level differs from its parent's.
+    ``step``: the step that is under way, as text; '' for none.
     ``decisions``: the pending decisions, for display: id, kind, path, outcome, prompt. ``decision_count`` keeps
     the ids of later decisions different.
     """
@@ -48,6 +50,7 @@ class RunPosition:
     levels: Mapping[str, int]
     locked: tuple[str, ...]
     breakpoints: tuple[str, ...]
+    step: str
     is_paused: bool
     decisions: tuple[Mapping[str, str], ...]
     decision_count: int
@@ -151,6 +154,7 @@ def position_of(run: MachineRun) -> RunPosition:
         levels=controls.levels(),
         locked=tuple(sorted(controls.locked)),
         breakpoints=tuple(sorted(controls.breakpoints)),
+        step=str(controls.step or ''),
         is_paused=run.is_paused,
         decisions=tuple(
             {'id': one.id, 'kind': one.kind.name, 'path': one.path, 'outcome': one.outcome, 'prompt': one.prompt}
@@ -176,6 +180,8 @@ def _unknown(nodes: Mapping[str, StateDefinition | MachineDefinition], position:
     for path, level in position.levels.items():
         if path not in nodes or level not in AUTONOMY_NAMES:
             yield f'there is no level {level} of {path!r}'
+    if position.step and position.step.partition(' ')[0] not in STEPS:
+        yield f'there is no step {position.step!r}'
 
 
 def _impossible(machine: MachineDefinition, position: RunPosition) -> Iterator[str]:
@@ -215,7 +221,7 @@ def start_at(run: MachineRun, position: RunPosition) -> None:
     def enter() -> None:
         run.pausing.is_paused = position.is_paused
         run.decision_count = position.decision_count
-        run.controls.restore(position.levels, position.locked, position.breakpoints)
+        run.controls.restore(position.levels, position.locked, position.breakpoints, Step.of(position.step))
         restore(run, position)
 
     run.start(enter)

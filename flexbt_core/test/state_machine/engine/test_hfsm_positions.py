@@ -11,6 +11,7 @@ import pytest
 
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.engine.controls import STEPS
 from flexbt_core.state_machine.engine.events import (
     DecisionAsked,
     DecisionClosed,
@@ -258,6 +259,7 @@ def test_a_run_calculates_the_same_wherever_it_was_interrupted_or_switched() -> 
         ({'wanted': {'/S0': 'x'}}, "/S0 has no outcome 'x'"),
         ({'levels': {'/': 4}}, "there is no level 4 of '/'"),
         ({'locked': ['/x']}, "the machine has no state '/x'"),
+        ({'step': 'up /S0'}, "there is no step 'up /S0'"),
     ],
 )
 def test_a_position_that_cannot_be_is_refused(change: dict[str, Any], reason: str) -> None:
@@ -344,6 +346,28 @@ def test_what_waits_for_the_operator_is_asked_again_after_a_switch() -> None:
     assert bench.confirm(old.id) is not None
     assert bench.confirm() is None
     assert bench.outcome == 'ended'
+
+
+@pytest.mark.parametrize('how', STEPS)
+def test_what_a_step_holds_waits_also_after_a_crash_and_after_a_switch(how: str) -> None:
+    def made() -> OperatableStateMachine:
+        inner = line(passing(), passing())
+        return machine(Child('M', inner, {'ended': 'Z'}), Child('Z', passing(), {'done': 'ended'}))
+
+    before = Bench(made(), start=False)
+    before.run.controls.breakpoints.add('/M/S0')
+    before.run.start()
+    before.settle()
+    assert before.step_by(how, before.decision.id) is None
+    held = before.decision.path
+    assert held == ('/M' if how == 'out' else '/M/S1')
+    after = Bench(made(), at=through_json(position_of(before.run)))
+    assert after.decision.path == held
+    assert before.switch(made()) is None
+    for bench in (after, before):
+        assert (bench.decision.path, str(bench.run.controls.step)) == (held, f'{how} /M/S0')
+        assert bench.confirm() is None
+        assert bench.outcome == 'ended'
 
 
 @pytest.mark.parametrize('is_waiting', [False, True])
