@@ -267,19 +267,19 @@ class LeafRun:
             if due is None or due > self.clock.now():
                 return False
         self._woken = False
-        rate = self.state.desired_rate
-        if rate is not None or self._wake_times:
+        if self._wake_times:
             now = self.clock.now()
-            self._next_poll = None if rate is None else now + 1.0 / rate
             while self._wake_times and self._wake_times[0] <= now:
                 heapq.heappop(self._wake_times)
-        else:
-            self._next_poll = None
         return True
 
     def _execute(self) -> str | None:
         state = self.state
         assert self._userdata is not None  # made by enter
+        rate = state.desired_rate
+        if rate is not None and not rate > 0:
+            raise StateError(f'{self.path}: desired_rate has to be positive, or None, not {rate}')
+        self._next_poll = None if rate is None else self.clock.now() + 1.0 / rate
         outcome = state.execute(self._userdata)
         if outcome is not None and (not isinstance(outcome, str) or outcome not in state.outcomes):
             raise StateError(

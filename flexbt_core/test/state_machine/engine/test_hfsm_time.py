@@ -83,6 +83,15 @@ def test_a_rate_has_to_be_positive(rate: float) -> None:
         EventState(['done'], desired_rate=rate)
 
 
+@pytest.mark.parametrize('rate', [0, -1.0, math.nan, 'fast'])
+def test_a_state_that_sets_a_rate_that_cannot_be_has_a_fault(rate: Any) -> None:
+    state = Scripted('failed', do={'on_enter': lambda state, _: setattr(state, 'desired_rate', rate)})
+    bench = Bench(machine(Child('A', state, {'failed': 'ended'})))
+    assert bench.outcome == 'ended'
+    ((path, text),) = bench.faults
+    assert path == '/A' and text.startswith('execute raised')
+
+
 @pytest.mark.parametrize('callback', ['on_enter', 'execute'])
 @pytest.mark.parametrize('rate', [None, 3.0])
 def test_a_timeout_is_exactly_at_its_time(callback: str, rate: float | None) -> None:
