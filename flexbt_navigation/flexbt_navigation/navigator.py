@@ -220,7 +220,8 @@ class Navigator:
         return (yield from self._complete(SpinMotion(1.57, 10.0, self._local.costmap, limits)))
 
     def _back_up(self) -> Steps[bool]:
-        return (yield from self._complete(DriveMotion(-0.3, -0.15, 10.0, self._local.costmap)))
+        motion = DriveMotion(-0.3, -0.15, 10.0, self._local.costmap, self._limits.linear_acceleration)
+        return (yield from self._complete(motion))
 
     def _wait(self) -> Steps[bool]:
         until = self._world.time + 5.0

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from flexbt_navigation.controller.motions import (
+    LATENCY,
     LOOK_AHEAD,
     LOOK_AHEAD_STEP,
     STOP,
@@ -94,18 +95,21 @@ class SpinMotion(_TimedMotion):
 
 
 ROLL_TIME: Final = 0.1
-"""Time for which the robot may roll on beyond its distance, s: until the command to stop arrives, and while it
+"""Minimum time for which the robot may roll on beyond its distance, s: until the command to stop arrives, and while it
 brakes."""
 
 
 class DriveMotion(_TimedMotion):
     """A drive straight ahead, forward or backward, for a distance."""
 
-    def __init__(self, distance: float, speed: float, allowance: float, costmap: Costmap) -> None:
-        """``distance`` and ``speed`` have the same sign, negative for backward."""
+    def __init__(
+        self, distance: float, speed: float, allowance: float, costmap: Costmap, deceleration: float = math.inf
+    ) -> None:
+        """``distance`` and ``speed`` have the same sign, negative for backward; ``deceleration`` in m/s²."""
         super().__init__(allowance, costmap)
         self._distance = abs(distance)
         self._speed = speed
+        self._roll = max(ROLL_TIME, LATENCY + abs(speed) / (2.0 * deceleration))
         self._apart = KeepingApart(abs(speed))
         self._start: Pose | None = None
         self.driven = 0.0
@@ -119,7 +123,7 @@ class DriveMotion(_TimedMotion):
         if remaining <= 0.0:
             return None
         velocity = Velocity(self._speed, 0.0)
-        seconds = min(LOOK_AHEAD, remaining / abs(self._speed) + ROLL_TIME)
+        seconds = min(max(LOOK_AHEAD, self._roll), remaining / abs(self._speed) + self._roll)
         if collides(self._costmap, pose, velocity, seconds):
             raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of driving')
         return self._kept_apart(self._apart, pose, velocity, now)

@@ -89,7 +89,13 @@ class BehaviorServer:
             raise NavigationError('INVALID_INPUT', 'the speed is 0')
         if distance * speed < 0.0:
             raise NavigationError('INVALID_INPUT', f'distance {distance:g} and speed {speed:g} have opposite signs')
-        return DriveMotion(distance, speed, seconds_of(request.time_allowance), self._arbiter.robot.costmaps.local)
+        return DriveMotion(
+            distance,
+            speed,
+            seconds_of(request.time_allowance),
+            self._arbiter.robot.costmaps.local,
+            self._controller.follower.linear_acceleration,
+        )
 
 
 # The action assisted_teleop: the operator's commands on cmd_vel_teleop drive the robot, slower before obstacles.

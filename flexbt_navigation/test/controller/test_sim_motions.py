@@ -212,6 +212,17 @@ def test_no_speed_is_so_great_that_a_wall_is_overlooked(speed: float) -> None:
     assert (done.code, done.touched) == ('COLLISION_AHEAD', False)
 
 
+@pytest.mark.parametrize(('speed', 'deceleration'), [(0.5, 0.3), (1.0, 1.0), (2.0, 2.5), (2.0, 0.3)])
+def test_a_drive_that_would_roll_on_into_a_wall_ends_before_it(speed: float, deceleration: float) -> None:
+    world = drawn(*['.' * 200 + '#' + '.' * 19] * 120)  # a wall at x = 10 m
+    drive = DriveModel(linear_speed=speed, linear_acceleration=deceleration)
+    model = RobotModel(lidar=None, drive=drive)
+    for distance in (8.5, 20.0):
+        motion = DriveMotion(distance, speed, 0.0, costs(world), deceleration)
+        done = Run(world, Pose(1.0, 3.0, 0.0), model).go(motion, late=1)
+        assert (done.code, done.touched) == ('COLLISION_AHEAD', False)
+
+
 @pytest.mark.parametrize('distance', [4.0, 1e300])
 def test_the_map_is_not_left(distance: float) -> None:
     for start, sign in ((Pose(5.0, 3.0, 0.0), 1.0), (Pose(1.0, 3.0, 0.0), -1.0)):
