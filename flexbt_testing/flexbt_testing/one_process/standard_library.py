@@ -193,7 +193,10 @@ def main_thread() -> Any:
 
 
 def _enumerate() -> list[Any]:
-    return [task.thread for task in [SCHEDULER.main, *SCHEDULER.tasks] if task.thread is not None]
+    """Stand-in for ``threading.enumerate``: the threads of the process that asks."""
+    main_thread()  # which has none before it is asked for
+    tasks = [task for task in (SCHEDULER.main, *SCHEDULER.tasks) if task.process is SCHEDULER.current.process]
+    return [task.thread for task in tasks if task.thread is not None]
 
 
 _of_modules: Final = random.Random(0)

@@ -162,6 +162,26 @@ def test_the_end_of_a_program_waits_for_its_threads(bare: World) -> None:
     assert (sorted(told), process.exit_code) == (['daemon', 'pool', 'thread', 'timer'], 0)
 
 
+def test_a_program_sees_its_own_threads_and_can_wait_for_them(bare: World) -> None:
+    told: list[list[str]] = []
+
+    def work() -> None:
+        threading.Thread(target=time.sleep, args=[5.0], name='of another').start()
+
+    def join() -> None:
+        threading.Thread(target=time.sleep, args=[1.0], name='own').start()
+        told.append([thread.name for thread in threading.enumerate() if thread is not threading.main_thread()])
+        for thread in threading.enumerate():
+            if thread is not threading.main_thread():
+                thread.join()
+        told.append([str(threading.active_count())])
+
+    bare.launch(work)
+    process = bare.launch(join)
+    bare.run(2.0)
+    assert (told, process.exit_code) == ([['own'], ['1']], 0)
+
+
 def test_what_is_registered_for_the_end_of_a_program_is_called_then(bare: World) -> None:
     told: list[str] = []
 
