@@ -83,8 +83,9 @@ class _ExecuteGoal(TreeGoal):
         return values
 
     def feedback(self, running: RunningTree, tree: Tree, pose: PoseStamped, seconds: float) -> Any:
-        run, speed = running.run, self._speed.at(pose)
-        return feedback_of(running.id, tree, run.board, pose, speed, seconds, run.not_ended, self._clock.problem)
+        run, speed, request = running.run, self._speed.at(pose), self.served.request
+        problem = self._clock.problem
+        return feedback_of(request, running.id, tree, run.board, pose, speed, seconds, run.not_ended, problem)
 
     def result(self, outcome: RunOutcome, seconds: float) -> tuple[int, Any]:
         run = None if self.running is None else self.running.run
@@ -108,6 +109,7 @@ REASON_LIMIT: Final = 1000
 
 
 def feedback_of(
+    request: Any,
     run_id: str,
     tree: Tree,
     board: Blackboard,
@@ -122,7 +124,7 @@ def feedback_of(
     node's time, or ''.
     """
     distance = distance_along(board.get_or('path', None), pose)
-    poses = _poses_ahead(board)
+    poses = _poses_ahead(request, board)
     return BtExecute.Feedback(
         active_nodes=tree.active_nodes(),
         current_location=pose,
@@ -138,10 +140,11 @@ def feedback_of(
     )
 
 
-def _poses_ahead(board: Blackboard) -> list[PoseStamped]:
-    """Return the remaining poses of the robot, from the blackboard keys that Nav2 uses."""
+def _poses_ahead(request: Any, board: Blackboard) -> list[PoseStamped]:
+    """Return the remaining poses of the robot, from the blackboard keys that Nav2 uses. The key ``goals`` of a request
+    with one goal is of an earlier run."""
     goal, goals = board.get_or('goal', None), board.get_or('goals', None)
-    poses = goals if isinstance(goals, list) else [goal]
+    poses = goals if isinstance(goals, list) and len(request.goals) != 1 else [goal]
     return [pose for pose in poses if isinstance(pose, PoseStamped)]
 
 

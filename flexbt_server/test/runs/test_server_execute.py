@@ -358,6 +358,18 @@ def test_feedback_tells_where_the_tree_and_the_robot_are() -> None:
         goal.wait()
 
 
+def test_feedback_on_one_goal_is_not_about_the_goals_of_an_earlier_run() -> None:
+    with open_server_world(feedback_rate=50.0) as world:
+        world.client.load_tree('<AlwaysSuccess/>', 'Done')
+        world.client.load_tree('<Sleep msec="100000"/>')
+        assert world.client.execute('Done', goals=[pose_stamped(1), pose_stamped(2)]).result.code == Result.SUCCESS
+        goal = world.client.execute(goals=[pose_stamped(3)])
+        wait_until(lambda: goal.feedback)
+        assert (goal.feedback[-1].goal, goal.feedback[-1].poses_remaining) == (pose_stamped(3), 1)
+        goal.call.cancel(DEADLINE)
+        goal.wait()
+
+
 def test_every_transition_is_published_before_the_result(world: ServerWorld) -> None:
     runtime = world.client.runtime
     structures: list[TreeStructure] = []
