@@ -14,6 +14,7 @@ import builtins
 import errno
 import io
 import os
+import shutil
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -186,6 +187,7 @@ def install() -> None:
     _pyio.Lock = threading.Lock  # of a writer, which waits for the disk with it
     real_open = builtins.open
     builtins.open = io.open = open_file
+    shutil._USE_CP_SENDFILE = False  # type: ignore[attr-defined]  # which would copy files past os.write
     stand_ins: dict[str, Callable[..., Any]] = {
         'open': DISK.open,
         'rename': DISK.replace,

@@ -7,6 +7,7 @@ import errno
 import itertools
 import os
 import re
+import shutil
 import threading
 import time
 from collections.abc import Iterator
@@ -179,6 +180,25 @@ def test_a_full_disk_takes_a_part(bare: World) -> None:
     program = bare.launch(write)
     bare.run_while(lambda: program.is_alive, 'the program')
     assert told == [5, 3, errno.ENOSPC, 5]
+
+
+def test_a_file_is_copied_onto_the_disk(bare: World) -> None:
+    told: list[Any] = []
+
+    def copy() -> None:
+        source = Path.home() / 'source'
+        source.write_bytes(b'12345')
+        shutil.copyfile(source, Path.home() / 'first')
+        bare.disk.fill(leaving=2)
+        try:
+            shutil.copyfile(source, Path.home() / 'second')
+        except OSError as error:
+            told.append(error.errno)
+
+    program = bare.launch(copy)
+    bare.run_while(lambda: program.is_alive, 'the program')
+    assert told == [errno.ENOSPC]
+    assert (bare.home / 'first').read_bytes() == b'12345'
 
 
 def test_plain_files_of_python_are_on_the_disk(bare: World) -> None:
