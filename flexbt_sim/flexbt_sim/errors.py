@@ -41,6 +41,10 @@ class MapError(FileError):
     """A map cannot be used."""
 
 
+class MapImageError(MapError):
+    """The image of a map cannot be read."""
+
+
 class WorldError(SimulationError):
     """A world file cannot be used. ``problems`` has a line, FILE:LINE:COLUMN: WHERE: WHAT, for each defect."""
 

@@ -23,6 +23,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.limits import check_limits
 from flexbt_common.values.message_fields import time_message
 from flexbt_core.errors import FlexbtError
+from flexbt_sim.errors import MapImageError
 from flexbt_sim.messages import grid_message
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap, load_map
 
@@ -87,9 +88,11 @@ class MapServer:
                 raise FlexbtError(f'{names.MAP_SERVER} is not active')
             response.result = LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST
             file = resolve_file(unquote(urlparse(url).path) if url.startswith('file:') else url, self._allowed)
-            response.result = LoadMap.Response.RESULT_INVALID_MAP_DATA
+            response.result = LoadMap.Response.RESULT_INVALID_MAP_METADATA
             response.map = self._publish(load_map(file))
             response.result = LoadMap.Response.RESULT_SUCCESS
         except (FlexbtError, OSError, ValueError) as error:
+            if isinstance(error, MapImageError):
+                response.result = LoadMap.Response.RESULT_INVALID_MAP_DATA
             self._node.get_logger().error(f'load_map: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
         return response

@@ -612,11 +612,17 @@ def test_localization_and_map_have_the_services_of_nav2(bench: Bench) -> None:
     answer = bench.ask_other(LoadMap, '/beta/map_server/load_map', map_url=f'file://{rooms}')
     assert answer.result == LoadMap.Response.RESULT_SUCCESS
     wait_until(lambda: maps[-1].info.width == answer.map.info.width)
+    world = bench.simulator.parameters.world
+    assert world is not None
+    broken = world.with_name('broken.yaml')
+    broken.write_text(rooms.read_text().replace('rooms.png', 'broken.yaml'))
     for url, code in (
         ('/nowhere.yaml', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
         ('/etc/hostname', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),  # nothing says that it is there
         (f'{rooms.parent}/../../../../../../../etc/hostname', LoadMap.Response.RESULT_MAP_DOES_NOT_EXIST),
         ('x' * 1_000_000, LoadMap.Response.RESULT_UNDEFINED_FAILURE),
-        (str(rooms.with_suffix('.png')), LoadMap.Response.RESULT_INVALID_MAP_DATA),
+        (str(rooms.with_suffix('.png')), LoadMap.Response.RESULT_INVALID_MAP_METADATA),
+        (str(world), LoadMap.Response.RESULT_INVALID_MAP_METADATA),
+        (str(broken), LoadMap.Response.RESULT_INVALID_MAP_DATA),
     ):
         assert bench.ask_other(LoadMap, '/beta/map_server/load_map', map_url=url).result == code

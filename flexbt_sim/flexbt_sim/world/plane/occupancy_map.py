@@ -20,7 +20,7 @@ from flexbt_core.values.json_data import finite_number
 from flexbt_core.values.text import one_line, short_repr
 from flexbt_core.values.text_files import read_text
 from flexbt_core.values.yaml_data import load_yaml
-from flexbt_sim.errors import MapError
+from flexbt_sim.errors import MapError, MapImageError
 
 from .geometry import FARTHEST, Pose, Shape
 from .loops import nearest
@@ -253,7 +253,7 @@ def _read_image(file: Path, image: Path) -> tuple[NDArray[numpy.uint8], NDArray[
             grey = numpy.asarray(colours.convert('RGB').convert('L', (0.212656, 0.715158, 0.072186, 0.0)))
             return grey, numpy.asarray(colours.getchannel('A')) < 255
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
-        raise MapError(
+        raise MapImageError(
             file, 'image', f'{image} cannot be read as PGM, PNG or BMP: {one_line(str(error), 200)}'
         ) from error
 
