@@ -150,6 +150,31 @@ def test_a_stop_cancels_the_tree_and_waits_although_flexbe_calls_on_stop_only(be
     assert uncontended_time() - begin < 3.0
 
 
+def test_feedback_on_the_goal_of_an_earlier_visit_is_not_about_this_one(bench: StateBench, told: Told) -> None:
+    """FlexBE enters a state again before its earlier goal has ended."""
+    heard: list[str] = []
+
+    class Hears(flexbt_states.BtExecuteState):
+        def _on_feedback(self, feedback: Any) -> None:
+            heard.append(feedback.run_id)
+            super()._on_feedback(feedback)
+
+    server = bench.serve(BtExecute, 'bt_executor', on_cancel=lambda _: CancelResponse.REJECT)
+    made = state(bench, told, Hears, bt_file='Tree')
+    made.on_enter({})
+    wait_until(lambda: server.running == [0], 'the first goal')
+    made.on_exit({})
+    made.on_enter({})
+    wait_until(lambda: server.running == [0, 1], 'the second goal')
+    server.feedback(0, BtExecute.Feedback(run_id='old'))
+    server.feedback(1, BtExecute.Feedback(run_id='new'))
+    wait_until(lambda: 'new' in heard, 'feedback on it')
+    assert heard == ['new']
+    server.end(0)
+    server.end(1)
+    made.on_stop()
+
+
 def test_what_raises_fails_once_instead_of_at_every_tick(bench: StateBench, told: Told) -> None:
     made = state(bench, told, flexbt_states.BtExecuteState, bt_file='Tree', inputs={'a': 'int64'})
     assert ticked(made, {}) == 'failed'

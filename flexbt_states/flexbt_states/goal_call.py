@@ -52,6 +52,8 @@ class GoalCall:
         self._link: ActionServerLink | None = None
         self._call: ActionCall | None = None
         self._last: ActionCall | None = None
+        self._sent: object = None
+        """Identity of the last goal."""
         self._outcome: GoalOutcome | None = None
         self._unfinished: list[ActionCall] = []
         self._timer: Timer | None = None
@@ -90,7 +92,8 @@ class GoalCall:
         clock: Clock | None = None,
         on_feedback: Callable[[Any], None] | None = None,
     ) -> None:
-        """Send a goal. Its result must arrive within ``timeout`` seconds on ``clock`` (default: wall time)."""
+        """Send a goal. Its result must arrive within ``timeout`` seconds on ``clock`` (default: wall time).
+        ``on_feedback`` gets the feedback on this goal until another one is sent."""
         self.prepare()
         assert self._link is not None
         self._outcome = None
@@ -101,8 +104,14 @@ class GoalCall:
             self._timer = self._clock.call_at(self._deadline, self._state.wake)
         # A node that is not ready yet may still start the server.
         patience = READY_SECONDS if self.services.unready() else SERVER_SECONDS
+        sent = self._sent = object()
+
+        def hear(feedback: Any) -> None:
+            if on_feedback is not None and self._sent is sent:  # an earlier goal goes on until its cancel takes effect
+                on_feedback(feedback)
+
         self._call = self._last = ActionCall(
-            self._link, goal, on_done=self._on_done, on_feedback=on_feedback, server_timeout=patience
+            self._link, goal, on_done=self._on_done, on_feedback=hear, server_timeout=patience
         )
         self.services.goals.add(self._state, self._topic, self._call, self._not_paused)
 
