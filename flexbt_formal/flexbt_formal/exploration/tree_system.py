@@ -344,14 +344,12 @@ class TreeSystem(System):
         """Keys of the outermost blackboard that the tree may remove; None: any."""
         found: set[str] = set()
         for node, definition in zip(self.tree.nodes, self.tree.definitions, strict=True):
-            if node.id != 'UnsetBlackboard':
-                continue
-            given = definition.values['key']
-            if given.key is not None:
-                return None
-            board, key = node.blackboard.outermost(given.text)
-            if board is self._board:
-                found.add(key)
+            # One in a sub-tree removes a key of that scope only.
+            if node.id == 'UnsetBlackboard' and node.blackboard is self._board:
+                given = definition.values['key']
+                if given.key is not None:
+                    return None
+                found.add(given.text)
         return frozenset(found)
 
     def _give(self, declared: Mapping[str, Entry], uses: Iterable[_PortUse]) -> tuple[str, ...]:

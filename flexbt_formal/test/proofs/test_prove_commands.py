@@ -193,12 +193,15 @@ def test_trees_that_write_the_same_side_by_side_are_told(tmp_path: Path, board: 
         ('<UnsetBlackboard key="path"/>', True),
         ('<UnsetBlackboard key="{which}"/>', True),
         ('<UnsetBlackboard key="other"/>', False),
+        ('<UnsetBlackboard key="@path"/>', False),
+        ('<SubTree ID="Inner" _autoremap="true"/>', False),
         ('<Sequence><UnsetBlackboard key="path"/><ComputePathToPose goal="{goal}" path="{path}"/></Sequence>', False),
     ],
 )
 def test_what_a_tree_removes_is_written_no_more(tmp_path: Path, between: str, is_lost: bool) -> None:
     machine = split(tmp_path, '<ComputePathToPose goal="{goal}" path="{path}"/>')
-    (tmp_path / 'between.xml').write_text(document(f'Between: {between}', main=None))
+    inner = 'Inner: <Sequence><UnsetBlackboard key="path"/><UnsetBlackboard key="{which}"/></Sequence>'
+    (tmp_path / 'between.xml').write_text(document(f'Between: {between}', inner, main=None))
     text = Path(machine).read_text().replace('done: Drive', 'done: Between').replace('[', f'[{tmp_path}/between.xml, ')
     text = text.replace(f'outcomes: [{tmp_path}/between.xml, ', 'outcomes: [')
     state = '    Between:\n      state: BtExecuteState\n      parameters: {bt_file: Between}\n'
