@@ -186,15 +186,14 @@ def is_yaml_file(text: str) -> bool:
 
 
 def _int(value: Any) -> int:
-    if isinstance(value, str) and re.fullmatch(r'\s*[+-]?\d+\s*', value):
-        whole = int(value)
-        if not -(2**63) <= whole < 2**63:
-            raise ValueError('write a number of 64 bits')
-        return whole
-    number = float(value)
-    if int(number) != number:
+    is_digits = isinstance(value, str) and re.fullmatch(r'\s*[+-]?\d+\s*', value)
+    number = int(value) if is_digits else float(value)
+    whole = int(number)
+    if whole != number:
         raise ValueError('write a whole number')
-    return int(number)
+    if not -(2**63) <= whole < 2**63:
+        raise ValueError('write a number of 64 bits')
+    return whole
 
 
 def _structure(value: Any, kind: type[Any]) -> Any:
