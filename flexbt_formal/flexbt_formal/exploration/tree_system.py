@@ -83,7 +83,7 @@ _CONSTANT: Final = (
 _NAME: Final = re.compile(r'[A-Za-z_]\w*')
 _NUMBER: Final = re.compile(r'(?<![\w.])\d{1,9}(?![\w.])')
 _OURS: Final = 'flexbt_core.behavior_tree.'
-_ASSIGNED: Final = re.compile(r'([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))')
+_ASSIGNED: Final = re.compile(r'([A-Za-z_@]\w*)\s*(?::=|[-+*/]?=(?!=))')
 
 TREE_LAYOUT: Final = Layout(
     fixed=(NodeDefinition, BoundScript),
@@ -357,15 +357,17 @@ class TreeSystem(System):
         read: dict[Entry, str] = {}
         needed: set[Entry] = set()
         written: set[Entry] = set()
-        assigned = {name for script in _scripts(self.tree.definitions) for name in _ASSIGNED.findall(script)}
-        for _, port, key, entry in uses:
+        for node, definition in zip(self.tree.nodes, self.tree.definitions, strict=True):
+            assigned = (name for script in _scripts([definition]) for name in _ASSIGNED.findall(script))
+            written.update(entry for name in assigned if (entry := node.blackboard.entry(name)) is not None)
+        for _, port, _, entry in uses:
             if port is None or entry is None:
                 continue
             if port.readable:
                 read.setdefault(entry, self._entry_names[entry])
                 if port.required or port.default is not NO_DEFAULT:
                     needed.add(entry)
-            if port.writable or key in assigned:
+            if port.writable:
                 written.add(entry)
         tested = self._tested()
         for key, entry in declared.items():

@@ -600,6 +600,27 @@ def test_what_is_given_is_called_as_where_the_tree_begins() -> None:
     assert explore(made, 'Main').written == {'SUCCESS': {'path'}, 'FAILURE': set(), 'stopped': set()}
 
 
+@pytest.mark.parametrize(
+    ('script', 'ports', 'is_given'),
+    [
+        ('path := 1', '', True),
+        ('path := 1', 'path="{path}"', False),
+        ('path := 1', '_autoremap="true"', False),
+        ('way := 1', 'way="{path}"', False),
+        ('@path := 1', '', False),
+    ],
+)
+def test_what_a_script_of_a_sub_tree_writes_is_not_given(script: str, ports: str, is_given: bool) -> None:
+    """By the key that it has there; a key of the sub-tree itself is another one."""
+    text = (
+        f'<root BTCPP_format="4"><BehaviorTree ID="Inner"><Script code="{script}"/></BehaviorTree><BehaviorTree '
+        f'ID="Main"><Sequence><SubTree ID="Inner" {ports}/><Follow path="{{path}}"/></Sequence></BehaviorTree></root>'
+    )
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+    system = TreeSystem(library, TreeKey('main.xml', 'Main'))
+    assert system.given == (('path',) if is_given else ())
+
+
 def test_what_is_written_on_one_way_only_is_not_always_written() -> None:
     """Nothing reads it, so that the situations after both ways are one."""
     either = '<IfThenElse><IsSafe/><Plan path="{path}"/><Repeat num_cycles="2"><Turn/></Repeat></IfThenElse>'
