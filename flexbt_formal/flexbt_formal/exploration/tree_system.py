@@ -16,7 +16,7 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, PortError
-from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, Port, PortType
+from flexbt_core.behavior_tree.model.ports import KEY, NO_DEFAULT, Port, PortType
 from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
 from flexbt_core.behavior_tree.nodes.nav2.decorators import RateController
 from flexbt_core.behavior_tree.nodes.timing import Delay, Sleep, Timeout
@@ -358,8 +358,10 @@ class TreeSystem(System):
         needed: set[Entry] = set()
         written: set[Entry] = set()
         for node, definition in zip(self.tree.nodes, self.tree.definitions, strict=True):
-            assigned = (name for script in _scripts([definition]) for name in _ASSIGNED.findall(script))
-            written.update(entry for name in assigned if (entry := node.blackboard.entry(name)) is not None)
+            keys = [name for script in _scripts([definition]) for name in _ASSIGNED.findall(script)]
+            named = {name for name, port in node.ports.items() if port.writable and port.literal is KEY}
+            keys += [value.text for name, value in node.port_values.items() if value.key is None and name in named]
+            written.update(entry for key in keys if (entry := node.blackboard.entry(key)) is not None)
         for _, port, _, entry in uses:
             if port is None or entry is None:
                 continue

@@ -601,19 +601,23 @@ def test_what_is_given_is_called_as_where_the_tree_begins() -> None:
 
 
 @pytest.mark.parametrize(
-    ('script', 'ports', 'is_given'),
+    ('writer', 'ports', 'is_given'),
     [
-        ('path := 1', '', True),
-        ('path := 1', 'path="{path}"', False),
-        ('path := 1', '_autoremap="true"', False),
-        ('way := 1', 'way="{path}"', False),
-        ('@path := 1', '', False),
+        ('<Script code="path := 1"/>', '', True),
+        ('<Script code="path := 1"/>', 'path="{path}"', False),
+        ('<Script code="path := 1"/>', '_autoremap="true"', False),
+        ('<Script code="way := 1"/>', 'way="{path}"', False),
+        ('<Script code="@path := 1"/>', '', False),
+        ('<SetBlackboard value="1" output_key="way"/>', 'way="{path}"', False),
+        ('<SetBlackboard value="1" output_key="@path"/>', '', False),
+        ('<SetBlackboard value="{@path}" output_key="way"/>', '', True),
+        ('<WasEntryUpdated entry="path"/>', '_autoremap="true"', True),
     ],
 )
-def test_what_a_script_of_a_sub_tree_writes_is_not_given(script: str, ports: str, is_given: bool) -> None:
+def test_what_a_sub_tree_writes_by_a_name_is_not_given(writer: str, ports: str, is_given: bool) -> None:
     """By the key that it has there; a key of the sub-tree itself is another one."""
     text = (
-        f'<root BTCPP_format="4"><BehaviorTree ID="Inner"><Script code="{script}"/></BehaviorTree><BehaviorTree '
+        f'<root BTCPP_format="4"><BehaviorTree ID="Inner">{writer}</BehaviorTree><BehaviorTree '
         f'ID="Main"><Sequence><SubTree ID="Inner" {ports}/><Follow path="{{path}}"/></Sequence></BehaviorTree></root>'
     )
     library = TreeLibrary([load_xml(text, 'main.xml', registry())])
