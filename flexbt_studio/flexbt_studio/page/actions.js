@@ -34,25 +34,31 @@ export class Actions {
   get file() { return this.studio.file; }
   get isTree() { return this.file?.language === 'xml'; }
 
-  // Carry out a gesture, and select what it is about.
+  // Carry out a gesture, and select what it is about, unless something else was selected meanwhile.
   async run(make, then = () => null, told = '', file = this.file) {
-    const change = await file.gesture(make);
+    const {picks} = this.studio, change = await file.gesture(make);
     if (!change) return false;
     const path = file === this.file ? then() : null;
-    if (path !== null) this.studio.select(path, {isMoved: true});
+    if (path !== null && picks === this.studio.picks) this.studio.select(path, {isMoved: true});
     if (told) this.studio.told(typeof told === 'function' ? told() : told);
     return true;
   }
 
-  // Carry out a gesture at a part, wherever that is then. make(path) and then(path) are as in run().
+  // Carry out a gesture at a part, wherever that is then. make(path, part) and then(path, part) are as in run().
   at(part, make, then = (path) => path, told = '') {
-    let path = null;
+    let now = null;
     return this.run(() => {
-      const now = this.studio.now(part);
+      now = this.studio.now(part);
       if (!now) throw new Error(`${part?.title ?? 'it'} has gone since; nothing was changed`);
-      path = now.path;
-      return make(path);
-    }, () => then(path), told, part?.file);
+      return make(now.path, now);
+    }, () => then(now.path, now), told, part?.file);
+  }
+
+  // A part was moved to a path: what was asked for it meanwhile is for it there.
+  moved(part, path) {
+    const now = this.studio.part(path);
+    if (now !== part) part.later = now;
+    return path;
   }
 
   // A gesture of the form of a part, whose state that of an outcome is.
@@ -63,14 +69,19 @@ export class Actions {
 
   now() { return this.studio.part(this.file.selected); }
 
+  // Where something is added: at an item, or the selected one, or the first; null after telling why.
+  place(path = null) {
+    const part = this.studio.part(path) ?? this.now() ?? this.file.parts.values().next().value ?? null;
+    if (!part) this.studio.told('The file has no tree or machine; write one in its text', 'warning');
+    return part;
+  }
+
   // Trees.
 
-  // Insert XML at a place that is looked up when it is carried out. where: after, before or into.
-  insert(xml, what, where, target = null) {
+  // Insert XML at a part. where: after, before or into.
+  insert(xml, what, where, at) {
     let place = null;
-    return this.run(() => {
-      const part = this.studio.part(target ?? this.file.selected) ?? this.studio.part(this.file.view.trees[0]?.path);
-      if (!part) throw new Error('the file has no tree; add one to its text');
+    return this.at(at, (_, part) => {
       const isInto = where === 'into' || part.kind === 'tree' || part.parent.kind === 'tree';
       place = isInto ? [part.path, part.children.length] : [part.parent.path, lastIndex(part.path) + Number(where === 'after')];
       return ['add_node', {parent: place[0], index: place[1], xml}];
@@ -78,21 +89,23 @@ export class Actions {
   }
 
   async add(where, entry = null, target = null) {
-    if (!this.file) return;
+    const at = this.file && this.place(target);
+    if (!at) return;
     const chosen = entry ?? await choose(where === 'into' ? 'Add Child' : 'Add After', this.studio.entries());
     if (!chosen) return;
-    if (!this.isTree) { await this.addState(where, chosen, target); return; }
-    if (await this.insert(snippet(chosen), chosen.label, where, target) && chosen.ports?.some((port) => port.required)) this.studio.told(`${chosen.label} added. Enter opens its properties`);
+    if (at.file.language !== 'xml') { await this.addState(where, chosen, at); return; }
+    if (await this.insert(snippet(chosen), chosen.label, where, at) && chosen.ports?.some((port) => port.required)) this.studio.told(`${chosen.label} added. Enter opens its properties`);
   }
 
   // Move the selected node: by -1 or 1 among its siblings, out of its parent, or into the sibling before it.
   move(how) {
     let to = null;
     if (!this.isTree) return this.moveState(how);
-    return this.run(() => {
-      const part = this.now(), {parent} = part ?? {};
+    const asked = this.now();
+    return this.at(asked, (_, part) => {
+      const {parent} = part;
       let target = null;
-      if (!part || part.kind !== 'node') throw new Error('a tree cannot be moved; select a node');
+      if (part.kind !== 'node') throw new Error('a tree cannot be moved; select a node');
       const index = lastIndex(part.path), rows = parent.children;
       if (how === 'out') {
         if (parent.kind === 'tree' || parent.parent.kind === 'tree') throw new Error('the root of a tree has no siblings; wrap it first');
@@ -107,7 +120,7 @@ export class Actions {
         to = [parent.path, index + how];
       }
       return ['move', {node: part.path, parent: target ?? to[0], index: to[1]}];
-    }, () => `${to[0]}/${to[1]}`, () => { const part = this.now(); return `${part.title}: ${lastIndex(part.path) + 1} of ${part.parent.children.length} in ${part.parent.title}`; });
+    }, (_, part) => this.moved(part, `${to[0]}/${to[1]}`), () => { const part = this.studio.now(asked); return `${part.title}: ${lastIndex(part.path) + 1} of ${part.parent.children.length} in ${part.parent.title}`; });
   }
 
   // Move a node to a place beside or in another one, or copy what is dragged from the palette there.
@@ -116,15 +129,15 @@ export class Actions {
     const dragged = this.studio.part(from), over = this.studio.part(to);
     if (!this.isTree) { const outcome = dragged.title, target = zone === 'end' ? entry : over.data.label; this.at(dragged.parent, (state) => ['set_target', {state, outcome, target}], (state) => outcomePath(state, outcome), `${outcome} leads to ${target}`); return; }
     let place = null;
-    this.run(() => {
-      const part = this.studio.now(dragged), target = this.studio.now(over);
-      if (!part || !target) throw new Error(`${(part ? over : dragged).title} has gone since; nothing was changed`);
+    this.at(dragged, (_, part) => {
+      const target = this.studio.now(over);
+      if (!target) throw new Error(`${over.title} has gone since; nothing was changed`);
       const isInto = zone === 'into' || target.kind === 'tree';
       const parent = isInto ? target : target.parent, others = parent.children.filter((one) => one !== part);
       const index = isInto ? others.length : others.indexOf(target) + Number(zone === 'after');
       place = [without(parent.path, part.path), index];
       return ['move', {node: part.path, parent: parent.path, index}];
-    }, () => `${place[0]}/${place[1]}`, 'moved');
+    }, (_, part) => this.moved(part, `${place[0]}/${place[1]}`), 'moved');
   }
 
   // Where an item may be dropped. end is an outcome of the container to.
@@ -172,13 +185,12 @@ export class Actions {
     await this.at(part, (node) => ['set_type', {node, type: chosen.label, keep, form}], undefined, `changed to ${chosen.label}`);
   }
 
-  async remove() {
-    const part = this.now();
+  async remove(part = this.now()) {
     if (!part) return;
-    if (!this.isTree) { await this.removeState(part); return; }
+    if (part.file.language !== 'xml') { await this.removeState(part); return; }
     if (part.kind === 'tree') {
-      if (this.file.view.trees.length < 2) { this.studio.told('The only tree of a file cannot be removed', 'warning'); return; }
-      await this.run(() => ['remove_tree', {id: part.data.id}], () => this.file.view.trees[0].path, `tree ${part.data.id} removed`);
+      if (part.file.view.trees.length < 2) { this.studio.told('The only tree of a file cannot be removed', 'warning'); return; }
+      await this.run(() => ['remove_tree', {id: part.data.id}], () => this.file.view.trees[0].path, `tree ${part.data.id} removed`, part.file);
       return;
     }
     await this.at(part, (node) => ['remove', {node}], (path) => {
@@ -203,11 +215,11 @@ export class Actions {
   async renameTo(asked, name) {
     const part = this.studio.now(asked);
     if (!part) { this.studio.told(`${asked.title} has gone since; nothing was renamed`, 'warning'); return; }
-    const {file} = part, at = part.span[0];
+    const {file} = part, at = part.span[0], {picks} = this.studio;
     if (name === '' || !await this.studio.names.rename({file, offset: this.studio.names.placeOf(part), name})) return;
     await file.settled();
     const same = [...file.parts.values()].find((one) => one.span[0] === at && one.kind === part.kind);
-    if (same && file === this.file) this.studio.select(same.path, {isMoved: true});
+    if (same && file === this.file && picks === this.studio.picks) this.studio.select(same.path, {isMoved: true});
   }
 
   async extract() {
@@ -241,8 +253,10 @@ export class Actions {
     const part = this.now();
     if (!part || part.kind === 'tree' || part.kind === 'outcome') { this.studio.told('Select a node or a state to copy it', 'warning'); return ''; }
     try {
-      await this.file.settled();
-      const text = await this.studio.link.request('clip', {file: this.file.name, part: part.path});
+      await part.file.settled();
+      const now = this.studio.now(part);
+      if (!now) throw new Error(`${part.title} has gone since; nothing was copied`);
+      const text = await this.studio.link.request('clip', {file: now.file.name, part: now.path});
       this.studio.clipboard = text;
       navigator.clipboard?.writeText(text).catch(() => {});  // not allowed: it is pasted within the studio only
       this.studio.told(`${part.title} copied as text`);
@@ -253,21 +267,25 @@ export class Actions {
     }
   }
 
-  async cut() { if (await this.copy()) await this.remove(); }
+  async cut() {
+    const part = this.now();
+    if (await this.copy()) await this.remove(part);
+  }
 
   async paste(where, text = null) {
+    const at = this.place();
+    if (!at) return;
     await this.copying;  // what was copied just before
     const xml = text ?? (await navigator.clipboard?.readText().catch(() => '') || this.studio.clipboard);
     if (!xml?.trim()) { this.studio.told('The clipboard is empty: c copies a node', 'warning'); return; }
-    if (this.isTree) await this.insert(xml, 'clipboard', where);
-    else await this.pasteState(where, xml);
+    if (at.file.language === 'xml') await this.insert(xml, 'clipboard', where, at);
+    else await this.pasteState(where, xml, at);
   }
 
   // Machines.
 
-  async addState(where, entry, target) {
-    const part = this.studio.part(target) ?? this.now() ?? this.studio.part(this.file.view.states[0]?.path);
-    const state = part.kind === 'outcome' ? this.studio.part(part.data.path) : part;
+  async addState(where, entry, at) {
+    const part = this.studio.now(at) ?? at, state = part.kind === 'outcome' ? part.parent : part;
     const isContainer = !['state', 'behavior'].includes(state.data.kind), parent = isContainer && (where === 'into' || state.data.parent === null) ? state : state.parent;
     const taken = new Set(parent.children.filter((one) => one.kind === 'state').map((one) => one.data.label));
     let usual = entry.label.replace(/State$/, ''), count = 2;
@@ -280,12 +298,11 @@ export class Actions {
     await this.at(parent, (path) => ['add_state', {parent: path, label, type: entry.stateType ?? entry.label, parameters, transitions, kind: entry.stateKind ?? 'state'}], (path) => `${path.replace(/\/$/, '')}/${label}`, `${label} added`);
   }
 
-  // Add a state of a text to the container that is selected, or to that of the state.
-  pasteState(where, text) {
+  // Add a state of a text to a container, or to that of a state.
+  pasteState(where, text, at) {
     let parent = null;
-    return this.run(() => {
-      const part = this.now(), state = part?.kind === 'outcome' ? part.parent : part;
-      if (!state) throw new Error('the file has no machine; write one in the text');
+    return this.at(at, (_, part) => {
+      const state = part.kind === 'outcome' ? part.parent : part;
       const isContainer = !['state', 'behavior'].includes(state.data.kind);
       parent = isContainer && (where === 'into' || !state.parent || state.children.every((one) => one.kind !== 'state')) ? state.path : state.parent.path;
       return ['paste_state', {parent, text}];
@@ -294,12 +311,10 @@ export class Actions {
 
   moveState(how) {
     if (this.now()?.kind !== 'state' || typeof how !== 'number') return Promise.resolve(false);
-    let path = null;
-    return this.run(() => {
-      const part = this.now(), rows = part?.parent?.children.filter((one) => one.kind === 'state') ?? [], index = rows.indexOf(part) + how;
-      path = part?.path;
-      return rows[index] ? ['move_state', {state: path, index}] : null;
-    }, () => path, 'moved');
+    return this.at(this.now(), (state, part) => {
+      const rows = part.parent?.children.filter((one) => one.kind === 'state') ?? [], index = rows.indexOf(part) + how;
+      return rows[index] ? ['move_state', {state, index}] : null;
+    }, (path, part) => this.moved(part, path), 'moved');
   }
 
   async removeState(part) {

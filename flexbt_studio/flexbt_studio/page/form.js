@@ -36,10 +36,10 @@ export class Form {
   }
 
   async complete(field) {
-    const at = field.selectionStart ?? 0;
+    const at = field.selectionStart ?? 0, {part} = this, set = this.setters.get(field.dataset.field);
     const found = await choose(`Value for ${field.dataset.label}`, this.words.get(field.dataset.field)?.() ?? this.on.keys().map((key) => ({label: `{${key}}`, detail: 'key of the blackboard'})), {free: (text) => ({label: text, detail: 'as typed'})});
     const now = this.root.querySelector(`[data-field="${CSS.escape(field.dataset.field)}"]`);
-    if (!now) return;
+    if (!now || this.on.now(part) !== this.on.now(this.part)) { if (found) set(found.label); return; }  // another part is shown now
     now.focus();
     if (!found) { now.setSelectionRange?.(at, at); return; }
     now.value = found.label;

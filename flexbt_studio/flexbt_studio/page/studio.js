@@ -41,6 +41,7 @@ class Studio {
     this.treeFiles = {};
     this.back = [];
     this.clipboard = '';
+    this.picks = 0;  // how often somebody has selected something
     this.letters = remembered('letters', true);
     this.actions = new Actions(this);
     this.graph = new Graph({
@@ -317,6 +318,7 @@ class Studio {
     if (!isFromText) {
       this.graph.focus();
       if (isNew || isMoved) this.revealText(part.open);
+    if (!isMoved) this.picks += 1;
     }
     this.showSelection();
   }

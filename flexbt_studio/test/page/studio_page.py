@@ -7,14 +7,19 @@ import asyncio
 import contextlib
 import threading
 from collections.abc import Iterator
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.server import serving
+from flexbt_studio.server.session import Page, Sessions
 from flexbt_studio.server.web_server import StudioServer
 from flexbt_studio.server.workbench import Workbench
 from flexbt_testing.browser import Browser
+from flexbt_testing.waiting import DEADLINE
 
 TOKEN = 'a-token'  # noqa: S105
 
@@ -43,6 +48,34 @@ def served(folder: Path, editor: Path | None, port: int = 0) -> Iterator[int]:
         loop.close()
 
 
+@contextlib.contextmanager
+def held(
+    monkeypatch: pytest.MonkeyPatch, method: str, *, is_done: bool = False, passing: int = 0
+) -> Iterator[threading.Event]:
+    """Let the requests of a method wait until the end of the ``with`` block, or their answers if ``is_done``.
+    So many pass before.
+
+    Provide what is set when the first one has come.
+    """
+    answered, asked, goes_on = Sessions._result, threading.Event(), threading.Event()
+    passed = chain(repeat(True, passing), repeat(False))
+
+    async def waiting(self: Sessions, page: Page, called: str, arguments: dict[str, Any]) -> Any:
+        if called != method or next(passed):
+            return await answered(self, page, called, arguments)
+        result = await answered(self, page, called, arguments) if is_done else None
+        asked.set()
+        await asyncio.to_thread(goes_on.wait, DEADLINE)
+        return result if is_done else await answered(self, page, called, arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Sessions, '_result', waiting)
+        try:
+            yield asked
+        finally:
+            goes_on.set()
+
+
 class StudioPage(Browser):
     """A browser at the studio."""
 
@@ -56,6 +89,11 @@ class StudioPage(Browser):
     def go(self, file: str) -> None:
         """Show a file of the list."""
         script = '[...document.querySelectorAll("#files button")].find((one) => one.textContent === arguments[0])'
+        self.run(f'{script}.click()', file)
+
+    def tab(self, file: str) -> None:
+        """Show an open file."""
+        script = '[...document.querySelectorAll("#tabs button")].find((one) => one.title === arguments[0])'
         self.run(f'{script}.click()', file)
 
     @property

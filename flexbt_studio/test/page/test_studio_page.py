@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from studio_page import StudioPage, served
+from studio_page import StudioPage, held, served
 
 from flexbt_studio.server import session
 from flexbt_studio.server.session import Page, Sessions
@@ -501,6 +501,91 @@ def test_what_was_typed_while_another_file_is_opened_is_for_its_own_file(
         page.until(lambda: page.focused.startswith('Recover'))
         page.go('main.xml')
         page.until(lambda: text in page.shown_text)
+
+
+def test_what_is_asked_for_a_node_is_for_it_also_when_it_moves_or_another_one_is_selected_meanwhile(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def places(*words: str) -> list[int]:
+        return [page.shown_text.find(word) for word in words]
+
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        with held(monkeypatch, 'gesture') as asked:
+            page.click('Main/0/1')
+            page.chord(Keys.ALT, Keys.ARROW_UP)
+            assert asked.wait(DEADLINE)
+            page.click('Main/0/2')
+            page.chord(Keys.ALT, Keys.ARROW_UP)
+        page.until_told('Recover: 2 of 3')
+        page.until_selected('Main/0/1')
+        order = places('<Wait', '<SubTree', '<FollowPath')
+        assert -1 not in order and order == sorted(order)
+        with held(monkeypatch, 'gesture') as asked:
+            page.chord(Keys.ALT, Keys.ARROW_UP)
+            assert asked.wait(DEADLINE)
+            page.press(Keys.DELETE)
+        page.until_told('Recover removed')
+        assert '<SubTree' not in page.shown_text and '<Wait' in page.shown_text
+        page.click('Main/0/0')
+        with held(monkeypatch, 'clip') as asked:
+            page.press('x')
+            assert asked.wait(DEADLINE)
+            page.click('Main/0/1/1')
+        page.until_told('Wait removed')
+        assert '<Wait' not in page.shown_text and '<FollowPath' in page.shown_text
+
+
+def test_what_is_pasted_goes_to_its_file_also_when_another_one_is_shown_by_then(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / 'other.xml').write_text(TREE.replace('Drive', 'Other'))
+    with served(folder, None) as port:
+        page.open(port, 'other.xml', '&node=Main/0/0/0')
+        page.until_selected('Main/0/0/0')
+        page.go('main.xml')
+        page.until(lambda: 'name="Drive"' in page.shown_text)
+        page.click('Main/0/1')
+        page.press('c')
+        page.until_told('Wait copied')
+        page.write()
+        page.chord(Keys.CONTROL, Keys.END)
+        with held(monkeypatch, 'edit') as asked:
+            page.press('x')
+            assert asked.wait(DEADLINE)
+            page.run('document.querySelector(`#picture [data-path="Main/0/1"]`).focus()')
+            page.press('v')
+            page.tab('other.xml')
+        page.until_told('clipboard added')
+        assert not page.has_changes()
+        page.tab('main.xml')
+        once = '      <Wait wait_duration="1.0"/>   <!-- a while -->\n'
+        page.until(lambda: 2 * once in page.shown_text)
+
+
+@pytest.mark.parametrize('is_value', [True, False])
+def test_what_is_chosen_for_a_node_that_another_page_removes_is_for_no_other(
+    page: StudioPage, other: StudioPage, folder: Path, is_value: bool
+) -> None:
+    with served(folder, None) as port:
+        for one in (page, other):
+            one.open(port, 'main.xml')
+        page.click('Main/0/0/1')
+        if is_value:
+            page.run('document.getElementById("field-name").focus()')
+            page.chord(Keys.CONTROL, ' ')
+        else:
+            page.press('a')
+        page.until(lambda: page.focused == 'choice-field')
+        other.click('Main/0/0/1')
+        other.press(Keys.DELETE)
+        page.until(lambda: '<FollowPath' not in page.shown_text and page.selected != 'Main/0/0/1')
+        text = page.shown_text
+        page.press('AlwaysSuccess', Keys.ENTER)
+        page.until_told('FollowPath has gone since; nothing was changed')
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
+        assert page.shown_text == text
 
 
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
