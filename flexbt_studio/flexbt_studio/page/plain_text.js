@@ -9,7 +9,7 @@ const TYPING_MS = 700;  // what is typed in one go, with pauses up to this long,
 const MOST_STEPS = 1000;
 
 export function plainPane(parent, on) {
-  const numbers = html('div', {class: 'numbers', 'aria-hidden': 'true'}), field = html('textarea', {class: 'plain', spellcheck: 'false', wrap: 'off'});
+  const numbers = html('div', {class: 'numbers', 'aria-hidden': 'true'}), field = html('textarea', {class: 'plain', spellcheck: 'false', wrap: 'off', readonly: true});
   parent.append(numbers, field);
   let shown = null, marks = new Map();
 
@@ -101,6 +101,7 @@ export function plainPane(parent, on) {
     show(buffer) {
       if (shown) Object.assign(shown, {selection: [field.selectionStart, field.selectionEnd], scroll: field.scrollTop});
       shown = buffer;
+      field.readOnly = false;  // it is of a file now
       field.value = buffer.text;
       field.setAttribute('aria-label', `text of ${buffer.file}`);
       field.setSelectionRange(...buffer.selection);

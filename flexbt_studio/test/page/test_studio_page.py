@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from studio_page import StudioPage, held, served
+from studio_page import TOKEN, StudioPage, held, served
 
 from flexbt_studio.server import session
 from flexbt_studio.server.session import Page, Sessions
@@ -586,6 +586,26 @@ def test_what_is_chosen_for_a_node_that_another_page_removes_is_for_no_other(
         page.chord(Keys.CONTROL, 's')
         page.until_told('main.xml saved')
         assert page.shown_text == text
+
+
+def test_without_a_file_or_a_machine_nothing_is_written_or_added(page: StudioPage, folder: Path) -> None:
+    (folder / 'empty.yaml').write_text('# nothing\n')
+    with served(folder, None) as port:
+        page.driver.get('about:blank')
+        page.driver.get(f'http://127.0.0.1:{port}/#token={TOKEN}')
+        page.until_text('link', 'CONNECTED')
+        page.write()
+        page.press('abc')
+        assert page.shown_text == ''
+        page.go('main.xml')
+        page.until_selected('Main')
+        page.run('document.querySelector("#files-filter").focus()')
+        (folder / 'machine.yaml').write_text('# nothing\n')
+        page.go('machine.yaml')
+        page.until(lambda: page.shown_text == '# nothing\n')
+        page.chord(Keys.CONTROL, 'k')
+        page.press('Add after', Keys.ENTER)
+        page.until_told('The file has no tree or machine')
 
 
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
