@@ -70,7 +70,7 @@ export function codePane(parent, on) {
       this.state = EditorState.create({
         doc: text,
         extensions: [
-          lineNumbers(), foldGutter(), lintGutter(), history(), drawSelection(), highlightActiveLine(), highlightActiveLineGutter(), bracketMatching(), closeBrackets(),
+          lineNumbers(), foldGutter(), lintGutter(), history({minDepth: 10000}), drawSelection(), highlightActiveLine(), highlightActiveLineGutter(), bracketMatching(), closeBrackets(),
           search({top: true}), autocompletion({override: [words]}), indentUnit.of(/^\t/m.test(text) ? '\t' : /\n {4}(?=\S)/.test(text) && !/\n {2}(?=\S)/.test(text) ? '    ' : '  '),
           LANGUAGES[language]?.() ?? [], syntaxHighlighting(COLORS), THEME,
           EditorView.contentAttributes.of({'aria-label': `text of ${file}`, tabindex: '0'}),

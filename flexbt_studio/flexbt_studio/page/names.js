@@ -70,6 +70,9 @@ export class Names {
     this.studio.told(`renamed to ${wanted}${opened.length > 1 ? ` in ${opened.length} files` : ''}${notes.length ? `; look at ${notes.slice(0, 5).map((one) => `${one.file}:${one.line}`).join(', ')}${notes.length > 5 ? ', …' : ''}` : ''}`);
   }
 
+  // A file was edited, not taken back or done again: what comes before it in its history is no longer where it was.
+  edited(file) { this.groups = this.groups.filter((one) => !(file.buffer.depth <= one.get(file))); }
+
   // The files that are taken back (or done again) together with the open one; null if one of them was edited since.
   together(file, isRedo) {
     const group = this.groups.find((one) => one.has(file) && file.buffer.depth === one.get(file) - Number(isRedo));

@@ -7,7 +7,7 @@ import {apply, compose, difference, fromEdits, inverse, mapOffset, toEdits, tran
 const LONGEST_WAIT_MS = 1500;  // for the edit of another page that caused a conflict; then the whole text is asked for
 
 export class OpenFile {
-  // model is the server's answer to open; buffer holds the text and its history. on.changed(file, change) is called after each
+  // model is the server's answer to open; buffer holds the text and its history. on.changed(file, isRemote) is called after each
   // change of the text, on.viewed(file) after a new graph, on.found(file) after new findings, on.told(text, tone).
   constructor(link, model, buffer, on) {
     Object.assign(this, {link, buffer, on, name: model.file, language: model.language, gestures: model.gestures});
@@ -54,7 +54,7 @@ export class OpenFile {
     this.anchor = mapOffset(change, this.anchor);
     this.sinceView = compose(this.sinceView, change);
     for (const watch of this.watches) watch.change = compose(watch.change, change);
-    this.on.changed(this, change);
+    this.on.changed(this, isRemote);
   }
 
   async send() {

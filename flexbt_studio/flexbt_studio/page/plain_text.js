@@ -6,7 +6,7 @@ import {apply, compose, fromEdits, inverse, mapOffset, toEdits, transform} from 
 import {html} from './elements.js';
 
 const TYPING_MS = 700;  // what is typed in one go, with pauses up to this long, is taken back in one step
-const MOST_STEPS = 1000;
+const MOST_STEPS = 10000;
 
 export function plainPane(parent, on) {
   const numbers = html('div', {class: 'numbers', 'aria-hidden': 'true'}), field = html('textarea', {class: 'plain', spellcheck: 'false', wrap: 'off', readonly: true});

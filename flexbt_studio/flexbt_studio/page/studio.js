@@ -175,7 +175,7 @@ class Studio {
   added(model) {
     const buffer = this.pane.buffer(model.text, model.file, model.language);
     const file = new OpenFile(this.link, model, buffer, {
-      changed: (one) => { this.jobs.edited(one.name); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
+      changed: (one, isRemote) => { this.jobs.edited(one.name); if (!isRemote && !this.isStepping) this.names.edited(one); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
     });
     file.instance = this.instance;
     this.open.set(model.file, file);
@@ -556,7 +556,9 @@ class Studio {
     const chosen = await choose('Find', all.map((one) => ({label: one.title, detail: one.kind === 'node' ? `${one.data.type} ${one.path}` : one.path, words: one.data.attributes?.map((port) => port.value).join(' '), path: one.path})));
     if (chosen) this.select(chosen.path);
   }
+    this.isStepping = true;
 
+    this.isStepping = false;
   async chooseCommand() {
     const isInGraph = Boolean(this.file);
     const chosen = await choose('Commands', this.commands.filter((one) => (one.where === 'live' ? this.debugger.isOn : isInGraph || one.where === 'page')).map((one) => ({label: one.title, keys: one.keys ? shownKeys(one.keys) : '', run: one.run, detail: ''})));

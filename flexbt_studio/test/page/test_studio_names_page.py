@@ -130,6 +130,52 @@ def test_a_tree_is_renamed_in_all_files_and_taken_back_in_one_step(
         assert changed_tabs(page) == []
 
 
+def test_what_is_taken_back_after_a_renaming_was_taken_back_is_of_one_file(
+    page: StudioPage, folder: Path, editor: Path | None
+) -> None:
+    with served(folder, editor) as port:
+        page.open(port, 'main.xml', '&node=Main/0/0')
+        page.until_selected('Main/0/0')
+        page.press(Keys.F2)
+        page.until(lambda: page.run('return document.getElementById("choice").open'))
+        page.press('Total', Keys.ENTER)
+        page.until_sheet('3 edits in 3 files')
+        page.press(Keys.ENTER)
+        page.until(lambda: len(changed_tabs(page)) == 3)
+        page.until_selected('Main/0/0')
+        page.chord(Keys.CONTROL, 'z')
+        page.until(lambda: changed_tabs(page) == [])
+        files = ('main.xml', 'mission.yaml', 'more/count.xml')
+        for file in files:
+            page.tab(file)
+            page.write()
+            page.chord(Keys.CONTROL, Keys.END)
+            page.press('#')
+            page.until(page.has_changes)
+        page.chord(Keys.CONTROL, 'z')
+        page.until(lambda: not page.has_changes())
+        assert changed_tabs(page) == ['main.xml', 'mission.yaml']
+
+
+def test_histories_are_as_long_as_they_are_told_to_be(page: StudioPage, folder: Path, editor: Path | None) -> None:
+    """What was renamed in all files is found by its place in the history of each."""
+    with served(folder, editor) as port:
+        page.open(port, 'main.xml')
+        depths = page.run("""
+            const isPlain = Boolean(document.querySelector('#text textarea'));
+            const {plainPane} = await import('./plain_text.js');
+            const made = isPlain ? plainPane : (await import('./code_text.js')).codePane;
+            const buffer = made(document.createElement('div'), {}).buffer('', 'a', 'xml'), depths = [];
+            buffer.onchange = () => {};
+            for (let step = 1; step <= 2000; step += 1) {
+              buffer.apply(['x'], {name: 'typed'});
+              if (buffer.depth !== step) depths.push(step);
+            }
+            return depths;
+        """)
+        assert depths == []
+
+
 def test_a_definition_that_cannot_be_asked_for_is_told(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml', '&node=Main/0/0')
