@@ -178,6 +178,8 @@ class Studio {
       changed: (one, isRemote) => { this.jobs.edited(one.name); if (!isRemote && !this.isStepping) this.names.edited(one); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
     });
     file.instance = this.instance;
+    const before = this.open.get(model.file);
+    if (before) return before;  // it was asked for twice
     this.open.set(model.file, file);
     return file;
   }

@@ -608,6 +608,27 @@ def test_without_a_file_or_a_machine_nothing_is_written_or_added(page: StudioPag
         page.until_told('The file has no tree or machine')
 
 
+def test_a_file_that_is_asked_for_twice_is_opened_once(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'machine.yaml')
+        with held(monkeypatch, 'open', is_done=True, passing=1) as asked:
+            for _ in range(2):
+                page.go('main.xml')
+            assert asked.wait(DEADLINE)
+            page.until(lambda: page.shown_text == TREE)
+            page.write()
+            page.chord(Keys.CONTROL, Keys.END)
+            page.press('x')
+            page.until(page.has_changes)
+        page.chord(Keys.CONTROL, 's')
+        page.until_told('main.xml saved')
+        page.write()
+        page.chord(Keys.CONTROL, 'z')
+        page.until(lambda: page.shown_text == TREE)
+
+
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml')
