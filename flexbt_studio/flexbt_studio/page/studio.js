@@ -294,6 +294,8 @@ class Studio {
       const number = this.drawing = (this.drawing ?? 0) + 1;
       try {
         const layout = await this.link.request('layout', {file: file.name, folded: [...file.folded]});
+    if (this.drawn !== file) this.graph.draw({items: [], parts: [], box: {x: 0, y: 0, width: 1, height: 1}});  // keys and clicks are for what is seen
+    this.drawn = file;
         if (number !== this.drawing || file !== this.file) return;
         this.graph.draw(drawMachine(file.view, layout, file.folded));
         if (document.activeElement === document.body) this.graph.focus();
@@ -301,7 +303,7 @@ class Studio {
         if (refusal.kind !== 'lost') this.told(refusal.message, 'warning');
       }
     }
-    byId('graph-empty').hidden = this.graph.items.length > 0;
+    byId('graph-empty').hidden = file.parts.size > 0;
     byId('graph-empty').textContent = 'This file has no tree or machine that can be shown. Write one in the text.';
     this.showSelection();
     this.showHead();

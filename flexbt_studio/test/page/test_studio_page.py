@@ -629,6 +629,22 @@ def test_a_file_that_is_asked_for_twice_is_opened_once(
         page.until(lambda: page.shown_text == TREE)
 
 
+def test_keys_are_for_the_file_that_is_seen(page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.go('machine.yaml')
+        page.until_selected('/')
+        page.click('/Rest')
+        page.tab('main.xml')
+        page.until_selected('Main')
+        with held(monkeypatch, 'layout') as asked:
+            page.tab('machine.yaml')
+            assert asked.wait(DEADLINE)
+            page.press(Keys.DELETE)
+            assert page.run('return document.querySelectorAll("#picture [data-path], dialog[open]").length') == 0
+        page.until_selected('/Rest')
+
+
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml')
