@@ -105,7 +105,12 @@ class Studio {
     else if (event.event === 'note') this.told(event.message, 'warning');
   }
 
-  async welcome({page, instance, robots}) {
+  async welcome({page, instance, robots, folder}) {
+    if (this.folder && folder !== this.folder) {
+      this.link.close();
+      byId('alarm').textContent = `Another project, ${folder}, is at this address now. What was not saved is still in this page: copy what you need, then load the page again.`;
+      return;
+    }
     this.live.welcome(robots);
     this.simulator.welcome();
     Object.assign(this, {page, instance});

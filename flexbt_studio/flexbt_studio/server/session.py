@@ -137,7 +137,7 @@ class Sessions:
     async def _hear(self, page: Page) -> None:
         has_robots = self._robots is not None or bool(self._programs)
         welcome = {'event': 'welcome', 'page': page.number, 'instance': self._instance, 'robots': has_robots}
-        await page.send(welcome)
+        await page.send({**welcome, 'folder': str(self._workbench.project.root)})
         self.tell({'event': 'pages', 'count': len(self._pages)})
         waiting: set[asyncio.Task[None]] = set()
         async for message in page.socket:

@@ -645,6 +645,21 @@ def test_keys_are_for_the_file_that_is_seen(page: StudioPage, folder: Path, monk
         page.until_selected('/Rest')
 
 
+def test_what_was_not_saved_does_not_go_into_another_project(page: StudioPage, folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / 'other'
+    other.mkdir()
+    (other / 'main.xml').write_text(TREE.replace('Drive', 'Other'))
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.write()
+        page.chord(Keys.CONTROL, Keys.END)
+        page.press('<!-- mine -->')
+        page.until(page.has_changes)
+    with served(other, None, port):
+        page.until_text('alarm', f'Another project, {other}, is at this address now')
+        assert page.shown_text == f'{TREE}<!-- mine -->'
+
+
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml')
