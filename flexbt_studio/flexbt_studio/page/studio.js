@@ -253,7 +253,7 @@ class Studio {
     const known = [file?.name, ...[...this.open.values()].flatMap(own)].join('\n');
     if (!file || known === this.learnt) return;
     this.learnt = known;
-    this.treeFiles = await this.link.request('trees', {file: file.name}).catch(() => this.treeFiles);
+    this.treeFiles = await this.link.request('trees', {file: file.name}).catch(() => { this.learnt = null; return this.treeFiles; });
     this.palette.show(this.entries());
   }
 

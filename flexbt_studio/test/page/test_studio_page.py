@@ -660,6 +660,18 @@ def test_what_was_not_saved_does_not_go_into_another_project(page: StudioPage, f
         assert page.shown_text == f'{TREE}<!-- mine -->'
 
 
+def test_trees_that_were_asked_for_as_the_server_ended_are_asked_for_again(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = 'return document.querySelectorAll(`#palette [aria-label^="subtree"] [role=option]`).length'
+    with held(monkeypatch, 'trees') as asked, served(folder, None) as port:
+        page.open(port, 'main.xml')
+        assert asked.wait(DEADLINE)
+    page.until_text('link', 'NO SERVER')
+    with served(folder, None, port):
+        page.until(lambda: page.run(script) == 2)
+
+
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml')
