@@ -28,11 +28,13 @@ export function search(options, wanted) {
     .filter(([value]) => value > 0.4).sort(([a], [b]) => b - a).map(([, one]) => one);
 }
 
+let leave = () => {};  // the dialog that is open
+
 // Ask for one of the options [{label, detail, keys, help}]. free(text) makes an option of what was typed, or null. Resolves to
-// the option, or null if the dialog is left.
+// the option, or null if the dialog is left, or another one takes its place.
 export function choose(title, options, {free = () => null, text = '', note = ''} = {}) {
+  leave();
   const dialog = byId('choice'), field = byId('choice-field'), list = byId('choice-list'), help = byId('choice-help');
-  if (dialog.open) dialog.close();
   const before = document.activeElement;
   let found = [], at = 0;
   byId('choice-title').textContent = title;
@@ -59,7 +61,7 @@ export function choose(title, options, {free = () => null, text = '', note = ''}
   }
   let finish;
   return new Promise((resolve) => {
-    finish = (one) => { if (dialog.open) { field.oninput = field.onkeydown = null; dialog.onclose = null; dialog.close(); } if (before?.isConnected) before.focus(); resolve(one); };
+    finish = (one) => { leave = () => {}; if (dialog.open) { field.oninput = field.onkeydown = null; dialog.onclose = null; dialog.close(); } if (before?.isConnected) before.focus(); resolve(one); };
     field.oninput = draw;
     field.onkeydown = (event) => {
       event.stopPropagation();
@@ -69,6 +71,7 @@ export function choose(title, options, {free = () => null, text = '', note = ''}
       if (to !== undefined) { at = to; mark(); event.preventDefault(); }
       if (event.key === 'Enter') { event.preventDefault(); if (found[at]) finish(found[at]); }
     };
+    leave = () => finish(null);
     dialog.onclose = () => { if (!dialog.open) finish(null); };  // the event of an earlier dialog may come late
     draw();
     dialog.showModal();

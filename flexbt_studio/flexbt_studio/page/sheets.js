@@ -6,15 +6,19 @@ import {byId, html} from './elements.js';
 
 const CONTEXT = 3;  // lines around a change
 
-// Show a sheet with buttons [[text, value, class]]. Resolves to the value of the one that was pressed, or null.
+let leave = () => {};  // the sheet that is open
+
+// Show a sheet with buttons [[text, value, class]]. Resolves to the value of the one that was pressed, or null, also when another
+// one takes its place.
 export function sheet(title, parts, buttons = [['Close', null, '']]) {
+  leave();
   const dialog = byId('sheet'), before = document.activeElement;
-  if (dialog.open) dialog.close();
   byId('sheet-title').textContent = title;
   byId('sheet-body').replaceChildren(...parts);
   return new Promise((resolve) => {
-    const finish = (value) => { dialog.onclose = null; dialog.close(); if (before?.isConnected) before.focus(); resolve(value); };
+    const finish = (value) => { leave = () => {}; dialog.onclose = null; dialog.close(); if (before?.isConnected) before.focus(); resolve(value); };
     byId('sheet-buttons').replaceChildren(...buttons.map(([text, value, kind]) => html('button', {type: 'button', class: kind, onclick: () => finish(value)}, text)));
+    leave = () => finish(null);
     dialog.onclose = () => { if (!dialog.open) finish(null); };
     dialog.showModal();
     byId('sheet-buttons').querySelector('.primary, button')?.focus();
