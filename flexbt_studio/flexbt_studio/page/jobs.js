@@ -101,7 +101,7 @@ export class Jobs {
   cancel(entry) {
     if (entry?.state !== 'running') return;
     entry.state = 'canceled';
-    this.waiting.delete(entry.number);
+    this.take({number: entry.number, state: 'canceled'});
     for (const entries of [this.proofs, this.changes, this.runs, this.decisions, this.goals.entries]) if (entries.get(entry.file.name) === entry) entries.delete(entry.file.name);
     if (entry.number !== null) this.studio.link.request('cancel_job', {number: entry.number}).catch(() => {});
     this.show();

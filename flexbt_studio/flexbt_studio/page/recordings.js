@@ -62,6 +62,7 @@ export class Recordings {
     };
     told(html('p', {}, 'feeding the robot with the recording…'));
     const entry = await jobs.start(jobs.decisions, 'decide', file, {recording});
+    if (jobs.decisions.get(file.name)?.state === 'running') return;  // it was asked again meanwhile
     if (entry) told(html('pre', {class: entry.event.result[0].differs ? 'warning' : 'good'}, entry.event.result[0].text));
     else told(html('p', {class: 'error'}, jobs.decisions.get(file.name)?.message ?? 'it was ended'));
   }
