@@ -25,19 +25,23 @@ export class Live {
 
   // Watch a robot; without a name the one before, or else the own one.
   async watch(robot = this.robot ?? '') {
+    const asked = this.asked = {}, isOver = () => this.asked !== asked;  // another was asked for since, or it was turned off
     try {
       const now = await this.studio.link.request('watch', {robot});
-      if (this.player.isLive && now !== this.robot) this.player.end();
+      if (isOver()) return;
+      if (this.player.isLive && now !== this.robot) { this.player.end(); this.asked = asked; }
       this.robot = now;
       this.studio.debugger.connect(now);
       const begin = this.isRecording ? await this.at(0) : null;
+      if (isOver()) return;
       this.on(true);
       if (!this.player.isLive) this.player.play(begin ? now.replace(RECORDING, 'Recording ') : `Robot ${now}`, begin ? [begin] : [], {isLive: true, owner: this, ended: () => { this.on(false); this.studio.recordings.ended(); }});
       if (this.last?.robot === now) this.take(this.last);
     } catch (refusal) {
+      if (isOver()) return;
       if (!this.isOn || robot !== this.robot || this.isRecording) { this.studio.told(refusal.message, 'warning'); return; }
       this.lost(refusal.message);
-      if (refusal.kind !== 'lost') setTimeout(() => { if (this.isOn && robot === this.robot) this.watch(); }, AGAIN_MS);  // it may be found later
+      if (refusal.kind !== 'lost') setTimeout(() => { if (!isOver()) this.watch(); }, AGAIN_MS);  // it may be found later
     }
   }
 
@@ -59,6 +63,7 @@ export class Live {
 
   on(isOn) {
     this.isOn = isOn;
+    if (!isOn) this.asked = null;
     if (isOn && !this.isRecording) byId('live').hidden = false;
     byId('live').setAttribute('aria-pressed', String(isOn && !this.isRecording));
     if (!isOn) byId('live').className = '';
