@@ -33,10 +33,10 @@ export class Flow {
   async update() {
     const file = this.on.file();
     if (!this.isShown || !file) return;
-    try {
-      this.keys = await this.on.link.request('flow', {file: file.name});
-    } catch { return; }
-    if (file === this.on.file()) this.show();
+    const keys = await this.on.link.request('flow', {file: file.name}).catch(() => null);
+    if (!keys || file !== this.on.file()) return;
+    this.keys = keys;
+    this.show();
   }
 
   // The scope that the selected item is in: its tree, or the container of its state.

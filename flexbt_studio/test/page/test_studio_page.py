@@ -672,6 +672,65 @@ def test_trees_that_were_asked_for_as_the_server_ended_are_asked_for_again(
         page.until(lambda: page.run(script) == 2)
 
 
+def test_an_answer_that_comes_late_is_of_its_file_or_robot(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        keys, watched, sheets, job = page.run("""
+            const {Flow} = await import('./flow.js'), {Live} = await import('./live.js');
+            const {Jobs} = await import('./jobs.js'), {sheet} = await import('./sheets.js');
+            const {choose} = await import('./choice.js');
+            const made = (kind, parts) => Object.assign(Object.create(kind.prototype), parts), none = () => {};
+            const turn = () => new Promise((done) => setTimeout(done));
+            // The keys of a file.
+            let file = {name: 'first'}, answers = [];
+            const request = (_, words) => new Promise((done) => answers.push(() => done(words.file ?? words.robot)));
+            const link = {request}, arrive = async (some) => { for (const one of some) { one(); await turn(); } };
+            const flow = made(Flow, {on: {file: () => file, link}, pane: {hidden: false}, show: none});
+            flow.update();
+            file = {name: 'last'};
+            flow.update();
+            await arrive(answers.splice(0).reverse());
+            // What is watched: the last that was asked for, and nothing once it was ended.
+            const player = {
+              isLive: false,
+              end() { this.isLive = false; this.ended(); },
+              play(title, _, {ended}) { Object.assign(this, {title, ended, isLive: true}); },
+            };
+            const studio = {link, told: none, debugger: {connect: none}, recordings: {ended: none}};
+            const live = made(Live, {studio, player, isOn: false, robot: null, trees: new Map()}), watched = [];
+            live.watch('slow');
+            live.watch('quick');
+            await arrive(answers.splice(0).reverse());
+            watched.push(live.robot, player.title);
+            live.watch('other');
+            await arrive(answers.splice(0));
+            watched.push(live.robot, player.title, live.isOn);
+            live.watch();
+            player.end();
+            await arrive(answers.splice(0));
+            watched.push(live.isOn, player.isLive);
+            // Dialogs whose place another one takes.
+            const sheets = [sheet('a', []), sheet('b', [])];
+            document.querySelector('#sheet-buttons button').click();
+            sheets.push(choose('a', []), choose('b', [{label: 'c'}]));
+            document.querySelector('#choice-list li').click();
+            const never = () => new Promise((done) => setTimeout(done, 2000, false));
+            const isAnswered = (one) => Promise.race([one.then(() => true), never()]);
+            // A job that is cancelled.
+            const names = ['waiting', 'proofs', 'changes', 'runs', 'decisions'];
+            const maps = Object.fromEntries(names.map((name) => [name, new Map()]));
+            const asks = {link: {request: async (method) => (method === 'start_job' ? {number: 1, files: []} : null)}};
+            const jobs = made(Jobs, {...maps, goals: {entries: new Map()}, studio: asks, show: none});
+            const one = {name: 'a', language: 'xml', version: 1, settled: async () => {}};
+            const job = jobs.start(jobs.runs, 'run', one, {});
+            while (!jobs.waiting.size) await turn();
+            jobs.cancel(jobs.runs.get('a'));
+            return [flow.keys, watched, await Promise.all(sheets.map(isAnswered)), await isAnswered(job)];
+        """)
+        robots = ['quick', 'Robot quick', 'other', 'Robot other', True, False, False]
+        assert (keys, watched, sheets, job) == ('last', robots, [True] * 4, True)
+
+
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml')
