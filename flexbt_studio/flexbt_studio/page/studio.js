@@ -178,13 +178,13 @@ class Studio {
   }
 
   added(model) {
+    const before = this.open.get(model.file);
+    if (before) return before;  // it was asked for twice
     const buffer = this.pane.buffer(model.text, model.file, model.language);
     const file = new OpenFile(this.link, model, buffer, {
       changed: (one, isRemote) => { this.jobs.edited(one.name); if (!isRemote && !this.isStepping) this.names.edited(one); if (one === this.file) this.showHead(); }, viewed: (one) => this.viewed(one), found: (one) => this.found(one), told: (text, tone) => this.told(text, tone),
     });
     file.instance = this.instance;
-    const before = this.open.get(model.file);
-    if (before) return before;  // it was asked for twice
     this.open.set(model.file, file);
     return file;
   }
@@ -294,13 +294,13 @@ class Studio {
     byId('unreadable').textContent = file.problem ? `Text not readable at ${file.problem.line}:${file.problem.column}: ${file.problem.message}` : '';
     this.graph.picture.classList.toggle('stale', Boolean(file.problem));
     this.graph.selected = file.selected;
+    if (this.drawn !== file) this.graph.draw({items: [], parts: [], box: {x: 0, y: 0, width: 1, height: 1}});  // keys and clicks are for what is seen
+    this.drawn = file;
     if (file.language === 'xml') this.graph.draw(drawTrees(file.view, file.folded));
     else {
       const number = this.drawing = (this.drawing ?? 0) + 1;
       try {
         const layout = await this.link.request('layout', {file: file.name, folded: [...file.folded]});
-    if (this.drawn !== file) this.graph.draw({items: [], parts: [], box: {x: 0, y: 0, width: 1, height: 1}});  // keys and clicks are for what is seen
-    this.drawn = file;
         if (number !== this.drawing || file !== this.file) return;
         this.graph.draw(drawMachine(file.view, layout, file.folded));
         if (document.activeElement === document.body) this.graph.focus();
@@ -318,6 +318,7 @@ class Studio {
   select(path, {isMoved = false, isFromText = false} = {}) {
     const {file} = this, part = this.part(path);
     if (!part) return;
+    if (!isMoved) this.picks += 1;
     const isNew = file.selected !== path;
     file.selected = path;
     file.anchor = mapOffset(file.sinceView, part.span[0]);
@@ -327,7 +328,6 @@ class Studio {
     if (!isFromText) {
       this.graph.focus();
       if (isNew || isMoved) this.revealText(part.open);
-    if (!isMoved) this.picks += 1;
     }
     this.showSelection();
   }
@@ -556,7 +556,9 @@ class Studio {
   redo() { this.step('redo'); }
   step(what) {  // what renamed in several files is taken back in all of them
     const files = this.file ? this.names.together(this.file, what === 'redo') : null;
+    this.isStepping = true;
     if (files && !files.map((one) => one.buffer[what]()).some(Boolean)) this.told(`Nothing to ${what}`);
+    this.isStepping = false;
   }
   foldAll() { const {file} = this; file.folded = file.folded.size ? new Set() : new Set([...file.parts.values()].filter((one) => one.kind === 'node' && one.children.length && one.parent.kind !== 'tree').map((one) => one.path)); this.rememberFolded(); this.select(file.parts.keys().next().value); this.draw(); }
 
@@ -565,9 +567,7 @@ class Studio {
     const chosen = await choose('Find', all.map((one) => ({label: one.title, detail: one.kind === 'node' ? `${one.data.type} ${one.path}` : one.path, words: one.data.attributes?.map((port) => port.value).join(' '), path: one.path})));
     if (chosen) this.select(chosen.path);
   }
-    this.isStepping = true;
 
-    this.isStepping = false;
   async chooseCommand() {
     const isInGraph = Boolean(this.file);
     const chosen = await choose('Commands', this.commands.filter((one) => (one.where === 'live' ? this.debugger.isOn : isInGraph || one.where === 'page')).map((one) => ({label: one.title, keys: one.keys ? shownKeys(one.keys) : '', run: one.run, detail: ''})));

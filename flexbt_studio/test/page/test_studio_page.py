@@ -608,6 +608,22 @@ def test_without_a_file_or_a_machine_nothing_is_written_or_added(page: StudioPag
         page.until_told('The file has no tree or machine')
 
 
+def test_keys_are_for_the_file_that_is_seen(page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.go('machine.yaml')
+        page.until_selected('/')
+        page.click('/Rest')
+        page.tab('main.xml')
+        page.until_selected('Main')
+        with held(monkeypatch, 'layout') as asked:
+            page.tab('machine.yaml')
+            assert asked.wait(DEADLINE)
+            page.press(Keys.DELETE)
+            assert page.run('return document.querySelectorAll("#picture [data-path], dialog[open]").length') == 0
+        page.until_selected('/Rest')
+
+
 def test_a_file_that_is_asked_for_twice_is_opened_once(
     page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -627,22 +643,6 @@ def test_a_file_that_is_asked_for_twice_is_opened_once(
         page.write()
         page.chord(Keys.CONTROL, 'z')
         page.until(lambda: page.shown_text == TREE)
-
-
-def test_keys_are_for_the_file_that_is_seen(page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with served(folder, None) as port:
-        page.open(port, 'main.xml')
-        page.go('machine.yaml')
-        page.until_selected('/')
-        page.click('/Rest')
-        page.tab('main.xml')
-        page.until_selected('Main')
-        with held(monkeypatch, 'layout') as asked:
-            page.tab('machine.yaml')
-            assert asked.wait(DEADLINE)
-            page.press(Keys.DELETE)
-            assert page.run('return document.querySelectorAll("#picture [data-path], dialog[open]").length') == 0
-        page.until_selected('/Rest')
 
 
 def test_what_was_not_saved_does_not_go_into_another_project(page: StudioPage, folder: Path, tmp_path: Path) -> None:
