@@ -208,7 +208,7 @@ class Studio {
       this.viewed(file);
       this.found(file);
     }
-    this.graph.focus();
+    if (this.graph.items.length) this.graph.focus(); else document.activeElement?.blur();  // the picture gets the focus when it is there
   }
 
   async close(name) {

@@ -622,6 +622,11 @@ def test_keys_are_for_the_file_that_is_seen(page: StudioPage, folder: Path, monk
             page.press(Keys.DELETE)
             assert page.run('return document.querySelectorAll("#picture [data-path], dialog[open]").length') == 0
         page.until_selected('/Rest')
+        page.tab('main.xml')
+        page.until_selected('Main')
+        page.write()
+        page.tab('machine.yaml')
+        page.until_selected('/Rest')  # it has the focus, wherever that was before
 
 
 def test_a_file_that_is_asked_for_twice_is_opened_once(
