@@ -425,22 +425,21 @@ _WORDS: Final = re.compile(r"'([^']*)'|(?<![\w.])(\d+\.\d+|\d+)|\b(true|false)\b
 def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     """Return the values that affect scripts, by key: each constant in the same part, and its neighbors.
 
-    Keys that are compared share their values: ``a`` and ``b`` in ``a > 3 && b == a && kind == 'van'``.
+    Keys that are compared or assigned share their values: ``a`` and ``b`` in ``a > 3 && b == a && kind == 'van'``, also
+    if another script has the constant.
     """
-    found: dict[str, dict[tuple[type[Any], Any], None]] = {}
-    for script in scripts:
-        groups: list[tuple[dict[str, None], list[Any]]] = []
-        for keys, values in _parts(script):
-            for group in [one for one in groups if not one[0].keys().isdisjoint(keys)]:
-                groups.remove(group)
-                keys, values = {**group[0], **keys}, group[1] + values
-            groups.append((keys, values))
-        for keys, values in groups:
-            # 1, 1.0 and True are equal, but must stay distinct here.
-            of_part = dict.fromkeys((type(value), value) for value in (True, False, *values))
-            for key in keys:
-                found.setdefault(key, {}).update(of_part)
-    return {key: tuple(value for _, value in values) for key, values in found.items()}
+    groups: list[tuple[dict[str, None], list[Any]]] = []
+    for keys, values in (part for script in scripts for part in _parts(script)):
+        for group in [one for one in groups if not one[0].keys().isdisjoint(keys)]:
+            groups.remove(group)
+            keys, values = {**group[0], **keys}, group[1] + values
+        groups.append((keys, values))
+    found: dict[str, tuple[Any, ...]] = {}
+    for keys, values in groups:
+        # 1, 1.0 and True are equal, but must stay distinct here.
+        distinct = dict.fromkeys((type(value), value) for value in (True, False, *values))
+        found |= dict.fromkeys(keys, tuple(value for _, value in distinct))
+    return found
 
 
 def _parts(script: str) -> list[tuple[dict[str, None], list[Any]]]:

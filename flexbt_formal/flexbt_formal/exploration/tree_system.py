@@ -246,13 +246,11 @@ class TreeSystem(System):
         monitor = self._monitor = TreeMonitor(self._note, requirements)
         self.requirements = monitor.requirements
         board = self._board = Blackboard()
-        scripts = [
-            text
-            for document in library.documents.values()
-            for tree in document.trees.values()
-            for text in _scripts(tree.nodes())
+        nodes = [
+            node for document in library.documents.values() for tree in document.trees.values() for node in tree.nodes()
         ]
-        self._environment = Environment(tested_values(scripts), self._note, self._events)
+        scripts = [*_scripts(nodes)]
+        self._environment = Environment(tested_values([*scripts, *_copies(nodes)]), self._note, self._events)
         self._environment.most_counted = 1 + max(map(int, _NUMBER.findall(' '.join(scripts))), default=0)
         self._ticked: set[int] = set()
         self._has_succeeded = False
@@ -622,6 +620,16 @@ def _scripts(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
         if (decides := node.values.get('variable')) is not None and decides.key is not None:  # of a Switch
             cases = (value.text for name, value in node.values.items() if name.startswith('case_'))
             yield from (f"{decides.key.removeprefix('@')} == '{case}'" for case in cases if "'" not in case)
+
+
+def _copies(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
+    """Yield a comparison for each two keys of one value: in a sub-tree and outside of it, or copied by a node."""
+    for node in nodes:
+        key = node.values.get('output_key')
+        for name, value in node.values.items():
+            other = name if node.tree_id is not None else '' if key is None else key.text
+            if value.key is not None and other:
+                yield f'{other} == {value.key}'
 
 
 def _fault(error: NodeExecutionError) -> Violation:

@@ -650,6 +650,26 @@ def test_constants_of_one_key_are_not_tried_for_another_one_in_the_same_script()
     assert report.is_complete and report.holds, report.counterexamples
 
 
+@pytest.mark.parametrize(
+    'use',
+    [
+        '<Sequence><Script code="copy := level"/><Turn _skipIf="copy != 5"/></Sequence>',
+        '<Sequence><SetBlackboard value="{level}" output_key="copy"/>'
+        '<Switch2 variable="{copy}" case_1="5" case_2="7"><Turn/><Plan/><AlwaysSuccess/></Switch2></Sequence>',
+        '<SubTree ID="Inner" inner="{level}"/>',
+    ],
+)
+def test_constants_of_a_key_are_tried_for_what_it_is_copied_from_or_called_elsewhere(use: str) -> None:
+    inner = '<Fallback><ScriptCondition code="inner == 5"/><Turn/></Fallback>'
+    text = (
+        f'<root BTCPP_format="4"><BehaviorTree ID="Inner">{inner}</BehaviorTree><BehaviorTree '
+        f'ID="Main"><Sequence><Look level="{{level}}"/>{use}</Sequence></BehaviorTree></root>'
+    )
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+    report = explore(lambda: TreeSystem(library, TreeKey('main.xml', 'Main')), 'Main')
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
 @pytest.mark.parametrize(('leaf', 'can_succeed'), [('Ask', False), ('AskSoon', True)])
 def test_what_answers_within_the_tick_does_not_halt_what_is_behind_it(leaf: str, can_succeed: bool) -> None:
     """An action of which nothing more is known is RUNNING when it begins anew, and halts what is behind it."""
