@@ -322,6 +322,7 @@ from .state_machine.engine.events import (
     LockSet as LockSet,
     Logged as Logged,
     LoggingReader as LoggingReader,
+    MachineEntered as MachineEntered,
     MachineSwitched as MachineSwitched,
     OutcomeForced as OutcomeForced,
     OutcomeTaken as OutcomeTaken,

@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 from flexbt_core.state_machine.engine.events import (
     DecisionAsked,
     DecisionTaken,
+    MachineEntered,
     MachineSwitched,
     OutcomeForced,
     OutcomeTaken,
@@ -27,10 +28,8 @@ from flexbt_core.state_machine.model.autonomy import Decision
 from flexbt_core.state_machine.model.definition import (
     ERROR,
     PREEMPTED,
-    ROOT_PATH,
     MachineDefinition,
     StateDefinition,
-    StateKind,
     is_inside,
 )
 from flexbt_core.state_machine.model.event_state import state_skill
@@ -67,8 +66,6 @@ class MachineMonitor(RunReader):
         self._holders: set[str] = set()  # entered states with actuators; some may have been left
         self._is_ending = False
         self._outcome: str | None = None
-        self._machine: MachineDefinition | None = None
-        self._containers: Mapping[str, tuple[str, ...]] = {}
 
     @property
     def not_left(self) -> list[str]:
@@ -82,6 +79,7 @@ class MachineMonitor(RunReader):
         return {
             RunStarted: self._started,
             MachineSwitched: self._switched,
+            **({MachineEntered: self._machine_entered} if self._has_requirements else {}),
             StateEntered: self._entered,
             StateExited: self._exited,
             OutcomeTaken: self._outcome_taken,
@@ -99,13 +97,14 @@ class MachineMonitor(RunReader):
             self._visits.resume(event.active)
             self._approvals.resume(event.approved)
             self.requirements.resume()
-        elif self._has_requirements:
-            self._machine_entered(ROOT_PATH)
         self._check_parts(self._run.definition)
 
     def _check_parts(self, machine: MachineDefinition) -> None:
         if self.requirements.are_about_parts:
             self.requirements.check_parts(machine_parts(machine))
+
+    def _machine_entered(self, event: MachineEntered) -> None:
+        self.requirements.event(event.path)
 
     def _entered(self, event: StateEntered) -> None:
         path = event.path
@@ -131,7 +130,6 @@ class MachineMonitor(RunReader):
             self.requirements.event(left)
             if target.startswith('=') and path.count('/') == 1:
                 self.requirements.event(target)
-        self._machine_entered(target)
 
     def _exited(self, event: StateExited) -> None:
         if (wrong := self._visits.exited(event.path)) is not None:
@@ -187,26 +185,6 @@ class MachineMonitor(RunReader):
             self._found(wrong)
         if outcome not in (PREEMPTED, ERROR):
             self.requirements.ended()
-
-    def _machine_entered(self, path: str) -> None:
-        """Check the entry of a machine, and of the machines that it begins with; states have their own event."""
-        machine = self._run.definition
-        if machine is not self._machine:
-            self._machine = machine
-            containers = (one for one in machine.nodes() if isinstance(one, MachineDefinition))
-            self._containers = {one.path: tuple(_entered_with(one)) for one in containers}
-        for entered in self._containers.get(path, ()):
-            self.requirements.event(entered)
-
-
-def _entered_with(machine: MachineDefinition) -> Iterator[str]:
-    """Yield the paths of a machine, without the root, and of the machines in it that are entered together with it."""
-    if machine.path != ROOT_PATH:
-        yield machine.path
-    for label, child in machine.children.items():
-        is_entered = machine.kind is StateKind.CONCURRENCY or label == machine.initial
-        if is_entered and isinstance(child, MachineDefinition):
-            yield from _entered_with(child)
 
 
 # The visits of states: each is entered, and left once, before its successor is entered.

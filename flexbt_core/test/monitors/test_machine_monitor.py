@@ -210,6 +210,17 @@ def test_each_entry_of_a_machine_is_an_event() -> None:
     assert [one.where for one in watched.found[4:]] == ['/D', '/D/E']
 
 
+def test_a_machine_that_waits_for_something_with_priority_is_entered_after_it() -> None:
+    urgent = machine(Child('S', Scripted(), {'done': 'ended'}), priority=True)
+    beside = machine(Child('T', Scripted(), {'done': 'ended'}))
+    ends = [('ended', [('A', 'ended'), ('B', 'ended')])]
+    made = machine(Child('A', urgent), Child('B', beside), conditions=ends)
+    watched = Watched(made, [Before('/B', '/A/S > done'), Never('/B')])
+    assert not watched.found
+    watched.end('/A/S', 'done')
+    assert [one.text for one in watched.found] == ['/B happens; required is: never /B']
+
+
 def test_a_machine_to_which_a_run_is_switched_has_to_be_as_required() -> None:
     watched = Watched(chain(), [IsA('/B', 'Scripted')])
     other = machine(

@@ -97,7 +97,7 @@ class MachineBounds:
 _CONSTANT: Final = {
     MachineRun: frozenset(('clock', 'readings', '_readers', 'services', '_steady', '_limits', '_wake_event', '_lock')),
     MachineEnvironment: frozenset(('choices', 'answers', 'begun', 'found')),
-    MachineMonitor: frozenset(('_resources', '_found', '_run', '_has_requirements', '_machine', '_containers')),
+    MachineMonitor: frozenset(('_resources', '_found', '_run', '_has_requirements')),
     Requirements: frozenset(('requirements', 'whiles', 'aparts', '_now', '_found', '_by_event', 'happened')),
     ModelState: frozenset(('model', 'environment', 'own_path', '_type_name', '_made_with', 'skill')),
     LeafRun: frozenset(('_engine', 'definition', 'path', '_input_keys', '_output_keys')),

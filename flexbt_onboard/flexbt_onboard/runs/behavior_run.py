@@ -29,6 +29,7 @@ from flexbt_core.state_machine.engine.events import (
     DecisionTaken,
     Faulted,
     Logged,
+    MachineEntered,
     OutcomeForced,
     OutcomeTaken,
     RunEnding,
@@ -73,7 +74,7 @@ _ESCAPES: Final = 3
 """Number of exceptions that may escape from the state machine before the run is aborted."""
 
 
-_UNREAD: Final = (RunRested, RunEnding, StateExited, OutcomeTaken, DecisionTaken, OutcomeForced)
+_UNREAD: Final = (RunRested, RunEnding, MachineEntered, StateExited, OutcomeTaken, DecisionTaken, OutcomeForced)
 """Events that no reader of a run needs. The machine does not create events that nobody reads."""
 
 

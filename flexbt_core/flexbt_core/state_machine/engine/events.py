@@ -104,6 +104,13 @@ class RunEnded(RunEvent):
 
 
 @dataclass(slots=True)
+class MachineEntered(RunEvent):
+    """A machine or container is entered, at its beginning: its states are entered next. Not for the root."""
+
+    path: str
+
+
+@dataclass(slots=True)
 class StateEntered(RunEvent):
     """A state is entered: its ``on_enter`` is called next."""
 

@@ -26,6 +26,7 @@ from .events import (
     DecisionAsked,
     DecisionClosed,
     Faulted,
+    MachineEntered,
     OutcomeTaken,
     StateLeft,
     TransitionBlocked,
@@ -342,13 +343,15 @@ class ContainerRun:
         """
         self.activate(scope)
         kind = self.definition.kind
-        if kind is StateKind.MACHINE:
-            self.regions[0].enter(self.children[self.definition.initial])
-        elif kind is StateKind.PRIORITY:
-            self.regions[0].await_entry(self.children[self.definition.initial])
-        else:
+        if kind is StateKind.CONCURRENCY:
             for region, child in zip(self.regions, self.children.values(), strict=True):
                 region.await_entry(child)
+        else:
+            self.regions[0].await_entry(self.children[self.definition.initial])
+        if self.region is not None and self._engine.readings[MachineEntered]:
+            self._engine.tell(MachineEntered(self.path))
+        if kind is StateKind.MACHINE:
+            self.regions[0].advance()
 
     def activate(self, scope: Scope) -> None:
         """Become active, without entering a child."""
