@@ -18,6 +18,7 @@ from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, 
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, PortError
 from flexbt_core.behavior_tree.model.ports import KEY, NO_DEFAULT, Port, PortType
 from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.nodes.loops import Loop
 from flexbt_core.behavior_tree.nodes.nav2.decorators import RateController
 from flexbt_core.behavior_tree.nodes.timing import Delay, Sleep, Timeout
 from flexbt_core.behavior_tree.script.interpreter import BoundScript
@@ -250,7 +251,9 @@ class TreeSystem(System):
             node for document in library.documents.values() for tree in document.trees.values() for node in tree.nodes()
         ]
         scripts = [*_scripts(nodes)]
-        self._environment = Environment(tested_values([*scripts, *_copies(nodes)]), self._note, self._events)
+        values = tested_values([*scripts, *_copies(nodes)])
+        values |= {name: (*queues, *values.get(name, ())) for name, queues in _queues(nodes)}
+        self._environment = Environment(values, self._note, self._events)
         self._environment.most_counted = 1 + max(map(int, _NUMBER.findall(' '.join(scripts))), default=0)
         self._ticked: set[int] = set()
         self._has_succeeded = False
@@ -630,6 +633,14 @@ def _copies(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
             other = name if node.tree_id is not None else '' if key is None else key.text
             if value.key is not None and other:
                 yield f'{other} == {value.key}'
+
+
+def _queues(nodes: Iterable[NodeDefinition]) -> Iterable[tuple[str, tuple[Any, ...]]]:
+    """Yield the keys of queues of a Loop, each with one of two elements and an empty one."""
+    for node in nodes:
+        kind = node.manifest.node_class
+        if issubclass(kind, Loop) and (key := node.values['queue'].key) is not None:
+            yield key.removeprefix('@'), (kind.queue.parse('1;0'), ())
 
 
 def _fault(error: NodeExecutionError) -> Violation:

@@ -641,6 +641,14 @@ def test_what_is_given_has_every_value_that_is_asked_for() -> None:
     assert absent.violation.property is Property.DATA
 
 
+@pytest.mark.parametrize('loop', ['LoopInt', 'LoopBool', 'LoopDouble', 'LoopString'])
+def test_a_queue_that_is_given_or_written_has_elements_or_none(loop: str) -> None:
+    body = f'<{loop} queue="{{queue}}" value="{{element}}" if_empty="FAILURE"><Turn/></{loop}>'
+    for whole, given in ((body, ['queue']), (f'<Sequence><Look other="{{queue}}"/>{body}</Sequence>', [])):
+        report = proved(f'<Fallback>{whole}<Plan/></Fallback>', *given)
+        assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
 def test_constants_of_one_key_are_not_tried_for_another_one_in_the_same_script() -> None:
     """Of outputs of no type: a text is beside no number, and what is compared has values in common."""
     script = "level &gt; 3 &amp;&amp; other == level &amp;&amp; kind == 'van; car'"
