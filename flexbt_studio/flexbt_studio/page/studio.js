@@ -197,6 +197,7 @@ class Studio {
 
   show(file) {
     if (this.file !== file) {
+      if (byId('runs').contains(document.activeElement)) document.activeElement.blur();  // what is typed there is of the file before
       this.file = file;
       this.pane.show(file.buffer);
       this.pane.mark(file.buffer, file.findings);

@@ -487,6 +487,24 @@ def test_what_was_typed_for_a_node_that_another_page_removes_is_for_no_other(
         assert 'Rest' not in page.shown_text
 
 
+def test_a_requirement_that_is_typed_while_another_file_is_shown_is_of_its_own_file(
+    page: StudioPage, folder: Path
+) -> None:
+    requirements = 'return document.getElementById("requirements").value'
+    with served(folder, None) as port:
+        page.open(port, 'machine.yaml')
+        page.go('main.xml')
+        page.until_selected('Main')
+        page.run('document.getElementById("prove-job").open = true; document.getElementById("requirements").focus()')
+        page.press('never A')
+        page.tab('machine.yaml')
+        page.until_selected('/')
+        assert page.run(requirements) == ''
+        page.tab('main.xml')
+        page.until_selected('Main')
+        assert page.run(requirements) == 'never A'
+
+
 @pytest.mark.parametrize(('field', 'text'), [('wait_duration', 'wait_duration="1.07"'), ('name', 'name="Nap7"')])
 def test_what_was_typed_while_another_file_is_opened_is_for_its_own_file(
     page: StudioPage, folder: Path, field: str, text: str
