@@ -307,6 +307,11 @@ def test_a_machine_is_held_and_switched_to_what_is_written(robot: StudioPage, mi
     page.run('document.getElementById("debug-switch").click()')
     page.until_sheet('States and transitions are as on the robot')
     page.press(Keys.ESCAPE)
+    # What the step held waits for its answer also after the switch.
+    page.until_text('held', '/Rest wants done')
+    answered = told(page, 'confirm')
+    while told(page, 'confirm') == answered:
+        press_until_told(page, Keys.F5, 'confirm', 'has just come')
     # The process of the trees dies while one is held.
     page.until(lambda: '/Rest' not in page.text('held'))
     open_page(page, mission, 'count.xml')
