@@ -156,11 +156,11 @@ class _CodeWriter:
 
     def guards(self) -> list[str]:
         """Return the lines that read the entries, and call ``slow`` unless kinds and bounds are as expected."""
-        lines = []
+        lines, checked = [], self._checked
         for place, (name, variable) in enumerate(self._variables.items()):
             if name not in self._used:
                 continue
-            before = f'b{place} = ' if name in self._checked else ''
+            before = f'b{place} = ' if name in checked else ''
             lines.append(f'v{place} = {before}e{place}.value')
             wrong = f'v{place}.__class__ is not {_CLASSES[variable.kind]}'
             if variable.kind == 'integer':
