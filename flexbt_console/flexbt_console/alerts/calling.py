@@ -41,9 +41,10 @@ SENDING_PERIOD: Final = 0.1
 """Time between two looks at processes that send, s."""
 
 STILL_SECONDS: Final = 5.0
+"""Time, s, by which a robot may be silent for longer than this program has listened. If it is more, the computer slept
+or the process stood still, and the robot could not be heard."""
 HEAR_SECONDS: Final = 30.0
-"""Where a robot was not heard for this much longer, s, than this program has listened to it, since computer or process
-stood still, somebody is called about it only after this time of listening, s."""
+"""Time for which this program listens to such a robot before it calls somebody about it, s."""
 
 MOST_SENDERS: Final = 4
 """Maximum number of processes that send at the same time."""
