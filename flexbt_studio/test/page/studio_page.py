@@ -86,10 +86,10 @@ class StudioPage(Browser):
         self.until(lambda: self.selected)
         self.until(lambda: self.focused == self.selected)
 
-    def go(self, file: str) -> None:
-        """Show a file of the list."""
+    def go(self, file: str, *, times: int = 1) -> None:
+        """Show a file of the list. Press so many times at once, before any answer comes."""
         script = '[...document.querySelectorAll("#files button")].find((one) => one.textContent === arguments[0])'
-        self.run(f'{script}.click()', file)
+        self.run(f'const row = {script}; for (let n = 0; n < arguments[1]; n++) row.click()', file, times)
 
     def tab(self, file: str) -> None:
         """Show an open file."""

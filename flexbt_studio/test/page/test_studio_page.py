@@ -653,8 +653,7 @@ def test_a_file_that_is_asked_for_twice_is_opened_once(
     with served(folder, None) as port:
         page.open(port, 'machine.yaml')
         with held(monkeypatch, 'open', is_done=True, passing=1) as asked:
-            for _ in range(2):
-                page.go('main.xml')
+            page.go('main.xml', times=2)
             assert asked.wait(DEADLINE)
             page.until(lambda: page.shown_text == TREE)
             page.write()
