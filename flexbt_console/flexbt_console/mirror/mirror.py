@@ -126,7 +126,7 @@ class Mirror:
         self._guard = StopGuard()
         self._guard_heard = 0.0
         self._incidents: tuple[IncidentReport, ...] = ()
-        self._listens_until = clock.now() + LISTEN_SECONDS
+        self._listens_until = self._now() + LISTEN_SECONDS
         self._snapshot: ExecutiveSnapshot | None = None
         self._sent: float | None = None
         self._newest: OrderedDict[str, int] = OrderedDict()

@@ -318,6 +318,15 @@ def test_a_computer_that_has_slept_takes_nothing_from_before_for_new(is_echoed: 
     assert mirror.view().link is LinkState.STALE
 
 
+def test_an_executive_is_listened_for_also_on_a_computer_that_has_slept_before() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock, seconds_asleep=lambda: 3600.0)
+    change = mirror.next_link_change()
+    assert mirror.view().listening and change is not None
+    clock.set(change)
+    assert not mirror.view().listening
+
+
 def test_the_end_of_the_sender_is_seen_at_once() -> None:
     mirror = Mirror(ManualClock())
     mirror.receive_snapshot(snapshot('e', 1), Transit(0.0, 0.0))
