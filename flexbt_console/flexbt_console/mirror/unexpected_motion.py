@@ -45,9 +45,12 @@ class UnexpectedMotionDetector:
 
     def receive(self, snapshot: ExecutiveSnapshot) -> None:
         """Process a snapshot that is newer than those before."""
-        why, pose, now = _why_at_rest(snapshot), snapshot.robot_pose, snapshot.stamp
-        if not why or pose is None or (self._should_since is not None and now < self._should_since):
+        why, pose, now = why_at_rest(snapshot), snapshot.robot_pose, snapshot.stamp
+        if not why or (self._should_since is not None and now < self._should_since):
             self._should_since = self._anchor = self.motion = None
+            return
+        if pose is None:  # it may go on moving; where it is found again is where it should stand
+            self._anchor = None
             return
         if self._should_since is None:
             self._should_since = now
@@ -62,7 +65,7 @@ class UnexpectedMotionDetector:
             self._anchor, self.motion = pose, None
 
 
-def _why_at_rest(snapshot: ExecutiveSnapshot) -> str:
+def why_at_rest(snapshot: ExecutiveSnapshot) -> str:
     """Return why the robot should stand still; '' if it may move."""
     if snapshot.state is ExecutiveState.PAUSED:
         stands = all(state.paused and not state.not_paused for state in snapshot.active_states)

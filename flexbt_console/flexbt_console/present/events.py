@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 from flexbt_console.mirror.freshness import LinkState
 from flexbt_console.mirror.mirror import Mirror, N
 from flexbt_console.mirror.records import EventKind, ExecutiveSnapshot, ExecutiveState, Structure
+from flexbt_console.mirror.unexpected_motion import why_at_rest
 from flexbt_console.mirror.view import View
 from flexbt_core.values.text import one_line
 
@@ -66,8 +67,11 @@ class Follower:
             events.append(Event('link', value, self._link_text(view)))
         motion = view.unwanted_motion
         if (motion is None) != (before is None or before.unwanted_motion is None):
-            alarm = alarm_line(view) or Line('the robot stands again', Tone.GOOD)
-            events.append(Event('unwanted_motion', {'unwanted_motion': motion}, [alarm]))
+            stands = view.snapshot is not None and why_at_rest(view.snapshot)
+            over = 'the robot stands again' if stands else 'the robot need not stand still any more'
+            events.append(
+                Event('unwanted_motion', {'unwanted_motion': motion}, [alarm_line(view) or Line(over, Tone.GOOD)])
+            )
         if view.structure is not None and view.structure != self._structure:
             self._structure = view.structure
             events.append(Event('structure', structure_json(view.structure), []))

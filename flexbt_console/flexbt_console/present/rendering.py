@@ -391,7 +391,9 @@ def alarm_line(view: View) -> str:
     if motion is None or (view.guard.told and not view.live):  # the report of the guard is newer
         return Line(view.guard.told, Tone.ERROR) if view.guard.told else ''
     how_far = f'{motion.metres:.2f} m' if motion.metres >= motion.radians else f'{motion.radians:.2f} rad'
-    moves = f'MOVES, {how_far} so far,' if view.live else f'MOVED, {how_far} when it was last heard of,'
+    moves = f'MOVES, {how_far} so far,'
+    if not view.live or view.robot_pose is None:
+        moves = f'MOVED, {how_far} when {"its pose was last known" if view.live else "it was last heard of"},'
     return Line(f'ALARM: THE ROBOT {moves} though {motion.why}; stop it again', Tone.ERROR)
 
 

@@ -119,6 +119,16 @@ def test_a_robot_that_creeps_is_an_alarm_however_often_its_pose_is_told() -> Non
     assert first < 30 and all(alarms[first:60]) and not alarms[-1]
 
 
+def test_a_robot_whose_pose_gets_lost_while_it_moves_stays_an_alarm_until_it_is_seen_to_stand() -> None:
+    stopped = {'state': ExecutiveState.IDLE, 'outcome': 'preempted'}
+    moves = [at(0.1 * second, **stopped) for second in range(8)]
+    lost = [dataclasses.replace(moves[0], robot_pose=None)] * 10
+    found = [at(9.0, **stopped)] * 10  # by another localization, for example
+    alarms = watch([*moves, *lost, *found])
+    assert all(alarms[7:22]) and not alarms[-1]
+    assert not any(watch([*moves[:1], *lost, *found]))
+
+
 def test_a_paused_robot_may_move_only_by_what_says_that_it_goes_on() -> None:
     held = (ActiveState('/Drive', paused=True),)
     goes_on = (ActiveState('/Drive', paused=True, not_paused=('Drive: its action has no pause',)),)

@@ -26,7 +26,14 @@ from flexbt_console.mirror.records import (
     Peer,
 )
 from flexbt_console.present.events import Follower
-from flexbt_console.present.rendering import behavior_line, event_line, log_lines, progress_text, status_lines
+from flexbt_console.present.rendering import (
+    alarm_line,
+    behavior_line,
+    event_line,
+    log_lines,
+    progress_text,
+    status_lines,
+)
 from flexbt_console.present.style import Tone, coloured, has_colours, tone_of
 from flexbt_console.ui.line.toolbar import toolbar
 from flexbt_core.clock.clock import ManualClock
@@ -86,6 +93,24 @@ def test_a_link_that_is_late_again_and_again_is_no_event_and_one_that_is_lost_is
     assert (lost := scene.told()) == ['link: LOST 6.0 s']
     assert tone_of(lost[0]) is Tone.ERROR
     assert scene.show(RUNNING) == ['link: LIVE 0.0 s']
+
+
+def test_why_an_alarm_about_motion_is_over_is_told_as_it_is() -> None:
+    scene = Scene()
+    stopped = replace(RUNNING, state=ExecutiveState.IDLE, outcome='preempted')
+
+    def at(second: int, x: float | None, snapshot: ExecutiveSnapshot = stopped) -> list[str]:
+        pose = None if x is None else FramedPose(x, 0.0)
+        return scene.show(replace(snapshot, stamp=100.0 + second, robot_pose=pose))
+
+    told = [line for second in range(8) for line in at(second, 0.1 * second)]
+    assert told[-1].startswith('ALARM: THE ROBOT MOVES') and tone_of(told[-1]) is Tone.ERROR
+    assert at(8, None) == []
+    assert alarm_line(scene.mirror.view()).startswith('ALARM: THE ROBOT MOVED, 0.50 m when its pose was last known')
+    stands = [line for second in range(9, 20) for line in at(second, 2.0)]
+    assert stands == ['the robot stands again']
+    assert any('MOVES' in line for second in range(20, 30) for line in at(second, 0.1 * second))
+    assert at(30, 3.0, RUNNING)[0] == 'the robot need not stand still any more'
 
 
 def test_a_node_that_is_late_is_shown_with_its_age_and_a_dead_one_is_told() -> None:
