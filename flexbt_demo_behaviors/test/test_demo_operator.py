@@ -20,6 +20,7 @@ from flexbt_console.mirror.records import (
     DecisionKind,
     ExecutiveSnapshot,
     ExecutiveState,
+    LogLine,
     OperatorCommand,
     Peer,
     ResultCode,
@@ -28,6 +29,7 @@ from flexbt_console.mirror.records import FramedPose as Place
 from flexbt_console.mirror.view import View
 from flexbt_core import ManualClock
 from flexbt_demo_behaviors.demonstration.report import DemoError, RobotTrack, Timeline
+from flexbt_demo_behaviors.demonstration.running import Narrator
 from flexbt_demo_behaviors.demonstration.scripted_operator import ScriptedOperator
 from flexbt_sim.world import Pose
 
@@ -222,6 +224,15 @@ def test_readiness_needs_every_peer(operator: ScriptedOperator, link: Link, peer
     link.show(replace(RUNNING, peers=(Peer('/bt_server', True), peer)))
     with pytest.raises(DemoError, match=f'/navigation {told}'):
         operator.wait_ready(peers=2, timeout=0.05)
+
+
+def test_what_an_executive_has_said_is_told_once_also_after_it_was_started_again() -> None:
+    mirror, stream = Mirror(ManualClock()), io.StringIO()
+    mirror.add_listener(Narrator(mirror, Timeline(stream)))
+    lines = [LogLine(executive, number, text=f'{executive}{number}') for executive in 'ab' for number in (2, 1, 3)]
+    for line in lines:
+        mirror.receive_log(line)
+    assert [told.split()[-1] for told in stream.getvalue().splitlines()] == [line.text for line in lines]
 
 
 def test_nothing_is_heard(operator: ScriptedOperator) -> None:

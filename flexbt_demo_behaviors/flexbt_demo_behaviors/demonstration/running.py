@@ -83,7 +83,12 @@ def parse_run_options(program: str, description: str) -> RunOptions:
     """Parse the command line of a program with one demonstration. If it is invalid, exit with a message."""
     parser = SuggestingArgumentParser(prog=program, description=description, epilog=SCRIPT_EPILOG)
     _add_run_options(parser, os.environ)
-    return _run_options(parser, parser.parse_args(), sys.stdin.isatty() and sys.stdout.isatty())
+    return _run_options(parser, parser.parse_args(), has_terminal())
+
+
+def has_terminal() -> bool:
+    """Return whether a person is at a terminal; a stream that was closed before the start is None."""
+    return all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stdout))
 
 
 def parse_options(arguments: Sequence[str], environment: Mapping[str, str], terminal: bool) -> DemoOptions:
@@ -221,22 +226,22 @@ class Narrator:
         self._timeline = timeline
         self._active: tuple[str, ...] = ()
         self._alive: dict[str, bool] = {}
-        self._told: tuple[str, int] = ('', 0)
+        self._told: set[LogLine] = set()
 
     def __call__(self, change: Change) -> None:
         """Report a change. Called on the thread on which it arrived."""
         if change is Change.LOG:
-            for line in self._mirror.log():
-                self._tell_line(line)
+            log = self._mirror.log()
+            for line in log:
+                if line not in self._told:
+                    self._tell_line(line)
+            self._told = set(log)
         elif change is Change.STATUS:
             snapshot = self._mirror.view().snapshot
             if snapshot is not None:
                 self._tell_snapshot(snapshot)
 
     def _tell_line(self, line: LogLine) -> None:
-        if line.executive_id == self._told[0] and line.sequence <= self._told[1]:
-            return
-        self._told = (line.executive_id, line.sequence)
         if line.severity >= LogSeverity.INFO:
             where = f'{line.path}: ' if line.path else ''
             mark = f'{line.severity.name.lower()}: ' if line.severity >= LogSeverity.WARN else ''
