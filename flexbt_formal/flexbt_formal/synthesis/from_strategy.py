@@ -280,7 +280,7 @@ class _Building:
         for block in order:
             place = self._places[of_block[block][0]]
             name = place.end or '_'.join(part.capability for part in place.parts)
-            taken = {*asking, *names.values()} if not place.end else set()
+            taken = {*asking, *self._words.ends, *names.values()} if not place.end else set()
             names[block] = next(
                 one for n in range(1, len(order) + 2) if (one := f'{name}_{n}' if n > 1 else name) not in taken
             )

@@ -41,6 +41,9 @@ from .yaml_nodes import YamlEntry
 
 CAPABILITY: Final = 'capability'
 
+_KINDS: Final = 'axp'
+"""Suffixes of a capability that is active, was given up, or has not completed yet (is pending)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
@@ -87,7 +90,7 @@ class Vocabulary:
         """Return whether a variable is one of the translation: an activation, an outcome of a capability or of the
         machine, or the mark of a capability that was given up or has not completed yet."""
         own = (
-            {f'{capability}_{kind}' for capability in self.outcomes for kind in 'axp'}
+            {f'{capability}_{kind}' for capability in self.outcomes for kind in _KINDS}
             | set(self.ends.values())
             | {CAPABILITY}
         )
@@ -96,11 +99,11 @@ class Vocabulary:
 
 
 def suffixes(outcomes: Sequence[str]) -> dict[str, str]:
-    """Return the shortest prefix of each outcome that no other outcome has."""
+    """Return the shortest prefix of each outcome that neither another outcome has nor a proposition of capabilities."""
     found = {}
     for outcome in outcomes:
         lengths = range(1, len(outcome) + 1)
-        taken = [other for other in outcomes if other != outcome]
+        taken = [*_KINDS, 'm', *(other for other in outcomes if other != outcome)]
         found[outcome] = next(
             (outcome[:n] for n in lengths if not any(other.startswith(outcome[:n]) for other in taken)), outcome
         )
@@ -109,6 +112,7 @@ def suffixes(outcomes: Sequence[str]) -> dict[str, str]:
 
 _WORD: Final = re.compile(r"([A-Za-z_]\w*)('?)")
 _CONDITION: Final = re.compile(r'(!?)\s*(@?)([A-Za-z_]\w*)\s*(?:=\s*(\w+))?')
+_LATER: Final = re.compile(r"'|\bnext\s*\(")
 _WORDS_OF_FORMULAS: Final = ('next', 'TRUE', 'FALSE', 'true', 'false')
 
 GAVE_UP: Final = 'failed'
@@ -693,7 +697,7 @@ class Translation:
 
     @staticmethod
     def _is_about_steps(formula: str) -> bool:
-        return "'" in formula or 'next' in formula
+        return _LATER.search(formula) is not None
 
     def _limits(self) -> None:
         """Require that a capability that has used up its retries is not tried again."""

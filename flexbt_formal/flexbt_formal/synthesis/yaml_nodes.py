@@ -60,10 +60,10 @@ class YamlFile(YamlParts):
         return self.name(node, what).strip()
 
     def number(self, node: yaml.Node, text: str, what: str) -> int:
-        """Return an integer that is written so."""
-        if re.fullmatch(r'[-+]?\d{1,9}', text, re.ASCII):
+        """Return an integer from 0 that is written so: formulas have no others."""
+        if re.fullmatch(r'\d{1,9}', text, re.ASCII):
             return int(text)
-        self.problem(node, f'{what} has to be an integer of at most 9 digits, not {short_repr(text)}')
+        self.problem(node, f'{what} has to be an integer from 0 of at most 9 digits, not {short_repr(text)}')
         return 0
 
     def flag(self, node: yaml.Node, what: str) -> bool:

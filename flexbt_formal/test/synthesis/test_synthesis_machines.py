@@ -6,7 +6,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import pytest
-from synthesis_support import coffee
+from synthesis_support import COFFEE, coffee, interface
 
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.state_machine.authoring.yaml_form import read_machine
@@ -14,11 +14,13 @@ from flexbt_core.state_machine.engine.run import MachineRun
 from flexbt_core.state_machine.model.autonomy import Autonomy
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_formal.synthesis.capabilities import read_capabilities
 from flexbt_formal.synthesis.errors import SynthesisError
 from flexbt_formal.synthesis.from_strategy import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_yaml
+from flexbt_formal.synthesis.request_files import MachineRequest
 from flexbt_formal.synthesis.synthesis import synthesize
-from flexbt_formal.synthesis.translation import Liveness, SynthesisProblem
+from flexbt_formal.synthesis.translation import Liveness, SynthesisProblem, translated
 
 
 def made(problem: SynthesisProblem) -> SynthesizedMachine:
@@ -42,6 +44,32 @@ def test_effects_may_be_by_an_outcome_of_the_state_too() -> None:
     spilled = ('failure: [grind]}', "failure: [grind], failed: ['!press']}")
     machine = made(coffee(spilled, ("failure: ['!press']", "failed: ['!press']")))
     assert edges(machine) == edges(made(coffee()))
+
+
+@pytest.mark.parametrize(
+    ('before', 'after'),
+    [
+        ('brew', 'brew_next'),  # next(...) is of the next step
+        ('failure', 'aborted'),  # brew_a is that brew is active
+        ('failure', 'missed'),  # brew_m is that brew was completed
+    ],
+)
+def test_names_do_not_change_what_a_machine_does(before: str, after: str) -> None:
+    text = COFFEE.replace(before, after)
+    text += f'transition_outcomes: [completed, {"failure".replace(before, after)}]\n'
+    goal = MachineRequest(goals=('brew'.replace(before, after),))
+    found = edges(made(translated(read_capabilities(text, 'coffee.yaml'), interface, goal)))
+    usual = edges(made(coffee()))
+    assert found == {
+        name.replace(before, after): {outcome: to.replace(before, after) for outcome, to in of.items()}
+        for name, of in usual.items()
+    }
+
+
+def test_a_state_is_not_called_as_an_outcome_of_its_machine() -> None:
+    ends = ('{finished: finished}', '{brew: finished}')
+    machine = made(coffee(ends, outcomes=('brew',)))
+    assert edges(machine)['brew_2'] == {'done': 'brew', 'failed': 'brew_2'}
 
 
 def test_failing_for_ever_is_success_only_where_that_was_asked_for() -> None:
@@ -199,6 +227,7 @@ def test_userdata_that_is_not_written_on_every_way_is_refused_with_the_way() -> 
         ('  press:\n', '  brew_a:\n', "coffee.yaml:6: 'brew_a' is a proposition of brew already: call it otherwise"),
         ('capabilities:', f'memory: {{sys_props: {{x: {"9" * 30}}}}}\ncapabilitie:', "cannot have 'capabilitie'"),
         ('capabilities:', 'variable_mappings: {sys_props: {n: {99999999999: a}}}\ncapabilities:', 'at most 9 digits'),
+        ('capabilities:', 'variable_mappings: {sys_props: {n: {-1: a}}}\ncapabilities:', 'an integer from 0'),
         ('capabilities:', 'memory: {env_props: {x: true}, sys_props: {x: true}}\ncapabilities:', 'of the other owner'),
     ],
 )
