@@ -312,9 +312,10 @@ class _Question:
         return Game(self._asked(kind, specification), self._encoding, self._watch, restraint)
 
     def _asked(self, kind: FailureKind, specification: Specification) -> Specification:
-        """Return what a question is about: dead ends have nothing to do with liveness, nor with when to give up."""
+        """Return what a question is about: luck, the demands that are left; dead ends have nothing to do with liveness,
+        nor with when to give up."""
         if kind is FailureKind.LUCK:
-            return specification
+            return replace(specification, hopes=tuple(specification.of(Section.SYS_LIVENESS)))
         if kind is FailureKind.NEVER:
             return replace(specification, last_resort=None, hopes=())
         safety = tuple(line for line in specification.lines if not line.section.value.endswith('LIVENESS'))

@@ -100,17 +100,19 @@ def test_what_never_becomes_possible_is_named_with_what_it_lacks_where_it_is_nee
     [
         (coffee(goals=('brew & !brew',)), 'it contradicts itself'),
         (coffee(goals=('brew & !brew',), retries=1), 'it contradicts itself'),
+        (coffee(goals=('brew & !brew',), outcomes=('failed',)), 'it contradicts itself'),
         (coffee(goals=('grind_a & brew_a',)), 'what can be active at once'),
         (coffee(goals=('grind_a & brew_a',), parsed=True), 'what can be active at once'),
         (coffee(goals=('brew', '!brew & grind')), 'they contradict each other'),
         (coffee(goals=('press', '!press | !grind', 'grind')), 'they contradict each other'),
     ],
-    ids=['one', 'with retries', 'two active', 'two active, parsed', 'two', 'three'],
+    ids=['one', 'with retries', 'without success', 'two active', 'two active, parsed', 'two', 'three'],
 )
 def test_a_goal_that_contradicts_itself_is_not_blamed_on_capabilities(problem: SynthesisProblem, remedy: str) -> None:
     explanation = refused(problem)
     assert (explanation.kind, explanation.never) == (FailureKind.LUCK, ())
     assert [one for one in explanation.remedies if remedy in one] == list(explanation.remedies)
+    assert explanation.conflict
     assert all(demand.startswith('goal ') for demand in explanation.conflict)
 
 
