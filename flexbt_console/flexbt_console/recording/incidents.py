@@ -241,16 +241,18 @@ def _fill(request: Request, target: Path, folder: Path) -> None:
 def merge(segments: Sequence[Path], file: Path) -> list[str]:
     """Write one recording of the segments of a ring, and return what could not be read.
 
-    Each segment begins with what late subscribers would get: of the later ones, that is left out, and in the first one
-    it gets the time at which the segment begins.
+    Each segment begins with what late subscribers would get: what an earlier one has of that is left out, and the rest,
+    which is in none of them, gets the time at which the segment begins.
     """
     lost: list[str] = []
+    latest = -1
     with contextlib.closing(RunWriter(file)) as writer:
-        for number, segment in enumerate(segments):
-            begin = int(segment.stem)
+        for segment in segments:
+            begin, before = int(segment.stem), latest
             try:
                 for one in read_run(segment, lambda name=segment.name: lost.append(f'{name} was cut off')):  # type: ignore[misc]
-                    if one.time >= begin or number == 0:
+                    latest = max(latest, one.time)
+                    if one.time >= begin or one.time > before:
                         writer.add_topic(one.topic, one.resolved, one.type, one.definition)
                         writer.add(one.topic, one.data, max(one.time, begin), one.sent)
             except UsageError as error:

@@ -96,13 +96,15 @@ def test_the_ring_has_all_of_the_last_seconds_and_what_was_latched(
     ring.roll()  # a kill loses what was not compressed yet; the rest is the same
     whole = directory / 'whole.mcap'
     assert merge(files, whole) == []
-    got = [(one.topic, one.time) for one in read_run(whole)]
+    merged = list(read_run(whole))
+    got = [(one.topic, one.time) for one in merged]
     window = [one for one in sent if one[2] >= now[0] - 8 * SECOND]
     for topic, _, at in window:
         assert (topic, at) in got, 'what is within the time of the ring is there'
     latched = [one for one in sent if one[0] == LOG]
     if latched:
-        assert any(topic == LOG for topic, _ in got), 'a late subscriber would have got it'
+        known = [one.data for one in merged if one.topic == LOG]
+        assert known[-1] == serialize_message(String(data=str(latched[-1][1]))), 'a late subscriber would have got it'
     assert len(files) <= 8 + 3 + 1, 'and not much more than that'
     assert len(got) == len(set(got)), 'nothing twice'
 
@@ -118,6 +120,25 @@ def test_what_is_held_for_an_earlier_incident_is_not_in_a_later_one(tmp_path: Pa
         ring.roll()
     assert len(ring.files()) == 4
     assert [int(one.stem) for one in ring.files(now[0] / 1e9 - 8.0)] == [now[0] - 100 * SECOND, now[0]]
+
+
+def test_what_late_subscribers_get_is_known_also_behind_a_gap_in_the_ring(tmp_path: Path) -> None:
+    """A file is held while the next ones had to go, since there was too much."""
+    now = [10**18]
+    ring, chance = filled_ring(tmp_path / 'robot', now, seconds=100.0, size=1_000_000), random.Random(1)
+    for number in range(100):
+        now[0] += SECOND
+        if number in (0, 20):
+            ring.add(LOG, serialize_message(String(data=str(number))), now[0], now[0])
+        ring.add(TEXT, serialize_message(String(data=chance.randbytes(20_000).hex())), now[0], now[0])
+        if number == 10:
+            ring.hold('earlier', frozenset(map(str, ring.files()[:1])))
+    ring.roll()
+    files = ring.files()[:-1]
+    merge(files, tmp_path / 'whole.mcap')
+    known = [one for one in read_run(tmp_path / 'whole.mcap') if one.topic == LOG]
+    assert [one.data for one in known] == [serialize_message(String(data=text)) for text in ('0', '20')]
+    assert known[-1].time == int(files[1].stem)
 
 
 def test_a_clock_that_is_set_back_leaves_the_ring_whole_and_in_its_order(tmp_path: Path) -> None:
