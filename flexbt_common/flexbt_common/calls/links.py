@@ -231,7 +231,7 @@ class ServerLinks(Generic[LinkT]):
 
     def _new(self, server_type: Any, name: str) -> LinkT:
         timeout = self._peer_timeout
-        nodes = self._runtime.once((ServerNodes, timeout), lambda runtime: ServerNodes(runtime, timeout))
+        nodes = self._runtime.shared((ServerNodes, timeout), lambda: ServerNodes(self._runtime, timeout))
         link: LinkT = self.link_class(self._runtime, server_type, name, nodes)
         destroy = partial(_destroy, self._runtime.node, link.entities)
         weakref.finalize(link, self._runtime.post, destroy).atexit = False

@@ -432,18 +432,20 @@ class NodeScope(Runtime):
     def _entities(self) -> dict[Any, Callable[[Any], object]]:
         """Return the entities of the node, with the functions that destroy them.
 
-        Event handlers end with their topic. The node's subscription to the simulated time is not among them.
+        Event handlers end with their topic. What belongs to the clock of the node is not among them: the subscription
+        to the simulated time, and the timer.
         """
         node: Any = self.node
         actions = [waitable for waitable in node.waitables if isinstance(waitable, ActionServer | ActionClient)]
         topics = [subscription for subscription in node.subscriptions if subscription.topic_name != CLOCK]
+        timers = [timer for timer in node.timers if timer is not self.clock.timer]
         return {
             **dict.fromkeys(actions, _destroy_action),
             **dict.fromkeys(topics, node.destroy_subscription),
             **dict.fromkeys(node.publishers, node.destroy_publisher),
             **dict.fromkeys(node.clients, node.destroy_client),
             **dict.fromkeys(node.services, node.destroy_service),
-            **dict.fromkeys(node.timers, node.destroy_timer),
+            **dict.fromkeys(timers, node.destroy_timer),
             **dict.fromkeys(node.guards, node.destroy_guard_condition),
         }
 

@@ -287,6 +287,7 @@ class Runtime(ABC):
         self._closed = threading.Event()
         self._on_close: list[Callable[[], object]] = []
         self._on_fault: list[Callable[[BaseException], None]] = []
+        self._shared: dict[Hashable, Any] = {}
 
     @property
     @abstractmethod
@@ -344,7 +345,19 @@ class Runtime(ABC):
 
     @abstractmethod
     def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
-        """Return the shared object of the node for ``key``, made with ``make`` on first use. Executor thread only."""
+        """Return the shared object of the node for ``key``, made with ``make`` on first use. Executor thread only.
+
+        It outlives a part of the node, and only those of its entities that ``make`` creates do. One that creates
+        others later has to be :meth:`shared`.
+        """
+
+    def shared(self, key: Hashable, make: Callable[[], T]) -> T:
+        """Return the object for ``key`` that ends with this runtime, made with ``make`` on first use. Executor thread
+        only."""
+        if key not in self._shared:
+            self._shared[key] = make()
+        made: T = self._shared[key]
+        return made
 
     @abstractmethod
     def forget(self, key: Hashable) -> None:

@@ -52,9 +52,10 @@ class RosClock:
 
     The time equals ROS time until the latter jumps back (simulation reset), jumps ahead by a day or more in one
     message (another recording), or a computer's clock is set: such a jump is taken out, so that this time never goes
-    back, and a wait of two more seconds lasts that long. So is the jump with which simulated time begins, from 0 to the
-    first message of /clock, if the time was requested before. Time stamps of messages are ROS time: take
-    them from :meth:`stamp`. ``jumps`` counts the jumps of simulated time, ``last_jump`` is the newest, s.
+    back, and a wait of two more seconds lasts that long. So are the jumps between simulated and system time, and that
+    with which simulated time begins, from 0 to the first message of /clock, if the time was requested before. Time
+    stamps of messages are ROS time: take them from :meth:`stamp`. ``jumps`` counts the jumps of simulated time,
+    ``last_jump`` is the newest, s.
 
     One rclpy timer serves all timers, set to the earliest. While time is not simulated, it is one of the steady clock:
     one of the system's clock would wait for an hour more when that is set back by an hour.
@@ -69,11 +70,13 @@ class RosClock:
         self._is_jumping = False
         self.jumps = 0
         self.last_jump = 0.0
-        self._last = self._raw()
-        self._began = self._last > 0
+        self._is_simulated = self._ros_clock.ros_time_is_active
+        self._start = self._last = self._raw()
+        self._began = not self._is_simulated
         self._asked = False
         self._timers = TimerQueue()
-        self._timer: Any = None
+        self.timer: Any = None
+        """rclpy's timer."""
         self._set_clock_of_timer()
         threshold = JumpThreshold(
             min_forward=Duration(nanoseconds=_LONGEST_STEP),
@@ -114,10 +117,13 @@ class RosClock:
 
     def _now(self) -> int:
         with self._lock:  # reading inside the lock: two threads must not take each other for a jump
-            raw = self._raw()
-            begins = raw > 0 and not self._began
+            is_simulated, raw = self._ros_clock.ros_time_is_active, self._raw()
+            is_other = is_simulated is not self._is_simulated
+            if is_other:
+                self._is_simulated, self._start, self._began = is_simulated, raw, not is_simulated
+            begins = raw != self._start and not self._began
             leaps = self._is_jumping and raw > self._last + _LONGEST_STEP
-            if raw < self._last or (self._asked if begins else leaps):
+            if is_other or raw < self._last or (self._asked if begins else leaps):
                 self._offset += self._last - raw
             self._began = self._began or begins
             self._last = raw
@@ -143,13 +149,13 @@ class RosClock:
 
     def _set_clock_of_timer(self) -> None:
         node, is_simulated = self._runtime.node, self._ros_clock.ros_time_is_active
-        if self._timer is not None:
-            if is_simulated is (self._timer.clock is self._ros_clock):
+        if self.timer is not None:
+            if is_simulated is (self.timer.clock is self._ros_clock):
                 return
-            node.destroy_timer(self._timer)
+            node.destroy_timer(self.timer)
         clock = self._ros_clock if is_simulated else RclpyClock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(_FARTHEST, self._fire, clock=clock)
-        self._timer.cancel()
+        self.timer = node.create_timer(_FARTHEST, self._fire, clock=clock)
+        self.timer.cancel()
 
     def _set_timer(self) -> None:
         # What is set is a period, from a time that must not change meanwhile.
@@ -164,12 +170,12 @@ class RosClock:
         seconds = now / _NANOSECONDS
         when = max(seconds, min(math.inf if earliest is None else earliest, seconds + _FARTHEST))
         # Where a float says a little more than the whole nanoseconds, the timer comes twice.
-        self._timer.timer_period_ns = max(1, round(when * _NANOSECONDS) - now)
-        self._timer.reset()
+        self.timer.timer_period_ns = max(1, round(when * _NANOSECONDS) - now)
+        self.timer.reset()
         if earliest is None:
             # Only now: rcl wakes the executor at each step of simulated time for a timer whose time has passed, even
             # for one that is canceled.
-            self._timer.cancel()
+            self.timer.cancel()
 
     def _fire(self) -> None:
         now = self._now() / _NANOSECONDS

@@ -19,7 +19,8 @@ from std_srvs.srv import SetBool, Trigger
 from flexbt_common.calls import links as links_module
 from flexbt_common.calls.action_call import ActionCall, ActionLinks, GoalStatus
 from flexbt_common.calls.service_call import ServiceCall, ServiceLink, ServiceLinks, ServiceOutcome, service_outcome
-from flexbt_common.lifecycle.liveliness import LivelinessWatch
+from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
+from flexbt_common.lifecycle.managed_node import NodeScope
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_testing.system.python_processes import PythonProcess, python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -104,6 +105,23 @@ def test_a_service_of_a_process_that_is_killed_is_given_up_at_once(link: Service
     assert not outcome.ok and 'is gone' in outcome.reason
     assert runtime.call(held.is_shown) and not runtime.call(held.is_ready)
     assert 'no service' in service_outcome(held, Trigger.Request(), 0.1).reason
+
+
+def test_each_part_of_a_node_watches_the_servers_that_it_calls() -> None:
+    with NodeRuntime.open('host') as host, NodeRuntime.open('server') as server:
+        LivelinessToken(server)
+        serve(server, answer)
+        for _ in range(2):
+            scope = NodeScope(host)
+            link = ServiceLinks(scope).link(Trigger, 'trigger')
+            assert service_outcome(link, Trigger.Request(), DEADLINE).ok
+
+            def heard(link: ServiceLink = link) -> list[str]:
+                link.is_gone()
+                return [one.topic_name for one in host.node.subscriptions]
+
+            wait_until(lambda: '/server/alive' in host.call(heard), 'the token of the server')
+            scope.close()
 
 
 @pytest.mark.dds('another process takes part')

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import itertools
 import signal
 import threading
 from collections import Counter
@@ -293,6 +294,9 @@ def test_a_scope_runs_what_it_is_asked_to_until_it_ends() -> None:
         scope.on_fault(lambda error: run.append(str(error)))
         scope.report_fault(ValueError('fault'))
         PresenceToken(scope, 'somebody').close()
+        numbers = itertools.count()
+        kept = [one.call(lambda one=one: one.shared('key', lambda: next(numbers))) for one in (scope, host, scope)]  # type: ignore[misc]
+        assert kept == [0, 1, 0]
         scope.close()
         assert run[4:] == ['fault', 'second', 'first']
         for late in (scope.post, lambda fn: scope.post_in(0.0, fn), lambda fn: scope.call_near(now, 0.0, fn)):
@@ -302,6 +306,18 @@ def test_a_scope_runs_what_it_is_asked_to_until_it_ends() -> None:
         assert len(run) == 7 and not host.has_failed
         scope.fail('a part has failed')
         assert host.has_failed
+
+
+def test_the_clock_of_the_node_survives_a_scope_in_which_it_was_changed() -> None:
+    done = threading.Event()
+    with NodeRuntime.open('host') as host:
+        scope = NodeScope(host)
+        host.call(lambda: host.node.set_parameters([Parameter('use_sim_time', value=True)]))
+        host.call(lambda: host.node.set_parameters([Parameter('use_sim_time', value=False)]))
+        host.call(lambda: None)
+        scope.close()
+        host.clock.call_at(host.clock.now(), done.set)
+        assert done.wait(DEADLINE)
 
 
 def test_parameters_are_read_by_each_configure_and_fixed_in_between() -> None:

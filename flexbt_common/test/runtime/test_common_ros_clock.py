@@ -183,25 +183,39 @@ def test_who_waits_does_so_while_the_clock_of_the_computer_is_set(monkeypatch: p
                 assert 0.1 <= clock.now() - start <= time.monotonic() - began + 0.001
         assert seen.empty()
         # Of rclpy's clocks, only this one is not concerned.
-        assert clock._timer.clock.clock_type is ClockType.STEADY_TIME
+        assert clock.timer.clock.clock_type is ClockType.STEADY_TIME
 
 
 def test_a_node_may_follow_simulated_time_from_some_time_on_and_no_more() -> None:
     with NodeRuntime.open('real') as runtime:
-        simulation, clock = Simulation(runtime), runtime.clock
-        for _ in range(2):
+        simulation, clock, early = Simulation(runtime), runtime.clock, threading.Event()
+        for begin in (100.0, 4000.0):
             simulated, real = threading.Event(), threading.Event()
             clock.call_at(clock.now() + 0.01, real.set)
             assert real.wait(DEADLINE)
+            timer = clock.call_at(clock.now() + 50.0, early.set)
             runtime.call(lambda: runtime.node.set_parameters([Parameter('use_sim_time', value=True)]))
-            simulation.set(100.0)
+            simulation.set(begin)
             clock.call_at(clock.now() + 2.0, simulated.set)
-            simulation.set(101.9)
+            simulation.set(begin + 1.9)
             settled(runtime)
             assert not simulated.is_set()
-            simulation.set(102.001)  # a float of the time that has passed since 1970 has no ns
+            simulation.set(begin + 2.001)  # a float of the time that has passed since 1970 has no ns
             assert simulated.wait(DEADLINE)
             runtime.call(lambda: runtime.node.set_parameters([Parameter('use_sim_time', value=False)]))
+            settled(runtime)
+            timer.cancel()
+        assert not early.is_set() and clock.jumps == 0
+
+
+def test_a_wait_goes_on_when_time_is_not_simulated_any_more(simulation: Simulation) -> None:
+    clock, early = simulation.runtime.clock, threading.Event()
+    simulation.set(time.time() - 1000.0)  # a recording of today
+    clock.call_at(clock.now() + 500.0, early.set)
+    node = simulation.runtime.node
+    simulation.runtime.call(lambda: node.set_parameters([Parameter('use_sim_time', value=False)]))
+    settled(simulation.runtime)
+    assert not early.is_set()
 
 
 def test_a_canceled_timer_does_not_come() -> None:

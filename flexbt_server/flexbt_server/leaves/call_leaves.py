@@ -187,7 +187,7 @@ class _SharedPublisher:
         """
 
         def find() -> _SharedPublisher:
-            kept = runtime.once(cls.__qualname__, lambda _: WeakLruCache[Any, _SharedPublisher](MOST_PUBLISHERS))
+            kept = runtime.shared(cls.__qualname__, lambda: WeakLruCache[Any, _SharedPublisher](MOST_PUBLISHERS))
             return kept.get((topic, message_type, qos), lambda: cls(runtime, message_type, topic, QOS[qos]))
 
         try:

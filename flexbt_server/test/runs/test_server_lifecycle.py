@@ -203,6 +203,15 @@ def test_cleanup_forgets_everything_and_frees_it() -> None:
             wait_until(lambda: world.actions() == set())
 
 
+def test_a_leaf_publishes_after_each_configuration() -> None:
+    with managed() as world:
+        for _ in range(2):
+            world.change('configure', 'activate')
+            world.client.load_tree('<Publish type="std_msgs/msg/String" topic_name="said" subscriber_timeout="0"/>')
+            assert world.client.execute().result.code == Result.SUCCESS
+            world.change('deactivate', 'cleanup')
+
+
 def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> None:
     file = tmp_path / 'tree.xml'
     file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Main"><NoSuchNode/></BehaviorTree></root>')
