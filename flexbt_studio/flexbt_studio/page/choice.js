@@ -35,7 +35,6 @@ let leave = () => {};  // the dialog that is open
 export function choose(title, options, {free = () => null, text = '', note = ''} = {}) {
   leave();
   const dialog = byId('choice'), field = byId('choice-field'), list = byId('choice-list'), help = byId('choice-help');
-  const before = document.activeElement;
   let found = [], at = 0;
   byId('choice-title').textContent = title;
   byId('choice-note').textContent = note;
@@ -61,7 +60,7 @@ export function choose(title, options, {free = () => null, text = '', note = ''}
   }
   let finish;
   return new Promise((resolve) => {
-    finish = (one) => { leave = () => {}; if (dialog.open) { field.oninput = field.onkeydown = null; dialog.onclose = null; dialog.close(); } if (before?.isConnected) before.focus(); resolve(one); };
+    finish = (one) => { leave = () => {}; field.oninput = field.onkeydown = dialog.onclose = null; dialog.close(); resolve(one); };
     field.oninput = draw;
     field.onkeydown = (event) => {
       event.stopPropagation();

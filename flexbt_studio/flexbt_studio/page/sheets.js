@@ -12,11 +12,11 @@ let leave = () => {};  // the sheet that is open
 // one takes its place.
 export function sheet(title, parts, buttons = [['Close', null, '']]) {
   leave();
-  const dialog = byId('sheet'), before = document.activeElement;
+  const dialog = byId('sheet');
   byId('sheet-title').textContent = title;
   byId('sheet-body').replaceChildren(...parts);
   return new Promise((resolve) => {
-    const finish = (value) => { leave = () => {}; dialog.onclose = null; dialog.close(); if (before?.isConnected) before.focus(); resolve(value); };
+    const finish = (value) => { leave = () => {}; dialog.onclose = null; dialog.close(); resolve(value); };
     byId('sheet-buttons').replaceChildren(...buttons.map(([text, value, kind]) => html('button', {type: 'button', class: kind, onclick: () => finish(value)}, text)));
     leave = () => finish(null);
     dialog.onclose = () => { if (!dialog.open) finish(null); };

@@ -753,6 +753,25 @@ def test_an_answer_that_comes_late_is_of_its_file_or_robot(page: StudioPage, fol
         assert (keys, watched, sheets, job) == ('last', robots, [True] * 4, True)
 
 
+def test_a_dialog_gives_the_focus_back_once(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        places = page.run("""
+            const {choose} = await import('./choice.js'), {sheet} = await import('./sheets.js'), places = [];
+            for (const [id, dialog] of [['choice', () => choose('a', [])], ['sheet', () => sheet('a', [])]]) {
+              document.getElementById('new').focus();
+              const left = dialog();
+              document.getElementById(id).close();  // as Escape does it: its event comes later
+              places.push(document.activeElement.id);
+              document.getElementById('files-filter').focus();
+              await left;
+              places.push(document.activeElement.id);
+            }
+            return places;
+        """)
+        assert places == 2 * ['new', 'files-filter']
+
+
 def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml')
