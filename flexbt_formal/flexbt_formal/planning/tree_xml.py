@@ -37,6 +37,7 @@ For several robots there is a tree for each of them, and one that runs them all:
     of a robot: KeepRunningUntilFailure
       ReactiveSequence
         ReactiveFallback                what it is to do: the branches, that with the least left first
+          ReactiveSequence(the goal, Script)
           ReactiveSequence(conditions, Script)
         ReactiveFallback                it does that; an action goes on when another branch has it, too
           ReactiveSequence(is it this one?, RetryUntilSuccessful(action))
@@ -284,6 +285,9 @@ class _TeamWriter(_Writer):
             _add(sequence, 'Script', name=action or 'others go on', code=f"{chosen} := '{action}'")
 
         branches = _add(both, 'ReactiveFallback', name=f'what {robot} is to do')
+        reached = _add(branches, 'ReactiveSequence')
+        self._goal(reached)  # since another robot has reached it in this tick
+        _add(reached, 'Script', name='nothing more', code=f"{chosen} := ''")
         self._branches(branches, members, add_rule)
         _add_last_branch(branches, 'no way to the goal is planned from here')
         done = _add(both, 'ReactiveFallback', name=f'{robot} does it')

@@ -69,6 +69,16 @@ def test_one_goes_on_with_what_it_does_while_the_other_one_is_done_first() -> No
     assert len(world.started) == len(set(world.started)) == 8
 
 
+def test_who_is_done_begins_nothing_when_another_one_reaches_the_goal() -> None:
+    """Blue is asked after red in each tick, also in that in which red brings about what was missing."""
+    both = [action('red makes p', '', 'p', '', 3), action('blue makes q', '', 'q', '')]
+    problem = led_by(PlanningProblem(tuple(both), frozenset(), (frozenset('pq'),)))
+    team = Team(problem, ROBOTS, {one.name: one.name.split()[0] for one in both})
+    world = world_of(team, lasts=lambda name: 3 if name.startswith('red') else 1)
+    assert world.run(tree_xml(plan_team(team))) is NodeStatus.SUCCESS
+    assert world.started == ['red makes p', 'blue makes q']
+
+
 def test_what_a_robot_cannot_do_the_other_one_does_in_its_place() -> None:
     team = fetching()
     world = world_of(team, fails=lambda name: name.startswith('red goes'))
