@@ -6,6 +6,7 @@ import math
 
 import pytest
 
+from flexbt_console.errors import RefusedError
 from flexbt_demo_behaviors.demonstration.report import (
     POINT_DISTANCE,
     DemoReport,
@@ -37,6 +38,16 @@ def test_a_report_passes_only_with_every_branch_a_goal_and_no_problem() -> None:
     verdicts.append(tried.passed)
     assert verdicts == [False, False, True, False]
     assert 'the robot is lost' in tried.text()
+
+
+def test_a_command_that_the_console_refuses_to_make_is_a_problem_of_the_report() -> None:
+    tried = report()
+
+    def script() -> None:
+        raise RefusedError('nothing is pending')
+
+    tried.play(script)
+    assert not tried.passed and 'problem nothing is pending' in tried.text()
 
 
 def test_a_branch_that_was_not_taken_is_named() -> None:

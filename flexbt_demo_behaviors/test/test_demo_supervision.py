@@ -6,6 +6,7 @@ import queue
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +17,7 @@ from flexbt_common.command_line import restored_signals
 from flexbt_demo_behaviors.demonstration import process_group
 from flexbt_demo_behaviors.demonstration.process_group import EndedProcess, ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import DemoError, Timeline
-from flexbt_demo_behaviors.demonstration.running import RunOptions, run_demonstration, tell_ended
+from flexbt_demo_behaviors.demonstration.running import RunOptions, run_console, run_demonstration, tell_ended
 
 DEADLINE = 60.0
 """Seconds of wall time, on a busy machine too."""
@@ -102,6 +103,29 @@ def test_each_signal_ends_a_demonstration_with_its_processes_and_is_no_success_o
         options = RunOptions(interactive, 1.0, tmp_path)
         assert run_demonstration('demo', options, run) == (0 if interactive else 128 + number)
     assert len(pids) == len(signals) and not any(map(is_running, pids))
+
+
+def test_a_console_that_does_not_end_is_ended_also_when_its_terminal_is_gone(
+    signals: tuple[signal.Signals, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('OMP_NUM_THREADS', '1')
+    terminal, stdin = os.openpty()
+    up, told = tmp_path / 'up', 'import os, pathlib, signal, sys; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n'
+    told += 'pathlib.Path(sys.argv[1]).write_text(f"{os.getpid()}\\n"); signal.pause()'
+
+    def hang_up() -> None:
+        wait_for_text(up, '\n')
+        os.close(terminal)
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGHUP)
+
+    def run(_options: RunOptions, group: ProcessGroup, _timeline: Timeline) -> int:
+        threading.Thread(target=hang_up).start()
+        return run_console(group, [sys.executable, '-c', told, str(up)])
+
+    with os.fdopen(stdin) as shown:
+        monkeypatch.setattr('sys.stdin', shown)
+        assert run_demonstration('demo', RunOptions(True, 1.0, tmp_path), run) == 0
+    assert not is_running(int(up.read_text()))
 
 
 def test_a_process_that_dies_is_started_again_but_not_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

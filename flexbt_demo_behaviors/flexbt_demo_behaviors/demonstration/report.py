@@ -27,6 +27,7 @@ from flexbt_common.middleware.received_messages import Received, ReceivedMessage
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.limits import MESSAGE
 from flexbt_common.values.message_fields import seconds_of
+from flexbt_console.errors import ConsoleError
 from flexbt_core import load_places
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_sim.messages import map_of, pose_of
@@ -260,7 +261,7 @@ class DemoReport:
         before = time.monotonic()
         try:
             script()
-        except DemoError as error:
+        except (DemoError, ConsoleError) as error:
             self.problem = str(error)
         self.duration = time.monotonic() - before
 

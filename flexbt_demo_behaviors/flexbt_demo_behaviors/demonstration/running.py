@@ -35,7 +35,7 @@ from flexbt_console.mirror.records import ExecutiveSnapshot, ExecutiveState, Log
 from flexbt_core.values.text import escape_lines
 
 from .demo_processes import Process, page_command
-from .process_group import ProcessGroup
+from .process_group import END_TIMEOUT_S, ProcessGroup
 from .report import DemoError, RobotTrack, Timeline, subscribe_to_robot
 from .scripted_operator import ScriptedOperator
 
@@ -340,6 +340,9 @@ def run_console(group: ProcessGroup, command: Sequence[str]) -> int:
             exit_code = console.wait()
         finally:
             console.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                console.wait(END_TIMEOUT_S)
+            console.kill()
     tell_ended(group)
     return exit_code
 
@@ -358,4 +361,5 @@ def _restored_terminal() -> Iterator[None]:
     try:
         yield
     finally:
-        termios.tcsetattr(sys.stdin, termios.TCSANOW, before)
+        with contextlib.suppress(termios.error):  # it is gone
+            termios.tcsetattr(sys.stdin, termios.TCSANOW, before)
