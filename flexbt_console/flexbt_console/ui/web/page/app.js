@@ -75,13 +75,18 @@ byId('log-filter').addEventListener('input', () => { for (const line of byId('lo
 
 function addLog(text, tone) {
   const log = byId('log');
-  const atEnd = log.scrollHeight - log.scrollTop - log.clientHeight < 30;
   const line = element('div', {class: tone}, text);
   line.hidden = !isWanted(text);
   log.append(line);
   while (log.childElementCount > MOST_LOG) log.firstElementChild.remove();
-  if (atEnd) log.scrollTop = log.scrollHeight;
+  showEnd();
 }
+
+// The log follows its newest line, also in a pane that has become smaller, unless somebody has scrolled up in it.
+let follows = true;
+const showEnd = () => { if (follows) byId('log').scrollTop = byId('log').scrollHeight; };
+byId('log').addEventListener('scroll', ({target: {scrollHeight, scrollTop, clientHeight}}) => { if (clientHeight) follows = scrollHeight - scrollTop - clientHeight < 30; });
+new ResizeObserver(showEnd).observe(byId('log'));
 
 // What a click on the map means. A pose that is pointed at belongs to the decision that was on the page then.
 function choose() {

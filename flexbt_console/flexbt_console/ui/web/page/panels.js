@@ -31,27 +31,34 @@ export function panels(root, name, usual, narrow) {
   // are data-share and data-column of the panel.
   const shareOf = (id) => state.shares[id] ?? (Number(id.endsWith(':') ? all.get(id.slice(0, -1)).dataset.column : all.get(id).dataset.share) || 1);
 
+  // Fold the panels, which stay where they are, or give them their shares.
+  function size() {
+    for (const [id, panel] of all) {
+      const isFolded = state.folded.includes(id);
+      panel.classList.toggle('folded', isFolded);
+      panel.style.flexGrow = isFolded ? 0 : shareOf(id);
+      panel.querySelector('.fold').setAttribute('aria-expanded', String(!isFolded));
+    }
+  }
+
   function draw() {
     const focused = root.contains(document.activeElement) ? document.activeElement : null;
+    const scrolled = [...root.querySelectorAll('*')].filter((one) => one.scrollTop || one.scrollLeft).map((one) => [one, one.scrollLeft, one.scrollTop]);
     const columns = state.columns.filter((column) => column.length);
     state.columns = columns;
     root.replaceChildren(...columns.flatMap((ids, at) => {
       const column = html('div', {class: 'column'});
       column.style.flexGrow = shareOf(`${ids[0]}:`);
       ids.forEach((id, row) => {
-        const panel = all.get(id), isFolded = state.folded.includes(id);
-        panel.classList.toggle('folded', isFolded);
-        panel.style.flexGrow = isFolded ? 0 : shareOf(id);
-        panel.querySelector('.fold').setAttribute('aria-expanded', String(!isFolded));
         if (row) column.append(separator('horizontal', ids[row - 1], id));
-        column.append(panel);
+        column.append(all.get(id));
       });
       return at ? [separator('vertical', `${columns[at - 1][0]}:`, `${ids[0]}:`), column] : [column];
     }));
+    size();
+    for (const [one, left, top] of scrolled) one.scrollTo(left, top);  // it begins anew where a panel was moved
     if (focused && document.activeElement !== focused) focused.focus();
   }
-
-  const change = () => { save(); draw(); };
 
   function separator(orientation, before, after) {
     const isRow = orientation === 'horizontal';
@@ -90,7 +97,8 @@ export function panels(root, name, usual, narrow) {
     const [from, at] = where(id);
     state.columns[from].splice(at, 1);
     (state.columns[to] ??= []).splice(Math.min(row, state.columns[to].length), 0, id);
-    change();
+    save();
+    draw();
   }
 
   // One place on, for an arrow key; beyond the last column there is a new one.
@@ -116,7 +124,8 @@ export function panels(root, name, usual, narrow) {
     head.append(html('span', {class: 'tools'}, grip, full, fold));
     fold.addEventListener('click', () => {
       state.folded = state.folded.includes(id) ? state.folded.filter((one) => one !== id) : [...state.folded, id];
-      change();
+      save();
+      size();
     });
     full.addEventListener('click', () => enlarge(panel));
     grip.addEventListener('keydown', (event) => {
