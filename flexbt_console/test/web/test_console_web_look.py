@@ -531,7 +531,8 @@ def test_the_map_is_zoomed_and_moved_and_a_pose_is_pointed_at_there(browser: Bro
         if size in MOBILE:
             slide(browser, (browser.run(MIDDLE, canvas), (60, 0)))
         else:
-            ActionChains(browser.driver).move_to_element(canvas).click_and_hold().move_by_offset(60, 0).release().perform()
+            mouse = ActionChains(browser.driver).move_to_element(canvas)
+            mouse.click_and_hold().move_by_offset(60, 0).release().perform()
         robot.show(WHERE)
         browser.until_text('map-keys', 'Click')
         browser.until_it_may_be_answered()
