@@ -285,6 +285,8 @@ class BtExecuteGoalState(TreeState):
         self._goal_type = self._checked_type('goal_msg_type', goal_msg_type)
         written = checked_types(self, 'inputs', inputs)
         self._refuse_reserved('inputs', written, 'goal')
+        if goal_id in written:
+            raise StateParameterError(self, 'goal_id', f'{goal_id!r} is one of inputs as well')
         read = checked_types(self, 'outputs', outputs)
         if checked_text(self, 'request_id', request_id):
             self._refuse_reserved('outputs', read, 'data')

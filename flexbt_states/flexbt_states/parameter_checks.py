@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ def checked_text(state: object, parameter: str, text: str) -> str:
 def checked_topic(state: object, parameter: str, name: str) -> str:
     """Return the name of a topic or an action, relative or absolute."""
     try:
-        validate_topic_name(name)
+        validate_topic_name(checked_text(state, parameter, name))
     except InvalidTopicNameException as error:
         raise StateParameterError(state, parameter, f'{name!r} is not a ROS name: {error}') from None
     return name
@@ -38,6 +38,7 @@ def checked_topic(state: object, parameter: str, name: str) -> str:
 def checked_type(state: object, parameter: str, name: str, package: str = '') -> str:
     """Return the canonical name of an installed type. ``package`` completes a bare message name, as in FlexBE's
     states."""
+    checked_text(state, parameter, name)
     full = f'{package}/msg/{name}' if package and name and '/' not in name else name
     try:
         return resolve_type(full).name
@@ -82,9 +83,14 @@ def checked_timeout(state: object, parameter: str, seconds: float | None) -> flo
     """Return a limit in s; None for no limit."""
     if seconds is None:
         return None
-    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not math.isfinite(seconds) or seconds <= 0:
-        raise StateParameterError(state, parameter, f'{seconds!r} is not a positive number of seconds')
+    if not is_number(seconds) or seconds <= 0:
+        raise StateParameterError(state, parameter, f'{short_repr(seconds)} is not a positive number of seconds')
     return float(seconds)
+
+
+def is_number(value: object) -> bool:
+    """Return whether a value is a finite number, and no bool, which is an int in Python."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def checked_file(state: object, parameter: str, name: str) -> str:

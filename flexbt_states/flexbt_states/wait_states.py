@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -14,10 +13,11 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_core.clock.clock import Timer
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.userdata import UserData
+from flexbt_core.values.text import short_repr
 from flexbt_onboard.behaviors.run_context import state_services
 
 from .errors import StateParameterError
-from .parameter_checks import checked_action_type, checked_timeout, checked_topic
+from .parameter_checks import checked_action_type, checked_timeout, checked_topic, is_number
 
 
 class WaitState(EventState):
@@ -31,8 +31,8 @@ class WaitState(EventState):
 
     def __init__(self, wait_time: float) -> None:
         super().__init__(outcomes=['done'], desired_rate=None)
-        if not isinstance(wait_time, int | float) or not math.isfinite(wait_time) or wait_time < 0.0:
-            raise StateParameterError(self, 'wait_time', f'{wait_time!r} is not a number of seconds')
+        if not is_number(wait_time) or wait_time < 0.0:
+            raise StateParameterError(self, 'wait_time', f'{short_repr(wait_time)} is not a number of seconds')
         self._wait_time = float(wait_time)
         self.skill = self.skill.lasting(self._wait_time, self._wait_time)
         self._end = 0.0

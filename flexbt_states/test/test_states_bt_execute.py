@@ -383,6 +383,9 @@ def test_the_requested_value_comes_under_the_key_data(bench: StateBench, code: s
         (lambda: BtExecuteState(bt_topic='not a name'), 'bt_topic'),
         (lambda: BtExecuteState(outputs={'path': 'nav_msgs/msg/Paht'}), "did you mean 'Path'"),
         (lambda: BtExecuteState(inputs={'': 'string'}), 'inputs'),
+        (lambda: BtExecuteState(bt_topic=5), 'bt_topic: 5 is not text'),  # type: ignore[arg-type]
+        (lambda: BtExecuteState(inputs={'a': 5}), "inputs['a']: 5 is not text"),  # type: ignore[dict-item]
+        (lambda: BtExecuteState(timeout=10**400), 'timeout'),
         (lambda: BtExecuteState(timeout=0.0), 'timeout'),
         (lambda: BtExecuteState(bt_file=5), 'bt_file'),  # type: ignore[arg-type]
         (lambda: BtExecuteState(blackboard=5), 'blackboard'),  # type: ignore[arg-type]
@@ -390,6 +393,7 @@ def test_the_requested_value_comes_under_the_key_data(bench: StateBench, code: s
         (lambda: BtExecuteGoalState(goal_id=''), 'goal_id'),
         (lambda: BtExecuteGoalState(request_id='path'), 'request_msg_type'),
         (lambda: BtExecuteGoalState(inputs={'goal': 'string'}), "'goal'"),
+        (lambda: BtExecuteGoalState(goal_id='place', inputs={'place': 'string'}), "'place' is one of inputs"),
     ],
 )
 def test_what_cannot_work_is_refused_when_the_state_is_made(make: Any, words: str) -> None:

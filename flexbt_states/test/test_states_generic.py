@@ -75,6 +75,8 @@ def test_an_exception_is_neither_a_result_nor_an_answer(bench: StateBench, make:
         lambda: WaitState(-1.0),
         lambda: WaitState('2'),  # type: ignore[arg-type]
         lambda: WaitState(float('nan')),
+        lambda: WaitState(True),
+        lambda: WaitState(10**400),
         lambda: LogKeyState('no place'),
         lambda: LogKeyState('{} {}'),
         lambda: LogKeyState('{name}'),
