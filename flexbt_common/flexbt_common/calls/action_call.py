@@ -44,6 +44,7 @@ from unique_identifier_msgs.msg import UUID
 
 from flexbt_common.names import service_qos
 from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_common.values.value_types import exact
 
 from .links import WATCH_SECONDS, ServerCall, ServerLink, ServerLinks, ServerNodes
 
@@ -175,7 +176,7 @@ class ActionCall(ServerCall['ActionServerLink', GoalOutcome]):
 
     def _send(self) -> None:
         try:
-            future = self._link.send_goal(self._goal_id, self._goal)
+            future = self._link.send_goal(self._goal_id, exact(self._goal))
         except Exception as error:
             self._finish(GoalStatus.FAULT, f'the goal for {self._link} cannot be sent: {error or type(error).__name__}')
             return

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from flexbt_common.names import service_qos
 from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_common.values.value_types import exact
 
 from .links import SETTLE_SECONDS, WATCH_SECONDS, ServerCall, ServerLink, ServerLinks, ServerNodes
 
@@ -104,7 +105,7 @@ class ServiceCall(ServerCall[ServiceLink, ServiceOutcome]):
 
     def _send(self) -> None:
         try:
-            self._future = self._link.client.call_async(self._request)
+            self._future = self._link.client.call_async(exact(self._request))
         except Exception as error:
             self._finish(None, f'the request to {self._link} cannot be sent: {error or type(error).__name__}')
             return

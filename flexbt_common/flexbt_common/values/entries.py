@@ -25,6 +25,7 @@ from .limits import deserialize
 from .value_types import (
     FieldError,
     ValueType,
+    exact,
     from_plain,
     parse_text,
     plain_text,
@@ -128,7 +129,7 @@ def _to_binary(value: Any, plain: Any, resolved: ValueType) -> bytes:
     def cdr(message: Any, fields: Any) -> bytes:
         if not isinstance(message, resolved.message or object):
             message = from_plain(fields, resolve_type(resolved.name.removesuffix('[]')))
-        return bytes(serialize_message(message))
+        return bytes(serialize_message(exact(message)))
 
     if not resolved.is_array:
         return cdr(value, plain)

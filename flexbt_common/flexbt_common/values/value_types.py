@@ -17,7 +17,7 @@ import math
 import re
 import struct
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -364,6 +364,51 @@ def _plain_slot(value: Any, slot: Any, path: str) -> Any:
     return _checked_scalar(_unwrap(value), slot, path)
 
 
+# ---------------------------------------------------------------- fields as the serializer reads them
+#
+# rclpy's messages take any value in any field. Where it is none of these classes, the serializer does not refuse it but
+# sends other memory: 5e-324 for an int 1 in a field of floats, False for numpy's True.
+
+_READ_UNCHECKED: Final = {'float': float, 'double': float, 'boolean': bool, 'octet': bytes}
+
+
+def exact(message: Any) -> Any:
+    """Return a message that is sent as its fields show: itself, or a checked copy if a field holds a number, bool or
+    byte of another class. Use this for messages that code of users has made.
+
+    Raises:
+        FieldError: a field does not fit its type.
+    """
+    return message if _is_exact(message) else _message_from_plain(_plain_message(message, ''), type(message), '')
+
+
+def _is_exact(message: Any) -> bool:
+    kind: Any = type(message)
+    return all(check(getattr(message, name)) for name, check in _exactness_of_fields(kind))
+
+
+@functools.cache
+def _exactness_of_fields(message: Any) -> tuple[tuple[str, Callable[[Any], bool]], ...]:
+    checks = zip(message.get_fields_and_field_types(), map(_exactness, message.SLOT_TYPES), strict=True)
+    return tuple((name, check) for name, check in checks if check is not None)
+
+
+def _exactness(slot: Any) -> Callable[[Any], bool] | None:
+    """Return the check whether a field holds what the serializer reads; None if the serializer checks it itself."""
+    if isinstance(slot, NamespacedType):
+        kind: Any = class_of_slot(slot)
+        return _is_exact if _exactness_of_fields(kind) else None
+    if isinstance(slot, Array | AbstractSequence):
+        size = slot.size if isinstance(slot, Array) else None
+        is_compact = isinstance(slot.value_type, BasicType) and slot.value_type.typename in _ARRAY_CODES
+        check = None if is_compact else _exactness(slot.value_type)
+        if size is None and check is None:
+            return None
+        return lambda elements: size in (None, len(elements)) and (check is None or all(map(check, elements)))
+    read = _READ_UNCHECKED.get(slot.typename) if isinstance(slot, BasicType) else None
+    return None if read is None else lambda value: isinstance(value, read)
+
+
 # ---------------------------------------------------------------- plain -> message
 
 
@@ -402,7 +447,8 @@ def _value_of_slot(plain: Any, slot: Any, path: str) -> Any:
 
 
 def slot_value(value: Any, slot: Any, path: str) -> Any:
-    """Return a value as a message holds it in a field of this ``slot``, checked. Messages are not copied.
+    """Return a value as a message holds it in a field of this ``slot``, checked. Messages that are :func:`exact` are
+    not copied.
 
     Plain data stands for a message, and an int for a float.
 
@@ -412,7 +458,7 @@ def slot_value(value: Any, slot: Any, path: str) -> Any:
     if isinstance(slot, NamespacedType):
         expected = class_of_slot(slot)
         if isinstance(value, expected):
-            return value
+            return _at(path, exact, value)
         if isinstance(value, Mapping):
             return _message_from_plain(value, expected, path)
         raise FieldError(path, f'expected a {expected.__name__}, got {short_repr(value)}')

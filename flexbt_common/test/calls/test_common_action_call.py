@@ -66,9 +66,9 @@ def link(client: NodeRuntime) -> ActionServerLink:
     return ActionLinks(client).link(Wait, 'wait')
 
 
-def call(link: ActionServerLink, done: Done, **options: Any) -> ActionCall:
+def call(link: ActionServerLink, done: Done, goal: Any = None, **options: Any) -> ActionCall:
     timeouts = {'server_timeout': APPEARS, 'accept_timeout': APPEARS}
-    return ActionCall(link, Wait.Goal(), on_done=done, **timeouts | options)
+    return ActionCall(link, goal or Wait.Goal(), on_done=done, **timeouts | options)
 
 
 def test_a_goal_succeeds(link: ActionServerLink, server: ScriptedActionServer, client: NodeRuntime) -> None:
@@ -130,6 +130,20 @@ def test_a_goal_that_cannot_be_serialized_is_a_fault(link: ActionServerLink, ser
     done = Done()
     ActionCall(link, Spin.Goal(), on_done=done, server_timeout=APPEARS)
     assert done.wait().status is GoalStatus.FAULT
+
+
+def test_a_goal_arrives_as_its_fields_show(client: NodeRuntime) -> None:
+    done, link = Done(), ActionLinks(client).link(Spin, 'spin')
+    with NodeRuntime.open('spinner') as runtime:
+        server = ScriptedActionServer(runtime, Spin, 'spin')
+        call(link, done, goal=Spin.Goal(check_fields=False, target_yaw=2))
+        wait_until(lambda: server.goals, 'the goal')
+        assert repr(server.goals[0].target_yaw) == '2.0'
+        server.end(0)
+        assert done.wait().status is GoalStatus.SUCCEEDED
+        refused = Done()
+        call(link, refused, goal=Spin.Goal(check_fields=False, target_yaw=True))
+        assert 'field target_yaw: expected a number, got True' in refused.wait().reason
 
 
 def test_cancel(link: ActionServerLink, server: ScriptedActionServer) -> None:

@@ -11,6 +11,7 @@ import weakref
 from collections.abc import Iterator
 from typing import Any
 
+import numpy
 import pytest
 from action_msgs.srv import CancelGoal
 from nav2_msgs.action import Wait
@@ -158,6 +159,20 @@ def test_a_request_of_another_type_is_refused_before_it_is_sent(link: ServiceLin
         serve(server, answer)
         ServiceCall(link, SetBool.Request(), on_done=outcomes.put, server_timeout=DEADLINE)
         assert 'cannot be sent' in outcomes.get(timeout=DEADLINE).reason
+
+
+def test_a_request_arrives_as_its_fields_show(link: ServiceLink) -> None:
+    asked: list[Any] = []
+    setter = ServiceLinks(link.runtime).link(SetBool, 'set')
+
+    def serve_setting(request: Any, response: Any) -> Any:
+        asked.append(request)
+        return response
+
+    with NodeRuntime.open('setter') as server:
+        server.call(lambda: server.node.create_service(SetBool, 'set', serve_setting))
+        assert service_outcome(setter, SetBool.Request(check_fields=False, data=numpy.True_), DEADLINE).ok
+        assert asked[0].data is True
 
 
 def test_a_call_that_is_on_its_way_while_its_node_ends_is_no_fault() -> None:

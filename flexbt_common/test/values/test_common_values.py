@@ -8,11 +8,13 @@ import random
 import struct
 from typing import Any
 
+import numpy
 import pytest
 from ament_index_python.resources import get_resource, get_resources
-from geometry_msgs.msg import Point, Pose, PoseStamped, Twist
+from geometry_msgs.msg import Point, Point32, Pose, PoseArray, PoseStamped, PoseWithCovariance, Twist
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nav2_msgs.action import Spin
 from nav_msgs.msg import Path
 from rosidl_parser.definition import (
     AbstractSequence,
@@ -26,7 +28,7 @@ from std_msgs.msg import Byte, String
 
 from flexbt_common.errors import UnknownTypeError, ValueConversionError
 from flexbt_common.values.entries import Encoding, check_value, from_entry, text_to_value, to_entry, value_to_text
-from flexbt_common.values.value_types import PRIMITIVES, resolve_type, type_name
+from flexbt_common.values.value_types import PRIMITIVES, FieldError, exact, resolve_type, type_name
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_testing.hostile_yaml import HOSTILE_YAML
 from flexbt_testing.waiting import processor_time
@@ -247,6 +249,48 @@ def test_a_field_of_a_wrong_type_is_refused_before_the_serializer_sees_it(
     object.__setattr__(text, '_data', 'a\0b')
     with pytest.raises(ValueConversionError, match='NUL'):
         to_entry('k', text)
+
+
+class Loose(dict[str, Any]):
+    """Fields of other classes than those that rclpy's serializer reads without a check."""
+
+    def message(self, name: str) -> Any:
+        kind: Any = resolve_type(name).message
+        return kind(check_fields=False, **self)
+
+
+@pytest.mark.parametrize(
+    ('name', 'loose', 'same_as'),
+    [
+        ('geometry_msgs/Point', Loose(x=3, y=numpy.float32(1.5), z='2.5'), {'x': 3.0, 'y': 1.5, 'z': 2.5}),
+        ('std_msgs/Bool', Loose(data=numpy.True_), {'data': True}),
+        ('std_msgs/Byte', Loose(data=2), {'data': 2}),
+        ('std_msgs/ByteMultiArray', Loose(data=[1, b'2']), {'data': [1, 50]}),
+        ('rcl_interfaces/ParameterValue', Loose(bool_array_value=[numpy.True_]), {'bool_array_value': [True]}),
+        (
+            'geometry_msgs/Polygon',
+            Loose(points=[Point32(check_fields=False, x=1)]),
+            {'points': [{'x': 1.0}]},
+        ),
+    ],
+)
+def test_numbers_of_other_classes_are_sent_as_they_are_shown(name: str, loose: Loose, same_as: dict[str, Any]) -> None:
+    value = check_value(same_as, name)
+    for encoding in Encoding:
+        assert same(from_entry(to_entry('k', loose.message(name), encoding=encoding)), value)
+        assert same(from_entry(to_entry('k', [value, loose.message(name)], encoding=encoding)), [value, value])
+    assert exact(value) is value
+
+
+def test_what_does_not_fit_a_field_of_a_goal_is_refused_with_its_place() -> None:
+    goal = Spin.Goal(check_fields=False, target_yaw=1)
+    assert (exact(goal), goal.target_yaw) == (Spin.Goal(target_yaw=1.0), 1)
+    with pytest.raises(FieldError, match=r'field poses\[1\].position.x: expected a number, got True'):
+        exact(PoseArray(poses=[Pose(), Pose(position=Point(check_fields=False, x=True))]))
+    pose = PoseWithCovariance()
+    object.__setattr__(pose, '_covariance', numpy.zeros(35))  # of which the serializer would read 36
+    with pytest.raises(FieldError, match='35 elements'):
+        exact(pose)
 
 
 def test_types_of_python_values() -> None:

@@ -15,6 +15,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from flexbt_common.runtime.node_runtime import Runtime, qos_misfit
+from flexbt_common.values.value_types import FieldError, exact
 from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.values.text import short_repr
 from flexbt_flexbe.errors import ProxyError
@@ -85,12 +86,15 @@ class ProxyPublisher(RunProxy):
         """Publish a message.
 
         Raises:
-            ProxyError: the run does not publish on the topic, or the message is of another type.
+            ProxyError: the run does not publish on the topic, or the message or a field is of another type.
         """
         publisher = self._topic(topic)
         if not isinstance(msg, publisher.msg_type):
             raise ProxyError(f'topic {topic!r}: a message is a {publisher.msg_type.__name__}, not {short_repr(msg)}')
-        publisher.publish(msg)
+        try:
+            publisher.publish(exact(msg))
+        except FieldError as error:
+            raise ProxyError(f'topic {topic!r}: {error}') from None
 
     def number_of_subscribers(self, topic: str) -> int:
         """Return the number of discovered subscriptions that match the publisher."""

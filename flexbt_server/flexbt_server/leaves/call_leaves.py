@@ -19,6 +19,7 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
 from flexbt_common.values.entries import check_value
 from flexbt_common.values.templates import Expression
+from flexbt_common.values.value_types import exact
 from flexbt_core.behavior_tree.engine.leaf import StatefulAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, ElementError, PortError
@@ -265,7 +266,7 @@ class Publish(MessageLeaf, _TimedLeaf):
 
     def on_start(self) -> NodeStatus:
         try:
-            self._message = self.message('message')
+            self._message = exact(self.message('message'))
             topic = str(self.get_input('topic_name'))
             self._shared = _SharedPublisher.of(self.host.runtime, self.message_type, topic, str(self.get_input('qos')))
         except (PortError, ValueError) as error:
