@@ -11,6 +11,7 @@ from typing import Any, Final
 import yaml
 
 from flexbt_core.skills.skill import LEVELS
+from flexbt_core.values.text import one_line
 from flexbt_core.values.yaml_data import strict_yaml
 
 from .errors import SynthesisError
@@ -49,7 +50,7 @@ def _check_end(machine: SynthesizedMachine) -> None:
 
 
 def _yaml_lines(machine: SynthesizedMachine) -> Iterator[str]:
-    yield f'# {machine.name}: synthesized. The comment of each state names what it stands for in the strategy.'
+    yield f'# {one_line(machine.name)}: synthesized. The comment of each state names what it stands for in the strategy.'
     yield 'machine:'
     yield f'  outcomes: {_flow(list(machine.outcomes))}'
     if machine.keys:
@@ -61,11 +62,11 @@ def _yaml_lines(machine: SynthesizedMachine) -> Iterator[str]:
 
 
 def why(state: MachineState) -> str:
-    """Return where a state comes from: its capabilities, the nodes of the strategy, and what is known in all of
-    them."""
+    """Return in one line where a state comes from: its capabilities, the nodes of the strategy, and what is known in
+    all of them."""
     said = ' and '.join(part.capability for part in state.parts)
     nodes = f'; node{"s" if len(state.nodes) > 1 else ""} {", ".join(map(str, state.nodes))}' if state.nodes else ''
-    return f'{said}{nodes}' + (f'; holds {", ".join(state.holds)}' if state.holds else '')
+    return one_line(f'{said}{nodes}' + (f'; holds {", ".join(state.holds)}' if state.holds else ''))
 
 
 def _yaml_state(state: MachineState, attempts: int) -> Iterator[str]:
@@ -198,7 +199,7 @@ def _local(name: str) -> str:
 
 def _doc(text: str) -> str:
     """Return a text that cannot end what it stands in."""
-    return ' '.join(text.replace('\\', '/').replace('"', "'").split())
+    return one_line(text).replace('\\', '/').replace('"', "'")
 
 
 # FlexBE's form of a machine: the fields of ``flexbe_msgs/StateInstantiation``.

@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from typing import ClassVar
 
 import pytest
+import yaml
 from synthesis_support import COFFEE, coffee, interface
 
 from flexbt_core.clock.clock import ManualClock
@@ -17,7 +20,7 @@ from flexbt_core.state_machine.model.userdata import UserData
 from flexbt_formal.synthesis.capabilities import read_capabilities
 from flexbt_formal.synthesis.errors import SynthesisError
 from flexbt_formal.synthesis.from_strategy import SynthesizedMachine
-from flexbt_formal.synthesis.machine_text import machine_as_yaml
+from flexbt_formal.synthesis.machine_text import machine_as_python, machine_as_yaml
 from flexbt_formal.synthesis.request_files import MachineRequest
 from flexbt_formal.synthesis.synthesis import synthesize
 from flexbt_formal.synthesis.translation import Liveness, SynthesisProblem, translated
@@ -64,6 +67,16 @@ def test_names_do_not_change_what_a_machine_does(before: str, after: str) -> Non
         name.replace(before, after): {outcome: to.replace(before, after) for outcome, to in of.items()}
         for name, of in usual.items()
     }
+
+
+def test_what_the_files_call_things_stays_in_its_comment() -> None:
+    name = 'home\n    other: {state: Try}\x1b[2J'
+    places = f'variable_mappings: {{sys_props: {{place: {{0: {json.dumps(name)}}}}}}}\ncapabilities:'
+    problem = coffee(('capabilities:', places), initial=('place=0',))
+    machine = made(replace(problem, request=replace(problem.request, name=name)))
+    text = machine_as_yaml(machine)
+    assert list(yaml.safe_load(text)['machine']['states']) == list(machine.states)
+    assert '\x1b' not in text + machine_as_python(machine, lambda state: 'states')
 
 
 def test_a_state_is_not_called_as_an_outcome_of_its_machine() -> None:
