@@ -33,6 +33,8 @@ def write_text_file(file: str, text: str) -> None:
         text_files.write_text(file, text)
     except OSError as error:
         raise UsageError(f'{file}: cannot be written: {error.strerror or error}') from error
+    except ValueError as error:  # a name with NUL; a text that is not Unicode, as parts of it are names of files
+        raise UsageError(f'{file}: cannot be written: {error}') from error
 
 
 # Skill manifests on this computer.

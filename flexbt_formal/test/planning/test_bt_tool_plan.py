@@ -196,6 +196,8 @@ def test_wrong_words_are_refused(mission: Path) -> None:
         assert tool('plan', str(mission), word, 'küche(hall)').err.startswith(f"{word}: 'küche(hall)' is not a literal")
     for words in (['--time-limit', '0'], ['--time-limit', 'nan'], ['--disturbed', '-1'], ['--name'], ['--name', 'a/b']):
         assert tool('plan', str(mission), *words).code == 2
+    for words in (['-o', '\0'], ['--name', '\udcff', '-o', str(mission.with_name('tree.xml'))]):
+        assert 'cannot be written: ' in tool('plan', str(mission), *words).err
     mission.write_bytes(b'goal: \xff')
     assert f'{mission}: cannot be read: byte 7 is not UTF-8' in tool('plan', str(mission)).err
     mission.write_text('skills: [cup_skills.yaml]')
