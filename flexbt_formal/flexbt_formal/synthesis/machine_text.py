@@ -50,7 +50,8 @@ def _check_end(machine: SynthesizedMachine) -> None:
 
 
 def _yaml_lines(machine: SynthesizedMachine) -> Iterator[str]:
-    yield f'# {one_line(machine.name)}: synthesized. The comment of each state names what it stands for in the strategy.'
+    name = one_line(machine.name)
+    yield f'# {name}: synthesized. The comment of each state names what it stands for in the strategy.'
     yield 'machine:'
     yield f'  outcomes: {_flow(list(machine.outcomes))}'
     if machine.keys:
