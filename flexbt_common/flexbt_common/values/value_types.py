@@ -327,9 +327,9 @@ def _join(parent: str, child: str) -> str:
 
 
 def _is_sequence(value: Any) -> bool:
-    return isinstance(value, array | numpy.ndarray | bytes | bytearray) or (
-        isinstance(value, Sequence) and not isinstance(value, str)
-    )
+    if isinstance(value, numpy.ndarray):
+        return value.ndim == 1
+    return isinstance(value, array | bytes | bytearray) or (isinstance(value, Sequence) and not isinstance(value, str))
 
 
 def _unwrap(value: Any) -> Any:
@@ -366,10 +366,15 @@ def _plain_slot(value: Any, slot: Any, path: str) -> Any:
 
 # ---------------------------------------------------------------- fields as the serializer reads them
 #
-# rclpy's messages take any value in any field. Where it is none of these classes, the serializer does not refuse it but
-# sends other memory: 5e-324 for an int 1 in a field of floats, False for numpy's True.
+# rclpy's messages take any value in any field. Where it is none of these classes, the serializer sends other memory
+# (5e-324 for an int 1 in a field of floats, False for numpy's True), raises SystemError (numpy's integers) or aborts.
 
-_READ_UNCHECKED: Final = {'float': float, 'double': float, 'boolean': bool, 'octet': bytes}
+_READ_AS: Final = {
+    **dict.fromkeys(('float', 'double'), float),
+    **dict.fromkeys((*_INTEGER_BITS, 'char'), int),
+    'boolean': bool,
+    'octet': bytes,
+}
 
 
 def exact(message: Any) -> Any:
@@ -405,7 +410,7 @@ def _exactness(slot: Any) -> Callable[[Any], bool] | None:
         if size is None and check is None:
             return None
         return lambda elements: size in (None, len(elements)) and (check is None or all(map(check, elements)))
-    read = _READ_UNCHECKED.get(slot.typename) if isinstance(slot, BasicType) else None
+    read = _READ_AS.get(slot.typename) if isinstance(slot, BasicType) else None
     return None if read is None else lambda value: isinstance(value, read)
 
 

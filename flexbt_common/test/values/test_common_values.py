@@ -264,6 +264,7 @@ class Loose(dict[str, Any]):
     [
         ('geometry_msgs/Point', Loose(x=3, y=numpy.float32(1.5), z='2.5'), {'x': 3.0, 'y': 1.5, 'z': 2.5}),
         ('std_msgs/Bool', Loose(data=numpy.True_), {'data': True}),
+        ('std_msgs/UInt8', Loose(data=numpy.int16(7)), {'data': 7}),
         ('std_msgs/Byte', Loose(data=2), {'data': 2}),
         ('std_msgs/ByteMultiArray', Loose(data=[1, b'2']), {'data': [1, 50]}),
         ('rcl_interfaces/ParameterValue', Loose(bool_array_value=[numpy.True_]), {'bool_array_value': [True]}),
@@ -291,6 +292,9 @@ def test_what_does_not_fit_a_field_of_a_goal_is_refused_with_its_place() -> None
     object.__setattr__(pose, '_covariance', numpy.zeros(35))  # of which the serializer would read 36
     with pytest.raises(FieldError, match='35 elements'):
         exact(pose)
+    object.__setattr__(pose, '_covariance', numpy.array(0.0))
+    with pytest.raises(ValueConversionError, match='field covariance: expected a list'):
+        to_entry('k', pose)
 
 
 def test_types_of_python_values() -> None:
