@@ -30,7 +30,8 @@ export class Debugger {
   constructor(studio, live) {
     Object.assign(this, {studio, live, robot: null, server: null, event: {}, known: {}, seen: new Map(), readers: {}, turned: -Infinity});
     const act = (id, text, keys, run) => html('button', {type: 'button', id: `debug-${id}`, title: keys && `${keys}`, onclick: run}, text);
-    this.stop = html('button', {type: 'button', id: 'stop', class: 'stop', hidden: true, title: 'Stop the run and the robot (Shift+F5)', onclick: () => this.do('stop')}, 'STOP');
+    this.stops = [...document.querySelectorAll('.stop')];  // in the dialogs, too
+    for (const one of this.stops) one.addEventListener('click', () => this.do('stop'));
     this.bar = html('div', {id: 'held', role: 'alert', class: 'bar'});
     this.who = html('p', {id: 'debug-who', class: 'hint'});
     this.buttons = html('fieldset', {class: 'buttons', 'aria-label': 'at the selected item'},
@@ -42,7 +43,6 @@ export class Debugger {
     this.pane = html('details', {id: 'debug', open: true, hidden: true}, html('summary', {}, 'Debugger'), this.who, this.buttons,
       html('div', {class: 'buttons'}, act('why', 'Why Not Running', 'q', () => this.why()), act('board', 'Blackboard', '', () => this.board()), act('userdata', 'Userdata', '', () => this.do('userdata', null, true)), act('switch', 'Use This Version…', '', () => this.offer())), this.set, this.data, this.log);
     pressedOnce('#held button, #debug button', (...words) => studio.told(...words));
-    document.querySelector('.head').append(this.stop);
     byId('alarm').after(this.bar);
     byId('runs').prepend(this.pane);
     addEventListener('keydown', (event) => {  // in a dialog, too
@@ -64,8 +64,6 @@ export class Debugger {
     const on = {parts: mine((parts) => this.takeParts(parts)), message: mine((message) => this.take(message)), map: () => {}, state: mine((isOpen, name, text) => { this.server = {isOpen, name, text}; this.known.link = null; this.draw(); })};
     if (isProgram) this.link = new ProgramLink(on, robot, this.studio.link);
     else if (path) this.link = new ServerLink(on, () => (robot === SIMULATION ? '' : `?robot=${encodeURIComponent(robot)}`), path);
-    this.stop.hidden = !this.link || isProgram;
-    this.pane.hidden = !this.link;
     this.draw();
   }
 
@@ -80,7 +78,6 @@ export class Debugger {
   leave() {
     this.link?.close();
     Object.assign(this, {robot: null, link: null, server: null, event: {}, known: {}});
-    this.stop.hidden = this.pane.hidden = true;
     this.draw();
   }
 
@@ -150,6 +147,8 @@ export class Debugger {
 
   draw() {
     const {event, known, server} = this, holds = event.holds ?? [], asked = (known.decisions ?? []).filter((one) => one.kind !== 'input');
+    for (const one of this.stops) one.hidden = !this.link || this.link instanceof ProgramLink;
+    this.pane.hidden = !this.link;
     const isObserver = this.operator === null, link = !server?.isOpen ? `${server?.name ?? 'CONNECTING'} ${server?.text ?? ''}` : known.link?.state === 'live' ? '' : 'NO LINK to the robot: what was last known; only STOP is sent';
     const seen = new Map(asked.map(({id}) => [id, this.seen.get(id) ?? performance.now()]));
     this.seen = seen;

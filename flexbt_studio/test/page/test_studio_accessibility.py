@@ -86,3 +86,27 @@ def test_axe_finds_nothing_in_the_studio(page: StudioPage, folder: Path) -> None
         page.open(port, 'main.xml')
         look('text field')
     assert not found, '\n'.join(sorted(set(found)))
+
+
+def test_on_a_small_screen_of_touch_stop_and_keys_are_seen_and_a_choice_is_left(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port, page.emulated(320, 640, mobile=True):
+        page.open(port, 'main.xml')
+        page.press('?')
+        page.until_sheet('Keys')
+        shown = 'return [...document.querySelectorAll("#sheet kbd")].every((one) => one.checkVisibility())'
+        assert page.run(shown)
+        assert page.run(
+            'const {scrollWidth, clientWidth} = document.getElementById("sheet"); return scrollWidth <= clientWidth'
+        )
+        page.press(Keys.ESCAPE)
+        page.until(lambda: not page.run('return document.querySelector("dialog[open]")'))
+        at = (
+            'document.getElementById("stop").hidden = false; scrollTo(0, 10000);'
+            'const {x, y} = document.getElementById("stop").getBoundingClientRect();'
+            'return document.elementFromPoint(x + 5, y + 5)?.id ?? ""'
+        )
+        assert page.run(at) == 'stop'
+        page.driver.find_element('id', 'commands').click()
+        page.until(lambda: page.focused == 'choice-field')
+        page.driver.find_element('css selector', '#choice form button').click()
+        page.until(lambda: not page.run('return document.querySelector("dialog[open]")'))

@@ -265,8 +265,13 @@ def test_a_tree_is_held_stepped_and_stopped(robot: StudioPage, mission: Mission)
     page.press(Keys.F5)
     page.until_text('debug-log', "'bob' has the authority")
     page.until_text('held', 'HELD before Add')
-    page.chord(Keys.SHIFT, Keys.F5)
+    page.chord(Keys.CONTROL, 'k')
+    page.until(lambda: page.focused == 'choice-field')  # no Enter is for the STOP of the dialog
+    page.driver.find_element('css selector', '#choice .stop').click()
     page.until(lambda: page.text('held') == '')
+    page.chord(Keys.SHIFT, Keys.F5)
+    page.until(lambda: page.text('debug-log').count('stop: applied') == 2)
+    page.driver.find_element('css selector', '#choice form button').click()
     page.until_text('player-told', 'idle')
     assert marks(page) == {}
 
