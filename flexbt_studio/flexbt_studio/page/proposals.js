@@ -77,7 +77,7 @@ export class Goals {
       if (target) {
         await studio.go(target.name);
         await studio.file.settled();
-        await propose(studio, title, target.name, await studio.link.request('with_result', {file: target.name, result: text}), notes);
+        await propose(studio, title, target.name, studio.link.request('with_result', {file: target.name, result: text}), notes);
         return;
       }
       const stem = entry.one.source.replace(/\.\w+$/, ''), name = await ask('Name of the new file', entry.job === 'plan' ? `${stem}.xml` : `${stem}_machine.yaml`, 'It is on disk when it is saved.');
@@ -108,10 +108,10 @@ export async function exportModels(studio) {
   const chosen = await choose('Export', places, {note: 'As <TreeNodesModel>; those of BehaviorTree.CPP itself are left out, every editor knows them.'});
   if (!chosen) return;
   await file?.settled();
-  const text = await studio.link.request('models', {file: chosen.file, into: chosen.into});
-  const name = chosen.into ? file.name : await ask('Name of the new file', 'models.xml', 'It is on disk when it is saved.');
-  if (name && chosen.into) await propose(studio, 'Models of its node types', name, text, []);
-  else if (name) await studio.create(name, text);
+  const asked = studio.link.request('models', {file: chosen.file, into: chosen.into});
+  if (chosen.into) { await propose(studio, 'Models of its node types', file.name, asked, []); return; }
+  const text = await asked, name = await ask('Name of the new file', 'models.xml', 'It is on disk when it is saved.');
+  if (name) await studio.create(name, text);
 }
 
 export async function importModels(studio) {

@@ -110,11 +110,17 @@ export async function compareVersions(studio) {
   if (taken !== null) studio.told('The right side is the text now; Undo takes it back');
 }
 
-// Show a text that is proposed for a file, or for a new one of this name. What is accepted is one edit. Resolves to whether it was.
-export async function propose(studio, title, name, proposed, notes) {
-  const file = studio.open.get(name) ?? null, before = file?.text ?? '', watch = {change: []}, found = hunks(before, proposed);
+// Show a text that is proposed for a file, or for a new one of this name. asked is the text, or a promise of it for the file as it is
+// now. What is accepted is one edit. Resolves to whether it was.
+export async function propose(studio, title, name, asked, notes) {
+  const file = studio.open.get(name) ?? null, before = file?.text ?? '';
+  const judge = async (watch) => judged(studio, title, name, file, before, await asked, watch, notes);
+  return file ? file.watching(judge) : judge({change: []});
+}
+
+async function judged(studio, title, name, file, before, proposed, watch, notes) {
+  const found = hunks(before, proposed);
   if (!found.length) { studio.told(`${title}: ${name} has that already`); return false; }
-  file?.watches.add(watch);
   const boxes = found.map((one, index) => html('input', {type: 'checkbox', checked: true, 'aria-label': `Hunk ${index + 1} of ${found.length}, line ${one.line}`}));
   const rows = (one) => one.rows.map(([kind, line]) => html('div', {class: kind === '-' ? 'removed' : 'added'}, `${kind} ${line.replace(/\n$/, '')}`));
   const list = html('div', {class: 'hunks', role: 'group', 'aria-label': 'hunks: Space accepts or refuses, arrows go on'}, ...found.map((one, index) => html('label', {}, html('span', {}, boxes[index], ` Hunk ${index + 1} of ${found.length}, line ${one.line}`), html('span', {class: 'difference'}, ...rows(one)))));
@@ -128,7 +134,6 @@ export async function propose(studio, title, name, proposed, notes) {
     boxes[index]?.closest('label').scrollIntoView({block: 'nearest'});
   });
   const isAccepted = await pictureSheet(title, picture, [...notes.map((note) => html('p', {class: 'hint'}, note)), list], [[file ? 'Accept the Checked Hunks' : `Make ${name}`, true, 'primary'], ['Refuse All', null, '']]);
-  file?.watches.delete(watch);
   const chosen = found.filter((_, index) => boxes[index].checked);
   if (!isAccepted || !chosen.length) { studio.told(`${title}: nothing was changed`); return false; }
   if (!file) {

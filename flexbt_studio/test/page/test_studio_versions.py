@@ -12,7 +12,7 @@ from typing import Any
 
 import aiohttp
 import pytest
-from studio_page import TOKEN, StudioPage, served
+from studio_page import TOKEN, StudioPage, held, served
 
 from flexbt_studio.server.web_server import editor_folder
 from flexbt_testing.browser import NEEDS_BROWSER
@@ -136,6 +136,29 @@ def test_a_plan_is_accepted_in_hunks_as_one_edit(page: StudioPage, tmp_path: Pat
         page.until_told('1 refused: their lines have changed since')
         text = now()
         assert 'better' in text and last not in text
+
+
+def test_what_is_written_until_a_proposal_comes_stays(
+    page: StudioPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'main.xml').write_text(TREE)
+    with served(tmp_path, None) as port:
+        page.open(port, 'main.xml')
+        with held(monkeypatch, 'models', is_done=True) as asked:
+            command(page, 'export models of node types')
+            page.until_text('choice-title', 'Export')
+            page.press(Keys.ENTER)
+            assert asked.wait(60.0)
+            page.write()
+            page.run('document.activeElement.setSelectionRange(0, 0)')
+            page.press('<!-- late -->')
+            page.until(lambda: asyncio.run(text_elsewhere(port, 'main.xml')).startswith('<!-- late -->'))
+        page.until_sheet('Models of its node types')
+        assert 'late' not in page.text('sheet')
+        page.run('document.querySelector("#sheet-buttons .primary").click()')
+        page.until_told('1 of 1 hunks accepted')
+        text = asyncio.run(text_elsewhere(port, 'main.xml'))
+        assert text.startswith('<!-- late --><root') and 'TreeNodesModel' in text
 
 
 def test_a_file_is_compared_with_a_version_of_git(page: StudioPage, tmp_path: Path) -> None:
