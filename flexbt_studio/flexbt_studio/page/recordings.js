@@ -69,11 +69,13 @@ export class Recordings {
 
   // A log of one tree, on its own graph, or on that of the log if the project has another tree or none.
   async openLog(name) {
-    const {studio} = this, {live, jobs, player} = studio;
+    const {studio} = this, {live, jobs, player} = studio, asked = live.asked = {}, isOver = () => live.asked !== asked;  // another was asked for since
     const {file, tree, nodes: count, events, epoch} = await studio.link.request('tree_log', {name});
     const nodes = await live.find({tree, file, nodes: count, statuses: Object.fromEntries(events.map((one) => [one.path, one.after]))});
     const [owner] = Object.values(nodes)[0] ?? [file];
+    if (isOver()) return;
     await studio.go(owner);
+    if (isOver()) return;
     const end = {time: events.at(-1)?.time ?? 0, blackboard: {}}, lines = [...events.map(lineOf), `${name}: begun ${new Date(1000 * epoch).toLocaleString()}, ${events.length} transitions`];
     this.entry = {events, end, lines, event: {nodes}, files: new Set(Object.values(nodes).map(([one]) => one)), state: 'done'};
     player.play(`Log of ${tree}`, jobs.momentsOf(this.entry), {owner: this.entry, ended: () => this.ended()});

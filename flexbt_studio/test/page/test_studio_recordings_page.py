@@ -7,7 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from studio_page import StudioPage, served
+import pytest
+from studio_page import StudioPage, held, served
 
 from flexbt_testing.browser import NEEDS_BROWSER
 
@@ -97,6 +98,28 @@ def test_a_recording_and_a_log_are_shown_on_the_graphs(page: StudioPage, tmp_pat
         page.run('document.getElementById("recordings-open").click()')
         page.until(lambda: page.focused == 'choice-field')
         page.press(ESCAPE)
+
+
+def test_of_a_log_and_a_recording_the_one_that_was_opened_last_is_shown(
+    page: StudioPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record(tmp_path / 'recordings' / 'run.mcap')
+    (tmp_path / 'drive.xml').write_text(TREE)
+    (tmp_path / 'tour.yaml').write_text(MACHINE)
+    log(tmp_path, tmp_path / 'recordings' / 'dry.btlog', '*=SUCCESS')
+    with served(tmp_path, None) as port:
+        page.open(port, 'tour.yaml')
+        page.run('document.querySelector("#recordings > summary").click()')
+        with held(monkeypatch, 'tree_log') as asked:
+            open_recording(page, 'dry.btlog')
+            assert asked.wait(60.0)
+            open_recording(page, 'run.mcap')
+            page.until_text('player-title', 'Recording run.mcap')
+        page.go('drive.xml')  # what is asked for later is answered later
+        page.until_selected('Drive')
+        page.go('tour.yaml')
+        page.until_selected('/')
+        assert page.text('player-title') == 'Recording run.mcap'
 
 
 def test_a_recording_is_decided_again_by_the_open_file(page: StudioPage, tmp_path: Path) -> None:
