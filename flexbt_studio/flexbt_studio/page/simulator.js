@@ -142,8 +142,9 @@ export class Simulator {
   async happen() {
     const chosen = FAULTS[this.what.value], [fault, entity, parameters] = chosen.fault(this.which.value, Number(this.level.value));
     if (chosen.of && !this.which.value) { this.studio.told(`There is none in this world: ${chosen.text}`, 'warning'); return; }
+    const text = [this.which.hidden ? '' : this.which.value, chosen.text, this.level.hidden ? '' : this.level.value].filter(Boolean).join(' ');
     await this.ask('what_if', {fault, entity: entity || this.robot, parameters, clear: false});
-    this.studio.told(`Simulation: ${[this.which.hidden ? '' : this.which.value, chosen.text, this.level.hidden ? '' : this.level.value].filter(Boolean).join(' ')}`, 'warning');
+    this.studio.told(`Simulation: ${text}`, 'warning');
   }
 
   async end() {

@@ -6,9 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
-from studio_page import StudioPage, served
+from studio_page import StudioPage, held, served
 
 from flexbt_testing.browser import NEEDS_BROWSER
 
@@ -41,7 +42,9 @@ return new Set(new Uint32Array(arguments[0].getContext('2d').getImageData(0, 0, 
 """
 
 
-def test_a_tree_drives_a_simulated_robot_until_a_door_is_shut(page: StudioPage, tmp_path: Path) -> None:
+def test_a_tree_drives_a_simulated_robot_until_a_door_is_shut(
+    page: StudioPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / 'world.yaml').write_text(WORLD)
     (tmp_path / 'go.xml').write_text(TREE)
 
@@ -82,7 +85,10 @@ def test_a_tree_drives_a_simulated_robot_until_a_door_is_shut(page: StudioPage, 
 
         page.run(_CHOOSE, part('what'), '0')
         assert page.run('return arguments[0].value', part('which')) == 'gate'
-        press('happen')
+        with held(monkeypatch, 'simulator_what_if', is_done=True) as asked:
+            press('happen')
+            assert asked.wait(60.0)
+            page.run(_CHOOSE, part('what'), '1')  # the next one
         page.until_told('gate door is shut and jams')
         page.run(_CHOOSE, part('goal'), '1 2 0')
         press('run')
