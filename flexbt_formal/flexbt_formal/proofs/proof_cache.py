@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A cache of proofs of trees: a complete proof is reused until one of its inputs changes.
 
-The key of a proof is a digest of its inputs: the texts of all files, the sources of the engine and of every node
-class, the ports of the nodes, and the arguments of the proof. So nobody needs to clear the cache by hand.
+The key of a proof is a digest of its inputs: the texts of all files, the sources of the engine and of the packages of
+every node class, the ports of the nodes, and the arguments of the proof. So nobody needs to clear the cache by hand.
 """
 
 from __future__ import annotations
 
-import inspect
 import json
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import cache
 from hashlib import blake2b
-from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import Final
 
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
@@ -83,9 +83,13 @@ def _texts(library: TreeLibrary) -> Iterator[str]:
                 yield f'{node.manifest.id} {replace(model, resources=frozenset())} {sorted(model.resources)}'
                 yield from (_port_text(name, port) for name, port in node.manifest.ports.items())
                 classes.add(node.manifest.node_class)
+    packages: set[str] = set()
     for kind in sorted(classes, key=lambda one: (one.__module__, one.__qualname__)):
         for base in kind.__mro__:
-            yield f'{base.__module__}.{base.__qualname__} {_source(base)}'
+            yield f'{base.__module__}.{base.__qualname__}'
+            packages.add(base.__module__.partition('.')[0])
+    for package in sorted(packages):
+        yield f'{package} {_sources(sys.modules.get(package))}'
 
 
 def _port_text(name: str, port: Port) -> str:
@@ -94,22 +98,16 @@ def _port_text(name: str, port: Port) -> str:
     return f'{name} {port.direction.value} {kinds} {port.default!r} {port.required} {port.declares}'
 
 
-@cache
 def _engine() -> str:
     """Return a digest of the sources of the engines."""
-    digest = blake2b(digest_size=16)
-    for package in ('flexbt_core', 'flexbt_formal', 'flexbt_tools'):
-        spec = find_spec(package)
-        for folder in (spec.submodule_search_locations or ()) if spec is not None else ():
-            for file in sorted(Path(folder).rglob('*.py')):
-                digest.update(str(file).encode() + file.read_bytes())
-    return digest.hexdigest()
+    return ' '.join(_sources(sys.modules.get(package)) for package in ('flexbt_core', 'flexbt_formal', 'flexbt_tools'))
 
 
 @cache
-def _source(kind: type) -> str:
-    try:
-        file = inspect.getsourcefile(kind)
-        return '' if file is None else blake2b(Path(file).read_bytes(), digest_size=16).hexdigest()
-    except (OSError, TypeError):  # a built-in class
-        return ''
+def _sources(package: ModuleType | None) -> str:
+    """Return a digest of the sources of a package, or of a module that is in none. A built-in one has none."""
+    digest = blake2b(digest_size=16)
+    files = [file for folder in getattr(package, '__path__', ()) for file in sorted(Path(folder).rglob('*.py'))]
+    for file in files or filter(None, [getattr(package, '__file__', None)]):
+        digest.update(str(file).encode() + Path(file).read_bytes())
+    return digest.hexdigest()

@@ -179,6 +179,7 @@ def report_as_json(report: Report) -> dict[str, Any]:
                 'property': found.violation.property.name,
                 'where': found.violation.where,
                 'text': found.violation.text,
+                'lasting': found.violation.is_lasting,
                 'moves': plain_moves(found.moves),
                 'way': found.lines,
             }
@@ -225,7 +226,9 @@ def report_of(plain: dict[str, Any], make: Callable[[], System]) -> Report:
     values = {name: plain[_NAMES.get(name, name)] for name in names}
     wrong = [
         Counterexample(
-            Violation(Property[one['property']], one['where'], one['text']), moves_of(one['moves']), tuple(one['way'])
+            Violation(Property[one['property']], one['where'], one['text'], one['lasting']),
+            moves_of(one['moves']),
+            tuple(one['way']),
         )
         for one in plain['wrong']
     ]

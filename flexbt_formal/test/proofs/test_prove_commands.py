@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import json
 import runpy
+import sys
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
@@ -410,6 +412,8 @@ def test_a_proof_is_kept_until_something_changes(tmp_path: Path) -> None:
     tree.write_text(document('Main: <Sequence><Spin/><BackUp/></Sequence>'))
     was_kept, mended = proved()
     assert not was_kept and not mended['wrong']
+    told, told_again = (tool('prove', str(tree), '--require', 'Spin is a BackUp').out.splitlines() for _ in range(2))
+    assert [line for line in told_again if 'found before' not in line] == told
 
 
 def test_a_proof_is_not_kept_when_a_model_changes_a_port(tmp_path: Path) -> None:
@@ -422,6 +426,42 @@ def test_a_proof_is_not_kept_when_a_model_changes_a_port(tmp_path: Path) -> None
         models.write_text(f'<root BTCPP_format="4"><TreeNodesModel>{ports}</TreeNodesModel></root>')
         (proof,) = json.loads(tool('prove', str(tree), '--models', str(models), '--json').out)['proofs']
         assert [one['property'] for one in proof['wrong']] == wrong, port
+
+
+OF_MINE = """\
+from flexbt_core.behavior_tree.engine.parents import Decorator
+from flexbt_core.behavior_tree.model.status import NodeStatus
+
+from .rule import RESULT
+
+class Judge(Decorator):
+    def tick(self):
+        status = self.tick_child()
+        return status if status is NodeStatus.RUNNING else NodeStatus[RESULT]
+
+def register(registry):
+    registry.register('Judge', Judge)
+"""
+
+
+def test_a_proof_is_not_kept_when_what_the_class_of_a_node_uses_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    package, info = tmp_path / 'nodes_of_mine', tmp_path / 'nodes_of_mine-1.0.dist-info'
+    package.mkdir()
+    info.mkdir()
+    (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: nodes-of-mine\nVersion: 1.0\n')
+    (info / 'entry_points.txt').write_text('[flexbt.bt_nodes]\nmine = nodes_of_mine:register\n')
+    (package / '__init__.py').write_text(OF_MINE)
+    tree = tmp_path / 'main.xml'
+    tree.write_text(document('Main: <Judge><Spin/></Judge>'))
+    for result in ('SUCCESS', 'FAILURE'):
+        (package / 'rule.py').write_text(f'RESULT = {result!r}  # {"longer" * len(result)}')
+        for module in ('nodes_of_mine.rule', 'nodes_of_mine'):
+            monkeypatch.delitem(sys.modules, module, raising=False)
+        importlib.invalidate_caches()
+        assert f'  it can end: {result}, stopped\n' in tool('prove', str(tree)).out
 
 
 def test_errors_of_proofs_are_findings_at_the_nodes(tmp_path: Path) -> None:
@@ -540,7 +580,9 @@ def test_a_model_is_known_by_its_main_file(tmp_path: Path) -> None:
     assert found['value'] == pytest.approx(0.973) and found['exact'] and found['way']
     assert [one['message'] for one in document['findings']] == ['fetched: CAN FAIL, probability 0.973']
     assert tool('prove', main, '--property', 'fetch').code == 2
-    assert tool('prove', main, '--save-test', 'x').code == 2
+    for words in (['--save-test', 'x'], ['--against', main]):
+        assert 'is for files of trees' in tool('prove', main, *words).err
+    assert '--property is for models' in tool('prove', str(tmp_path / 'tree.xml'), '--property', 'fetched').err
     done = tool('prove', main, '--method', 'statistical', '--error', '0.05')
     assert done.code == 1 and ' random runs (seed 0), within 0.0' in done.out
     done = tool('prove', model(tmp_path, '1.7'))
