@@ -63,7 +63,7 @@ def _is_model(file: str) -> bool:
 
 
 def run(options: argparse.Namespace) -> ExitCode:
-    for_trees = ('tree', 'given', 'save_test', 'save_recording', 'draw', 'require', 'requirements')
+    for_trees = ('tree', 'given', 'save_test', 'save_recording', 'draw', 'require', 'requirements', 'against')
     for name in for_trees:
         if getattr(options, name):
             raise UsageError(f'--{name.replace("_", "-")} is for files of trees, and {options.files[0]} is a model')

@@ -16,7 +16,7 @@ from flexbt_formal.proofs.proof_report import Compared, ProgressLine
 from flexbt_formal.proofs.saved_test import File, Replay, requirement_texts
 from flexbt_formal.proofs.tree_proof import compare_trees, prove_tree, replay_tree
 from flexbt_tools.cli import arguments
-from flexbt_tools.errors import ExitCode
+from flexbt_tools.errors import ExitCode, UsageError
 from flexbt_tools.trees.files import read_library, roots
 from flexbt_tools.trees.outline import find_tree
 
@@ -39,6 +39,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> ExitCode:
     if prove_model.is_asked(options.files):
         return prove_model.run(options)
+    if options.property:
+        raise UsageError(f'--property is for models, and {options.files[0]} is a file of trees: use --require')
     library = read_library(options.files, arguments.registry(options, allow_unknown=True))
     keys: list[TreeKey] = [find_tree(library, options.tree)] if options.tree is not None else roots(library)
     before = read_library(options.against, arguments.registry(options, allow_unknown=True)) if options.against else None
