@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import OrderedDict, deque
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from operator import attrgetter
@@ -103,6 +103,8 @@ class Lanes:
         self._entered: dict[str, float] = {}
         self._left: dict[str, float] = {}
         """When a state was left the last time, on the executive's clock; its status may be older."""
+        self._over: deque[tuple[LaneEntry, float]] = deque(maxlen=MOST_WAITING)
+        """The states that have ended, whose outcomes may come later, and the stamp of the status that shows it."""
         self._asked: OrderedDict[str, tuple[LaneEntry, DecisionKind]] = OrderedDict()
         """The newest decisions, by identifier."""
         self._ran = ''
@@ -187,6 +189,8 @@ class Lanes:
         elif before is not None:
             entry.count += 1
         entry.end, entry.word, entry.tone = max(self._at, entry.begin), word or entry.word, tone or entry.tone
+        if entry.lane is Lane.STATES and self._snapshot is not None:
+            self._over.append((entry, self._snapshot.stamp))
         self._changed(entry)
 
     def _changed(self, entry: LaneEntry) -> LaneEntry:
@@ -209,12 +213,13 @@ class Lanes:
 
     def _take_snapshot(self, snapshot: ExecutiveSnapshot, *_: Any) -> None:
         before, self._snapshot = self._snapshot, snapshot
+        if before is None or before.executive_id != snapshot.executive_id or snapshot.stamp < before.stamp:
+            self._left.clear()  # another clock, or one that was set
+            self._over.clear()
         if before is None:
             early, self._early = self._early, []
             for one in early:
                 self._take_events([one]) if isinstance(one, ExecutiveEvent) else self._take_log(one)
-        if before is None or before.executive_id != snapshot.executive_id or snapshot.stamp < before.stamp:
-            self._left.clear()  # another clock, or one that was set
         silent = max(LOST_SECONDS, LOST_PERIODS * snapshot.heartbeat_period)
         if self._now - self._heard > silent:
             entry = self._add(Lane.FAULTS, 'link', 'no link', end=self._now, word='no link', tone='error')
@@ -296,7 +301,7 @@ class Lanes:
             if event.kind is EventKind.TRANSITION and event.path.strip('/'):
                 tone = 'error' if event.outcome in FAILED else ''
                 self._left[event.path] = event.stamp
-                entry = self._of(Lane.STATES, event.path)
+                entry = next((one for one in self._visits(event) if self._lacks_word(one)), None)
                 if entry is None:
                     entry = self._add(
                         Lane.STATES, event.path, _leaf(event.path), end=self._at, text=one_line(event.path)
@@ -305,6 +310,12 @@ class Lanes:
                 self._changed(entry)
             elif event.kind is EventKind.COMMAND:
                 self._take_command(event)
+
+    def _visits(self, event: ExecutiveEvent) -> Iterator[LaneEntry]:
+        """Return what a transition may have ended, in order: the status may have told of the next visit already."""
+        yield from (one for one, stamp in self._over if one.key == event.path and event.stamp <= stamp)
+        if event.stamp >= self._entered.get(event.path, -math.inf) and (Lane.STATES, event.path) in self._open:
+            yield self._open[Lane.STATES, event.path]
 
     def _is_dated(self, one: ExecutiveEvent | LogLine) -> bool:
         """Return whether it is known when this happened: a new reader gets also what is older, at once."""
@@ -336,8 +347,10 @@ class Lanes:
     def _of(self, lane: Lane, path: str) -> LaneEntry | None:
         """Return the latest entry of a path, if its end is not explained yet, and not long ago."""
         entry = self._latest.get((lane, path))
-        is_it = entry is not None and not entry.word and (entry.end is None or self._is_recent(entry, LATE_SECONDS))
-        return entry if is_it else None
+        return entry if entry is not None and self._lacks_word(entry) else None
+
+    def _lacks_word(self, entry: LaneEntry) -> bool:
+        return not entry.word and (entry.end is None or self._is_recent(entry, LATE_SECONDS))
 
     def _take_log(self, line: LogLine) -> None:
         if self._is_dated(line) and line.severity >= LogSeverity.WARN:

@@ -9,6 +9,8 @@ import threading
 import zlib
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from operator import itemgetter
 from typing import Any
 
 import pytest
@@ -281,6 +283,43 @@ def test_an_outcome_that_a_state_asked_for_is_an_answer(kind: DecisionKind, said
     words = {one.lane: (one.label, one.word) for one in lanes.since()}
     assert words[Lane.COMMANDS] == (f'{said} skip', 'applied')
     assert words[Lane.DECISIONS][1] == 'skip by ann'
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    visits=st.lists(st.tuples(st.sampled_from(['/A', '/B']), st.sampled_from([0.001, 0.3, 1.5])), min_size=1),
+    chance=st.randoms(use_true_random=False),
+)
+def test_each_visit_of_a_state_has_its_own_outcome(visits: list[tuple[str, float]], chance: random.Random) -> None:
+    """Statuses and events come by different topics: either may be the first to tell, of several visits too."""
+    clock, stamp, told = ManualClock(), 100.0, list[tuple[float, Callable[[], object]]]()
+    mirror = Mirror(clock)
+    lanes, arrives = Lanes(mirror), {'status': 0.0, 'event': 0.0}
+
+    def tell(kind: str, send: Callable[[], object]) -> None:
+        arrives[kind] = max(arrives[kind] + 1e-9, stamp + chance.uniform(0.0, 0.4))  # each topic keeps its order
+        told.append((arrives[kind], send))
+
+    def status(number: int, *active: ActiveState) -> Callable[[], object]:
+        one = ExecutiveSnapshot('e', number, state=ExecutiveState.RUNNING, run_id='r1', active_states=active)
+        return partial(mirror.receive_snapshot, replace(one, stamp=stamp))
+
+    for number, (path, seconds) in enumerate(visits):
+        tell('status', status(number, ActiveState(path, stamp)))
+        stamp += seconds
+        left = ExecutiveEvent('e', number, EventKind.TRANSITION, path, str(number), stamp=stamp, run_id='r1')
+        tell('event', partial(mirror.receive_events, [left]))
+        stamp += 1e-5
+    tell('status', status(len(visits)))
+    for at, send in sorted(told, key=itemgetter(0)):
+        clock.set(at)
+        send()
+    shown = [one for one in lanes.since() if one.lane is Lane.STATES]
+    assert sorted(int(one.word) for one in shown if one.word) == [*range(len(visits))]
+    for number, (path, seconds) in enumerate(visits):
+        (entry,) = (one for one in shown if one.word == str(number))
+        assert entry.key == path and entry.end is not None
+        assert seconds < 1.0 or entry.end - entry.begin > 1.0
 
 
 @pytest.mark.parametrize('status_first', [False, True])
