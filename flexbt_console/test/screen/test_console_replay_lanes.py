@@ -13,6 +13,7 @@ from textual.pilot import Pilot
 
 from flexbt_common import names
 from flexbt_console.commands.command_builder import CommandBuilder
+from flexbt_console.errors import RefusedError
 from flexbt_console.mirror.lanes import Lane
 from flexbt_console.present.lane_lines import HEAD, lane_lines
 from flexbt_console.present.style import ASCII
@@ -108,6 +109,17 @@ def test_the_screen_goes_from_failure_to_failure_and_to_decisions(
             assert not lanes.display  # another pane has the room
 
     asyncio.run(run())
+
+
+def test_what_was_not_read_yet_is_not_said_to_be_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bar = ReplayBar(RunPlayer(recording(tmp_path / 'run.mcap')), ManualClock())
+    monkeypatch.setattr('flexbt_console.ui.screen.replay_bar.PATIENCE', -1.0)
+    for move in ('next failure', 'previous decision'):
+        with pytest.raises(RefusedError, match='still being read'):
+            bar.move(move)
+    monkeypatch.setattr('flexbt_console.ui.screen.replay_bar.PATIENCE', math.inf)
+    bar.move('next failure')
+    assert bar.player.time == pytest.approx(6.0)
 
 
 def test_of_a_recording_that_is_cut_the_lanes_go_as_far_as_it_does(tmp_path: Path) -> None:

@@ -144,12 +144,17 @@ class ReplayBar:
             self._go_to((self.player.time if self._wanted is None else self._wanted) + by)
 
     def _jump(self, is_forward: bool, kind: Kind) -> None:
-        """Go to the next or previous time of a kind, and pause there. Raises RefusedError when there is none."""
+        """Go to the next or previous time of a kind, and pause there.
+
+        Raises RefusedError when there is none, or the lanes are not read so far.
+        """
         at, times = self.player.time if self._wanted is None else self._wanted, stops(self.entries, kind)
         if is_forward:
             found = next((one for one in times if one > at + NEAR), None)
         else:
             found = next((one for one in reversed(times) if one < at - NEAR), None)
+        if not self.player.has_lanes and not (is_forward and found is not None):
+            raise RefusedError('the recording is still being read; press it again in a moment')
         if found is None:
             raise RefusedError(f'no {"later" if is_forward else "earlier"} {kind}')
         self._played_from = None
