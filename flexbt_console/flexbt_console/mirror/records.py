@@ -396,6 +396,11 @@ class ExecutiveSnapshot:
         """The expected nodes that are missing, and those that are late or not ready."""
         return tuple(peer for peer in self.peers if peer.expected and not (peer.alive and peer.ready and not peer.late))
 
+    def level_of(self, path: str) -> int:
+        """Return the level of autonomy of a state or container: of the smallest sub-tree around it that has one."""
+        around = [(len(top), level) for top, level in self.autonomy_levels if f'{path}/'.startswith(f'{top}/')]
+        return max(around, default=(0, self.autonomy))[1]
+
 
 @dataclass(frozen=True, slots=True)
 class Transition:

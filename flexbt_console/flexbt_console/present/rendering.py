@@ -203,7 +203,7 @@ def asked_text(pending: Decision, snapshot: ExecutiveSnapshot) -> str:
     if pending.kind is DecisionKind.TRANSITION:
         has_breakpoint = pending.path in snapshot.breakpoints
         level = pending.required_autonomy
-        is_step = snapshot.step and level >= 0 and level < snapshot.autonomy
+        is_step = snapshot.step and level >= 0 and level < snapshot.level_of(pending.path)
         needs = (
             'breakpoint'
             if has_breakpoint

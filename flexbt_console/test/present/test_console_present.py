@@ -28,6 +28,7 @@ from flexbt_console.mirror.records import (
 from flexbt_console.present.events import Follower
 from flexbt_console.present.rendering import (
     alarm_line,
+    asked_text,
     behavior_line,
     event_line,
     log_lines,
@@ -111,6 +112,23 @@ def test_why_an_alarm_about_motion_is_over_is_told_as_it_is() -> None:
     assert stands == ['the robot stands again']
     assert any('MOVES' in line for second in range(20, 30) for line in at(second, 0.1 * second))
     assert at(30, 3.0, RUNNING)[0] == 'the robot need not stand still any more'
+
+
+@pytest.mark.parametrize(
+    ('levels', 'told'),
+    [
+        ((), 'step'),
+        ((('/Drive', 1),), 'auto at High'),
+        ((('/Driver', 1),), 'step'),
+        ((('/Drive', 1), ('/Drive/Around', 3)), 'step'),
+    ],
+)
+def test_what_holds_a_transition_is_told_by_the_level_of_its_state(
+    levels: tuple[tuple[str, int], ...], told: str
+) -> None:
+    wanted = Decision('t1', DecisionKind.TRANSITION, '/Drive/Around/Turn', 'done', required_autonomy=1)
+    stepping = replace(RUNNING, autonomy=2, autonomy_levels=levels, step='over /Drive/Around/Turn')
+    assert asked_text(wanted, stepping) == f'/Drive/Around/Turn wants done ({told})'
 
 
 def test_a_node_that_is_late_is_shown_with_its_age_and_a_dead_one_is_told() -> None:
