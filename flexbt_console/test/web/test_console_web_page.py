@@ -6,7 +6,8 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import pytest
@@ -33,6 +34,7 @@ from flexbt_console.mirror.records import (
     Subject,
     Subjects,
     SubjectValue,
+    UserdataScope,
 )
 from flexbt_console.mirror.trees import MirroredStatus, StatusChange, TreeReport
 from flexbt_console.ui.web.access import Access
@@ -721,6 +723,30 @@ def test_a_behavior_that_has_changed_is_not_started_by_the_form_of_before(browse
         browser.press(Keys.ENTER)
         browser.until_text('told', 'has changed since the form was opened')
         assert robot.sent == []
+
+
+def test_what_is_filled_in_stays_when_an_answer_of_the_robot_comes_late(
+    browser: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot, answers = WebRobot(), threading.Event()
+    robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+
+    def userdata(path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+        assert answers.wait(60.0)
+        return (UserdataScope('/', ()),)
+
+    monkeypatch.setattr(robot, 'userdata', userdata)
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.press(':', 'userdata', Keys.ENTER, 's')
+        browser.press('Patrol', Keys.ENTER)
+        browser.until_text('dialog-title', 'start Patrol')
+        browser.press('7')
+        answers.set()
+        browser.until_text('told', 'userdata:')
+        browser.until_text('dialog-title', 'start Patrol')
+        assert browser.run('return document.activeElement.value') == '0.37'
 
 
 def test_a_default_of_several_lines_stays_as_it_is(browser: Browser) -> None:

@@ -317,6 +317,25 @@ def test_a_time_line_of_decades_has_few_ticks(browser: Browser) -> None:
 
 
 @NEEDS_BROWSER
+def test_some_of_a_recording_stays_on_its_time_line_however_far_it_is_moved(browser: Browser) -> None:
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        for pixels in (1000, -1000):
+            start, end = browser.run(
+                'const {Timeline} = await import("./timeline.js"), place = document.getElementById("timeline");'
+                'const line = new Timeline(place.appendChild(document.createElement("div")), {moment() {}});'
+                'line.take({entries: [], revision: 1, begin: 0, end: 10, wall: 0, live: false});'
+                'line.body.style.height = "100px";'
+                'line.draw();'
+                'for (let n = 0; n < 50; n++) line.pan(arguments[0]);'
+                'return [line.from, line.to]',
+                pixels,
+            )
+            assert start < 10 and end > 0
+
+
+@NEEDS_BROWSER
 def test_the_time_line_has_the_clock_of_the_log_wherever_the_browser_is(browser: Browser, tmp_path: Path) -> None:
     wall = Recordings(recording(tmp_path / 'run.mcap').parent).past('run.mcap').lanes(0)['wall']
     zones = ('Asia/Tokyo', 'America/New_York')

@@ -484,6 +484,7 @@ function takeMessage(message) {
     known.robots = message.refused.robots;
     drawRobots();
   } else if (message.told) tell(message.told.text, message.told.tone);
+  else if (message.read && byId('dialog').matches('[open]:has(input, select)')) tell(`${message.read.title}:\n${message.read.text}`, 'plain');  // what is filled in stays
   else if (message.read) commands.read(message.read.title, message.read.text);
   else if (message.past) takeMoment(message.past);
   else if (message.recordings) chooseRecording(message.recordings);

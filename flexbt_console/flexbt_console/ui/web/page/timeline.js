@@ -151,7 +151,7 @@ export class Timeline {
 
   pan(pixels) {
     const right = this.to + pixels / this.scale;
-    this.right = this.isLive && right >= this.now ? null : Math.max(this.begin + 0.1 * this.span, right);
+    this.right = this.isLive && right >= this.now ? null : Math.min(Math.max(this.begin + 0.1 * this.span, right), this.now + 0.9 * this.span);  // some of it stays
     this.redraw();
   }
 
