@@ -176,6 +176,8 @@ class RosClock:
             # Only now: rcl wakes the executor at each step of simulated time for a timer whose time has passed, even
             # for one that is canceled.
             self.timer.cancel()
+        elif earliest <= seconds:
+            self._runtime.post(self._fire)  # simulated time may stand still
 
     def _fire(self) -> None:
         now = self._now() / _NANOSECONDS

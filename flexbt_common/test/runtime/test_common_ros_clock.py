@@ -208,6 +208,21 @@ def test_a_node_may_follow_simulated_time_from_some_time_on_and_no_more() -> Non
         assert not early.is_set() and clock.jumps == 0
 
 
+def test_what_is_due_comes_while_simulated_time_stands_still(simulation: Simulation) -> None:
+    clock, seen = simulation.runtime.clock, queue.SimpleQueue[float]()
+    simulation.set(5.0)
+
+    def ring(offset: float) -> None:
+        seen.put(offset)
+        if offset:
+            clock.call_at(5.0, lambda: ring(0.0))
+
+    clock.call_at(4.0, lambda: ring(-1.0))
+    assert [seen.get(timeout=DEADLINE) for _ in range(2)] == [-1.0, 0.0]
+    clock.call_at(5.0, lambda: ring(0.0))
+    assert seen.get(timeout=DEADLINE) == 0.0
+
+
 def test_a_wait_goes_on_when_time_is_not_simulated_any_more(simulation: Simulation) -> None:
     clock, early = simulation.runtime.clock, threading.Event()
     simulation.set(time.time() - 1000.0)  # a recording of today
