@@ -88,6 +88,16 @@ def test_axe_finds_nothing_in_the_studio(page: StudioPage, folder: Path) -> None
     assert not found, '\n'.join(sorted(set(found)))
 
 
+def test_the_file_that_is_shown_is_marked_also_in_the_colours_of_the_system(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port, page.emulated(1400, 950, forced_colors='active'):
+        page.open(port, 'main.xml')
+        rows = '[...document.querySelectorAll("#files li")]'
+        marked = page.run(
+            f'return {rows}.filter((one) => getComputedStyle(one).outlineStyle !== "none").map((one) => one.innerText)'
+        )
+        assert len(marked) == 1 and 'main.xml' in marked[0]
+
+
 def test_on_a_small_screen_of_touch_stop_and_keys_are_seen_and_a_choice_is_left(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port, page.emulated(320, 640, mobile=True):
         page.open(port, 'main.xml')

@@ -120,6 +120,9 @@ def test_of_a_log_and_a_recording_the_one_that_was_opened_last_is_shown(
         page.go('tour.yaml')
         page.until_selected('/')
         assert page.text('player-title') == 'Recording run.mcap'
+        with page.emulated(390, 844, mobile=True):
+            title = page.driver.find_element('id', 'player-title')
+            assert page.run('return arguments[0].scrollWidth <= arguments[0].clientWidth', title)
 
 
 def test_a_recording_is_decided_again_by_the_open_file(page: StudioPage, tmp_path: Path) -> None:
