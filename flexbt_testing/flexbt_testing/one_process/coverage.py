@@ -27,8 +27,9 @@ class Coverage:
                 taken.setdefault((state.path, outcome), False)
 
     def add_transition(self, behavior: str, path: str, outcome: str) -> None:
-        """Note that a state was left by an outcome."""
-        self._behaviors.setdefault(behavior, {})[path, outcome] = True
+        """Note that a state was left by an outcome; '' if it was only entered again."""
+        if outcome:
+            self._behaviors.setdefault(behavior, {})[path, outcome] = True
 
     def add_tree(self, structure: Any) -> None:
         """Add the nodes of a tree (TreeStructure)."""

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
+from unittest import mock
 
 from .disk import DISK
 from .scheduler import SCHEDULER, USES_THREADS, Alarm
@@ -103,20 +104,21 @@ def fork_world(folder: Path, descriptor: int) -> Fork | Leaf:
 
     ``folder`` has the files of the world, ``descriptor`` is the open directory. The child gets a copy of them.
     """
-    reader, writer = os.pipe()
-    timer = signal.getitimer(signal.ITIMER_PROF)
-    pid = fork_process()
-    if pid == 0:
-        os.close(reader)
-        signal.setitimer(signal.ITIMER_PROF, timer[1], timer[1])
-        copy = Path(tempfile.mkdtemp(prefix='flexbt_world_'))
-        _copy_files(folder, descriptor, copy)
-        DISK.move(folder, copy)
-        os.write(writer, b'.')
-        return Leaf(os.fdopen(writer, 'wb'), copy)
-    os.close(writer)
-    os.read(reader, 1)  # the files may change from here on
-    return Fork(pid, os.fdopen(reader, 'rb'))
+    with mock.patch.object(SCHEDULER, 'current', SCHEDULER.main):  # an alarm calls this, on whatever task waits
+        reader, writer = os.pipe()
+        timer = signal.getitimer(signal.ITIMER_PROF)
+        pid = fork_process()
+        if pid == 0:
+            os.close(reader)
+            signal.setitimer(signal.ITIMER_PROF, timer[1], timer[1])
+            copy = Path(tempfile.mkdtemp(prefix='flexbt_world_'))
+            _copy_files(folder, descriptor, copy)
+            DISK.move(folder, copy)
+            os.write(writer, b'.')
+            return Leaf(os.fdopen(writer, 'wb'), copy)
+        os.close(writer)
+        os.read(reader, 1)  # the files may change from here on
+        return Fork(pid, os.fdopen(reader, 'rb'))
 
 
 def _copy_files(folder: Path, descriptor: int, copy: Path) -> None:

@@ -162,7 +162,7 @@ def named_programs(name: str, folder: Path, scratch: Path, motion: str = 'full',
         for option in options.keys() - known.keys():
             raise LookupError(f'the world {name!r} has no option {option!r}{did_you_mean(option, known)}')
         speed = {'speed': 1.0} if 'speed' in known else {}  # the demonstrations have it
-        made = [_program(one) for one in make(**speed, **options)]
+        made = [_program(one) for one in make(**speed | options)]
     return list(_abstract(made)) if motion == 'abstract' else made
 
 

@@ -57,7 +57,7 @@ from .forks import Branch, Fork, Leaf, fork_world  # noqa: E402
 from .launching import launch  # noqa: E402
 from .programs import Program, robot_programs  # noqa: E402
 from .topics import read_topic  # noqa: E402
-from .what_if import TOLERANCE, Comparison, Course, Event, compare, executive_event, tree_event  # noqa: E402
+from .what_if import TEST, TOLERANCE, Comparison, Course, Event, compare, executive_event, tree_event  # noqa: E402
 
 ANSWER_SECONDS: Final = 60.0
 """Simulated time that the operator waits for a decision or for the effect of a command, s."""
@@ -76,13 +76,19 @@ _STORY_LENGTH: Final = 40
 
 
 class Condition:
-    """A condition of the operator's view; ``what`` tells it in words, ``hint`` why it may never hold."""
+    """A condition of the operator's view; ``what`` tells it in words, ``hint`` why it may never hold.
 
-    def __init__(self, holds: Callable[[View], bool], what: str, hint: Callable[[], str]) -> None:
-        self._holds, self._what, self._hint = holds, what, hint
+    It is true if it holds now, for the operator of ``mission``.
+    """
+
+    def __init__(self, mission: Mission, holds: Callable[[View], bool], what: str, hint: Callable[[], str]) -> None:
+        self._mission, self._holds, self._what, self._hint = mission, holds, what, hint
 
     def __call__(self, view: View) -> bool:
         return self._holds(view)
+
+    def __bool__(self) -> bool:
+        return self._holds(self._mission.view)
 
     def __str__(self) -> str:
         return self._what + self._hint()
@@ -187,7 +193,7 @@ class Mission:
         def asks(view: View) -> bool:
             return any(self._is_open(one, state) and not view.lacks(one) for one in view.decisions)
 
-        return Condition(asks, f'a question of {state}', lambda: self._hint(state))
+        return Condition(self, asks, f'a question of {state}', lambda: self._hint(state))
 
     def ended(self, outcome: str = '') -> Condition:
         """Return the condition that the run has ended, with this outcome if one is given."""
@@ -204,7 +210,7 @@ class Mission:
             is_known = outcome in ('', *known) or not known
             return '' if is_known else f' (the behavior has no such outcome{did_you_mean(outcome, known)})'
 
-        return Condition(has_ended, f'the end of the run{outcome and f" by {outcome}"}', hint)
+        return Condition(self, has_ended, f'the end of the run{outcome and f" by {outcome}"}', hint)
 
     def place(self, name: str) -> Pose:
         """Return the pose of a named place."""
@@ -484,7 +490,7 @@ class World(Mission):
         self.outside = dict(os.environ)
         with ExitStack() as stack:
             made = tempfile.TemporaryDirectory(prefix='flexbt_world_', ignore_cleanup_errors=True)
-            self._folder = Path(stack.enter_context(made))
+            self._folder = Path(stack.enter_context(made)).resolve()  # as open files name it
             self._directory = os.open(self._folder, os.O_RDONLY)
             stack.callback(os.close, self._directory)
             self.home = home = Path(f'/proc/self/fd/{self._directory}')  # by which each fork finds files of its own
@@ -630,10 +636,11 @@ class World(Mission):
 
     def course_since(self, first: int, error: BaseException | None = None) -> Course:
         """Return what has happened since there were ``first`` events, and which error has ended it."""
-        ends = [mission.end() for mission in self.robots.values()]
+        events, ends = self.events[first:], [mission.end() for mission in self.robots.values()]
         if error is not None:
+            events.append(Event(self.now, TEST, 'fails'))
             ends.append(f'{type(error).__name__}: {one_line(str(error))}')
-        return Course(self.events[first:], self.now, ends)
+        return Course(events, self.now, ends)
 
     def branch_at(self, time: float, change: Callable[[World], object]) -> Branch:
         """Fork the program at a time, s, whatever it does then: only the child has the change."""

@@ -7,13 +7,17 @@ import random
 import re
 import subprocess
 import sys
+import tempfile
+import time
 from pathlib import Path
 
 import pytest
 
 from flexbt_common.errors import ResourceError
 from flexbt_common.files import resolve_file
-from flexbt_testing.one_process.forks import ForkError
+from flexbt_testing.one_process.coverage import Coverage
+from flexbt_testing.one_process.forks import Fork, ForkError, Leaf
+from flexbt_testing.one_process.programs import Program
 from flexbt_testing.one_process.what_if import Course, Event, compare, read_change
 from flexbt_testing.one_process.world import World
 
@@ -118,6 +122,30 @@ def test_a_child_can_be_forked_again_and_its_files_are_of_its_moment(world: Worl
     assert (world.home / 'file').read_text() == 'written later'
 
 
+def test_a_child_has_files_of_its_own_where_the_temporary_directory_is_a_link(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'link').symlink_to(tmp_path, target_is_directory=True)
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'link'))
+    with World(0, [Program('', 'idle', main=lambda: time.sleep(1e6))]) as world:
+        (world.home / 'file').write_text('of the parent')
+        world.fork(lambda world: (world.home / 'file').write_text('of the child')).result()
+        assert (world.home / 'file').read_text() == 'of the parent'
+
+
+@pytest.mark.world(motion='abstract')
+def test_a_world_branches_whatever_task_waits_then(world: World) -> None:
+    world.start('Navigate')
+    world.answer('/AskGoal', 'kitchen')
+    branch = world.branch_at(world.now + 1.0, World.stop)
+    course = world.course(lambda world: world.run(3.0))
+    if isinstance(branch.side, Leaf):
+        branch.side.end(lambda: course)
+    assert isinstance(branch.side, Fork)
+    assert branch.side.result().ends[0].startswith('preempted; ')
+    assert course.ends[0].startswith('in /Drive; ')
+
+
 @pytest.mark.world(motion='abstract')
 def test_what_fails_in_a_child_is_told(world: World, tmp_path: Path) -> None:
     with pytest.raises(ForkError, match="there is no process 'nobody'"):
@@ -126,6 +154,9 @@ def test_what_fails_in_a_child_is_told(world: World, tmp_path: Path) -> None:
     found = world.what_if(lambda world: world.kill('onboard_executive'), lambda world: world.answer('/AskGoal', 'dock'))
     assert len(found.before.ends) == 1
     assert found.after.ends[1].startswith('AssertionError: ')
+    found = world.what_if(lambda world: world.kill('bt_sever'), lambda world: world.run(1.0))
+    assert found.difference is not None and found.difference.after is not None
+    assert found.difference.after[1:] == ('the test', 'fails')
     with pytest.raises(AssertionError, match='Folow'):
         world.swap(TREE, edited_tree(tmp_path, '<FollowPath ', '<Folow '))
     with pytest.raises(AssertionError, match='there is no file'):
@@ -151,6 +182,16 @@ def test_the_first_difference_is_of_what_one_has_decided() -> None:
     assert compare(course(a, b, end=2.5), course(a, b, c)).difference is None, 'it was not there any more at 3 s'
     assert compare(course(a, b, c), course(a, b, end=2.5)).difference is None
     assert compare(course(a, b), course(a, (2.0, 'executive', 'x'), end=2.0)).difference is not None
+    failed = (2.0, 'the test', 'fails')
+    assert compare(course(a, failed, end=2.0), course(a, failed, end=2.0)).difference is None
+    assert compare(course(a, end=2.0), course(a, failed, end=2.0)).difference is not None
+
+
+def test_a_state_that_is_entered_again_has_taken_no_transition() -> None:
+    coverage = Coverage()
+    coverage.add_transition('B', '/S', 'done')
+    coverage.add_transition('B', '/S', '')
+    assert next(coverage.lines()) == 'behavior B: transitions 1 of 1'
 
 
 MISSION = """

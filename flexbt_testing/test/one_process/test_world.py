@@ -55,8 +55,9 @@ def test_the_robot_gets_to_the_kitchen(world: World) -> None:
     assert world.states == ['/AskGoal', '/Drive', '/AskGoal']
     assert world.transitions[-2:] == [('/AskGoal', 'received'), ('/Drive', 'done')]
     assert world.blackboard('goal')['pose']['position']['x'] == pytest.approx(world.place('kitchen').x)
+    assert world.asks('/AskGoal') and not world.ended()
     world.decline('/AskGoal')
-    world.run_until(world.ended())
+    world.run_until(lambda _view: world.ended())
     assert world.ended('finished')(world.view) and not world.ended('failed')(world.view)
     assert world.outcome == 'finished'
 
@@ -262,7 +263,7 @@ def test_the_log_of_a_process_is_told_by_itself(bare: World) -> None:
     assert [process for process, topic in told if topic == '/rosout'] == [first] * 3 + [second] * 3
 
 
-@pytest.mark.world('night_watch', motion='abstract')
+@pytest.mark.world('night_watch', motion='abstract', speed=2.0)
 def test_a_demonstration_with_two_robots(world: World) -> None:
     for name, mission in world.robots.items():
         other = 'beta' if name == 'alpha' else 'alpha'
