@@ -18,7 +18,7 @@ from typing import Any, Final
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import ActionCall
-from flexbt_common.lifecycle.liveliness import LEASE_SECONDS
+from flexbt_common.lifecycle.liveliness import LEASE_SECONDS, START_SECONDS
 from flexbt_common.runtime.health import OUT_OF_REACH_SECONDS
 from flexbt_console.mirror.command_tracker import LONGEST_RESEND
 from flexbt_console.mirror.mirror import Mirror
@@ -87,7 +87,7 @@ _ENDED: Final = (4, 5, 6)  # states of a goal (action_msgs/msg/GoalStatus)
 _FREE: Final = ('STOP', 'CLAIM_AUTHORITY', 'RELEASE_AUTHORITY', 'NOTE')
 """Commands that need no authority."""
 
-_FAULTS: Final = ('raised; the node goes on', 'fault in the executive', 'Traceback (most recent call last)')
+_FAULTS: Final = ('; the node continues', 'fault in the executive', 'Traceback (most recent call last)')
 """Parts of lines of the log that tell of a fault of the product."""
 
 NAMES: Final = {
@@ -154,6 +154,7 @@ class Observer:
         self.hung: dict[str, tuple[int, int]] = {}  # begin and end of the last hang of each process
         self.entered: dict[tuple[int, int], tuple[str, int]] = {}  # by process and state: class, and whether it is in
         self.died: dict[Process, int] = {}  # or told to end
+        self.met: dict[tuple[Process, Process], int] = {}  # server and client of a goal: when the first was accepted
         self.has_program = has_program
         self.directory = directory
         self._world = world
@@ -291,6 +292,7 @@ class Observer:
                 if name.endswith('/send_goal') and message.accepted:
                     action, client = name.removesuffix('/_action/send_goal'), request_id.client.process
                     self._goals[goal] = _Goal(action, end.process, client)
+                    self.met.setdefault((end.process, client), SCHEDULER.now)
                     if self.has_program and (client is end.process or not client.name.endswith(_MOVERS)):
                         self._robot(end.process).goes_on()
                 elif name.endswith('/get_result') and message.status in _ENDED:
@@ -331,7 +333,7 @@ class Observer:
                 self.say(1, f'a goal of {goal.action} goes on, and {why}', f'{goal.action} {why}')
 
     def finish(self, results: Sequence[Mapping[str, int | None]]) -> None:
-        """Check the files and the log, and look no more: what follows is the end of the world.
+        """Check the files, and look no more: what follows is the end of the world.
 
         ``results``: those of commands that operators have seen, by id, in the order of the mirrors.
         """
@@ -347,6 +349,9 @@ class Observer:
         for goal in self._goals.values() if are_idle else ():
             if goal.status not in _ENDED and goal.server.is_alive:
                 self.say(1, f'a goal of {goal.action} has not ended', goal.action)
+
+    def check_log(self) -> None:
+        """Check what the programs have logged."""
         for when, process, _severity, logger, text in DOMAIN.log:
             if 'UserDataError' in text:
                 continue  # a state that is entered since an outcome was forced may lack its input
@@ -404,6 +409,14 @@ class _Robot:
         nodes = ('simulator', 'bt_server') if who == self._executive else ('simulator',)
         return max(SCHEDULER.now, *(self._observer.awake_at(self._nodes[one]) for one in nodes)) + int(seconds * SECOND)
 
+    def _unmissed_until(self, name: str) -> int:
+        """Return until when a BT server that has just started waits for the first word of an executive that hangs now,
+        unless it had time to hear it since its first goal."""
+        server = self._world.processes[self._nodes['bt_server']]
+        met = self._observer.met.get((server, self._world.processes[name]), SCHEDULER.now)
+        is_unheard = name == self._executive and SCHEDULER.now - met < LEASE_SECONDS * SECOND
+        return server.began + int(START_SECONDS * SECOND) if is_unheard else 0
+
     @property
     def _awake_at(self) -> int:
         """When the last hang of the executive ends."""
@@ -427,7 +440,8 @@ class _Robot:
     def hangs(self, name: str, seconds: float) -> None:
         node = name.rpartition('/')[2]
         if node in self._movers and seconds > HANG_SECONDS and not (self._is_abstract and node == 'bt_server'):
-            self._rest_by.append((SCHEDULER.now, self._due(HANG_SECONDS, name), f'{name} hangs'))
+            due = max(self._due(HANG_SECONDS, name), self._unmissed_until(name) + int(HANG_SECONDS * SECOND))
+            self._rest_by.append((SCHEDULER.now, due, f'{name} hangs'))
         if name == self._executive:
             for command in self._open if seconds > LONGEST_RESEND else ():  # too old when it continues
                 self._arrived.pop(command)

@@ -87,7 +87,7 @@ def _again(job: Job, **environment: str) -> str:
     words = [sys.executable, '-m', __spec__.name, '--plan', '/dev/stdin', '--hash', '--mutation', mutation]
     others = {**os.environ, 'PYTHONHASHSEED': str((job.plan.seed + 1) % 2**32), **environment}
     ended = subprocess.run(words, env=others, input=job.plan.text(), check=False, capture_output=True, text=True)
-    return ended.stdout.split()[-1] if ended.returncode == 0 else ended.stderr
+    return (ended.stdout.split() or [ended.stderr])[-1] if ended.returncode == 0 else ended.stderr
 
 
 def hunt(jobs: Sequence[Job], at_once: int, out: Path, say: Callable[[str], object], shrinks: bool = True) -> int:
@@ -208,13 +208,12 @@ def _live(text: str) -> str:
 def play_live(plan: Plan, text: str) -> int:
     """Run a plan until an operator takes over (see :mod:`.live`). Its faults go on, its operators do not."""
     stage = Stage(plan.world, plan.motion)
-    (_, words), seconds = take_over_at(text), float(text.split()[0]) - stage.world.now
-    steps = tuple(one for one in plan.steps if one.time < seconds or one.target not in stage.operators)
-    run = Run(stage, Job(replace(plan, steps=steps)))
+    _, words = take_over_at(text)
+    run = Run(stage, Job(plan))
     try:
         run.play()
     except TakenOver:
-        run._mended.append(stage.world.now)  # nobody else answers any more
+        run._mended.append(stage.world.now)  # nobody else commands or answers any more
         take_over(stage.world, words)
     return 0
 

@@ -10,11 +10,13 @@ import json
 import os
 import pickle
 import random
+import re
 import resource
 import shutil
 import signal
 import sys
 import tempfile
+import threading
 import traceback
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -60,6 +62,9 @@ from .scheduler import BOOT, EPOCH, SCHEDULER, SECOND, USES_THREADS, StuckWorldE
 
 SECONDS: Final = 10.0
 """Simulated time in which the steps of a plan happen, s."""
+
+_DEATH: Final = re.compile(r'^(?=the task |Exception in thread |a function at the exit )', re.MULTILINE)
+"""Where what is printed tells of a task that has died, of a thread, or of a function at the end of a process."""
 
 _PROCESSOR_SECONDS: Final = 120
 """Processor time after which a run is ended, s: something computes without end."""
@@ -362,9 +367,10 @@ class Stage:
     def __init__(self, world: str, motion: str) -> None:
         gc.disable()  # when it runs depends on what else is in memory
         files = {'journal_directory': '~/files', 'event_log_directory': '~/files'}
+        self._scratch = tempfile.TemporaryDirectory()
         programs = [
             replace(one, parameters={**one.parameters, **files}) if one.executable == 'onboard_executive' else one
-            for one in named_programs(world, Path(), Path(tempfile.mkdtemp()), motion)
+            for one in named_programs(world, Path(), Path(self._scratch.name), motion)
         ]
         self.world = World(0, programs).__enter__()
         with mock.patch.object(SCHEDULER.current, 'process', SCHEDULER.process('operator 2')):
@@ -410,6 +416,7 @@ class Run:
         began, world = os.times(), self._world
         errors = sys.stderr = io.StringIO()
         sys.stdout = io.StringIO()  # of programs
+        threading.excepthook = threading.__excepthook__  # which prints
         SCHEDULER.random.seed(self._plan.seed)
         SCHEDULER.shuffles = True
         SCHEDULER.limit = SCHEDULER.after(_SIMULATED_SECONDS)
@@ -423,8 +430,9 @@ class Run:
             self._observer.say(9, f'{error}'[:600])
         finally:
             sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
-        if 'has died' in errors.getvalue() and _PROGRAM not in errors.getvalue():
-            self._observer.say(9, errors.getvalue()[-1500:])
+        for death in _DEATH.split(errors.getvalue())[1:]:
+            if not death.startswith(f'the task {_PROGRAM}/'):
+                self._observer.say(9, death[-1500:])
         ended = os.times()
         self._outcome.processor = ended.user + ended.system - began.user - began.system
         self._outcome.hash = self._hash.hexdigest()[:16]
@@ -453,11 +461,12 @@ class Run:
             world.terminate(name)
         world.run(3.0)
         codes = {name: process.exit_code for name, process in world.processes.items() if name != _PROGRAM}
-        if any(codes.values()):
+        if any(code != 0 for code in codes.values()):  # None: it has not ended
             self._observer.say(9, f'exit codes {codes}')
         ended = [process for process in world.processes.values() if process.exit_code == 0]
         if left := [node.get_fully_qualified_name() for node in DOMAIN.nodes if node.process in ended]:
             self._observer.say(9, f'nodes that were not ended: {", ".join(left)}')
+        self._observer.check_log()
         if self._keep is not None:
             self._save(self._keep, files)
 
@@ -494,8 +503,8 @@ class Run:
 
     def _happen(self, step: Step) -> None:
         left = self._end_at - self._world.now
-        if left < 0.0:  # its moment was too late
-            return
+        if left < 0.0 or (self._mended and step.target in self._operators):
+            return  # its moment was too late, or somebody else has taken over
         step = replace(step, amount=min(step.amount, left))
         self._say(f'{step.act} {step.target} ({step.amount:.3f})')
         if step.target in self._operators:

@@ -4,11 +4,15 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sys
 from collections.abc import Callable, Generator
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any, Final
 
 import pytest
 
@@ -38,11 +42,14 @@ def test_seeds_break_no_invariant_and_give_the_same_run_again(world: str) -> Non
     assert run_one(Job(plans[1])).hash == outcomes[2].hash
 
 
-def test_threads_and_another_interpreter_give_the_same_run() -> None:
+def test_threads_and_another_interpreter_give_the_same_run(tmp_path: Path) -> None:
     steps = (Step(1.0, 'slow_disk', 'robot', 3.0), Step(2.0, 'power', 'robot', 2.0), Step(4.0, 'jump', 'robot', 0.5))
     job = Job(Plan(7, preemption=0.1, computing=0.0005, seconds=5.0, steps=steps))
     assert run_one(job).violations == []
-    assert nemesis._again(job) == nemesis._again(job, PYTHONHASHSEED='99', FLEXBT_ONE_PROCESS='threads')
+    other = nemesis._again(job, PYTHONHASHSEED='99', FLEXBT_ONE_PROCESS='threads', TMPDIR=str(tmp_path))
+    assert nemesis._again(job) == other
+    assert list(tmp_path.iterdir()) == []
+    assert len(nemesis._again(replace(job, plan=Plan(1, autonomy='of nobody'))).split()) < 2, 'a run that fails'
 
 
 def test_a_run_with_the_full_robot() -> None:
@@ -112,6 +119,11 @@ def test_a_stop_need_not_discover_what_a_program_drives_by() -> None:
     )
     plan = Plan(114126, 'nav2_robot', 'abstract', behavior='', autonomy='LOW', preemption=0.02, steps=steps)
     assert run_one(Job(replace(plan, seconds=10.0, settle=7.0, answers=((0.296, 0.071),)))).violations == []
+
+
+def test_a_young_bt_server_need_not_miss_an_executive_that_hangs_before_it_was_heard() -> None:
+    hang = Step(0.0, 'hang', 'onboard_executive', 9.0, 'goal 4')
+    assert run_one(Job(Plan(6204, motion='full', settle=7.0, steps=(hang,), answers=((0.1, 0.7),)))).violations == []
 
 
 @pytest.mark.parametrize(
@@ -271,6 +283,43 @@ def test_mutations_that_few_seeds_find_are_found_by_plans_made_for_them() -> Non
     assert [outcome.violations for _, outcome in unchanged] == [[]] * len(jobs)
 
 
+_THREAD: Final = 'import threading; threading.Thread(target=lambda: 1 / 0).start()'
+
+
+@pytest.mark.parametrize(
+    ('where', 'old', 'new', 'told'),
+    [
+        ('flexbt_onboard.runs.behavior_run:BehaviorRun.stop', '', _THREAD, 'Exception in thread '),
+        (
+            'flexbt_common.runtime.node_runtime:run_node',
+            ' wait()\n',
+            ' __import__("time").sleep(1e6)\n',
+            "_server': None",
+        ),
+        ('flexbt_common.runtime.node_runtime:NodeRuntime.close', '', 'self.post(lambda: 1 / 0)', ' raised; '),
+    ],
+)
+def test_threads_that_die_programs_that_do_not_end_and_what_raises_at_the_end_are_found(
+    where: str, old: str, new: str, told: str
+) -> None:
+    steps = (Step(0.1, 'kill', 'bt_server', 0.1), *STOP.steps)
+    found = run_one(Job(replace(STOP, steps=steps), Mutation('', where, new, old))).violations
+    assert {one.number for one in found} == {9} and told in found[0].text
+
+
+def test_no_operator_of_a_plan_acts_after_another_one_has_taken_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = (Step(0.1, 'stop', 'engineer', 0.0, 'fault 1'), Step(2.0, 'kill', 'bt_server', 0.5))
+    acted: list[str] = []
+    monkeypatch.setattr(nemesis_run._Operator, 'act', lambda _operator, act, _amount: acted.append(act))
+    monkeypatch.setattr(nemesis, 'take_over', lambda world, _words: world.run(5.0))
+
+    def play(seconds: float) -> list[str]:
+        nemesis.play_live(Plan(1, seconds=5.0, steps=steps), f'{seconds:g} prompt')
+        return acted
+
+    assert [_in_child(partial(play, seconds)) for seconds in (2.0, 4.0)] == [[], ['stop']]
+
+
 def test_a_mutation_that_runs_differently_is_found_by_running_it_twice() -> None:
     job = Job(Plan(2**40, steps=nemesis._RESTART), next(one for one in MUTATIONS if '(12)' in one.name))
     assert run_one(job).violations == []
@@ -278,16 +327,28 @@ def test_a_mutation_that_runs_differently_is_found_by_running_it_twice() -> None
     assert nemesis._again(replace(job, mutation=None)) == run_one(replace(job, mutation=None)).hash
 
 
+def _in_child(act: Callable[[], Any]) -> Any:
+    """Return what a function returns in a child, since what it does stays; None if it raises."""
+    reader, writer = os.pipe()
+    if os.fork() == 0:
+        with suppress(BaseException):
+            os.write(writer, pickle.dumps(act()))
+        os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, 'rb') as stream:
+        data = stream.read()
+    os.wait()
+    return pickle.loads(data) if data else None  # noqa: S301 - from a child of this process
+
+
 def _run_in_child(mutation: Mutation) -> bool:
     """Return whether a mutation can be made; in a child, since it stays."""
-    pid = os.fork()
-    if pid == 0:
-        try:
-            mutation.apply()
-        except BaseException:
-            os._exit(1)
-        os._exit(0)
-    return os.waitpid(pid, 0)[1] == 0
+
+    def apply() -> bool:
+        mutation.apply()
+        return True
+
+    return bool(_in_child(apply))
 
 
 def test_all_mutations_can_be_made() -> None:
