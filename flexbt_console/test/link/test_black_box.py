@@ -318,6 +318,7 @@ def test_each_kind_of_thing_that_goes_wrong_is_in_an_incident(robot: Robot) -> N
     robot.peers = [PeerStatus(name='/arm', alive=True, ready=True, expected=True)]
     robot.says()
     robot.tells('state Grasp raised ValueError: no grip')
+    robot.tells('the gripper is gone')
     robot.did(
         kind=ExecutiveEvent.COMMAND, command='FORCE', path='/Drive', outcome='failed', operator_id='ann', applied=True
     )
@@ -327,7 +328,7 @@ def test_each_kind_of_thing_that_goes_wrong_is_in_an_incident(robot: Robot) -> N
     wait_until(lambda: stops.get_subscription_count() > 0, 'who hears STOP')
     stops.publish(ExecutiveCommand(id='1', kind=ExecutiveCommand.STOP, operator_id='bob'))
     battery = robot.runtime.call(lambda: node.create_publisher(BatteryState, names.BATTERY_STATE, 1))
-    until_incident(robot, 'fault', 'no grip')
+    until_incident(robot, 'fault', 'no grip', 'fault     the gripper is gone')
     until_incident(robot, 'forced', 'ann: force failed', '/Drive')
     until_incident(robot, 'node', '/arm is gone: it crashed')
     until_incident(robot, 'stop', 'STOP by bob')
