@@ -13,6 +13,7 @@ import os
 import re
 import sys
 import threading
+import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Final
@@ -79,8 +80,11 @@ class DefaultContext:
     def close(self) -> None:
         """Shut the context down and destroy its remaining nodes."""
         self.shut_down()
-        context, self._opened = self._opened, None
-        if context is not None:
+        if self._opened is None:
+            return
+        remains = weakref.ref(self._opened)
+        self._opened = None
+        if (context := remains()) is not None:  # as each of its nodes refers to it
             for node in _nodes_in(context):
                 try:
                     end_callbacks(node)
