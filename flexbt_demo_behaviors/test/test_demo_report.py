@@ -61,10 +61,10 @@ def test_a_branch_that_nobody_promised_is_a_mistake_of_the_script() -> None:
 
 def test_the_timeline_indents_further_lines() -> None:
     stream = io.StringIO()
-    Timeline(stream, clock=iter([0.0, 2.5]).__next__).tell('log', 'one\ntwo')
+    Timeline(stream, clock=iter([0.0, 2.5]).__next__).tell('log', 'one\ntwo\x1b[2J')
     first, second = stream.getvalue().splitlines()
     assert first.startswith('   2.5 s  log')
-    assert second.strip() == 'two'
+    assert second.strip() == 'two\\e[2J'
     assert second.index('two') == first.index('one')
 
 

@@ -263,7 +263,7 @@ class Detector:
 def _occurrence(entry: LaneEntry) -> tuple[str, str] | None:
     """Return the kind and the text of an entry that makes an incident."""
     if entry.lane is Lane.FAULTS and entry.tone == 'error' and entry.key != 'link':  # which is told when it is lost
-        if not entry.word:  # it goes on: nobody has said it
+        if not entry.word:  # all that was said, or has ended, has one
             return 'node', f'{entry.key} is gone{f": {entry.text}" if entry.text else ""}'
         return 'fault', entry.text or entry.label
     if entry.lane is Lane.COMMANDS and entry.word == 'applied' and entry.label.startswith('force '):

@@ -29,6 +29,7 @@ from flexbt_common.values.limits import MESSAGE
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_console.errors import ConsoleError
 from flexbt_core import load_places
+from flexbt_core.values.text import escape_lines
 from flexbt_msgs.msg import TreeStatus, TreeStructure
 from flexbt_sim.messages import map_of, pose_of
 from flexbt_sim.world import OccupancyMap, Point, Pose, Trace, TraceFrame, World, draw_world, wrap
@@ -210,8 +211,8 @@ class Timeline:
         return own
 
     def tell(self, who: str, what: str) -> None:
-        """Print one event; indent further lines of `what` below the first."""
-        first, *rest = what.splitlines() or ['']
+        """Print one event; indent further lines of `what` below the first. It may come from the network."""
+        first, *rest = escape_lines(what)
         lines = [f'{self.elapsed:6.1f} s  {who:<9} {self._robot}{first}', *(f'{"":20}{line}' for line in rest)]
         with self._lock:
             print('\n'.join(lines), file=self._stream, flush=True)
