@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Mapping
 from typing import Final
 
@@ -13,7 +14,7 @@ from flexbt_console.mirror.view import View
 from flexbt_core.values.json_data import load_json
 from flexbt_core.values.text import one_line, pluralize
 
-from .rendering import autonomy_text, place_text, stamp_text
+from .rendering import FIRST_WALL_TIME, autonomy_text, place_text
 from .style import Line, Tone
 
 Places = Mapping[str, FramedPose]
@@ -95,7 +96,7 @@ def options_texts(options: QueueOptions) -> list[str]:
     told = {
         f'priority {options.priority}': options.priority,
         f'battery {options.battery:.0%}': options.battery >= 0.0,
-        f'after {stamp_text(options.not_before)}': options.not_before,
+        f'after {_moment_text(options.not_before)}': options.not_before,
         f'at {one_line(options.window)}': options.window,
         f'within {options.distance:g} m of {one_line(options.place)}': options.place,
         f'{options.count} more times' if options.count else 'no end': options.count != 1,
@@ -104,6 +105,12 @@ def options_texts(options: QueueOptions) -> list[str]:
         f'wants {" or ".join(map(one_line, options.wanted))}': options.wanted,
     }
     return [text for text, is_told in told.items() if is_told]
+
+
+def _moment_text(stamp: float) -> str:
+    """Return a time on the executive's clock, which may be on another day: with its date, as in the command."""
+    is_simulated = stamp < FIRST_WALL_TIME
+    return f'{stamp:g} s' if is_simulated else time.strftime('%Y-%m-%dT%H:%M:%S', time.localtime(stamp))
 
 
 def duration_text(seconds: float) -> str:

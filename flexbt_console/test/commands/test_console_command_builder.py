@@ -39,6 +39,7 @@ from flexbt_console.mirror.records import (
     Structure,
 )
 from flexbt_console.mirror.view import View
+from flexbt_console.present.queue import options_texts
 from flexbt_console.present.rendering import decision_line, status_lines, structure_lines
 from flexbt_testing.hostile_yaml import HOSTILE_YAML
 
@@ -81,6 +82,14 @@ def test_a_condition_of_the_queue_can_be_sent(when: str) -> None:
     shown = replace(now, snapshot=replace(now.snapshot, stamp=1.7e9))
     command = registry.build(parse(['queue', 'add', 'Drive', '--when', when]), shown, CommandBuilder('ann'))
     assert len(command_message(command, 0.0).queue_options) == 1
+
+
+@pytest.mark.parametrize('moment', ['2030-01-31T08:00:00', '2030-07-31T23:59:59'])
+def test_a_time_that_an_entry_of_the_queue_waits_for_is_shown_as_it_is_written(moment: str) -> None:
+    line = parse(['queue', 'add', 'Drive', '--when', f'after={moment}'])
+    (options,) = registry.build(line, view(), CommandBuilder('ann')).queue_options
+    assert options_texts(options) == [f'after {moment}']
+    assert options_texts(replace(options, not_before=120.0)) == ['after 120 s']
 
 
 def view(*decisions: Decision, active: tuple[str, ...] = ('/Nav/Plan',), autonomy: int = 1) -> View:
