@@ -121,18 +121,16 @@ export function spread(svg) {
 
 // The statuses of a tree: colour, frame, and a sign. A node that is idle again shows how it had ended.
 export function statuses(svg, current, last) {
-  current.forEach((status, index) => {
-    const node = part(svg, `t0n${index}`);
-    const shown = status === 'idle' ? last[index] : status;
-    if (!node || node.dataset.status === shown) return;
+  const changed = current.map((status, index) => [part(svg, `t0n${index}`), status === 'idle' ? last[index] : status]).filter(([node, shown]) => node && node.dataset.status !== shown);
+  for (const one of changed) one.push(one[0].firstElementChild.getBBox());  // before anything changes: it is laid out once
+  for (const [node, shown, {x, y}] of changed) {
     node.dataset.status = shown;
     node.classList.remove(...Object.keys(SIGNS));
     node.querySelector('.sign')?.remove();
-    if (!SIGNS[shown]) return;
+    if (!SIGNS[shown]) continue;
     node.classList.add(shown);
-    const box = node.firstElementChild.getBBox();
-    node.append(svgElement('text', {class: 'sign', x: box.x - 4, y: box.y + 5}, SIGNS[shown]));
-  });
+    node.append(svgElement('text', {class: 'sign', x: x - 4, y: y + 5}, SIGNS[shown]));
+  }
 }
 
 // Trees: children beside each other in their order, each parent in the middle above its children (Reingold and Tilford 1981), or to the left of them.
