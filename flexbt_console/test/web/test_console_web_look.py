@@ -261,6 +261,36 @@ def press_outcome(browser: Browser, transition: str) -> None:
     ActionChains(browser.driver).move_to_element(box).click().perform()
 
 
+def test_all_of_a_diagram_fits_however_large_it_is(browser: Browser) -> None:
+    script = (
+        'const {viewport} = await import("./viewport.js");'
+        'const pane = document.body.appendChild(document.createElement("div"));'
+        'const svg = pane.appendChild(document.createElementNS("http://www.w3.org/2000/svg", "svg"));'
+        'const view = viewport(svg);'
+        'view.content({x: 0, y: 0, width: 1e6, height: 1e3});'
+        'view.fit(true);'
+        'return svg.getAttribute("viewBox").split(" ").map(Number)'
+    )
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        left, _, width, _ = browser.run(script)
+        assert left <= 0 and left + width >= 1e6
+
+
+def test_stop_stays_in_a_dialog_that_is_scrolled(browser: Browser) -> None:
+    robot = WebRobot()
+    with served({'robot': robot.station()}) as port, browser.emulated(1024, 480):
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.press('?')
+        browser.until_text('dialog-title', 'commands')
+        browser.run('document.getElementById("dialog").scrollTop = 500')
+        assert browser.run('return document.getElementById("dialog").scrollTop') > 300
+        browser.driver.find_element(By.CSS_SELECTOR, '#dialog .stop').click()
+        assert robot.wait_sent(1)[0].kind is CommandKind.STOP
+        assert browser.run('return document.getElementById("dialog").scrollTop') > 300
+
+
 def test_an_outcome_is_answered_or_forced_on_the_diagram(browser: Browser) -> None:
     robot = drawn_robot()
     with served({'robot': robot.station()}) as port:

@@ -48,7 +48,7 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
     const [width, height] = size();
     moved = whole;
     const place = target?.isConnected ? placeOf(target) : null;
-    scale = within(Math.min((width - 2 * MARGIN) / box.width, (height - 2 * MARGIN) / box.height), whole ? 0.01 : 1 / grows, MOST_FIT);
+    scale = within(Math.min((width - 2 * MARGIN) / box.width, (height - 2 * MARGIN) / box.height), whole ? 0 : 1 / grows, MOST_FIT);
     const at = (start, length, room, from, to) => {
       const middle = length * scale + 2 * MARGIN <= room || !place ? start + length / 2 : (from + to) / 2;
       const begin = middle - room / scale / 2;
