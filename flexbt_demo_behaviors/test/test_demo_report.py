@@ -3,6 +3,7 @@
 
 import io
 import math
+from pathlib import Path
 
 import pytest
 
@@ -15,7 +16,7 @@ from flexbt_demo_behaviors.demonstration.report import (
     Timeline,
     pose_text,
 )
-from flexbt_sim.world import Pose
+from flexbt_sim.world import Pose, World
 
 
 def report() -> DemoReport:
@@ -48,6 +49,16 @@ def test_a_command_that_the_console_refuses_to_make_is_a_problem_of_the_report()
 
     tried.play(script)
     assert not tried.passed and 'problem nothing is pending' in tried.text()
+
+
+def test_the_summary_is_told_also_where_no_picture_can_be_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / 'picture.png'
+    picture.mkdir()
+    with pytest.raises(IsADirectoryError):
+        report().conclude(World(None), {}, picture)
+    assert 'A demonstration: FAILED' in capsys.readouterr().out
 
 
 def test_a_branch_that_was_not_taken_is_named() -> None:

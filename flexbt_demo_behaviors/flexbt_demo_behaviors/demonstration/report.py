@@ -282,9 +282,10 @@ class DemoReport:
         return '\n'.join(lines)
 
     def conclude(self, world: World, tracks: Mapping[str, RobotTrack], file: Path) -> int:
-        """Write the picture, print the summary, and return the exit code of the demonstration."""
+        """Print the summary, write the picture, and return the exit code of the demonstration."""
+        print(f'\n{self.text()}', flush=True)
         write_picture(world, tracks, file)
-        print(f'\n{self.text()}\n  picture {file}\n', flush=True)
+        print(f'  picture {file}\n', flush=True)
         return 0 if self.passed else 1
 
 
