@@ -425,6 +425,9 @@ class NodeScope(Runtime):
     def _end(self) -> None:
         self._closed.set()
         self._host._on_fault.remove(self._report_fault)
+        # What has ended is freed: finalizers of its parts keep this object.
+        self._on_fault.clear()
+        self._shared.clear()
         for entity, destroy in self._entities().items():
             if entity not in self._before:
                 destroy(entity)

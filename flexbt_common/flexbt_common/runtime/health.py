@@ -227,6 +227,10 @@ class Health:
         """Call ``fn`` for each hang, once after :data:`HANG_SECONDS`, and again when it is over."""
         self._on_hang.append(fn)
 
+    def cancel_on_hang(self, fn: Callable[[Hang], object]) -> None:
+        """Undo :meth:`on_hang`."""
+        self._on_hang.remove(fn)
+
     def fail(self, problem: str) -> None:
         """Stop the heartbeat permanently: the process cannot do its work. The first problem counts."""
         with self._telling:

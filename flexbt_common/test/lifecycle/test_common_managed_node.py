@@ -8,6 +8,7 @@ import gc
 import itertools
 import signal
 import threading
+import weakref
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,6 +25,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
+from flexbt_common.calls.service_call import ServiceLinks
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.lifecycle.managed_node import ManagedNode, NodeScope, unconfigured
 from flexbt_common.lifecycle.presence import PresenceToken
@@ -306,6 +308,32 @@ def test_a_scope_runs_what_it_is_asked_to_until_it_ends() -> None:
         assert len(run) == 7 and not host.has_failed
         scope.fail('a part has failed')
         assert host.has_failed
+
+
+class Part:
+    """A part of a node that is held by callbacks, and by what others share."""
+
+    def __init__(self, runtime: Runtime) -> None:
+        self.link = ServiceLinks(runtime).link(Trigger, 'ask')
+        runtime.on_fault(self.note)
+        runtime.on_close(self.stop)
+        runtime.call(lambda: runtime.shared('part', lambda: self))
+
+    def note(self, _error: BaseException) -> None:
+        pass
+
+    def stop(self) -> None:
+        pass
+
+
+def test_what_a_scope_held_is_freed_with_it() -> None:
+    with NodeRuntime.open('host') as host:
+        scope = NodeScope(host)
+        part = weakref.ref(Part(scope))
+        assert part() is not None
+        scope.close()
+        gc.collect()
+        assert part() is None
 
 
 def test_the_clock_of_the_node_survives_a_scope_in_which_it_was_changed() -> None:

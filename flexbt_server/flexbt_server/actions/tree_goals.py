@@ -95,6 +95,7 @@ class TreeGoals:
         self._no_goals.set()
         self._returned = ''
         runtime.health.on_hang(self._after_hang)
+        runtime.on_close(lambda: runtime.health.cancel_on_hang(self._after_hang))
 
     @property
     def pose(self) -> PoseStamped | None:

@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import random
 import socket
 import threading
+import weakref
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -203,13 +205,15 @@ def test_cleanup_forgets_everything_and_frees_it() -> None:
             wait_until(lambda: world.actions() == set())
 
 
-def test_a_leaf_publishes_after_each_configuration() -> None:
+def test_each_configuration_has_publishers_of_its_own_and_is_freed() -> None:
     with managed() as world:
         for _ in range(2):
             world.change('configure', 'activate')
             world.client.load_tree('<Publish type="std_msgs/msg/String" topic_name="said" subscriber_timeout="0"/>')
             assert world.client.execute().result.code == Result.SUCCESS
+            goals = weakref.ref(world.node._managed.goals)
             world.change('deactivate', 'cleanup')
+            wait_until(lambda: gc.collect() >= 0 and goals() is None, 'it is freed')  # noqa: B023
 
 
 def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> None:
