@@ -600,6 +600,21 @@ def test_a_node_is_selected_and_debugged_and_a_held_tree_steps_and_goes_on() -> 
     on_screen(robot, steps)
 
 
+def test_the_name_of_a_node_is_escaped_where_it_is_the_title_of_a_list() -> None:
+    robot = Robot()
+    nodes = [MirroredNode(1, 0, 'Turn', 'Spin', 'Turn\x1b[2J')]
+    robot.mirror.receive_tree_structure(TreeNodes('t', 'Drive', nodes, 5.0, 2))
+    report = TreeReport('t', 2, [MirroredStatus.RUNNING], [], 5.0, finished=False, paused=False, structure=2)
+    robot.mirror.receive_tree_status(report)
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('t', *'Turn', 'enter')
+        await pilot.pause()
+        assert 'Turn\\e[2J' in text_of(app) and '\x1b' not in text_of(app)
+
+    on_screen(robot, steps, (80, 24))
+
+
 def test_who_is_asked_for_the_authority_gives_it_to_one_and_refuses_another() -> None:
     robot = Robot()
     assert 'authority' not in keys_text(robot.mirror.view(), 200, 'ann').plain

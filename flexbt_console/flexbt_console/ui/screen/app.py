@@ -627,7 +627,7 @@ class OperatorScreen(OrderedApp):
             run, node, marks = marked[number]
             lines = debug_lines(run, node, has_marks=node.path in marks)
             offered = [Entry(f'{name}: {line}', (name, line)) for name, line in lines.items()]
-            self.open(ChoiceList(node.path, offered), lambda which: self.do([*lines.values()][which]))
+            self.open(ChoiceList(one_line(node.path), offered), lambda which: self.do([*lines.values()][which]))
 
         self.open(ChoiceList(key.help, entries), chosen)
 
