@@ -17,10 +17,11 @@ DOMAINS = range(1, 101)
 # RTPS 2.5, 9.6.2.3: unicast discovery port of the first participant of a domain.
 DISCOVERY_PORT = 7410
 DISCOVERY_PORT_STEP = 250
+LAST_DOMAIN = 232  # the last one whose ports exist
 
 
 class NoFreeDomainError(RuntimeError):
-    """All ROS domains on this computer are in use."""
+    """No ROS domain can be used: all on this computer are in use, or ROS_DOMAIN_ID is none."""
 
 
 @contextlib.contextmanager
@@ -29,10 +30,12 @@ def own_domain(candidates: Iterable[int] | None = None) -> Iterator[int]:
 
     An explicit ROS_DOMAIN_ID is used and not reserved, because the user wants to reach other nodes there. Otherwise
     choose a domain that is not reserved and has no participant on this computer. Raises NoFreeDomainError if none is
-    left.
+    left, or if ROS_DOMAIN_ID is no domain.
     """
     chosen = os.environ.get('ROS_DOMAIN_ID', '')
     if chosen:
+        if not chosen.isdecimal() or int(chosen) > LAST_DOMAIN:
+            raise NoFreeDomainError(f'ROS_DOMAIN_ID is {chosen!r}; it has to be a number from 0 to {LAST_DOMAIN}')
         yield int(chosen)
         return
     with reserved_domain(candidates) as domain:

@@ -61,3 +61,10 @@ def test_an_explicit_domain_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_error_of_the_body_is_not_hidden() -> None:
     with pytest.raises(OSError, match='mine'), own_domain():
         raise OSError('mine')
+
+
+@pytest.mark.parametrize('chosen', ['abc', '-1', '233'])
+def test_what_is_no_domain_is_refused(chosen: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('ROS_DOMAIN_ID', chosen)
+    with pytest.raises(NoFreeDomainError, match=f"'{chosen}'; it has to be a number"), own_domain():
+        pass
