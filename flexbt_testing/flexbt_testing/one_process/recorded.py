@@ -225,7 +225,7 @@ class RecordedRobot(AbstractRobot):
         before, answer, due = self._active.get(kind.__name__, (None, Answer(), math.inf))
         if before is not None and before.active:
             before.abort(kind.Result())  # as the servers of Nav2 do: the leaf goes on with the new goal
-        else:
+        elif not now < due < math.inf:  # else the leaf goes on after a pause
             answer = self._recording.answer(kind.__name__, self._fed_for())
             due = now + answer.seconds
         self._active[kind.__name__] = goal, answer, due

@@ -81,6 +81,22 @@ def test_an_answer_to_a_decision_that_no_status_shows_waits_for_it(tmp_path: Pat
     assert found.after.ends == ['finished'], str(found)
 
 
+def test_a_drive_that_was_paused_ends_when_it_did(tmp_path: Path) -> None:
+    def pause_a_drive(world: World) -> None:
+        world.start('Navigate')
+        world.answer('/AskGoal', 'corridor')
+        world.run(3.0)
+        world.pause()
+        world.run(4.0)
+        world.resume()
+        world.run_until(world.asks('/AskGoal'), within=90)
+        world.decline('/AskGoal')
+
+    found = decide_again(recorded(tmp_path, pause_a_drive))
+    assert found.difference is None, str(found)
+    assert found.after.ends == ['finished']
+
+
 def test_a_recording_of_no_use_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path / 'missing.mcap')]) == 2
     assert 'missing.mcap: cannot be read' in capsys.readouterr().err
