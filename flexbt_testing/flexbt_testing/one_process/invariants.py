@@ -344,7 +344,7 @@ class Observer:
             robot.finish()
         are_idle = all(robot.is_idle for robot in self._robots.values())
         for (pid, _), (name, depth) in self.entered.items():
-            if depth and SCHEDULER.processes[pid].is_alive and are_idle:
+            if depth > 0 and SCHEDULER.processes[pid].is_alive and are_idle:
                 self.say(5, f'a {name} is not left')
         for goal in self._goals.values() if are_idle else ():
             if goal.status not in _ENDED and goal.server.is_alive:

@@ -62,10 +62,11 @@ def shrink(job: Job, broken: set[int], say: Callable[[str], object], most: int =
             fewer = replace(plan, steps=plan.steps[:begin] + plan.steps[begin + size :])
             plan, begin = (fewer, begin) if still(fewer) else (plan, begin + size)
         size //= 2
+    of_one = tuple(replace(step, target=step.target.rpartition('/')[2]) for step in plan.steps)
     for simpler in (
         {'preemption': 0.0},
         {'computing': 0.0},
-        {'world': 'navigate', 'motion': 'abstract', 'behavior': 'Navigate', 'arguments': ()},
+        {'world': 'navigate', 'motion': 'abstract', 'behavior': 'Navigate', 'arguments': (), 'steps': of_one},
         {'autonomy': 'HIGH'},
         {'settle': 1.5},
         {'answers': plan.answers[:1]},

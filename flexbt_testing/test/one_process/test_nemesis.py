@@ -431,6 +431,17 @@ def _children() -> set[int]:
     return {int(pid) for pid in Path(f'/proc/self/task/{os.getpid()}/children').read_text().split()}
 
 
+_FAIL: Final = Step(1.0, 'fail', 'beta/follow_path', 0.5)
+
+
+def test_a_plan_of_several_robots_is_shrunk_to_one_with_the_same_fault() -> None:
+    found = Mutation('', 'flexbt_testing.one_process.abstract_robot:AbstractRobot._set_fault', _THREAD)
+    job = Job(Plan(1, 'night_watch', seconds=2.0, steps=(_FAIL,), answers=()), found)
+    small = shrink(job, {9}, lambda _text: None)
+    assert (small.world, [step.target for step in small.steps]) == ('navigate', ['follow_path'])
+    assert 'Exception in thread' in run_one(replace(job, plan=small)).violations[0].text
+
+
 def test_a_plan_is_shrunk_to_what_breaks_the_invariant(monkeypatch: pytest.MonkeyPatch) -> None:
     """The runs are replaced by a rule: it breaks whenever navigation is killed. What is tested is the search."""
 
