@@ -10,9 +10,10 @@ known.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 from itertools import combinations
 from typing import Final
 
@@ -28,7 +29,7 @@ from .capabilities import (
     concurrent_pairs,
 )
 from .errors import SynthesisError
-from .formulas import Formula, FormulaError, names_in, parse_formula
+from .formulas import Formula, FormulaError, Ranges, names_in, parse_formula
 from .request_files import FAILURE_OUTCOMES, MachineRequest, SpecificationFile
 from .specification import GameVariable, Section, Specification, SpecificationLine
 from .yaml_nodes import YamlEntry
@@ -45,7 +46,7 @@ _KINDS: Final = 'axp'
 """Suffixes of a capability that is active, was given up, or has not completed yet (is pending)."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Vocabulary:
     """The names of a system. ``outcomes`` are the normalized outcomes that each capability can have; ``ends`` the
     outcomes of the machine and the propositions for them; ``numbers`` those of capabilities where they are parsed."""
@@ -89,13 +90,13 @@ class Vocabulary:
     def is_own(self, name: str) -> bool:
         """Return whether a variable is one of the translation: an activation, an outcome of a capability or of the
         machine, or the mark of a capability that was given up or has not completed yet."""
-        own = (
-            {f'{capability}_{kind}' for capability in self.outcomes for kind in _KINDS}
-            | set(self.ends.values())
-            | {CAPABILITY}
-        )
-        told = {self.input_of(capability, one) for capability, outcomes in self.outcomes.items() for one in outcomes}
-        return name in own or name in told
+        return name in self._own
+
+    @cached_property
+    def _own(self) -> frozenset[str]:
+        marks = (f'{capability}_{kind}' for capability in self.outcomes for kind in _KINDS)
+        told = (self.input_of(capability, one) for capability, outcomes in self.outcomes.items() for one in outcomes)
+        return frozenset((*marks, *told, *self.ends.values(), CAPABILITY))
 
 
 def suffixes(outcomes: Sequence[str]) -> dict[str, str]:
@@ -814,10 +815,17 @@ class Translation:
             )
 
     def _formula(self, text: str) -> Formula:
-        ranges = {name: variable.bounds for name, variable in self._variables.items()}
-        # Users know the capabilities, and the variables without those of the translation.
-        own = [name.removesuffix('_m') for name in self._variables if not self._vocabulary.is_own(name)]
-        return parse_formula(text, ranges, self._file.labels, list(dict.fromkeys([*self._file.capabilities, *own])))
+        return parse_formula(text, self._ranges, self._file.labels, self._known)
+
+    @cached_property
+    def _ranges(self) -> Ranges:
+        return {name: variable.bounds for name, variable in self._variables.items()}
+
+    @cached_property
+    def _known(self) -> Collection[str]:
+        """Names that users know: the capabilities, and the variables without those of the translation."""
+        given = (name.removesuffix('_m') for name in self._variables if not self._vocabulary.is_own(name))
+        return dict.fromkeys([*self._file.capabilities, *given])
 
     def _problem(self, line: int | None, text: str) -> None:
         self._problems.append(f'{self._file.source}:{line}: {text}' if line is not None else f'request: {text}')

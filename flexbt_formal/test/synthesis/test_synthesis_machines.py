@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 from typing import ClassVar
 
@@ -67,6 +68,13 @@ def test_names_do_not_change_what_a_machine_does(before: str, after: str) -> Non
         name.replace(before, after): {outcome: to.replace(before, after) for outcome, to in of.items()}
         for name, of in usual.items()
     }
+
+
+def test_many_capabilities_are_translated_in_time() -> None:
+    text = COFFEE + ''.join(f'  c{n}: {{interface: Try, postconditions: [c{n}]}}\n' for n in range(40))
+    began = time.process_time()
+    translated(read_capabilities(text, 'coffee.yaml'), interface, MachineRequest(goals=('brew',)))
+    assert time.process_time() - began < 4.0
 
 
 def test_what_the_files_call_things_stays_in_its_comment() -> None:
