@@ -277,6 +277,35 @@ def test_all_of_a_diagram_fits_however_large_it_is(browser: Browser) -> None:
         assert left <= 0 and left + width >= 1e6
 
 
+def test_what_is_followed_stays_in_view_in_a_pane_that_becomes_smaller(browser: Browser) -> None:
+    script = (
+        'const {viewport} = await import("./viewport.js");'
+        'const of = (name) => document.createElementNS("http://www.w3.org/2000/svg", name);'
+        'const pane = document.body.appendChild(document.createElement("div"));'
+        'const svg = pane.appendChild(of("svg")), node = svg.appendChild(of("rect"));'
+        'const sides = Object.entries({x: 240, y: 540, width: 40, height: 40});'
+        'for (const [name, value] of sides) node.setAttribute(name, value);'
+        'pane.id = "small";'
+        'pane.style.cssText = "position: fixed; inset: 0 auto auto 0; width: 300px; height: 600px";'
+        'svg.style.cssText = "width: 100%; height: 100%";'
+        'const view = viewport(svg);'
+        'view.content({x: 0, y: 0, width: 280, height: 580});'
+        'view.reveal(node)'
+    )
+    smaller = 'Object.assign(document.getElementById("small").style, {width: arguments[0], height: arguments[1]})'
+    outside = (
+        'const of = (one) => document.querySelector(`#small ${one}`).getBoundingClientRect();'
+        'const pane = of("svg"), node = of("rect");'
+        'return [node.left < 0, node.top < 0, node.right > pane.right, node.bottom > pane.bottom]'
+    )
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.run(script)
+        for width, height in (('300px', '150px'), ('120px', '600px'), ('120px', '120px')):
+            browser.run(smaller, width, height)
+            browser.until(lambda: browser.run(outside) == 4 * [False])
+
+
 def test_stop_stays_in_a_dialog_that_is_scrolled(browser: Browser) -> None:
     robot = WebRobot()
     with served({'robot': robot.station()}) as port, browser.emulated(1024, 480):

@@ -37,10 +37,10 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
     changed();
   }
 
-  // Where something is, in the units of the drawing.
+  // Where something is, in the units of the drawing, which is in the pane as it was before that changed its size; null if it is not shown.
   function placeOf(element) {
-    const outer = edges(), inner = element.getBoundingClientRect();
-    return {left: x + (inner.left - outer.left) / scale, right: x + (inner.right - outer.left) / scale, top: y + (inner.top - outer.top) / scale, bottom: y + (inner.bottom - outer.top) / scale};
+    const drawn = svg.getScreenCTM(), {left, right, top, bottom} = element.getBoundingClientRect();
+    return drawn && {left: (left - drawn.e) / drawn.a, right: (right - drawn.e) / drawn.a, top: (top - drawn.f) / drawn.d, bottom: (bottom - drawn.f) / drawn.d};
   }
 
   // All of it, as large as it fits, but with readable labels; what does not fit then is where the target is. whole: all of it in any case.
@@ -78,8 +78,9 @@ export function viewport(svg, {grows = 1, changed = () => {}} = {}) {
   // Keep an element in the pane, unless somebody looks elsewhere.
   function reveal(element) {
     target = element;
-    if (moved || !element) return;
-    const {left, right, top, bottom} = placeOf(element), [width, height] = size();
+    const place = moved || !element ? null : placeOf(element);
+    if (!place) return;
+    const {left, right, top, bottom} = place, [width, height] = size();
     if (left < x || top < y || right > x + width / scale || bottom > y + height / scale) fit();
   }
 
