@@ -402,7 +402,7 @@ def _exactness(slot: Any) -> Callable[[Any], bool] | None:
     """Return the check whether a field holds what the serializer reads; None if the serializer checks it itself."""
     if isinstance(slot, NamespacedType):
         kind: Any = class_of_slot(slot)
-        return _is_exact if _exactness_of_fields(kind) else None
+        return lambda value: isinstance(value, kind) and _is_exact(value)
     if isinstance(slot, Array | AbstractSequence):
         size = slot.size if isinstance(slot, Array) else None
         is_compact = isinstance(slot.value_type, BasicType) and slot.value_type.typename in _ARRAY_CODES

@@ -288,6 +288,8 @@ def test_what_does_not_fit_a_field_of_a_goal_is_refused_with_its_place() -> None
     assert (exact(goal), goal.target_yaw) == (Spin.Goal(target_yaw=1.0), 1)
     with pytest.raises(FieldError, match=r'field poses\[1\].position.x: expected a number, got True'):
         exact(PoseArray(poses=[Pose(), Pose(position=Point(check_fields=False, x=True))]))
+    with pytest.raises(FieldError, match=r'field poses\[0\]: expected a Pose, got None'):
+        exact(PoseArray(check_fields=False, poses=[None]))
     pose = PoseWithCovariance()
     object.__setattr__(pose, '_covariance', numpy.zeros(35))  # of which the serializer would read 36
     with pytest.raises(FieldError, match='35 elements'):
