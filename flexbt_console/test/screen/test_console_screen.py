@@ -615,6 +615,29 @@ def test_the_name_of_a_node_is_escaped_where_it_is_the_title_of_a_list() -> None
     on_screen(robot, steps, (80, 24))
 
 
+def test_what_a_robot_has_put_into_a_field_is_shown_harmless_and_sent_as_it_is() -> None:
+    robot = Robot()
+    robot.show(active_states=(ActiveState('/Turn\x1b[2J', 1.0),))
+    parameter = BehaviorParameter('way', 'string', 'a\x1b[2J', ('a\x1b[2J', 'b\x07'))
+    robot.mirror.receive_behaviors(BehaviorList('e', (Behavior('Patrol', parameters=(parameter,)),)))
+
+    async def steps(app: OperatorScreen, pilot: Pilot[None]) -> None:
+        await pilot.press('r')
+        await pilot.pause()
+        assert "repeat '/Turn [2J'" in text_of(app)
+        await pilot.press('enter')
+        assert robot.link.sent[0].path == '/Turn\x1b[2J'
+        robot.show(state=ExecutiveState.IDLE, active_states=(), run_id='')
+        await seen(robot, pilot)
+        await pilot.press('s', 'down', 'enter')
+        await pilot.pause()
+        assert 'a [2J' in text_of(app) and '\x1b' not in text_of(app)
+        await pilot.press('down', 'enter')
+        assert robot.link.sent[1].arguments == (('way', 'b\x07'),)
+
+    on_screen(robot, steps, (80, 24))
+
+
 def test_who_is_asked_for_the_authority_gives_it_to_one_and_refuses_another() -> None:
     robot = Robot()
     assert 'authority' not in keys_text(robot.mirror.view(), 200, 'ann').plain

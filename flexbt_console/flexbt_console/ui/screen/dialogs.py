@@ -19,7 +19,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical, VerticalScroll
 from textual.screen import ModalScreen
 from textual.suggester import SuggestFromList
-from textual.widgets import Input, Label, OptionList
+from textual.widgets import Label, OptionList
 from textual.widgets.option_list import Option
 
 from flexbt_console.commands.operator_values import parameter_value, start_input
@@ -38,7 +38,7 @@ from flexbt_core.clock.clock import Clock
 from flexbt_core.values.text import one_line, short_repr
 
 from .decision_bar import BURST_SECONDS
-from .pane import TONES, Pane, styled
+from .pane import TONES, Field, Pane, styled
 
 if TYPE_CHECKING:
     from .textual_app import ImageWidget
@@ -58,7 +58,7 @@ class Entry(NamedTuple):
     refusal: str = ''
 
 
-class FindField(Input):
+class FindField(Field):
     """The field whose text filters a list. It has the focus instead of the list."""
 
     DEFAULT_CSS = 'FindField { dock: top; height: 1; border: none; padding: 0; } FindField:focus { border: none; }'
@@ -190,7 +190,7 @@ class ChoiceList(ModalScreen[int | None]):
         self.dismiss(int(str(event.option_id)))
 
 
-class FormField(Input):
+class FormField(Field):
     """A field of a form, which yields words of the command line. Up and Down step through its ``choices``."""
 
     DEFAULT_CSS = 'FormField { height: 1; border: none; padding: 0 2; } FormField:focus { border: none; }'

@@ -8,7 +8,6 @@ from typing import Final
 
 from rich.text import Text
 from textual.suggester import Suggester
-from textual.widgets import Input
 
 from flexbt_console.commands.completion import offers
 from flexbt_console.commands.registry import begun
@@ -31,7 +30,7 @@ from flexbt_console.ui.answers import Bound
 from flexbt_console.ui.keys import KEYS
 from flexbt_core.values.text import one_line
 
-from .pane import styled
+from .pane import Field, styled
 
 ALARM_ROWS = 3
 
@@ -129,7 +128,7 @@ NAME_COLUMNS: Final = 24
 """Columns for the text of an offer, before its description."""
 
 
-class CommandInput(Input):
+class CommandInput(Field):
     """A command input bound to the decision that was on the screen when typing began, which is ``bound``."""
 
     _marked = 0

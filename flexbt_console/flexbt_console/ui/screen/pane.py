@@ -14,10 +14,12 @@ from textual.geometry import Region, Size
 from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
+from textual.widgets import Input
 
 from flexbt_console.present.cells import in_cells
 from flexbt_console.present.maps import Cell, Layer
 from flexbt_console.present.style import Tone, tone_of
+from flexbt_core.values.text import printable
 
 TONES: Final = {
     Tone.PLAIN: '',
@@ -103,6 +105,16 @@ class Pane(Widget):
         style = self.rich_style
         strip = Strip(self._rows[y] if y < len(self._rows) else []).apply_style(style)
         return strip.adjust_cell_length(self.content_size.width, style)
+
+
+class Field(Input):
+    """A field that shows a space in place of what a terminal interprets or hides: its text may come from a robot."""
+
+    def render_line(self, y: int) -> Strip:
+        """See :class:`textual.widgets.Input`."""
+        strip = super().render_line(y)
+        shown = Strip([Segment(printable(text), style, control) for text, style, control in strip])
+        return shown.adjust_cell_length(strip.cell_length)
 
 
 Cells = list[tuple[str, Style | None]]
