@@ -210,8 +210,9 @@ class ReceivedMessages:
             self._excess.popitem(last=False)
         if participant == UNKNOWN_WRITER or (count < EXCESS_MESSAGES and size < EXCESS_BYTES):
             return
-        who = writer_name(self._node, self._topic, participant)
         is_told = before[0] >= EXCESS_MESSAGES or before[1] >= EXCESS_BYTES  # the process is already reported
+        # Looked for once, and while it is not ignored: the graph takes longer than all else here.
+        who = '' if is_told else writer_name(self._node, self._topic, participant)
         if ignore_participant(self._node, participant) and not is_told:
             self._on_ignored(
                 f'{who or "a node that is gone"} floods {self._topic} ({count} messages too many, {size / 1e6:.0f} MB '

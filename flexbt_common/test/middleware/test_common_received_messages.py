@@ -213,6 +213,18 @@ def test_the_participants_of_a_process_share_what_it_may_send(monkeypatch: pytes
 
 
 @pytest.mark.dds('it is about Fast DDS')
+def test_a_flood_that_cannot_be_ignored_is_not_looked_for_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    sought: list[bytes] = []
+    monkeypatch.setattr(received_messages, 'ignore_participant', lambda *_: False)
+    monkeypatch.setattr(received_messages, 'writer_name', lambda _node, _topic, writer: sought.append(writer))
+    monkeypatch.setattr(received_messages, 'EXCESS_MESSAGES', most := 10)
+    with NodeRuntime.open('receiver') as runtime:
+        messages = runtime.call(lambda: ReceivedMessages(runtime.node, String, TOPIC, QOS, print, LIMIT))
+        for _ in range(3 * most):
+            messages.blame(Received(b'', 0, b'1' * 16, 0.0))
+    assert sought == [b'1' * 12]
+
+
 @pytest.mark.skipif(not can_ignore(), reason='needs a known version of Fast DDS')
 def test_nodes_that_ignore_each_other_are_there_for_everybody_else() -> None:
     with NodeRuntime.open('first') as first, NodeRuntime.open('other') as other, NodeRuntime.open('third') as third:
