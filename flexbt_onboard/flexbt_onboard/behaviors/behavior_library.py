@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
+from importlib.resources.abc import Traversable
 from typing import Final
 
 from flexbt_common.values.limits import MACHINE_TEXT
@@ -187,12 +188,21 @@ def load_entry(point: EntryPoint) -> BehaviorEntry:
         return BehaviorEntry(name, package, BehaviorManifest(name), (), None, text)
 
 
-def _file_entry(point: EntryPoint, package: str) -> BehaviorEntry:
+def machine_file(point: EntryPoint) -> Traversable:
+    """Return the file of a behavior in YAML. Simulated worlds replace this function.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+    """
     file = importlib.resources.files(point.module) / point.attr
     if not file.is_file():
         raise FileNotFoundError(f'{point.module} has no file {point.attr}; name it in package_data of setup.py')
+    return file
 
+
+def _file_entry(point: EntryPoint, package: str) -> BehaviorEntry:
     def read() -> BehaviorEntry:
+        file = machine_file(point)
         return machine_entry(point.name, file.read_text('utf-8'), package, str(file))
 
     return replace(read(), make=lambda: read().instantiate())  # as the file is then, for a start or a switch

@@ -13,6 +13,8 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from importlib.metadata import EntryPoint, entry_points
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
@@ -45,6 +47,7 @@ from flexbt_core.values.text import did_you_mean, one_line  # noqa: E402
 from flexbt_msgs.action import BtGetData, BtLoad  # noqa: E402
 from flexbt_msgs.msg import BehaviorStructure, TreeStatus, TreeStructure  # noqa: E402
 from flexbt_msgs.srv import SetFault  # noqa: E402
+from flexbt_onboard.behaviors import behavior_library  # noqa: E402
 from flexbt_onboard.link.event_stream import EventStream  # noqa: E402
 from flexbt_onboard.node import executive  # noqa: E402
 from flexbt_sim.messages import pose_of  # noqa: E402
@@ -476,6 +479,8 @@ class World(Mission):
         """What has happened, a line each, for the report of a failed test."""
         self.events: list[Event] = []
         """What the executives and trees have decided."""
+        self.machines: dict[str, Path] = {}
+        """The files of behaviors in YAML that were swapped, by their entry points."""
         self.programs = {program.name: program for program in programs or robot_programs()}
         self.processes: dict[str, Process] = {}
         namespaces = [one.namespace for one in self.programs.values() if one.executable == 'onboard_executive']
@@ -673,7 +678,11 @@ class World(Mission):
             index.mkdir(parents=True, exist_ok=True)
             (index / package).touch()
             os.environ['AMENT_PREFIX_PATH'] = f'{prefix}:{os.environ["AMENT_PREFIX_PATH"]}'
+        before = (overlay / inside).read_bytes()
         shutil.copy(file, overlay / inside)
+        for point in entry_points(group=behavior_library.ENTRY_POINT_GROUP):  # whose files are beside Python modules
+            if point.attr == Path(inside).name and behavior_library.machine_file(point).read_bytes() == before:
+                self.machines[point.value] = overlay / inside
         self.tell(f'test: {name} is {file}')
         for mission in self.robots.values() if name.endswith('.xml') else ():
             mission.load_tree(name)
@@ -832,6 +841,16 @@ class _ToldEvents(EventStream):
 
 
 setattr(executive, 'EventStream', _ToldEvents)  # noqa: B010 - a name that it has imported
+_installed_machine: Final = behavior_library.machine_file
+
+
+def _machine_file(point: EntryPoint) -> Traversable:
+    """Return the file of a behavior in YAML, or what has taken its place in this world."""
+    swapped = World.current.machines.get(point.value) if World.current else None
+    return swapped or _installed_machine(point)
+
+
+setattr(behavior_library, 'machine_file', _machine_file)  # noqa: B010 - as above
 
 
 @contextmanager

@@ -54,6 +54,15 @@ def test_another_tree_from_five_seconds_on(world: World, tmp_path: Path) -> None
     assert '<RateController hz="1.0">' in resolve_file(TREE).read_text(), 'the file of the parent was swapped'
 
 
+@pytest.mark.world('goals', motion='abstract')
+def test_another_behavior_in_yaml_from_its_next_start_on(world: World, tmp_path: Path) -> None:
+    name, edited = 'flexbt_demo_behaviors/goals/reach_goal.yaml', tmp_path / 'edited.yaml'
+    edited.write_text(resolve_file(name).read_text().replace('LoadTree', 'Load'))
+    found = world.what_if(lambda world: world.swap(name, edited), lambda world: world.start('Reach Goal'))
+    assert found.difference is not None and found.difference.before is not None and found.difference.after is not None
+    assert (found.difference.before.what, found.difference.after.what) == ('enters /LoadTree', 'enters /Load')
+
+
 @pytest.mark.world(motion='abstract')
 def test_had_it_been_confirmed(world: World) -> None:
     world.start('Navigate', autonomy='Low')
