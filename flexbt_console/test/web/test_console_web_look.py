@@ -406,6 +406,37 @@ def test_containers_and_sub_trees_are_folded_and_stay_so(browser: Browser) -> No
         assert robot.sent == []
 
 
+def test_what_changes_while_its_panel_is_folded_is_drawn_when_it_is_shown(browser: Browser) -> None:
+    robot = drawn_robot()
+    fold = 'for (const id of ["machine-pane", "trees-pane"]) document.querySelector(`#${id} .fold`).click()'
+    away = (
+        'const pane = document.querySelector("#machine").getBoundingClientRect();'
+        'const near = (one, other) => Math.abs(one.x - other.x) < 40 && Math.abs(one.y - other.y) < 40;'
+        'const box = (one) => one.getBoundingClientRect();'
+        'const shown = [...document.querySelectorAll("#machine .choice > rect")].map(box), bad = [];'
+        'for (const one of shown) if (one.width < 30 || one.bottom > pane.bottom) bad.push(one);'
+        'for (const one of document.querySelectorAll("#trees .sign"))'
+        ' if (!near(box(one), box(one.parentNode.firstElementChild))) bad.push(one.outerHTML);'
+        'return [shown.length, document.querySelectorAll("#trees .sign").length, bad.length]'
+    )
+    with served({'robot': robot.station()}) as port, browser.emulated(1400, 800):
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        until_drawn(browser)
+        browser.run(fold)
+        browser.driver.refresh()
+        browser.until_live()
+        browser.until_text('decision-line', 'wants done')
+        browser.run(fold)
+        browser.until(lambda: browser.run(away) == [2, 3, 0])
+        browser.run(fold)
+        statuses = [MirroredStatus.RUNNING, MirroredStatus.FAILURE, MirroredStatus.RUNNING, MirroredStatus.SUCCESS]
+        robot.mirror.receive_tree_status(TreeReport('t', 2, statuses, [], 6.0, finished=False, paused=False))
+        robot.show(PLAN, message='later')
+        browser.until_text('alarm', 'later')
+        browser.run(fold)
+        browser.until(lambda: browser.run(away) == [2, 4, 0])
+
+
 def test_no_picture_of_another_machine_is_shown(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
     async def fail(drawings: Drawings, drawing: Drawing) -> str:
         raise ResourceError('dot', 'failed')

@@ -143,6 +143,7 @@ function drawMachine() {
     return;
   }
   lines.replaceChildren();
+  if (!byId('machine').clientWidth) return;  // nothing of it can be measured until its pane is shown
   if (isNew) {
     machineView.content(show(machineSvg, byId('machine-legend'), key));
     machineSvg.dataset.of = machine.drawing;
@@ -226,8 +227,9 @@ function drawTrees() {
   const panesNow = shown.map(([, pane]) => pane);
   if (panesNow.length !== place.children.length || panesNow.some((pane, index) => place.children[index] !== pane)) place.replaceChildren(...panesNow);
   for (const [tree, {svg, view}] of shown) {
+    if (!svg.parentElement.clientWidth) continue;  // it is laid out for its pane, when that is shown
     const state = seen().tree_states[tree.id], folds = foldedOf(`tree ${tree.tree}`), text = JSON.stringify([tree.nodes, [...folds]]);
-    if (svg.dataset.key !== text && svg.parentElement.clientWidth) {  // it is laid out for its pane
+    if (svg.dataset.key !== text) {
       const again = (index) => { fold(`tree ${tree.tree}`, index); drawTrees(); part(svg, `t0n${index}`)?.focus(); };
       const extent = drawTree(svg, tree.nodes, folds, again);
       svg.dataset.key = text;
@@ -512,4 +514,5 @@ byId('reset').addEventListener('click', panels(byId('panels'), 'flexbt', {
   narrow: [['map-pane', 'machine-pane', 'trees-pane', 'queue-pane', 'timeline-pane', 'log-pane']],
 }, '(max-width: 640px), (max-height: 520px)').reset);
 new ResizeObserver(drawTrees).observe(byId('trees-pane'));
+new ResizeObserver(drawMachine).observe(byId('machine'));
 setInterval(drawHead, 500);
