@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 from rich.cells import cell_len, split_graphemes
@@ -57,6 +58,15 @@ def in_cells(text: str) -> list[str]:
             cells[-1] += text[begin:end]
         cells += [text[begin:end], ''][:taken]
     return cells
+
+
+def write_cells(row: list[str], at: int, cells: Sequence[str]) -> None:
+    """Replace cells of a row, which are as those of :func:`in_cells`. Of a wide character that loses one of its cells,
+    the other one gets empty."""
+    for edge in (at, at + len(cells)):
+        if cells and edge < len(row) and not row[edge]:
+            row[edge - 1 : edge + 1] = '  '
+    row[at : at + len(cells)] = cells
 
 
 def _fits(text: str, cells: int) -> bool:

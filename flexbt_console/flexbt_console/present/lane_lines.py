@@ -8,7 +8,7 @@ from typing import Final, Literal
 
 from flexbt_console.mirror.lanes import Lane, LaneEntry
 
-from .cells import cut, in_cells
+from .cells import cut, in_cells, write_cells
 from .style import Glyphs, Line, Tone
 
 HEAD: Final = 10
@@ -38,7 +38,8 @@ def lane_lines(
         cells, words = [' '] * room, 0
         tone = Tone.PLAIN
         for one in known:
-            first, last = int((one.begin - begin) * scale), int((min(end, one.end or end) - begin) * scale)
+            until = end if one.end is None else min(end, one.end)
+            first, last = int((one.begin - begin) * scale), int((until - begin) * scale)
             if last < 0 or first >= room or one.begin > end:
                 continue
             tone = Tone.ERROR if one.tone == 'error' and lane in (Lane.FAULTS, Lane.NODES) else tone
@@ -48,11 +49,10 @@ def lane_lines(
             shown = in_cells(cut(''.join(told), width)) if width > 1 else told[:1]
             bar = [*shown, *['-'] * (last - first + 1)][: max(last - first + 1, len(shown))]
             if lane in _POINTS:  # the words before end here
-                cells[first:words] = [' '] * (words - first)
+                write_cells(cells, first, [' '] * (words - first))
                 words = first + len(bar)
-            cells[first : first + len(bar)] = bar
-        cells = cells[:room]
-        cells[cursor] = '|'
+            write_cells(cells, first, bar)
+        write_cells(cells, cursor, '|')
         head = cut(lane.value.capitalize(), HEAD - 1).ljust(HEAD)
         lines.append(Line(f'{head}{"".join(cells)}', tone))
     return lines

@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from textual.pilot import Pilot
 
 from flexbt_common import names
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.errors import RefusedError
-from flexbt_console.mirror.lanes import Lane
+from flexbt_console.mirror.lanes import Lane, LaneEntry
+from flexbt_console.present.cells import width
 from flexbt_console.present.lane_lines import HEAD, lane_lines
-from flexbt_console.present.style import ASCII
+from flexbt_console.present.style import ASCII, UNICODE
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.run_file import write_recording
 from flexbt_console.ui.screen.app import OperatorScreen
@@ -143,3 +146,28 @@ def test_each_row_has_as_many_cells_as_there_are(tmp_path: Path, columns: int) -
     for begin in (-5.0, 0.0, 7.3, 30.0):
         lines = lane_lines(player.lanes().since(), begin, begin + 9.0, begin + 2.0, columns, ASCII)
         assert len(lines) == 4 and all(len(line) <= columns and '|' in line for line in lines)
+
+
+@given(
+    entries=st.lists(
+        st.builds(
+            lambda lane, label, begin, seconds: LaneEntry(0, lane, label, label, begin, begin + seconds, '完了'),
+            st.sampled_from(Lane),
+            st.sampled_from(['充電', 'Drive', '荷物を置く']),
+            st.floats(0.0, 60.0),
+            st.floats(0.0, 20.0),
+        ),
+        max_size=12,
+    ),
+    at=st.floats(0.0, 60.0),
+)
+def test_wide_characters_move_neither_the_cursor_nor_what_is_behind_them(entries: list[LaneEntry], at: float) -> None:
+    lines = lane_lines(entries, 0.0, 60.0, at, 80, UNICODE)
+    assert {width(line) for line in lines} <= {79}
+    assert len({width(line[: line.index('|')]) for line in lines}) <= 1
+
+
+def test_what_was_over_at_the_beginning_of_a_recording_is_over() -> None:
+    short = [LaneEntry(1, Lane.FAULTS, '', 'lost', 0.0, 0.0, 'error'), LaneEntry(2, Lane.STATES, '/A', 'A', 0.0, 0.0)]
+    states, faults = lane_lines(short, 0.0, 60.0, 50.0, 80, ASCII)
+    assert '-' not in states + faults
