@@ -368,13 +368,9 @@ def _plain_slot(value: Any, slot: Any, path: str) -> Any:
 #
 # rclpy's messages take any value in any field. Where it is none of these classes, the serializer sends other memory
 # (5e-324 for an int 1 in a field of floats, False for numpy's True), raises SystemError (numpy's integers) or aborts.
+# Of an integer that is too large, it sends the lowest bits.
 
-_READ_AS: Final = {
-    **dict.fromkeys(('float', 'double'), float),
-    **dict.fromkeys((*_INTEGER_BITS, 'char'), int),
-    'boolean': bool,
-    'octet': bytes,
-}
+_READ_AS: Final = {'float': float, 'double': float, 'boolean': bool, 'octet': bytes}
 
 
 def exact(message: Any) -> Any:
@@ -410,8 +406,13 @@ def _exactness(slot: Any) -> Callable[[Any], bool] | None:
         if size is None and check is None:
             return None
         return lambda elements: size in (None, len(elements)) and (check is None or all(map(check, elements)))
-    read = _READ_AS.get(slot.typename) if isinstance(slot, BasicType) else None
-    return None if read is None else lambda value: isinstance(value, read)
+    if not isinstance(slot, BasicType):
+        return None
+    if slot.typename in _READ_AS:
+        read = _READ_AS[slot.typename]
+        return lambda value: isinstance(value, read)
+    low, high = _integer_range(slot.typename)
+    return lambda value: isinstance(value, int) and low <= value <= high
 
 
 # ---------------------------------------------------------------- plain -> message
@@ -509,13 +510,17 @@ def _checked_scalar(value: Any, slot: Any, path: str) -> Any:
         raise FieldError(path, f'expected true or false, got {short_repr(value)}')
     if kind in ('float', 'double'):
         return _checked_float(value, kind, path)
-    bits, signed = _INTEGER_BITS.get(kind, 8), kind.startswith('int')
     if isinstance(value, bool) or not isinstance(value, int):
         raise FieldError(path, f'expected an integer, got {short_repr(value)}')
-    low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
+    low, high = _integer_range(kind)
     if not low <= value <= high:
         raise FieldError(path, f'{short_repr(value)} is outside {low} to {high}')
     return value
+
+
+def _integer_range(kind: str) -> tuple[int, int]:
+    bits = _INTEGER_BITS.get(kind, 8)  # char and octet are bytes
+    return (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if kind.startswith('int') else (0, (1 << bits) - 1)
 
 
 def _checked_float(value: Any, kind: str, path: str) -> float:

@@ -24,7 +24,7 @@ from rosidl_parser.definition import (
     BoundedSequence,
     NamespacedType,
 )
-from std_msgs.msg import Byte, String
+from std_msgs.msg import Byte, String, UInt8
 
 from flexbt_common.errors import UnknownTypeError, ValueConversionError
 from flexbt_common.values.entries import Encoding, check_value, from_entry, text_to_value, to_entry, value_to_text
@@ -288,6 +288,8 @@ def test_what_does_not_fit_a_field_of_a_goal_is_refused_with_its_place() -> None
     assert (exact(goal), goal.target_yaw) == (Spin.Goal(target_yaw=1.0), 1)
     with pytest.raises(FieldError, match=r'field poses\[1\].position.x: expected a number, got True'):
         exact(PoseArray(poses=[Pose(), Pose(position=Point(check_fields=False, x=True))]))
+    with pytest.raises(FieldError, match='field data: 300 is outside 0 to 255'):
+        exact(UInt8(check_fields=False, data=300))
     with pytest.raises(FieldError, match=r'field poses\[0\]: expected a Pose, got None'):
         exact(PoseArray(check_fields=False, poses=[None]))
     pose = PoseWithCovariance()
