@@ -4,9 +4,9 @@
 Formulas are evaluated as they were parsed, and the moves of the world are enumerated one variable after the other.
 That each guarantee is met again and again follows from the ranks: a move that does not meet the guarantee of its node
 leads to a node of lower rank, or waits at the same rank while the assumption of the node does not hold, or (nodes of
-kind ``fair``) is one of several of which the world takes one that leads on at some time. If a guarantee were never
-met again, the rank could sink only finitely often; in the lowest nodes that are visited forever, either the assumption
-would fail forever or the world would never take a move that it has to take.
+kind ``fair``) there is an outcome that has to follow at some time, with which each move leads on. If a guarantee were
+never met again, the rank could sink only finitely often; in the lowest nodes that are visited forever, either the
+assumption would fail forever or that outcome would never follow.
 """
 
 from __future__ import annotations
@@ -82,7 +82,8 @@ class _Check:
             answers = [to for inputs, to in moves if inputs == expected]
             if len(answers) != 1:
                 yield f'{len(answers)} answers to {_text(expected)}'
-        leads_on = is_fair = False
+        leads_on: dict[int, bool] = {}  # by the outcomes that have to follow at some time
+        is_fair = False
         for inputs, to in moves:
             if inputs not in allowed:
                 yield f'an answer to {_text(inputs)}, which the world may not do'
@@ -97,10 +98,12 @@ class _Check:
             progress, problem = self._progress(node, self._nodes[to], after)
             if problem:
                 yield f'after {_text(inputs)} {problem}'
-            leads_on |= progress and self._is_live(after)
             is_fair |= not progress
-        if node['kind'] == 'fair' and is_fair and not leads_on:
-            yield 'no move that the world has to take leads on'
+            for number, (active, outcome) in enumerate(self._specification.live):
+                if value_of(active, after) and value_of(outcome, after):
+                    leads_on[number] = progress and leads_on.get(number, True)
+        if node['kind'] == 'fair' and is_fair and not any(leads_on.values()):
+            yield 'no outcome that has to follow at some time leads on in each case'
 
     def _progress(
         self, node: Mapping[str, Any], then: Mapping[str, Any], after: Mapping[VariableName, int]
@@ -122,9 +125,6 @@ class _Check:
         if fails and then['rank'] == node['rank'] and then['kind'] == node['kind']:
             return False, None
         return False, 'the guarantee comes no closer'
-
-    def _is_live(self, after: Mapping[VariableName, int]) -> bool:
-        return any(value_of(active, after) and value_of(outcome, after) for active, outcome in self._specification.live)
 
 
 def _text(inputs: Mapping[VariableName, int]) -> str:

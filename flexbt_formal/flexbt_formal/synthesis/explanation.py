@@ -12,7 +12,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import reduce
 from itertools import combinations, islice
+from operator import or_
 from typing import Any, Final, NamedTuple
 
 from .encoding import Diagram
@@ -76,13 +78,14 @@ class CounterPlay:
         moves = of.given(here, self._world_moves(removal, here) & game.world)
         if self._lenient and self._visits[key] == 1:
             winning = game.answered(of.primed(self._solution.winning))
-            harmless = of.given(here, game.world & game.live & ~winning)
+            harmless = of.given(here, reduce(or_, game.live, of.false) & ~winning)
             moves = harmless if harmless != of.false else moves
         inputs = next(of.members(game.inputs_next, moves))
         self._offer(inputs, of.given({**here, **inputs}, game.system), game.outputs_next)
 
     def _world_moves(self, removal: Removal, here: dict[VariableName, int]) -> Diagram:
-        """Return the moves with which the world keeps winning; at every second visit, its live moves."""
+        """Return the moves with which the world keeps winning; at every second visit, those with an outcome that has to
+        follow at some time, each in its turn."""
         game, of = self._game, self._of
         stays = of.primed(removal.kept)
         closer = (game.guarantees[removal.goal] & stays) | of.primed(removal.reached)
@@ -93,10 +96,10 @@ class CounterPlay:
         last = next(index for index, states in enumerate(shrinking) if not of.has(here, states))
         waiting = ~game.assumptions[self._assumption] & of.primed(shrinking[last - 1])
         moves = of.given(here, game.world & ~game.answered(closer | waiting))
-        lively = of.given(here, game.world & game.live)
-        if lively != of.false and self._visits.get(tuple((self.state or {}).values()), 0) % 2 == 0:
-            return lively
-        return moves
+        turn, is_odd = divmod(self._visits[tuple((self.state or {}).values())], 2)
+        lively = [of.given(here, one & ~game.answered(closer)) for one in game.live]
+        lively = [one for one in lively if one != of.false]
+        return moves if is_odd or not lively else lively[turn % len(lively)]
 
     def _removal(self) -> Removal:
         here = valuation(self.state or {})

@@ -2,9 +2,10 @@
 """Solver of games: the states from which a specification can be fulfilled, and how far each is from the next guarantee.
 
 Three fixpoints in each other (Bloem et al. 2012), over transitions, so that assumptions and guarantees may speak of the
-next step. With transitions that the world has to take at some time (``Specification.live``) the set of states that
-come closer is widened by those from which such a transition does, while all others stay winning (Banerjee, Majumdar,
-Mallik, Schmuck, Soudjani: Fast symbolic algorithms for omega-regular games under strong transition fairness, 2022).
+next step. With outcomes that have to follow at some time (``Specification.live``) the set of states that come closer is
+widened by those from which each transition with such an outcome does, while all others stay winning (after Banerjee,
+Majumdar, Mallik, Schmuck, Soudjani: Fast symbolic algorithms for omega-regular games under strong transition fairness,
+2022; here the world chooses among the transitions of an outcome).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from .encoding import Diagram, Encoding
 from .specification import Section, Specification
 
 FAIR: Final = -1
-"""The kind of a layer that is left by a transition which the world takes at some time."""
+"""The kind of a layer that is left by an outcome which follows at some time."""
 
 Watch = Callable[[str], None]
 """Called between the steps of a computation with what it does; may raise, to end it."""
@@ -74,9 +75,7 @@ class Game:
         self.system = self._all(Section.SYS_TRANS) & of.in_range(self.outputs_next)
         self.assumptions = [of.set_of(one) for one in specification.of(Section.ENV_LIVENESS)] or [of.true]
         self.guarantees = [of.set_of(one) for one in specification.of(Section.SYS_LIVENESS)] or [of.true]
-        self.live = of.false
-        for active, outcome in specification.live:
-            self.live = self.live | (of.set_of(active) & of.set_of(outcome))
+        self.live = [self.world & of.set_of(active) & of.set_of(outcome) for active, outcome in specification.live]
         self.hopeful, self.restraint = self._hopeful()
         self.system = self.system & (self.restraint if restraint is None else restraint)
 
@@ -119,10 +118,14 @@ class Game:
         return self.encoding.some(self.inputs_next, self.world & self.answered(targets))
 
     def fairly(self, targets: Diagram, safe: Diagram) -> Diagram:
-        """Return the states from which the world takes one of ``targets`` at some time, all others being ``safe``."""
-        if self.live == self.encoding.false:
-            return self.encoding.false
-        helped = self.encoding.some(self.inputs_next, self.world & self.live & self.answered(targets))
+        """Return the states from which the world takes one of ``targets`` at some time, all others being ``safe``: an
+        outcome has to follow that leads to ``targets`` whatever comes with it."""
+        of = self.encoding
+        if not self.live:
+            return of.false
+        answered, helped = self.answered(targets), of.false
+        for moves in self.live:
+            helped |= of.some(self.inputs_next, moves) & of.all(self.inputs_next, ~moves | answered)
         return helped & self.forced(safe | targets)
 
     # -- fixpoints ---------------------------------------------------------------------------------------------------

@@ -66,7 +66,7 @@ class Specification:
     """The variables, and formulas about them.
 
     - ``live``: pairs of formulas, an activation and an outcome in the next step. If the activation holds infinitely
-      often in the same state, the outcome follows at some time (strong fairness of transitions).
+      often in the same state, the outcome follows at some time. The world chooses what comes with it.
     - ``last_resort``: holds for moves that give up. Such a move is allowed only where no outcome of the world lets
       ``hopes`` hold infinitely often.
     - ``idle``: outputs that stay false unless they are needed.

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A winning strategy as a graph: the system's answer to each move of the world.
 
-The graph is deterministic. Among several answers, the criteria are, in this order: the nearest layer, a node that
-exists already, the same change as after the same inputs before, the least change, and the order of the variables.
+The graph is deterministic. Among several answers, the criteria are, in this order: the nearest layer, the fewest steps
+if the world helps (where outcomes have to follow at some time), a node that exists already, the same change as after
+the same inputs before, the least change, and the order of the variables.
 """
 
 from __future__ import annotations
@@ -82,19 +83,30 @@ class _Extraction:
         self._layers = [[layer.states for layer in layers] for layers in solution.layers]
         self._layers_next = [[of.primed(states) for states in layers] for layers in self._layers]
         self._winning_next = of.primed(solution.winning)
+        self._lucky = [self._with_luck(goal) if solution.game.live else [] for goal in range(len(self._layers))]
+        self._lucky_next = [[of.primed(states) for states in layers] for layers in self._lucky]
         self._numbers: dict[tuple[tuple[int, ...], int], int] = {}
         self._states: list[tuple[dict[VariableName, int], int]] = []
         self._changed: dict[tuple[int, ...], dict[VariableName, int]] = {}  # by inputs, the outputs of the first answer
+
+    def _with_luck(self, goal: int) -> list[Diagram]:
+        """Return growing sets: the winning states from which a guarantee is met in 1, 2, 3 ... steps if the world
+        helps."""
+        game, of = self._game, self._encoding
+        found = [of.false]
+        meets = game.guarantees[goal] & self._winning_next
+        while True:
+            wider = self._solution.winning & game.with_luck(meets | of.primed(found[-1]))
+            if wider == found[-1]:
+                return found[1:]
+            found.append(wider)
 
     def strategy(self) -> Strategy:
         game, of = self._game, self._encoding
         start = []
         for inputs in self._some_members(game.inputs, game.start_world, 'at the start'):
             choices = of.given(inputs, game.start_system & self._solution.winning)
-            for states in (*self._layers[0], of.true):
-                near = choices & of.given(inputs, states)
-                if near != of.false:
-                    break
+            near = self._first(self._first(choices, inputs, self._layers[0]), inputs, self._lucky[0])
             outputs = of.nearest(game.outputs, near, {})
             start.append(self._number({**inputs, **outputs}, 0))
         nodes: list[StrategyNode] = []
@@ -135,8 +147,13 @@ class _Extraction:
             for layer in self._layers_next[then][:last]:
                 near = choices & of.given(inputs, layer)
                 if near != of.false:
-                    return self._chosen(near, state, inputs, then)
+                    return self._chosen(self._first(near, inputs, self._lucky_next[then]), state, inputs, then)
         raise AssertionError('a winning state has an answer')
+
+    def _first(self, choices: Diagram, inputs: dict[VariableName, int], layers: list[Diagram]) -> Diagram:
+        """Return the choices in the first of the layers that has some; without one, all."""
+        found = (choices & self._encoding.given(inputs, states) for states in layers)
+        return next((near for near in found if near != self._encoding.false), choices)
 
     def _chosen(
         self, choices: Diagram, state: dict[VariableName, int], inputs: dict[VariableName, int], goal: int

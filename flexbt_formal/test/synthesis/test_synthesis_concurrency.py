@@ -114,6 +114,13 @@ def test_what_a_failure_changes_is_not_repeated_beside_others() -> None:
     }
 
 
+def test_that_one_completes_at_some_time_is_no_promise_that_the_other_one_fails_then() -> None:
+    """To be cold again after boiling needs a failure, which nobody promises."""
+    boil = capability(resources=[], postconditions={'completed': ['boil', 'warm'], 'failure': ['!warm']})
+    for others in ({}, {'fetch': capability(resources=['base'], postconditions=['fetch'])}):
+        assert answer({'boil': boil, **others}, 'boil & !warm').machine is None
+
+
 def test_who_write_the_same_userdata_wait_for_each_other() -> None:
     capabilities = {
         'look': capability(interface='Look', resources=['camera'], postconditions=['look']),

@@ -5,6 +5,7 @@ strategies one after the other. And the checker of certificates against certific
 from __future__ import annotations
 
 import copy
+import itertools
 import sys
 from collections.abc import Callable, Iterator
 from itertools import product
@@ -207,19 +208,22 @@ def test_who_wins_is_what_a_parity_game_says(specification: Specification) -> No
 # -- fairness ----------------------------------------------------------------------------------------------------------
 
 
-def fairly_won(explicit: Explicit, goal: Formula, live: Formula) -> set[State]:
-    """Return the states from which one of all positional strategies wins, if the world takes each live move at some
-    time."""
+Edges = dict[State, list[tuple[State | None, bool, list[bool]]]]
+"""By state the moves: where they lead, whether they meet the goal, and which outcomes that have to follow they have."""
+
+
+def fairly_won(explicit: Explicit, goal: Formula, live: list[Formula]) -> set[State]:
+    """Return the states from which one of all positional strategies wins, if the world takes some move with each live
+    outcome at some time."""
     choices = [(state, inputs) for state in explicit.states for inputs in explicit.moves[state]]
     winning: set[State] = set()
     nothing: list[State | None] = [None]
     for answers in product(*(explicit.moves[state][inputs] or nothing for state, inputs in choices)):
-        graph: dict[State, list[tuple[State | None, bool, bool]]] = {state: [] for state in explicit.states}
+        graph: Edges = {state: [] for state in explicit.states}
         for (state, inputs), then in zip(choices, answers, strict=True):
             seen = then if then is not None else (*inputs, *(0 for _ in explicit.outputs))
-            graph[state].append(
-                (then, then is not None and explicit.true(goal, state, then), explicit.true(live, state, seen))
-            )
+            lively = [explicit.true(one, state, seen) for one in live]
+            graph[state].append((then, then is not None and explicit.true(goal, state, then), lively))
         bad = {state for state in explicit.states if any(then is None for then, _, _ in graph[state])}
         bad |= set().union(*traps(graph, set(explicit.states)))
         while True:
@@ -231,15 +235,18 @@ def fairly_won(explicit: Explicit, goal: Formula, live: Formula) -> set[State]:
     return winning
 
 
-def traps(graph: dict[State, list[tuple[State | None, bool, bool]]], among: set[State]) -> Iterator[set[State]]:
-    """Set in which the world can go round for ever, past the goal, and yet take each live move."""
+def traps(graph: Edges, among: set[State]) -> Iterator[set[State]]:
+    """Set in which the world can go round for ever, past the goal, and yet take a move with each live outcome."""
     inside = set(among)
+
+    def leaves(state: State) -> bool:
+        """Return whether all moves with some live outcome lead away."""
+        of_each = zip(*(lively for _, _, lively in graph[state]), strict=True)
+        away = [met or then not in inside for then, met, _ in graph[state]]
+        return any(any(one) and all(itertools.compress(away, one)) for one in of_each)
+
     while True:
-        leaving = {
-            state
-            for state in inside
-            if any(lively and (met or then not in inside) for then, met, lively in graph[state])
-        }
+        leaving = {state for state in inside if leaves(state)}
         if not leaving:
             break
         inside -= leaving
@@ -252,7 +259,7 @@ def traps(graph: dict[State, list[tuple[State | None, bool, bool]]], among: set[
             yield from traps(graph, set(group))
 
 
-def _reached(graph: dict[State, list[tuple[State | None, bool, bool]]], state: State, inside: set[State]) -> set[State]:
+def _reached(graph: Edges, state: State, inside: set[State]) -> set[State]:
     found: set[State] = set()
     waiting = [state]
     while waiting:
@@ -264,9 +271,12 @@ def _reached(graph: dict[State, list[tuple[State | None, bool, bool]]], state: S
 
 
 @settings(max_examples=60, deadline=None)
-@given(specification=specifications(1, 1, 0, 1), live=formulas(('p', 'a'), ('p',)))
-def test_who_wins_a_fair_world_is_what_all_strategies_say(specification: Specification, live: Formula) -> None:
-    fair = Specification(specification.variables, specification.lines, ((TRUE, live),))
+@given(
+    specification=specifications(1, 1, 0, 1),
+    live=st.lists(formulas(('p', 'a'), ('p',)), min_size=1, max_size=2),
+)
+def test_who_wins_a_fair_world_is_what_all_strategies_say(specification: Specification, live: list[Formula]) -> None:
+    fair = Specification(specification.variables, specification.lines, tuple((TRUE, one) for one in live))
     explicit = Explicit(fair)
     solution = Game(fair).solved()
     of = solution.game.encoding
