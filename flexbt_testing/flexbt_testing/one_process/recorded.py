@@ -201,7 +201,7 @@ class Recording:
                 elif kind in failed and change.status == TreeStatus.FAILURE:
                     failed[kind].recovery_helps = False
                 if what := tree_event(structure, change):
-                    yield Event(now, f'tree {structure.behavior_tree}', what)
+                    yield Event(now, f'tree {structure.behavior_tree}', what, change.uid)
 
     def _plan_before(self, received: int) -> Any:
         plans = self._by_topic[names.PLAN]
@@ -307,17 +307,17 @@ def _once(events: Iterable[Event]) -> Iterator[Event]:
 
     How often leaves are repeated, such as the planner each second, or a condition at each tick, depends on latencies.
     """
-    told: dict[str, set[str]] = defaultdict(set)
-    begins: dict[str, str] = {}
+    told: dict[str, set[tuple[int, str]]] = defaultdict(set)
+    begins: dict[str, tuple[int, str]] = {}
     for event in events:
-        leaf, _, status = event.what.rpartition(' ')
+        change = event.node, event.what.rpartition(' ')[2]
         of_tree, is_of_tree = told[event.who], event.who.startswith('tree ')
-        has_failed = status == 'FAILURE' and f'{leaf} RUNNING' in of_tree
-        if event.what == begins.setdefault(event.who, event.what) or has_failed:
+        has_failed = change == (event.node, 'FAILURE') and (event.node, 'RUNNING') in of_tree
+        if change == begins.setdefault(event.who, change) or has_failed:
             of_tree.clear()
-        if not is_of_tree or event.what not in of_tree:
+        if not is_of_tree or change not in of_tree:
             yield event
-        of_tree.add(event.what)
+        of_tree.add(change)
 
 
 def main(words: Sequence[str] | None = None) -> int:

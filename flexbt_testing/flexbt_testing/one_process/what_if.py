@@ -28,6 +28,8 @@ class Event(NamedTuple):
     time: float
     who: str
     what: str
+    node: int = 0
+    """The node of the tree, by its number, which in another tree is that of another node."""
 
 
 @dataclass

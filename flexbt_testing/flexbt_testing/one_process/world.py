@@ -406,8 +406,8 @@ class Mission:
         if what := executive_event(event, fields):
             self._add_event('executive', what)
 
-    def _add_event(self, who: str, what: str) -> None:
-        self._world.events.append(Event(self._world.now, f'{self.label}{who}', what))
+    def _add_event(self, who: str, what: str, node: int = 0) -> None:
+        self._world.events.append(Event(self._world.now, f'{self.label}{who}', what, node))
 
     def end(self) -> str:
         """Return where the run and the robot are now, as one line."""
@@ -427,7 +427,7 @@ class Mission:
             return
         for change in message.changes:
             if what := tree_event(tree, change):
-                self._add_event(f'tree {tree.behavior_tree}', what)
+                self._add_event(f'tree {tree.behavior_tree}', what, change.uid)
             node = tree.nodes[change.uid - 1]
             COVERAGE.add_status(tree.behavior_tree, node.path, change.status)
             if (

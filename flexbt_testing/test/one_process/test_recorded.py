@@ -119,7 +119,11 @@ def test_repetitions_are_told_once_until_an_action_fails() -> None:
         'Root RUNNING',
         'Plan RUNNING',
     ]
-    once = [event.what for event in _once(Event(float(time), 'tree T', what) for time, what in enumerate(told))]
+    nodes = 'Root', 'Plan', 'IsFree'
+    events = [Event(0.0, 'tree T', what, nodes.index(what.partition(' ')[0])) for what in told]
+    once = [event.what for event in _once(events)]
     assert once == [*told[:4], 'Plan FAILURE', 'IsFree FAILURE', 'Plan RUNNING', 'Root RUNNING', 'Plan RUNNING']
+    waits = [Event(0.0, 'tree T', what, node) for node, what in enumerate(['Root RUNNING', *['Wait SUCCESS'] * 2])]
+    assert list(_once([*waits, waits[1]])) == waits, 'two nodes of one kind'
     twice = [Event(1.0, 'executive', 'PAUSE applied')] * 2
     assert list(_once(twice)) == twice

@@ -165,7 +165,7 @@ def test_what_fails_in_a_child_is_told(world: World, tmp_path: Path) -> None:
     assert found.after.ends[1].startswith('AssertionError: ')
     found = world.what_if(lambda world: world.kill('bt_sever'), lambda world: world.run(1.0))
     assert found.difference is not None and found.difference.after is not None
-    assert found.difference.after[1:] == ('the test', 'fails')
+    assert found.difference.after[1:3] == ('the test', 'fails')
     with pytest.raises(AssertionError, match='Folow'):
         world.swap(TREE, edited_tree(tmp_path, '<FollowPath ', '<Folow '))
     with pytest.raises(AssertionError, match='there is no file'):
