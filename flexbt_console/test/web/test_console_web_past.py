@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import os
 import threading
 import time
@@ -22,7 +23,7 @@ from flexbt_console.mirror.mirror import Mirror
 from flexbt_console.mirror.records import ActiveState, CommandKind, FramedPose, GridMap, LogLine, LogSeverity
 from flexbt_console.recording.run_file import write_recording
 from flexbt_console.ui.web.past import RecordedPast, Recordings
-from flexbt_console.ui.web.requests import is_harmless
+from flexbt_console.ui.web.requests import RATE, is_harmless
 from flexbt_msgs.msg import ActiveState as ActiveStateMessage
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.browser import NEEDS_BROWSER, Browser
@@ -314,6 +315,30 @@ def test_a_time_line_of_decades_has_few_ticks(browser: Browser) -> None:
             'return line.svg.querySelectorAll(".tick").length'
         )
         assert 1 <= count <= 30
+
+
+@NEEDS_BROWSER
+def test_who_moves_along_the_time_line_asks_for_no_more_moments_than_the_server_takes(browser: Browser) -> None:
+    robot = WebRobot()
+    script = (
+        'const {send} = WebSocket.prototype, times = [], line = document.querySelector("#timeline input");'
+        'WebSocket.prototype.send = function (text) {'
+        ' if (text.startsWith(\'{"moment"\')) times.push(performance.now()); send.call(this, text); };'
+        'let count = 0;'
+        'return new Promise((done) => { const move = () => {'
+        ' count += 1;'
+        ' line.value = Number(line.min) + (count % 50) / 50 * (line.max - line.min);'
+        ' line.dispatchEvent(new Event("input"));'
+        ' if (times.length < 12) requestAnimationFrame(move); else done(times); }; move(); })'
+    )
+    with served({'robot': robot.station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        robot.clock.advance(20.0)
+        robot.show()
+        browser.until(lambda: float(browser.run('return document.querySelector("#timeline input").max')) > 10.0)
+        times = browser.run(script)
+        assert all(later - earlier > 1000.0 / RATE for earlier, later in itertools.pairwise(times))
 
 
 @NEEDS_BROWSER

@@ -12,6 +12,7 @@ import {Timeline} from './timeline.js';
 import {viewport} from './viewport.js';
 
 const MOST_LOG = 500;
+const MOMENT_MS = 100;  // between two moments that are asked for: the server ends a page that sends more than 20 messages a second
 const known = {actions: {}, active: {paths: [], states: []}, decisions: [], trees: [], tree_states: {}, left_out: [], robots_left_out: [], behaviors: [], places: {}, robots: [], obstacles: [], times: {}};
 let server = {open: false, word: 'CONNECTING', text: ''};
 let heard = performance.now();
@@ -32,7 +33,7 @@ const isLive = () => server.open && known.link?.state === 'live';
 
 // The moment that is shown: wanted by the operator, asked for, and what has come of it; null is now. Decisions, commands and
 // the head of the page are always those of now, and of the past nothing but STOP goes out.
-let recording = '', wanted = null, asked = null, past = null;
+let recording = '', wanted = null, asked = null, asking = null, askedAt = -Infinity, past = null;
 const seen = () => past ?? known;
 
 const bar = new DecisionBar(byId('decision'), byId('decision-line'), byId('decision-body'), byId('waiting'), {send, tell, placesOf: () => Object.keys(known.places).sort()});
@@ -392,10 +393,17 @@ function showMoment(time) {
     if (was !== null) bar.returned();
     drawMoment();
   } else {
-    if (asked === null && send({moment: time, of: recording})) asked = time;
+    if (asked === null) asking ??= setTimeout(askMoment, askedAt + MOMENT_MS - performance.now());
     drawHead();
     choose();
   }
+}
+
+function askMoment() {
+  asking = null;
+  if (wanted === null || asked !== null || !send({moment: wanted, of: recording})) return;
+  asked = wanted;
+  askedAt = performance.now();
 }
 
 function takeMoment(moment) {
