@@ -7,6 +7,7 @@ Commands are not published again, and those of a console find nobody. Each statu
 from __future__ import annotations
 
 import argparse
+import contextlib
 import itertools
 import math
 import sys
@@ -19,13 +20,13 @@ from rclpy.duration import Duration
 from flexbt_common import names
 from flexbt_common.command_line import SuggestingArgumentParser, run_program
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.values.limits import deserialize
 from flexbt_common.values.value_types import resolve_type
 from flexbt_console.commands.operator_values import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
 from flexbt_core.clock.waiting import WakeEvent
 from flexbt_core.values.text import one_line
 
+from .player import received
 from .run_file import DAMAGED, read_run, recover_run
 from .topics import NOT_REPLAYED, TOPICS, check_definition
 
@@ -74,7 +75,7 @@ def _rate(text: str) -> float:
 
 
 def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float = 0.0) -> int:
-    """Publish a run, and return the number of messages.
+    """Publish a run without statuses that cannot be read, and return the number of messages.
 
     Raises:
         UsageError: the file cannot be used.
@@ -96,8 +97,9 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
         count = 0
         for one in itertools.chain([first], messages):
             stage.wait_until(begin + (one.time - first.time) * 1e-9 / rate)
-            stage.publish(one)
-            count += 1
+            with contextlib.suppress(ValueError):
+                stage.publish(one)
+                count += 1
         stage.flush()
     return count
 
@@ -125,7 +127,12 @@ class _Stage:
             self._wake_event.wait(self._runtime.steady, time)
 
     def publish(self, message: Any) -> None:
-        """Publish the bytes of a message; raises UsageError when its type is not what is installed."""
+        """Publish the bytes of a message.
+
+        Raises:
+            UsageError: its type is not what is installed.
+            ValueError: it is a status that cannot be read.
+        """
         publisher = self._publishers.get(message.topic)
         if publisher is None:
             publisher = self._publishers[message.topic] = self._publisher(message)
@@ -135,7 +142,7 @@ class _Stage:
     def _marked(self, type: Any, message: Any) -> Any:
         if message.topic != names.EXECUTIVE_STATUS:
             return message.data
-        status = deserialize(message.data, type)
+        status = received(message).unpack(type)
         status.message = f'{self._mark}: {status.message}' if status.message else self._mark
         return status
 

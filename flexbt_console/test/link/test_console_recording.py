@@ -44,7 +44,7 @@ from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.recorder import Recorder
 from flexbt_console.recording.run_file import RELATIVE_NAME, Recorded, RunWriter, read_run, write_recording
 from flexbt_console.recording.topics import TOPICS, full_definition
-from flexbt_msgs.msg import ExecutiveLog, PlaceList
+from flexbt_msgs.msg import ExecutiveLog, ExecutiveStatus, PlaceList
 from flexbt_testing.system.fork_server import ForkedProcess
 from flexbt_testing.system.python_processes import logged_python_process
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -359,6 +359,16 @@ def test_a_replay_leaves_out_the_further_topics_of_a_black_box(tmp_path: Path) -
         writer.add_topic(names.PLACES, '/places', TOPICS[names.PLACES].type, full_definition(TOPICS[names.PLACES].type))
         writer.add(names.PLACES, serialize_message(PlaceList()), 1, 1)
     assert run_replay(str(file), '--namespace', 'further') == (0, '')
+
+
+@pytest.mark.parametrize('data', [b'', b'\0\1\0\0', b'\0\1\0\0' + b'\xff' * 60])
+def test_a_replay_leaves_out_a_status_that_cannot_be_read(data: bytes, tmp_path: Path) -> None:
+    file, status = tmp_path / 'run.mcap', names.EXECUTIVE_STATUS
+    with contextlib.closing(RunWriter(file)) as writer:
+        writer.add_topic(status, f'/{status}', TOPICS[status].type, full_definition(TOPICS[status].type))
+        for at, one in enumerate((data, serialize_message(ExecutiveStatus()))):
+            writer.add(status, one, at, at)
+    assert replay.replay(file, namespace='unread') == 1
 
 
 @given(st.binary(max_size=300))
