@@ -14,7 +14,6 @@ from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from rclpy.action.server import RCLError
 from rclpy.qos import QoSProfile, qos_profile_action_status_default
-from rclpy.time import Time
 
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.runtime.node_runtime import Runtime
@@ -325,9 +324,9 @@ class GoalServer:
         """Answer a cancel request by the rules of action_msgs/srv/CancelGoal."""
         if self._fault.hangs:
             return lambda header: self._held_cancels.append((request, header))
-        goal_id, until = bytes(request.goal_info.goal_id.uuid), Time.from_msg(request.goal_info.stamp).nanoseconds
+        goal_id, until = bytes(request.goal_info.goal_id.uuid), _moment(request.goal_info)
         known = self.listed.get(goal_id)
-        if not until and any(goal_id):
+        if not any(until) and any(goal_id):
             asked = [known] if known is not None else []
             if (known is not None and known.has_ended) or (known is None and goal_id in self.results):
                 response.return_code = CancelGoal.Response.ERROR_GOAL_TERMINATED
@@ -335,9 +334,7 @@ class GoalServer:
                 response.return_code = CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
         else:
             asked = [
-                goal
-                for goal in self.listed.values()
-                if goal is known or not until or Time.from_msg(goal.info.stamp).nanoseconds <= until
+                goal for goal in self.listed.values() if goal is known or not any(until) or _moment(goal.info) <= until
             ]
         active = [goal for goal in asked if not goal.has_ended]
         if active and not self._cancelable:
@@ -422,6 +419,10 @@ class GoalServer:
         goal.notify_cancel()
         if self._on_cancel is not None:
             self._on_cancel(goal)
+
+
+def _moment(info: GoalInfo) -> tuple[int, int]:
+    return info.stamp.sec, info.stamp.nanosec
 
 
 def goal_servers(runtime: Runtime) -> Mapping[str, GoalServer]:

@@ -12,9 +12,10 @@ from functools import partial
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalInfo, GoalStatusArray
 from action_msgs.msg import GoalStatus as RosGoalStatus
-from action_msgs.msg import GoalStatusArray
 from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Time
 from nav2_msgs.action import Wait
 from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
@@ -131,6 +132,19 @@ def test_a_goal_that_was_never_there_is_unknown(client: Client) -> None:
     response_type = Wait.Impl.SendGoalService.Response
     stranger = ClientGoalHandle(client.client, UUID(uuid=list(uuid.uuid4().bytes)), response_type(accepted=True))
     assert client.answer(stranger.get_result_async).status == RosGoalStatus.STATUS_UNKNOWN
+
+
+@pytest.mark.parametrize(('until', 'canceled'), [(Time(sec=-1), 0), (Time(nanosec=1), 0), (Time(sec=2**31 - 1), 2)])
+def test_a_cancel_of_all_until_a_time_spares_later_goals(
+    served: Served, client: Client, until: Time, canceled: int
+) -> None:
+    handles = [client.send() for _ in range(2)]
+    name, node = 'wait/_action/cancel_goal', client.runtime.node
+    cancels = client.runtime.call(lambda: node.create_client(CancelGoal, name))
+    wait_until(lambda: cancels.service_is_ready() and served.runtime.node.count_clients(name) == 2, 'the client')
+    answer = client.answer(lambda: cancels.call_async(CancelGoal.Request(goal_info=GoalInfo(stamp=until))))
+    assert (answer.return_code, len(answer.goals_canceling)) == (CancelGoal.Response.ERROR_NONE, canceled)
+    assert len(handles) == len(served.goals) and served.faults == []
 
 
 def test_a_late_cancel_is_told_that_the_goal_has_ended_while_its_result_is_kept(served: Served, client: Client) -> None:
