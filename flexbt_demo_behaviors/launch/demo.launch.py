@@ -10,7 +10,12 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from flexbt_demo_behaviors.demonstration.demo_processes import DemoSettings, built_in_places, demo_processes
+from flexbt_demo_behaviors.demonstration.demo_processes import (
+    DemoSettings,
+    built_in_places,
+    demo_processes,
+    first_place,
+)
 from flexbt_demo_behaviors.demonstration.launching import nodes_of, numbers, speed_argument, text
 
 
@@ -18,8 +23,9 @@ def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes of the process table, for the arguments of this launch."""
     map, places = text(context, 'map'), text(context, 'places')
     (speed,) = numbers(context, 'speed')
+    start = first_place(places) if map and places else None
     return nodes_of(
-        demo_processes(DemoSettings(map=map, places=places or ('' if map else built_in_places()), speed=speed)),
+        demo_processes(DemoSettings(map, start, places or ('' if map else built_in_places()), speed)),
         {'autostart': text(context, 'autostart').lower() == 'true'},
         namespace=LaunchConfiguration('namespace'),
     )
@@ -30,7 +36,11 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument('map', default_value='', description='ROS map YAML file; empty for the built-in map'),
-            DeclareLaunchArgument('places', default_value='', description='YAML file of the places of the map'),
+            DeclareLaunchArgument(
+                'places',
+                default_value='',
+                description='YAML file of named places; on a map of your own, the robot starts at the first of them',
+            ),
             speed_argument(),
             DeclareLaunchArgument(
                 'autostart',

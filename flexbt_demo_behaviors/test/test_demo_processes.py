@@ -1,7 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The process table: every executable is installed, and parameters arrive as what they are."""
 
+import runpy
+import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import yaml
@@ -48,6 +52,40 @@ def test_a_map_of_ones_own_has_the_robot_start_at_its_first_place(tmp_path: Path
     assert simulator['map'] == '/maps/mine.yaml'
     assert simulator['initial_pose'] == [1.0, 2.0, 0.5]
     assert parameters(demo_processes(settings)[-1].command())['places'] == str(places)
+
+
+class LaunchConfiguration:
+    """An argument of the launch, which a dictionary has."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def perform(self, context: dict[str, str]) -> str:
+        return context[self._name]
+
+
+def test_a_launched_robot_starts_on_a_map_as_one_of_the_demonstration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With stand-ins for the packages of launch, which the wheels do not have."""
+    anything: Any = SimpleNamespace(
+        LaunchConfiguration=LaunchConfiguration,
+        LaunchContext=dict,
+        LaunchDescription=list,
+        DeclareLaunchArgument=dict,
+        OpaqueFunction=dict,
+        Node=dict,
+    )
+    for module in ('launch', 'launch.actions', 'launch.substitutions', 'launch_ros', 'launch_ros.actions'):
+        monkeypatch.setitem(sys.modules, module, anything)
+    monkeypatch.delitem(sys.modules, 'flexbt_demo_behaviors.demonstration.launching', raising=False)
+    nodes = runpy.run_path(str(Path(__file__).parents[1] / 'launch' / 'demo.launch.py'))['nodes']
+    monkeypatch.delitem(sys.modules, 'flexbt_demo_behaviors.demonstration.launching')
+    places = tmp_path / 'places.yaml'
+    places.write_text('door: {x: 1.0, y: 2.0, yaw: 0.5}\n')
+    for map, named, start in (('mine.yaml', str(places), (1.0, 2.0, 0.5)), ('mine.yaml', '', None), ('', '', None)):
+        simulator = nodes({'map': map, 'places': named, 'speed': '2.0', 'autostart': 'true'})[0]
+        assert simulator['parameters'][0].get('initial_pose') == start
 
 
 def test_leaving_the_console_is_told_to_end_the_demonstration() -> None:
