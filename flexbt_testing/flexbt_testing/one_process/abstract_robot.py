@@ -37,6 +37,7 @@ from flexbt_common.lifecycle.lifecycle_subnode import LifecycleSubnode
 from flexbt_common.lifecycle.liveliness import LivelinessToken, LivelinessWatch
 from flexbt_common.runtime.node_runtime import NodeRuntime, run_node
 from flexbt_common.values.message_fields import seconds_of
+from flexbt_core.clock.clock import Timer
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.messages import grid_message, pose_of, stamped
 from flexbt_sim.world import Pose
@@ -79,6 +80,7 @@ class AbstractRobot:
         self._map = node.create_publisher(OccupancyGrid, names.MAP, names.transient_local_qos())
         self._map.publish(grid_message(map, 'map', node.get_clock().now().to_msg()))
         self._servers: dict[str, tuple[Any, GoalServer]] = {}
+        self._fault_ends: dict[str, Timer] = {}
         self._serve(names.COMPUTE_PATH_TO_POSE, ComputePathToPose, self._plan)
         self._serve(names.COMPUTE_PATH_THROUGH_POSES, ComputePathThroughPoses, self._plan)
         self._serve(names.SMOOTH_PATH, SmoothPath, self._smooth)
@@ -183,6 +185,11 @@ class AbstractRobot:
 
     def _set_fault(self, request: Any, response: Any) -> Any:
         """Let a server abort its goals, as ``server_fails`` of the simulator does; it has no other fault."""
+        if request.clear:
+            for _, server in self._servers.values():
+                server.fault = GoalFault()
+            response.success = True
+            return response
         given = yaml.safe_load(request.parameters) or {}
         name = str(given.get('server', names.FOLLOW_PATH))
         if request.fault != 'server_fails' or name not in self._servers:
@@ -190,12 +197,24 @@ class AbstractRobot:
             return response
         kind, server = self._servers[name]
         result = kind.Result()
-        if hasattr(result, 'error_msg'):
-            result.error_msg = str(given.get('error_msg', ''))
-        if self._drive is not None and name == names.FOLLOW_PATH:
-            self._halt(self._drive[0])
-        server.fault = GoalFault(failure=result)
-        self._runtime.post_in(request.duration, lambda: setattr(server, 'fault', GoalFault()))
+        for field in ('error_code', 'error_msg'):
+            if field in given and hasattr(result, field):
+                setattr(result, field, given[field])
+
+        def begin() -> None:
+            if self._drive is not None and name == names.FOLLOW_PATH:
+                self._halt(self._drive[0])
+            server.fault = GoalFault(failure=result)
+            if earlier := self._fault_ends.pop(name, None):
+                earlier.cancel()
+            if request.duration:
+                end = partial(setattr, server, 'fault', GoalFault())
+                self._fault_ends[name] = self._runtime.post_in(request.duration, end)
+
+        if request.after:
+            self._runtime.post_in(request.after, begin)
+        else:
+            begin()
         response.success = True
         return response
 

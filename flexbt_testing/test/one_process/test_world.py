@@ -117,6 +117,35 @@ def test_pauses_faults_and_forced_outcomes(world: World) -> None:
 
 
 @pytest.mark.world(motion='abstract')
+def test_a_fault_of_an_abstract_robot_lasts_until_it_is_over_or_ended(world: World) -> None:
+    def ask(**request: Any) -> None:
+        fault = SetFault.Request(fault='server_fails', parameters='{server: follow_path, error_code: 100}', **request)
+        assert world.ask(SetFault, 'set_fault', fault).success
+
+    def has_failed() -> bool:
+        driven = world.robot.length
+        world.start('Navigate', autonomy='Low')
+        world.answer('/AskGoal', 'kitchen')
+        world.run(1.0)
+        world.stop()
+        world.run(1.0)
+        return world.robot.length == driven
+
+    assert not has_failed()
+    world.fail_goal('follow_path', 1.0)
+    world.run(0.9)
+    world.fail_goal('follow_path', 5.0)
+    world.run(0.5)
+    assert has_failed(), 'the end of the first one has ended the second one'
+    world.run(5.0)
+    ask(after=0.5)
+    world.run(20.0)
+    assert has_failed()
+    ask(clear=True)
+    assert not has_failed()
+
+
+@pytest.mark.world(motion='abstract')
 def test_an_operator_without_a_link_misses_nothing(world: World) -> None:
     world.start('Navigate')
     world.answer('/AskGoal', 'kitchen')
