@@ -43,6 +43,7 @@ from typing import Any, Final, TypeVar
 import rclpy
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionClient, ActionServer
+from rclpy.action.server import RCLError
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import (
@@ -142,7 +143,7 @@ class AnswerResender:
                 self._later(pause, send_again)
 
         def send_again() -> None:
-            with contextlib.suppress(InvalidHandle):  # the service is gone by now
+            with contextlib.suppress(InvalidHandle, RCLError):  # the service is gone by now, or the client
                 if not self._is_sent(response, header):
                     send_later()
                     return

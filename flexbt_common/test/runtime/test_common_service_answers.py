@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from rclpy.action.server import RCLError
 from rclpy.service import Service
 from std_srvs.srv import Trigger
 
@@ -65,6 +66,27 @@ def test_an_answer_of_a_service_that_is_gone_meanwhile_is_no_fault(monkeypatch: 
         server.call(lambda: server.node.destroy_service(service))
         server.call(again[0])
     assert len(sent) == len(again) == 1
+
+
+def test_an_answer_to_a_client_that_is_gone_meanwhile_is_no_fault_and_leaves_room_for_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    again: list[Callable[[], object]] = []
+
+    def fail(_service: Service, _response: Any, _header: Any) -> None:
+        raise RCLError('the client is gone')
+
+    monkeypatch.setattr(node_runtime, 'UNSENT_SECONDS', 0.0)
+    with NodeRuntime.open('server') as server:
+        service = server.call(lambda: server.node.create_service(Trigger, 'answer', lambda request, response: response))
+        answers = AnswerResender(service, lambda _seconds, fn: again.append(fn))
+        for _ in range(MOST_UNSENT + 1):
+            with monkeypatch.context() as patched:
+                patched.setattr(Service, 'send_response', lambda *_: None)
+                answers.send(Trigger.Response(), None)
+                patched.setattr(Service, 'send_response', fail)
+                again.pop()()
+    assert again == []
 
 
 def test_of_many_answers_that_nobody_gets_only_some_are_sent_again(monkeypatch: pytest.MonkeyPatch) -> None:
