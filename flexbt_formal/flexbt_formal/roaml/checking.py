@@ -54,7 +54,8 @@ class Result:
     """The result for a property: its value is between ``low`` and ``high``.
 
     ``how``: the method and its accuracy, in words. ``is_complete``: no limit cut the check short. ``way``: the shortest
-    way found to a failure, in words. ``has_failed``: a failure was found that counts, with some probability.
+    way found to what the demand does not want, in words: to a failure, or if it limits the probability from above, to
+    where the property is satisfied. ``has_failed``: such a way was found that counts, with some probability.
     """
 
     asked: ModelProperty
@@ -74,11 +75,11 @@ class Result:
     def holds(self) -> bool | None:
         """True if the value meets the demand, False if not, None if undecided."""
         if self.is_exact:
-            is_missed = self.has_failed and self.asked.demand is None  # however rarely
+            is_missed = self.has_failed and self.asked.is_of_all  # however rarely
             return self.asked.holds(self.value) and not is_missed
-        if self.asked.demand is None:
+        if self.asked.is_of_all:
             # One failure is proof. The absence of failures is known only within the requested error.
-            return False if self.has_failed else True if self.value == 1.0 and self.is_complete else None
+            return False if self.has_failed else True if self.asked.holds(self.value) and self.is_complete else None
         low, high = self.asked.holds(self.low), self.asked.holds(self.high)
         return low if low == high else None
 
@@ -157,12 +158,12 @@ def _exact(path: ModelPath, found: Flow | _Explorer, values: tuple[float, float]
     low, high = (1.0 - values[1], 1.0 - values[0]) if asked.is_negated else values
     if not found.is_complete:
         how = f'bounds only: {found.size} states were followed before the limit'
-    way = found.way() if high < 1.0 else ()
+    way = found.way() if found.has_failed or (low > 0.0 if asked.is_at_most else high < 1.0) else ()
     value = low if low == high or asked.is_least else high
     notes = (found.stuck,) if found.stuck else ()
     seconds = time.process_time() - begin
     whole = found.is_complete
-    has_failed = found.has_failed and (path.order is not Order.ANY or asked.is_for_all)
+    has_failed = found.has_failed and (path.order is not Order.ANY or asked.is_for_all is not asked.is_at_most)
     return Result(asked, value, low, high, how, whole, whole, found.size, seconds, way, notes, has_failed)
 
 
@@ -257,7 +258,7 @@ class _Explorer:
         return number
 
     def _ended(self, source: int, state: GlobalState, is_good: bool) -> int:
-        if is_good == self._path.asked.is_negated and self._fails is None:
+        if is_good is self._path.asked.is_missed_where and self._fails is None:
             self._fails = (source, state)
         return GOOD if is_good else BAD
 
@@ -268,7 +269,7 @@ class _Explorer:
 
     @property
     def has_failed(self) -> bool:
-        """True if the property fails on a path."""
+        """True if there is a path that the demand does not want."""
         return self._fails is not None
 
     def result(self, begin: float) -> Result:
@@ -294,7 +295,8 @@ class _Explorer:
     def way(self) -> tuple[str, ...]:
         """Return the way to the failure in words: the choices, and the steps in between."""
         if self._fails is None:
-            return ('it goes round without ever coming to where the property is satisfied',)
+            wanted = 'fails' if self._path.asked.is_at_most else 'is satisfied'
+            return (f'it goes round without ever coming to where the property {wanted}',)
         source, goal = self._fails
         goals = [goal]
         while source >= 0:
@@ -355,7 +357,7 @@ def _sampled(
         done += 1
         good += outcome is True
         undecided += outcome is None
-        if outcome is asked.is_negated:
+        if outcome is asked.is_missed_where:
             has_failed = True
             if len(runs.made) < shortest:
                 shortest = len(runs.made)

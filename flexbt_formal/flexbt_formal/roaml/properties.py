@@ -64,6 +64,21 @@ class ModelProperty:
         """True if the least probability is asked: no order of the automata may miss it."""
         return self.is_least is not self.is_negated
 
+    @property
+    def is_at_most(self) -> bool:
+        """True if the demand limits the probability from above."""
+        return self.demand is not None and self.demand[0] in ('<', '<=')
+
+    @property
+    def is_missed_where(self) -> bool:
+        """Whether a path that the demand does not want satisfies ``left U right``."""
+        return self.is_negated is not self.is_at_most
+
+    @property
+    def is_of_all(self) -> bool:
+        """True if a single path that the demand does not want misses it, however rare it is."""
+        return self.demand in (None, ('>=', 1.0), ('<=', 0.0))
+
     def holds(self, value: float, error: float = 1e-9) -> bool:
         """Return whether a probability meets the demand."""
         sign, wanted = self.demand or ('>=', 1.0)

@@ -285,8 +285,7 @@ class Flow:
                 self.good += probability
             else:
                 self.bad += probability
-            wanted = SATISFIED if self._path.asked.is_negated else FAILED
-            if number == wanted and self._fails is None:
+            if (number == SATISFIED) is self._path.asked.is_missed_where and self._fails is None:
                 self._fails = (len(self._layers), place)
             return False
         known = now.get(number)
@@ -296,15 +295,15 @@ class Flow:
 
     @property
     def has_failed(self) -> bool:
-        """True if the property fails on a path."""
+        """True if there is a path that the demand does not want."""
         return self._fails is not None
 
     def way(self) -> tuple[str, ...]:
-        """Return the way to the first failure of the property, in words."""
+        """Return the way to the first end that the demand does not want, in words."""
         if self._fails is None:
             return ()
         layer, place = self._fails
-        goal = SATISFIED if self._path.asked.is_negated else FAILED
+        goal = SATISFIED if self._path.asked.is_missed_where else FAILED
         made: list[list[Made]] = []
         while layer > 0:
             before = self._layers[layer - 1]

@@ -138,10 +138,21 @@ def test_a_loop_that_is_rarely_left_is_left(leaves: float, is_least: bool) -> No
     assert reach(graph, is_least=True) == ([0.0, 1.0, leaves, 0.0], True)
 
 
-def test_what_fails_however_rarely_does_not_hold(tmp_path: Path) -> None:
+@pytest.mark.parametrize('order', list(Order))
+def test_what_fails_however_rarely_does_not_hold(tmp_path: Path, order: Order) -> None:
     rare = DICE.replace('"0.25"', '"0.999"').replace('expr="3"', 'expr="5"')
-    result = checked(write(tmp_path, {'asked': finally_('won.valid')}, nodes={'dice': rare}))
-    assert result.is_exact and result.value > 1.0 - 1e-9 and result.holds is False
+    at_last = finally_('won__left', 1, extreme='Pmax')
+    properties = {
+        'won': finally_('won.valid'),
+        'won, as a demand': {'op': '≥', 'left': finally_('won.valid'), 'right': 1},
+        'never at last': {'op': '≤', 'left': at_last, 'right': 0},
+        'rarely at last': {'op': '≤', 'left': at_last, 'right': 1e-6},
+    }
+    main = write(tmp_path, properties, nodes={'dice': rare})
+    found = {name: checked(main, name, order=order) for name in properties}
+    assert all(one.is_exact and min(one.value, 1.0 - one.value) < 1e-9 for one in found.values())
+    assert [one.holds for one in found.values()] == [False, False, False, True]
+    assert 'dice sends won (left 1)' in found['never at last'].way[-2]
 
 
 DICE = """throw|
