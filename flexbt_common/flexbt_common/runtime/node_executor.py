@@ -31,7 +31,7 @@ from threading import Lock, get_ident
 from time import monotonic
 from types import coroutine
 from typing import Any, Final
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, ref
 
 from rclpy import wait_for_message
 from rclpy.clock import ClockType
@@ -152,7 +152,7 @@ class NodeExecutor(ExtendedExecutor):
         super().__init__(context=node.context)
         self.later = later
         self.simulated_time = SimulatedTime(lambda error: self.create_task(on_fault, error))
-        self._node = node
+        self._node = ref(node)  # which may end before other nodes of this executor
         self._on_fault = on_fault
         self._on_turn = on_turn
         self.doorbell = GuardCondition(None, None, context=node.context)
@@ -298,7 +298,9 @@ class NodeExecutor(ExtendedExecutor):
         for node in nodes:
             known = node.default_callback_group.entities  # weak references, which rclpy keeps when they are dead
             known.difference_update([one for one in tuple(known) if one() is None])
-        self.simulated_time.subscription = next(filter(is_clock_subscription, self._node.subscriptions), None)
+        own = self._node()
+        clocks = filter(is_clock_subscription, () if own is None else own.subscriptions)
+        self.simulated_time.subscription = next(clocks, None)
         entities = {
             'timer': all_of('timers'),
             'subscription': [one for one in all_of('subscriptions') if not _waits_itself(one)],

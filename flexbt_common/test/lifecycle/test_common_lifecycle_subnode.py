@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import gc
 import threading
+import weakref
 from functools import partial
 from typing import Any
 
+import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
@@ -85,6 +88,22 @@ def test_it_is_a_node_as_long_as_it_is_there() -> None:
         wait_until(lambda: ('amcl', '/robot1') in names_and_namespaces(), names_and_namespaces)
         host.close()
         wait_until(lambda: not {name for name, _ in names_and_namespaces()} & {'host', 'amcl'}, names_and_namespaces)
+
+
+@pytest.mark.parametrize('closed', [0, 1])
+def test_what_a_part_has_told_is_freed_when_it_is_closed(closed: int) -> None:
+    class Owner:
+        def tell(self, _is_active: bool) -> None:
+            pass
+
+    with NodeRuntime.open('host') as host, NodeRuntime.open('manager') as runtime:
+        owners = [Owner(), Owner()]
+        parts = [host.call(lambda n=n: LifecycleSubnode(host, f'part{n}', owners[n].tell)) for n in range(2)]  # type: ignore[misc]
+        assert LifecycleClient(runtime, f'part{1 - closed}').state() == 'active'
+        told = weakref.ref(owners.pop(closed))
+        host.call(parts.pop(closed).close)
+        wait_until(lambda: gc.collect() >= 0 and told() is None, 'it is freed')
+        assert LifecycleClient(runtime, f'part{1 - closed}').state() == 'active'
 
 
 def test_its_parameters_can_be_set_at_any_time_as_those_of_any_node() -> None:
