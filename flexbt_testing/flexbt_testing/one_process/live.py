@@ -44,7 +44,11 @@ class RealTime:
         if not select.select([self._connection], [], [], left / SECOND)[0]:
             return True
         SCHEDULER.now = max(SCHEDULER.now, min(until, _real_time() - self._begin))
-        self._receive(self._connection.recv())
+        try:
+            self._receive(self._connection.recv())
+        except EOFError:  # which must not end the task that happens to wait here
+            SCHEDULER.pace = None
+            SCHEDULER.throw(RuntimeError('the bridge between the world and the middleware has ended'))
         return False
 
 

@@ -18,6 +18,7 @@ import sys
 import tempfile
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -320,13 +321,21 @@ def _once(events: Iterable[Event]) -> Iterator[Event]:
         of_tree.add(change)
 
 
+def _seconds(text: str) -> float:
+    with suppress(ValueError):
+        if 0.0 <= float(text) < math.inf:
+            return float(text)
+    raise argparse.ArgumentTypeError(f'{text!r} is not a number from 0 on')
+
+
 def main(words: Sequence[str] | None = None) -> int:
     """Compare, and print. Return 0 without a difference, 1 with one, 2 for a recording or file of no use."""
     parser = argparse.ArgumentParser(prog='recorded', description=(__doc__ or '').split('\n\n')[0])
     parser.add_argument('file', type=Path, help='a recording (MCAP)')
     swap = 'use FILE in the place of the installed tree or behavior NAME (package/relative/path)'
     parser.add_argument('--swap', nargs=2, action='append', default=[], metavar=('NAME', 'FILE'), help=swap)
-    parser.add_argument('--tolerance', type=float, default=TOLERANCE, help='difference of times that counts as none, s')
+    about = 'difference of times that counts as none, s'
+    parser.add_argument('--tolerance', type=_seconds, default=TOLERANCE, help=about)
     parser.add_argument('--json', action='store_true', help='print one line of JSON: whether they differ, and the text')
     given = parser.parse_args(words)
     os.environ.pop('ROS_AUTOMATIC_DISCOVERY_RANGE', None)  # it would separate the programs of the world, too

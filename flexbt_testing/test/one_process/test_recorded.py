@@ -100,6 +100,10 @@ def test_a_drive_that_was_paused_ends_when_it_did(tmp_path: Path) -> None:
 def test_a_recording_of_no_use_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path / 'missing.mcap')]) == 2
     assert 'missing.mcap: cannot be read' in capsys.readouterr().err
+    for tolerance in ('nan', 'inf', '-1', 'no'):
+        with pytest.raises(SystemExit):
+            main([str(tmp_path / 'missing.mcap'), f'--tolerance={tolerance}'])
+        assert f"'{tolerance}' is not a number from 0 on" in capsys.readouterr().err
     write_recording(tmp_path / 'idle.mcap', [(1, 'executive/status', ExecutiveStatus())])
     with pytest.raises(UsageError, match='has no start of a behavior; begin to record before it'):
         decide_again(tmp_path / 'idle.mcap')

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,9 @@ from flexbt_common.errors import ResourceError
 from flexbt_common.files import resolve_file
 from flexbt_testing.one_process.coverage import Coverage
 from flexbt_testing.one_process.forks import Fork, ForkError, Leaf
+from flexbt_testing.one_process.live import RealTime
 from flexbt_testing.one_process.programs import Program
+from flexbt_testing.one_process.scheduler import SCHEDULER
 from flexbt_testing.one_process.what_if import Course, Event, compare, read_change
 from flexbt_testing.one_process.world import World
 
@@ -239,6 +242,16 @@ def test_what_was_to_happen_after_the_end_of_a_test_is_told(tmp_path: Path) -> N
         ran = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert re.search(rf'test_kitchen\[0\]: the test has ended at 35\.\d\d s{told}\n', ran.stdout), ran.stdout
         assert len(re.findall(r'=+ 1 passed', ran.stdout)) == 1, 'a child of its tear-down would tell it, too'
+
+
+@pytest.mark.world(motion='abstract')
+def test_a_bridge_that_ends_ends_a_world_in_real_time(world: World) -> None:
+    inner, outer = Pipe()
+    outer.close()
+    SCHEDULER.pace = RealTime(inner, print).wait
+    with pytest.raises(RuntimeError, match='the bridge between the world and the middleware has ended'):
+        world.run(1.0)
+    assert SCHEDULER.pace is None
 
 
 @pytest.mark.world('night_watch', motion='abstract')
