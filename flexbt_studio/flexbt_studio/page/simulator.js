@@ -23,7 +23,7 @@ const BUILT_IN = 'built-in map';
 export class Simulator {
   // studio has link, file, told, live, allowCode and jobs.
   constructor(studio) {
-    Object.assign(this, {studio, state: {state: 'ended', doors: [], robots: []}, link: null, known: {}});
+    Object.assign(this, {studio, state: {state: 'ended', doors: [], robots: []}, link: null, known: {}, taken: []});
     const button = (id, text, run, more = {}) => html('button', {type: 'button', id: `sim-${id}`, onclick: run, ...more}, text);
     this.worlds = html('select', {id: 'sim-world', 'aria-label': 'world'}, html('option', {value: ''}, BUILT_IN));
     this.speed = html('input', {id: 'sim-speed', type: 'number', min: 0.1, max: 100, step: 'any', value: 1, 'aria-label': 'simulated seconds in a second', title: 'Simulated seconds in a second'});
@@ -35,7 +35,7 @@ export class Simulator {
     this.panel = html('div', {id: 'sim-on', hidden: true},
       html('div', {class: 'buttons'}, button('run', 'Run This File', () => this.run(), {class: 'primary'}), this.goal, button('cancel', 'End the Run', () => this.cancel()), html('a', {id: 'sim-operate', href: `simulator/${location.hash}`, target: '_blank', rel: 'noopener'}, "operator's page")),
       html('div', {class: 'buttons', role: 'group', 'aria-label': 'what if'}, 'What if: ', this.what, this.which, this.level, button('happen', 'Happens', () => this.happen()), button('over', 'All Faults End', () => this.end())),
-      html('div', {class: 'buttons'}, button('drop', 'Drop Obstacles on the Map', () => this.aim(!this.drops), {'aria-pressed': 'false'}), button('take', 'Remove Them', () => { for (const [name] of this.known.obstacles ?? []) this.link?.send({remove_obstacle: name}); }, {disabled: true})));
+      html('div', {class: 'buttons'}, button('drop', 'Drop Obstacles on the Map', () => this.aim(!this.drops), {'aria-pressed': 'false'}), button('take', 'Remove Them', () => { this.taken = (this.known.obstacles ?? []).map(([name]) => name); this.takeNext(); }, {disabled: true})));
     byId('runs').append(html('details', {id: 'simulator', name: 'job', ontoggle: (event) => { if (event.target.open) this.opened(); }}, html('summary', {}, 'Simulation', html('span', {id: 'sim-state', class: 'hint'})),
       html('p', {class: 'hint'}, 'A simulated robot on this computer, apart from all others: no real robot moves.'),
       html('div', {class: 'buttons'}, this.worlds, html('label', {}, 'speed ', this.speed), button('start', 'Start', () => this.toggle())), this.panel));
@@ -78,7 +78,7 @@ export class Simulator {
     if (before === state.state) return;
     if (!isOn) {
       this.link?.close();
-      this.link = null;
+      Object.assign(this, {link: null, taken: []});
       this.map.costmaps.leave();
       if (state.message) this.studio.told(`Simulation: ${state.message}`, 'error');
       if (this.studio.live.robot !== SIMULATION) return;
@@ -100,11 +100,17 @@ export class Simulator {
   show(parts) {
     Object.assign(this.known, parts);
     this.view.show(parts);
-    if ('obstacles' in parts) byId('sim-take').disabled = !parts.obstacles.length;
+    if ('obstacles' in parts) { byId('sim-take').disabled = !parts.obstacles.length; this.takeNext(); }
     if (!('decisions' in parts)) return;
     const asked = parts.decisions.find((one) => one.kind === 'input');
     this.asked.hidden = !asked;
     this.asked.replaceChildren(...(asked ? [`? ${asked.line} `, html('button', {type: 'button', onclick: () => this.link?.send({answer: this.goal.value, decision: asked.id})}, 'Answer with the Goal')] : []));
+  }
+
+  // Remove the next obstacle once one is gone: the server takes four requests of a page at a time.
+  takeNext() {
+    const name = this.taken.shift();
+    if (name) this.link?.send({remove_obstacle: name});
   }
 
   // A click on the map drops an obstacle, or else is the goal.
