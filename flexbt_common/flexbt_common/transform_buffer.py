@@ -242,15 +242,27 @@ class TransformBuffer:
         return min(ends, default=math.inf)
 
     def _way(self, target: str, source: str) -> tuple[list[str], list[str]]:
-        """Return the frames from each of the two up to their common ancestor, which is left out."""
+        """Return the frames from each of the two up to their common ancestor, which is left out.
+
+        Where ancestors form a ring, one of the two has to be an ancestor of the other: else the way is ambiguous, and
+        refused, as by tf2.
+        """
         for name in (target, source):
             _check_frame(name)
         ups, downs = list(self._ancestors(source)), list(self._ancestors(target))
-        on_the_way = {frame: index for index, frame in enumerate(downs)}
-        meeting = next(((i, on_the_way[frame]) for i, frame in enumerate(ups) if frame in on_the_way), None)
+        if target in ups:
+            return ups[: ups.index(target)], []
+        if source in downs:
+            return [], downs[: downs.index(source)]
+        for frames in (ups, downs):
+            if frames[-1] in self._tracks:
+                ring = frames[frames.index(self._tracks[frames[-1]].parent) :]
+                shown = ', '.join(map(repr, ring))
+                raise TransformError(f'the frames {shown} form a ring; end one of their broadcasters', is_early=True)
+        meeting = next(filter(set(downs).__contains__, ups), None)
         if meeting is None:
             raise TransformError(self._why_apart(target, source), is_early=True)
-        return ups[: meeting[0]], downs[: meeting[1]]
+        return ups[: ups.index(meeting)], downs[: downs.index(meeting)]
 
     def _climb(self, frames: list[str], time: float) -> Rigid:
         whole = Rigid()

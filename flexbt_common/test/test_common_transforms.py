@@ -123,10 +123,14 @@ def test_frames_that_are_not_connected_or_go_round(buffer: TransformBuffer) -> N
     buffer.set('a', 'b', Rigid(), 1.0)
     with pytest.raises(TransformError, match='not connected'):
         buffer.lookup('map', 'b')
-    buffer.set('b', 'a', Rigid(), 1.0)
-    with pytest.raises(TransformError, match='not connected'):
-        buffer.lookup('map', 'b')
+    buffer.set('b', 'a', Rigid((1.0, 0.0, 0.0)), 1.0)
+    buffer.set('a', 'of_a', Rigid(), 1.0)
+    buffer.set('b', 'of_b', Rigid(), 1.0)
+    for target, source in (('map', 'b'), ('b', 'map'), ('of_a', 'of_b'), ('of_b', 'of_a')):
+        with pytest.raises(TransformError, match=r"the frames '[ab]', '[ab]' form a ring"):
+            buffer.lookup(target, source)
     assert same(buffer.lookup('a', 'b'), Rigid())
+    assert same(buffer.lookup('of_b', 'b'), Rigid()) and same(buffer.lookup('b', 'of_b'), Rigid())
 
 
 @pytest.mark.parametrize(
