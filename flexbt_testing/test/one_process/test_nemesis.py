@@ -7,7 +7,7 @@ import os
 import pickle
 import signal
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -429,6 +429,21 @@ def test_no_process_is_left_when_the_nemesis_is_interrupted() -> None:
 def _children() -> set[int]:
     """Return the processes whose parent is this one."""
     return {int(pid) for pid in Path(f'/proc/self/task/{os.getpid()}/children').read_text().split()}
+
+
+def test_what_the_unchanged_product_breaks_finds_no_mutation(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(job: Job) -> set[int]:
+        return {3} if job.plan.seed > 100 else {2} if job.plan.seed == 90 and job.mutation else set()
+
+    def run(jobs: Iterable[Job], _at_once: int) -> Iterator[tuple[Job, Outcome]]:
+        return ((job, Outcome([Violation(number, 1.0, '') for number in broken(job)])) for job in jobs)
+
+    monkeypatch.setattr(nemesis, 'run_all', run)
+    monkeypatch.setattr(nemesis, '_ROUNDS', (60, 60, 60))
+    monkeypatch.setattr(nemesis, 'MUTATIONS', (_mutation('a stop cancels late'),))
+    told: list[str] = []
+    assert nemesis.judge(lambda seed, _motion: Plan(seed), 1, told.append) == 0
+    assert told[1].endswith(' 2                    1 of the seeds 60 to 119')
 
 
 _FAIL: Final = Step(1.0, 'fail', 'beta/follow_path', 0.5)
