@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Final
 
 import yaml
@@ -120,11 +120,11 @@ def machine_as_python(machine: SynthesizedMachine, module_of: Callable[[str], st
     return '\n'.join(_python_lines(machine, module_of)) + '\n'
 
 
-def class_name(name: str) -> str:
-    """Return a name for a class: ``night watch`` is ``NightWatch``."""
+def class_name(name: str, others: Collection[str]) -> str:
+    """Return a name for a class besides others: ``night watch`` is ``NightWatch``."""
     words = re.findall(r'[A-Za-z0-9]+', name)
     joined = ''.join(word[:1].upper() + word[1:] for word in words)
-    return joined if joined[:1].isalpha() else f'Machine{joined}'
+    return joined if joined.isidentifier() and joined not in {*others, *keyword.kwlist} else f'Machine{joined}'
 
 
 def _python_lines(machine: SynthesizedMachine, module_of: Callable[[str], str]) -> Iterator[str]:
@@ -132,6 +132,11 @@ def _python_lines(machine: SynthesizedMachine, module_of: Callable[[str], str]) 
     bad = [one for one in classes if not _local(one).isidentifier() or keyword.iskeyword(_local(one))]
     if bad:
         raise SynthesisError([f"'{one}' is not a name of a class" for one in bad])
+    modules: dict[str, str] = {}
+    for one in classes:
+        module = modules.setdefault(_local(one), module_of(one))
+        if module != module_of(one):
+            raise SynthesisError([f'{_local(one)} is of {module} and of {module_of(one)}: one module can import one'])
     several = any(len(state.parts) > 1 for state in machine.states.values())
     retries = machine.attempts > 1 and any(part.retry_on for state in machine.states.values() for part in state.parts)
     taken = ['Autonomy', 'Child', *(['ConcurrencyContainer'] if several else []), 'OperatableStateMachine']
@@ -139,9 +144,10 @@ def _python_lines(machine: SynthesizedMachine, module_of: Callable[[str], str]) 
     yield ''
     yield f'from flexbt_core import {", ".join([*taken, *(["with_retry"] if retries else [])])}'
     yield 'from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest'
-    for module in sorted({module_of(one) for one in classes}):
-        yield f'from {module} import {", ".join(_local(one) for one in classes if module_of(one) == module)}'
-    yield from ('', '', f'class {class_name(machine.name)}(Behavior):')
+    for module in sorted(set(modules.values())):
+        yield f'from {module} import {", ".join(one for one, of in modules.items() if of == module)}'
+    name = class_name(machine.name, {*modules, *taken, 'with_retry', 'Behavior', 'BehaviorManifest'})
+    yield from ('', '', f'class {name}(Behavior):')
     yield f"    manifest = BehaviorManifest(name={machine.name!r}, description='Synthesized.', author='behavior_tool')"
     yield from ('', '    def create(self) -> OperatableStateMachine:', '        return OperatableStateMachine(')
     yield f'            outcomes={list(machine.outcomes)!r},'

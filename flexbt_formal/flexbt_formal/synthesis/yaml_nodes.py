@@ -61,7 +61,7 @@ class YamlFile(YamlParts):
 
     def number(self, node: yaml.Node, text: str, what: str) -> int:
         """Return an integer from 0 that is written so: formulas have no others."""
-        if re.fullmatch(r'\d{1,9}', text, re.ASCII):
+        if re.fullmatch(r'0|[1-9]\d{0,8}', text, re.ASCII):
             return int(text)
         self.problem(node, f'{what} has to be an integer from 0 of at most 9 digits, not {short_repr(text)}')
         return 0

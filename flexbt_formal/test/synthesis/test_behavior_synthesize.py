@@ -54,13 +54,22 @@ def test_the_machine_is_printed_so_that_the_executive_reads_it(coffee: str) -> N
     assert structure[1].autonomy == (2, 3)
 
 
-def test_as_python_it_is_the_same_behavior(coffee: str, tmp_path: Path) -> None:
-    words = ('synthesize', coffee, '--goal', 'brew', '--retries', '2')
+@pytest.mark.parametrize(
+    ('file', 'name'),
+    [
+        ('coffee', 'Coffee'),
+        ('operator_decision_state', 'MachineOperatorDecisionState'),  # the class of the states
+        ('none', 'MachineNone'),  # a word of Python
+    ],
+)
+def test_as_python_it_is_the_same_behavior(coffee: str, tmp_path: Path, file: str, name: str) -> None:
+    named = Path(coffee).rename(tmp_path / f'{file}.yaml')
+    words = ('synthesize', str(named), '--goal', 'brew', '--retries', '2')
     python = tmp_path / 'made.py'
     assert tool(*words, '--form', 'python', '-o', str(python)).code == 0
     made: dict[str, type] = {}
     exec(python.read_text(encoding='utf-8'), made)  # noqa: S102
-    assert define(made['Coffee']().create()).structure() == read_machine(tool(*words).out, STATES).structure()
+    assert define(made[name]().create()).structure() == read_machine(tool(*words).out, STATES).structure()
 
 
 def test_for_programs_everything_is_in_one_document(coffee: str, tmp_path: Path) -> None:

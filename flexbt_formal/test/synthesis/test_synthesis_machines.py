@@ -87,6 +87,13 @@ def test_what_the_files_call_things_stays_in_its_comment() -> None:
     assert '\x1b' not in text + machine_as_python(machine, lambda state: 'states')
 
 
+def test_two_classes_of_one_name_are_not_taken_for_one() -> None:
+    machine = made(coffee(('interface: Try', 'interface: other/Try')))
+    with pytest.raises(SynthesisError, match='Try is of my_states and of other: one module can import one'):
+        machine_as_python(machine, lambda state: 'other' if '/' in state else 'my_states')
+    assert 'state: other/Try\n' in machine_as_yaml(machine)
+
+
 def test_a_state_is_not_called_as_an_outcome_of_its_machine() -> None:
     ends = ('{finished: finished}', '{brew: finished}')
     machine = made(coffee(ends, outcomes=('brew',)))
@@ -249,6 +256,7 @@ def test_userdata_that_is_not_written_on_every_way_is_refused_with_the_way() -> 
         ('capabilities:', f'memory: {{sys_props: {{x: {"9" * 30}}}}}\ncapabilitie:', "cannot have 'capabilitie'"),
         ('capabilities:', 'variable_mappings: {sys_props: {n: {99999999999: a}}}\ncapabilities:', 'at most 9 digits'),
         ('capabilities:', 'variable_mappings: {sys_props: {n: {-1: a}}}\ncapabilities:', 'an integer from 0'),
+        ('capabilities:', 'variable_mappings: {sys_props: {n: {1: a, 01: b}}}\ncapabilities:', 'an integer from 0'),
         ('capabilities:', 'memory: {env_props: {x: true}, sys_props: {x: true}}\ncapabilities:', 'of the other owner'),
     ],
 )
