@@ -548,12 +548,13 @@ class NodeRuntime(Runtime):
         try:
             return future.result(timeout)
         except CancelledError:
-            raise RuntimeError(f'node {self.name} was closed before {fn} was run') from None
+            raise RuntimeError(f'node {self.name} was closed before {_called(fn)} was run') from None
         except TimeoutError:
             if future.done():  # fn itself raised it
                 raise
             future.cancel()
-            raise TimeoutError(f'the executor of node {self.name} did not get to {fn} within {timeout} s') from None
+            what = f'the executor of node {self.name} did not get to {_called(fn)}'
+            raise TimeoutError(f'{what} within {timeout:g} s') from None
         finally:
             with self._lock:
                 self._calls.discard(future)
@@ -641,7 +642,7 @@ class NodeRuntime(Runtime):
             try:
                 callback()
             except Exception as error:
-                where = f'closing {getattr(callback, "__qualname__", callback)}'
+                where = f'closing {_called(callback)}'
                 if self._thread.is_alive():
                     self.report_fault(error, where)
                     self.fail(f'{where} was not done')
@@ -715,7 +716,7 @@ class NodeRuntime(Runtime):
         try:
             fn()
         except Exception as error:
-            self.report_fault(error, f'{how} {getattr(fn, "__qualname__", fn)}')
+            self.report_fault(error, f'{how} {_called(fn)}')
 
     def _ping(self, answer: Callable[[], None]) -> None:
         # An executor that rests is not woken, except after a stop of the process: what has come meanwhile goes first.
@@ -738,6 +739,11 @@ class NodeRuntime(Runtime):
         faults.append(time.monotonic())
         if len(faults) == _FAULTS_IN_A_ROW and faults[-1] - faults[0] < 1.0:
             time.sleep(_FAULT_PAUSE_SECONDS)  # a fault that repeats at once must not use a whole core
+
+
+def _called(fn: Callable[..., object]) -> str:
+    """Return what a function is called in the code."""
+    return str(getattr(fn, '__qualname__', fn))
 
 
 def _place_of(error: BaseException) -> tuple[str, int]:
