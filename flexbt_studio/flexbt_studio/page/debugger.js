@@ -117,6 +117,7 @@ export class Debugger {
     if (read.data && this.readers[read.title]) this.readers[read.title](read.data);
     else if (read.title === 'tree blackboard') this.showBoard(read.data);
     else if (read.title === 'userdata') this.showRows(read.data.flatMap(({path, values, writers, written}) => values.map((one, at) => [`${path} ${one.key}`, one.text, writers[at] || 'no state', timeOf(written[at])])), 'Userdata');
+    else if (byId('sheet').open) this.told(`${read.title}: ${read.text}`, '');  // what is read or merged there stays
     else sheet(read.title, [html('pre', {}, read.text)]);
   }
 

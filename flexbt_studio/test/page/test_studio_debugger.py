@@ -243,6 +243,20 @@ def test_a_tree_is_held_stepped_and_stopped(robot: StudioPage, mission: Mission)
     page.press('q')
     page.until_sheet('Add is ')
     page.press(Keys.ESCAPE)
+    # An answer that comes late takes the place of nothing that is read by then.
+    late = (
+        'const {send} = WebSocket.prototype;'
+        'WebSocket.prototype.send = function (data) {'
+        ' if (data.includes("tree why")) window.late = () => send.call(this, data); else send.call(this, data); }'
+    )
+    page.run(late)
+    page.press('q', '?')
+    page.until_sheet('In the Graph')
+    page.until(lambda: page.run('return Boolean(window.late)'))
+    page.run('window.late()')
+    page.until_text('debug-log', 'tree why: Add is ')
+    assert 'In the Graph' in page.text('sheet')
+    page.press(Keys.ESCAPE)
     # Another page of the same robot shows the same, and takes away what this one has set.
     first = page.driver.current_window_handle
     page.driver.switch_to.new_window('tab')
