@@ -277,12 +277,15 @@ class _TeamWriter(_Writer):
         tree = ElementTree.Element('BehaviorTree', ID=id)
         both = _add(_add(tree, 'KeepRunningUntilFailure'), 'ReactiveSequence', name=robot)
         chosen, lost = entry('next', robot), entry('lost', robot)
+        last, again = entry(_LAST_ENTRY, robot), entry(_AGAIN_ENTRY, robot)
 
         def add_rule(parent: ElementTree.Element, rule: BranchRule) -> None:
             sequence = _add(parent, 'ReactiveSequence')
             self._conditions(sequence, rule.condition)
             action = self._name(rule.action)
-            _add(sequence, 'Script', name=action or 'others go on', code=f"{chosen} := '{action}'")
+            # Where it is to do something else, its last action had its effects.
+            code = f"{chosen} := '{action}'; {again} := ({last} == '{action}') ? {again} : 0"
+            _add(sequence, 'Script', name=action or 'others go on', code=code)
 
         branches = _add(both, 'ReactiveFallback', name=f'what {robot} is to do')
         reached = _add(branches, 'ReactiveSequence')
@@ -297,8 +300,7 @@ class _TeamWriter(_Writer):
             step = _add(done, 'ReactiveSequence')
             _add(step, 'ScriptCondition', code=f"{chosen} == '{self._name(action)}'")
             # Other robots take over its failed action in the next tick.
-            own = {'last': entry(_LAST_ENTRY, robot), 'again': entry(_AGAIN_ENTRY, robot)}
-            self._action(_add(step, 'ForceSuccess'), action, lost, f'{lost} := true', **own)
+            self._action(_add(step, 'ForceSuccess'), action, lost, f'{lost} := true', last=last, again=again)
         _add(_add(done, 'KeepRunningUntilFailure', name='others go on'), 'AlwaysSuccess')
         return tree
 

@@ -87,6 +87,16 @@ def test_what_a_robot_cannot_do_the_other_one_does_in_its_place() -> None:
     assert len([name for name in world.started if name.startswith('red')]) == 2  # as often as it may be tried
 
 
+def test_what_is_done_again_since_others_have_used_it_is_not_done_in_vain() -> None:
+    fills = [action('red fills', '', 'full', '')]
+    loads = [action(f'blue takes {n}', f'full {n - 1}', f'{n}', f'full {n - 1}', 3) for n in range(1, 6)]
+    problem = led_by(PlanningProblem((*fills, *loads), frozenset({'0'}), (frozenset({'5'}),)))
+    team = Team(problem, ROBOTS, {one.name: one.name.split()[0] for one in problem.actions})
+    world = world_of(team, lasts=lambda name: 1 if name == 'red fills' else 3)
+    assert world.run(tree_xml(plan_team(team))) is NodeStatus.SUCCESS
+    assert world.done.count('red fills') == 5  # each is tried twice
+
+
 def test_a_robot_whose_action_has_no_effects_is_lost_too() -> None:
     team = fetching()
     world = world_of(team, idle=lambda name: name.startswith('red goes'))
