@@ -32,12 +32,12 @@ export class Debugger {
     const act = (id, text, keys, run) => html('button', {type: 'button', id: `debug-${id}`, title: keys && `${keys}`, onclick: run}, text);
     this.stops = [...document.querySelectorAll('.stop')];  // in the dialogs, too
     for (const one of this.stops) one.addEventListener('click', () => this.do('stop'));
-    this.bar = html('div', {id: 'held', role: 'alert', class: 'bar'});
+    this.bar = html('div', {id: 'held', role: 'alert', class: 'bar', tabindex: '-1'});
     this.who = html('p', {id: 'debug-who', class: 'hint'});
     this.buttons = html('fieldset', {class: 'buttons', 'aria-label': 'at the selected item'},
       act('break', 'Breakpoint', 'b', () => this.toggle()), act('if', 'Breakpoint If…', 'B', () => this.toggle(true)), act('run-to', 'Run to Here', 'Ctrl+F10', () => this.runTo()),
       act('force', 'Force Result…', 'f', () => this.give('force')), act('dummy', 'Dummy…', 'd', () => this.give('dummy')), act('pause', 'Pause', 'p', () => this.pause()));
-    this.set = html('ul', {id: 'debug-set', class: 'list', 'aria-label': 'what is set'});
+    this.set = html('ul', {id: 'debug-set', class: 'list', tabindex: '-1', 'aria-label': 'what is set'});
     this.data = html('div', {id: 'debug-data'});
     this.log = html('ol', {id: 'debug-log', class: 'list', 'aria-label': 'answers of the robot'});
     this.pane = html('details', {id: 'debug', open: true, hidden: true}, html('summary', {}, 'Debugger'), this.who, this.buttons,
@@ -156,6 +156,7 @@ export class Debugger {
     const key = JSON.stringify([holds, asked, event.points, event.breakpoints, link, this.operator, known.status?.authority, known.actions?.authority]);
     if (key === this.drawn) return;
     this.drawn = key;
+    const focused = [this.bar, this.set].find((one) => one.contains(document.activeElement));
     const button = (text, run) => html('button', {type: 'button', disabled: isObserver, onclick: run}, text);
     this.bar.replaceChildren(...(link && (this.link || holds.length) ? [html('p', {class: 'error'}, link)] : []),
       ...holds.map((one) => html('p', {class: 'warning'}, html('b', {}, `${one.path ? '‖ HELD' : '‖ PAUSED'} `), `${one.text}. It stays so when this page is closed. ${one.acts.length ? `Still active: ${one.acts.join(', ')}. ` : ''}`, button('Step', () => this.release(one, 'step')), button('Continue', () => this.release(one, 'continue')))),
@@ -166,6 +167,7 @@ export class Debugger {
     const row = (text, tone, go, line) => html('li', {class: tone}, html('button', {type: 'button', onclick: go}, text), html('button', {type: 'button', class: 'quiet', disabled: isObserver, 'aria-label': `clear: ${text}`, title: 'Clear all that is set there', onclick: () => this.do(line)}, '×'));
     this.set.replaceChildren(...(event.points ?? []).map((one) => row(one.text, one.problem ? 'warning' : null, () => this.show(this.place(event, one)), `tree clear ${one.path ? word(one.path) : ''} --tree ${word(one.tree)}`)),
       ...(event.breakpoints ?? []).map((path) => row(`machine: breakpoint at ${path}`, null, () => { const machine = this.live.machine(event); if (machine) this.show([machine.file.name, path]); }, `clear ${word(path)}`)));
+    if (focused?.childElementCount) focused.focus(); else if (focused) this.studio.graph.focus();  // no new button: a key that is on its way would press it
     this.studio.graph.on.drawn();
   }
 

@@ -215,8 +215,10 @@ def test_a_tree_is_held_stepped_and_stopped(robot: StudioPage, mission: Mission)
     label = page.run('return document.querySelector(`[data-path="${arguments[0]}"]`).getAttribute("aria-label")', REST)
     assert 'HELD, breakpoint if' in label
     # To the end of the tick, to the next hold, and to another node: each press once.
-    page.press(Keys.F11)
+    page.run('document.querySelector("#held button").focus()')
+    page.press(Keys.ENTER)
     page.until_text('held', 'PAUSED')
+    assert page.focused == 'held'
     page.press(Keys.F11)
     page.until_text('held', 'HELD before Rest')
     # Pressed three times at once: it is let go once for each time that it is held, and each press is answered.
@@ -234,8 +236,10 @@ def test_a_tree_is_held_stepped_and_stopped(robot: StudioPage, mission: Mission)
     page.until(lambda: attempts(page) == 4000)
     while attempts(page) <= 4000:  # Rest may be held at several of its ticks
         let_go(page)
-    page.press('b')
+    page.run('document.querySelector("#debug-set .quiet").focus()')
+    page.press(Keys.ENTER)
     page.until(lambda: marks(page) == {REST: '‖ HELD'})  # clearing does not let it go
+    assert page.focused == REST
     page.click(ADD)
     page.chord(Keys.CONTROL, Keys.F10)
     page.until_text('debug-log', 'tree run-to Add: applied')
