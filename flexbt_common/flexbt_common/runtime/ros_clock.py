@@ -242,8 +242,9 @@ class SimulatedTime:
                     self._take(subscription)
                 finally:
                     self._stands_still = False
-        except InvalidHandle:
-            self.subscription = None  # time is not simulated any more
+        except InvalidHandle:  # time is not simulated any more, or again by now
+            if self.subscription is subscription:
+                self.subscription = None
         except Exception as error:
             self._post_fault(error)
         finally:

@@ -8,20 +8,22 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from builtin_interfaces.msg import Time
 from rclpy.clock import ClockType, JumpThreshold, ROSClock, TimeJump
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
 from rclpy.time import Time as RosTime
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from flexbt_common.middleware.rclpy_private import EXECUTOR, is_usable
 from flexbt_common.runtime.node_runtime import NodeRuntime
-from flexbt_common.runtime.ros_clock import LONGEST_WAIT, HandledTime
+from flexbt_common.runtime.ros_clock import LONGEST_WAIT, HandledTime, SimulatedTime
 from flexbt_core.clock.clock import ManualClock, Timer
 from flexbt_core.clock.waiting import WakeEvent
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -221,6 +223,19 @@ def test_what_is_due_comes_while_simulated_time_stands_still(simulation: Simulat
     assert [seen.get(timeout=DEADLINE) for _ in range(2)] == [-1.0, 0.0]
     clock.call_at(5.0, lambda: ring(0.0))
     assert seen.get(timeout=DEADLINE) == 0.0
+
+
+def test_a_time_that_is_simulated_again_is_taken_from_its_new_subscription() -> None:
+    class Ended:
+        @property
+        def handle(self) -> Any:
+            time.subscription = again  # on the executor thread, while another one asks for the time
+            raise InvalidHandle
+
+    time, again = SimulatedTime(lambda error: None), cast('Subscription', object())
+    time.subscription = cast('Subscription', Ended())
+    time.take_newest()
+    assert time.subscription is again
 
 
 def test_a_wait_goes_on_when_time_is_not_simulated_any_more(simulation: Simulation) -> None:
