@@ -74,7 +74,7 @@ def time_line(
         at = x(zero + time)
         shown.append(f'<line class="grid" x1="{at:.2f}" x2="{at:.2f}" y1="{_TOP - 6}" y2="{bottom - 30}"/>')
         for y in (_TOP - 10, bottom - 14):  # of many rows, one of the two is in sight
-            shown.append(f'<text class="time" x="{at:.2f}" y="{y}" text-anchor="middle">{time:g} s</text>')
+            shown.append(f'<text class="time" x="{at:.2f}" y="{y}" text-anchor="middle">{time:.12g} s</text>')
     for number, (label, path) in enumerate(rows):
         shown.append(
             f'<text x="10" y="{_TOP + ROW * number + 15}" data-path={xml_attribute(printable(path))}>'
