@@ -99,12 +99,12 @@ class Vocabulary:
         return frozenset((*marks, *told, *self.ends.values(), CAPABILITY))
 
 
-def suffixes(outcomes: Sequence[str]) -> dict[str, str]:
-    """Return the shortest prefix of each outcome that neither another outcome has nor a proposition of capabilities."""
+def suffixes(outcomes: Sequence[str], marks: str = 'a') -> dict[str, str]:
+    """Return the shortest prefix of each outcome that no other one has, and that is neither a mark nor the memory."""
     found = {}
     for outcome in outcomes:
         lengths = range(1, len(outcome) + 1)
-        taken = [*_KINDS, 'm', *(other for other in outcomes if other != outcome)]
+        taken = [*marks, 'm', *(other for other in outcomes if other != outcome)]
         found[outcome] = next(
             (outcome[:n] for n in lengths if not any(other.startswith(outcome[:n]) for other in taken)), outcome
         )
@@ -329,7 +329,7 @@ class Translation:
             self._notes.append(f"the machine has the outcome '{GAVE_UP}', for when retries are used up")
         self._check_names(ends)
         numbers = {name: number for number, name in enumerate(outcomes, 1)} if self._options.parsed else None
-        return Vocabulary(outcomes, suffixes(mappings.transition_outcomes), ends, numbers)
+        return Vocabulary(outcomes, suffixes(mappings.transition_outcomes, self._marks), ends, numbers)
 
     def _check_names(self, ends: Mapping[str, str]) -> None:
         taken = {
@@ -339,7 +339,7 @@ class Translation:
             **{
                 f'{name}_{kind}': f'a proposition of {name}'
                 for name in self._file.capabilities
-                for kind in self._kinds()
+                for kind in (*self._marks, *suffixes(self._file.mappings.transition_outcomes, self._marks).values())
             },
         }
         lines = {name: one.line for name, one in self._file.capabilities.items()}
@@ -347,11 +347,10 @@ class Translation:
             if name in taken:
                 self._problem(lines.get(name, 1), f"'{name}' is {taken[name]} already: call it otherwise")
 
-    def _kinds(self) -> Iterator[str]:
-        """Yield the suffixes of the propositions of a capability."""
-        yield from ('a', *suffixes(self._file.mappings.transition_outcomes).values())
-        yield from ('x',) if self._options.retries is not None else ()
-        yield from ('p',) if self._options.pending else ()
+    @property
+    def _marks(self) -> str:
+        """Suffixes of what a capability has besides its outcomes and its memory."""
+        return 'a' + 'x' * (self._options.retries is not None) + 'p' * self._options.pending
 
     def _ends(self) -> dict[str, str]:
         """Return the outcomes of the machine, with the propositions for them."""

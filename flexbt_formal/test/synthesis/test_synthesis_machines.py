@@ -6,7 +6,7 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 import yaml
@@ -24,7 +24,7 @@ from flexbt_formal.synthesis.from_strategy import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_python, machine_as_yaml
 from flexbt_formal.synthesis.request_files import MachineRequest
 from flexbt_formal.synthesis.synthesis import synthesize
-from flexbt_formal.synthesis.translation import Liveness, SynthesisProblem, translated
+from flexbt_formal.synthesis.translation import Liveness, Options, SynthesisProblem, translated
 
 
 def made(problem: SynthesisProblem) -> SynthesizedMachine:
@@ -51,19 +51,21 @@ def test_effects_may_be_by_an_outcome_of_the_state_too() -> None:
 
 
 @pytest.mark.parametrize(
-    ('before', 'after'),
+    ('before', 'after', 'options'),
     [
-        ('brew', 'brew_next'),  # next(...) is of the next step
-        ('failure', 'aborted'),  # brew_a is that brew is active
-        ('failure', 'missed'),  # brew_m is that brew was completed
+        ('brew', 'brew_next', {}),  # next(...) is of the next step
+        ('failure', 'aborted', {}),  # brew_a is that brew is active
+        ('failure', 'missed', {}),  # brew_m is that brew was completed
+        ('failure', 'preempted', {'pending': True}),  # brew_p is that brew has not completed yet
     ],
 )
-def test_names_do_not_change_what_a_machine_does(before: str, after: str) -> None:
+def test_names_do_not_change_what_a_machine_does(before: str, after: str, options: dict[str, Any]) -> None:
     text = COFFEE.replace(before, after)
     text += f'transition_outcomes: [completed, {"failure".replace(before, after)}]\n'
     goal = MachineRequest(goals=('brew'.replace(before, after),))
-    found = edges(made(translated(read_capabilities(text, 'coffee.yaml'), interface, goal)))
-    usual = edges(made(coffee()))
+    file = read_capabilities(text, 'coffee.yaml')
+    found = edges(made(translated(file, interface, goal, None, Options(**options))))
+    usual = edges(made(coffee(**options)))
     assert found == {
         name.replace(before, after): {outcome: to.replace(before, after) for outcome, to in of.items()}
         for name, of in usual.items()
