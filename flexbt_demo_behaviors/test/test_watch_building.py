@@ -3,9 +3,14 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import pytest
+
+from flexbt_demo_behaviors.demonstration.process_group import ProcessGroup
 from flexbt_demo_behaviors.demonstration.report import RobotTrack, draw_tracks, world_with_places
-from flexbt_demo_behaviors.night_watch.watch import PLACES, ROBOTS, ROUNDS, WORLD, watch_processes
+from flexbt_demo_behaviors.night_watch.watch import PLACES, ROBOTS, ROUNDS, WORLD, run_interactive, watch_processes
 from flexbt_sim.world import Pose
 
 
@@ -48,3 +53,13 @@ def test_the_picture_shows_where_each_robot_has_driven() -> None:
     driven = draw_tracks(world_with_places(WORLD, PLACES), tracks)
     assert driven.size == empty.size
     assert driven.tobytes() != empty.tobytes()
+
+
+def test_a_line_that_is_no_text_is_asked_for_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('flexbt_demo_behaviors.night_watch.watch.serve_page', lambda _group: '')
+    lines = [b'f\xc3', b'end']
+    watch: Any = SimpleNamespace(start=lambda: None, group=ProcessGroup(tmp_path))
+    run_interactive(watch, lambda _prompt: lines.pop(0).decode())
+    assert lines == [] and "'?': expected alpha, beta" in capsys.readouterr().out

@@ -273,6 +273,8 @@ def run_interactive(watch: Watch, read: Callable[[str], str] = input) -> None:
             words = read('night watch> ').split()
         except EOFError:
             return
+        except UnicodeDecodeError:  # some terminals erase only a part of a character
+            words = ['?']
         try:
             match words:
                 case ['end']:
