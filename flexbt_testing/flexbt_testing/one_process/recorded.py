@@ -39,7 +39,7 @@ from flexbt_console.errors import ConsoleError, UsageError
 from flexbt_console.recording.run_file import read_run
 from flexbt_console.recording.topics import check_definition, type_of
 from flexbt_core.values.text import escape_lines, one_line
-from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveStatus, TreeNode, TreeStatus
+from flexbt_msgs.msg import CommandResult, ExecutiveCommand, ExecutiveEvent, ExecutiveStatus, TreeNode, TreeStatus
 from flexbt_sim.messages import map_of, pose_of
 from flexbt_sim.world import Pose
 
@@ -52,7 +52,7 @@ TOLERANCE: Final = 1.0
 """Difference of times that counts as none, s: a world has no latencies, which add up on a robot."""
 
 _DECISION_SECONDS: Final = 5.0
-"""Time for which the answer to a decision waits for it, s."""
+"""Time for which the answer to a decision waits for it, and a START for the end of the run before, s."""
 
 _PLAN_NS: Final = 50_000_000
 """Time after a status of a tree within which a plan was received that was published before, ns."""
@@ -125,6 +125,8 @@ class Recording:
         self._begin = float(numpy.interp(starts[0], *self._clock))
         self.asking = {decision.id: decision.path for _, status in statuses for decision in status.decisions}
         """The states that asked, by the identifiers of their decisions."""
+        results = [result for _, status in statuses for result in status.results]
+        self.applied = {result.command_id for result in results if result.code == CommandResult.APPLIED}
         self.commands = [(self._time(when), command) for when, command in commands if when >= starts[0]]
         self.poses = [(self._time(when), pose_of(message.pose)) for when, message in self._by_topic[names.POSE]]
         self.answers: dict[str, list[Answer]] = defaultdict(list)
@@ -287,6 +289,10 @@ def _feed(recording: Recording, begin: float, world: World) -> None:
             while not (asked := _asked(world, path)) and SCHEDULER.now < until:
                 world.run(0.02)
             command.decision_id = asked[-1] if asked else command.decision_id
+        elif command.kind == ExecutiveCommand.START and command.id in recording.applied:
+            until = SCHEDULER.after(_DECISION_SECONDS)
+            while world.view.running and SCHEDULER.now < until:  # the run before, which may end a little later
+                world.run(0.02)
         snapshot = world.view.snapshot
         assert snapshot is not None
         if command.run_id:

@@ -13,7 +13,7 @@ from flexbt_common.values.limits import deserialize
 from flexbt_console.errors import UsageError
 from flexbt_console.recording.run_file import read_run, write_recording
 from flexbt_console.recording.topics import type_of
-from flexbt_msgs.msg import ExecutiveStatus
+from flexbt_msgs.msg import ExecutiveCommand, ExecutiveStatus
 from flexbt_testing.one_process.programs import Program, named_programs
 from flexbt_testing.one_process.recorded import _once, decide_again, main
 from flexbt_testing.one_process.what_if import Event
@@ -79,6 +79,26 @@ def test_an_answer_to_a_decision_that_no_status_shows_waits_for_it(tmp_path: Pat
     write_recording(short, sorted(messages, key=lambda one: one[0]))
     found = decide_again(short)
     assert found.after.ends == ['finished'], str(found)
+
+
+def test_a_start_right_after_the_end_of_a_run_waits_for_that(tmp_path: Path) -> None:
+    def start_twice(world: World) -> None:
+        world.start('Navigate')
+        world.force('/AskGoal', 'failed')
+        world.start('Navigate')
+        world.decline('/AskGoal')
+
+    quick, messages, forced_at = tmp_path / 'quick.mcap', [], 0
+    for one in read_run(recorded(tmp_path, start_twice)):
+        message, time = deserialize(one.data, type_of(one.topic)), one.time
+        if one.topic == names.EXECUTIVE_COMMAND and message.kind == ExecutiveCommand.FORCE:
+            forced_at = time
+        if one.topic == names.EXECUTIVE_COMMAND and message.kind == ExecutiveCommand.START and forced_at:
+            time = forced_at + 1
+        messages.append((time, one.topic, message))
+    write_recording(quick, sorted(messages, key=lambda one: one[0]))
+    found = decide_again(quick)
+    assert found.difference is None, str(found)
 
 
 def test_a_drive_that_was_paused_ends_when_it_did(tmp_path: Path) -> None:
