@@ -481,7 +481,7 @@ class World(Mission):
         """What the executives and trees have decided."""
         self.machines: dict[str, Path] = {}
         """The files of behaviors in YAML that were swapped, by their entry points."""
-        self.programs = {program.name: program for program in programs or robot_programs()}
+        self.programs = {one.name: one for one in (robot_programs() if programs is None else programs)}
         self.processes: dict[str, Process] = {}
         namespaces = [one.namespace for one in self.programs.values() if one.executable == 'onboard_executive']
         super().__init__(self, namespaces[0] if namespaces else '')

@@ -274,6 +274,12 @@ def test_what_does_not_fit_the_moment_is_told(bare: World) -> None:
         assert str(told.value).startswith(problem)
 
 
+def test_a_world_without_programs_has_no_robot() -> None:
+    with World(0, []) as world:
+        world.run(1.0)
+        assert (world.processes, world.robots) == ({}, {})
+
+
 def test_there_is_one_world_at_a_time(bare: World) -> None:
     with pytest.raises(RuntimeError, match=r'the world of \S+test_there_is_one_world_at_a_time is open'):
         World()
