@@ -63,6 +63,8 @@ def test_the_summary_is_told_also_where_no_picture_can_be_written(
 
 def test_a_branch_that_was_not_taken_is_named() -> None:
     assert 'leave' in [line for line in report().text().splitlines() if 'NOT TAKEN' in line][1]
+    table = DemoReport('A demonstration', ('arrive', 'leave' * 20)).text().splitlines()[1:]
+    assert len({line.index('NOT TAKEN') for line in table}) == 1
 
 
 def test_a_branch_that_nobody_promised_is_a_mistake_of_the_script() -> None:

@@ -275,8 +275,9 @@ class DemoReport:
         """Return the summary for a person; times of goals are simulated seconds."""
         lines = [f'{self.title}: {"passed" if self.passed else "FAILED"} after {self.duration:.1f} s']
         lines += [f'  goal    {goal.line()}' for goal in self.goals]
+        width = max(map(len, self.branches), default=0)
         for name in self.branches:
-            lines.append(f'  branch  {name:<41} {"taken" if name in self.taken else "NOT TAKEN"}')
+            lines.append(f'  branch  {name:<{width}}  {"taken" if name in self.taken else "NOT TAKEN"}')
         if self.problem:
             lines += [f'  {line}' for line in f'problem {self.problem}'.splitlines()]
         return '\n'.join(lines)
