@@ -342,6 +342,22 @@ def test_who_moves_along_the_time_line_asks_for_no_more_moments_than_the_server_
 
 
 @NEEDS_BROWSER
+def test_what_the_time_line_tells_covers_no_row(browser: Browser) -> None:
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        browser.run('document.querySelector("#timeline .timeline-body").focus()')
+        browser.press('[')
+        browser.until_text('timeline', 'no earlier failure')
+        edges = (
+            'const of = (name) => document.querySelector(`#timeline .timeline-${name}`).getBoundingClientRect();'
+            'return [of("body").bottom, of("told").top, of("told").bottom, of("bar").top]'
+        )
+        body, top, bottom, bar = browser.run(edges)
+        assert bar < body <= top + 0.5 < bottom
+
+
+@NEEDS_BROWSER
 def test_some_of_a_recording_stays_on_its_time_line_however_far_it_is_moved(browser: Browser) -> None:
     with served({'robot': WebRobot().station()}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
