@@ -358,6 +358,8 @@ def _plain_slot(value: Any, slot: Any, path: str) -> Any:
             raise FieldError(path, f'expected a list, got {short_repr(value)}')
         _check_size(len(value), slot, path)
         elements = value.tolist() if isinstance(value, array | numpy.ndarray) else value
+        if isinstance(value, array) and value.typecode == _ARRAY_CODES.get(getattr(slot.value_type, 'typename', '')):
+            return elements  # they can be nothing else; one by one, those of a map take more than a second
         return [_plain_slot(item, slot.value_type, f'{path}[{i}]') for i, item in enumerate(elements)]
     if _is_octet(slot) and isinstance(value, bytes) and len(value) == 1:
         return value[0]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import random
 import struct
+from array import array
 from typing import Any
 
 import numpy
@@ -15,7 +16,7 @@ from geometry_msgs.msg import Point, Point32, Pose, PoseArray, PoseStamped, Pose
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav2_msgs.action import Spin
-from nav_msgs.msg import Path
+from nav_msgs.msg import OccupancyGrid, Path
 from rosidl_parser.definition import (
     AbstractSequence,
     AbstractString,
@@ -281,6 +282,14 @@ def test_numbers_of_other_classes_are_sent_as_they_are_shown(name: str, loose: L
         assert same(from_entry(to_entry('k', loose.message(name), encoding=encoding)), value)
         assert same(from_entry(to_entry('k', [value, loose.message(name)], encoding=encoding)), [value, value])
     assert exact(value) is value
+
+
+def test_a_map_is_sent_in_time() -> None:
+    grid = OccupancyGrid(data=array('b', bytes(1_000_000)))
+    began = processor_time()
+    entry = to_entry('map', grid)
+    assert processor_time() - began < 0.3
+    assert from_entry(entry) == grid
 
 
 def test_what_does_not_fit_a_field_of_a_goal_is_refused_with_its_place() -> None:
