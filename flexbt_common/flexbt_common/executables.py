@@ -45,9 +45,15 @@ def run_main(module: str, *, raises_interrupt: bool = False, address_space: int 
     only printed to standard error. An ignored SIGINT stays ignored, as for background jobs of a shell.
     With ``raises_interrupt``, ``main()`` runs with Python's handler.
 
+    A standard stream that was closed before, as by ``<&-`` in a shell, is that of the null device: it has nothing to
+    read, takes any text, and is no terminal.
+
     If the limit of the process is below ``address_space`` bytes, print that and import nothing: libraries hang or abort
     without memory. The matrix library starts no threads, since its memory grows with the number of processors.
     """
+    for stream, mode in {'stdin': 'r', 'stdout': 'w', 'stderr': 'w'}.items():
+        if getattr(sys, stream) is None:
+            setattr(sys, stream, open(os.devnull, mode))  # noqa: PTH123, SIM115 - it stays open; pathlib is slow
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < address_space:
         name = os.path.basename(sys.argv[0])  # noqa: PTH119 - pathlib's import is slow

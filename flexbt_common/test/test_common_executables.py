@@ -100,3 +100,21 @@ def test_loading_leaves_out_what_generates_message_code(tmp_path: Path) -> None:
         '    return int(not gc.isenabled() or gc.get_freeze_count() == 0 or "rosidl_parser.parser" in sys.modules)\n'
     )
     assert subprocess.run([sys.executable, '-c', START.format(False)], cwd=tmp_path, check=False).returncode == 0
+
+
+def test_a_stream_that_was_closed_before_the_start_is_that_of_the_null_device(tmp_path: Path) -> None:
+    (tmp_path / 'slow.py').write_text("""
+import os
+import sys
+
+def main():
+    streams = sys.stdin, sys.stdout, sys.stderr
+    print('lost')
+    with open('seen', 'w') as seen:
+        print([stream.isatty() for stream in streams], [stream.fileno() for stream in streams],
+              repr(sys.stdin.read()), file=seen)
+    return 0
+""")
+    shell = 'exec "$0" -c "$1" <&- >&- 2>&-'
+    subprocess.run(['/bin/sh', '-c', shell, sys.executable, START.format(False)], cwd=tmp_path, check=True)
+    assert (tmp_path / 'seen').read_text() == "[False, False, False] [0, 1, 2] ''\n"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from flexbt_demo_behaviors.demonstration.running import has_terminal, parse_options
+from flexbt_demo_behaviors.demonstration.running import parse_options
 
 
 def test_without_a_terminal_the_script_runs_both_demonstrations_fast() -> None:
@@ -27,11 +27,6 @@ def test_the_environment_chooses_and_the_command_line_has_the_last_word() -> Non
     assert parse_options([], environment, terminal=False).output == Path('/elsewhere')
     nothing = parse_options([], {'DEMO': '', 'SPEED': '', 'OUTPUT': ''}, terminal=False)
     assert (nothing.demos, nothing.output) == ((1, 2), Path('out'))
-
-
-def test_streams_that_were_closed_before_the_start_are_no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('sys.stdin', None)
-    assert not has_terminal()
 
 
 @pytest.mark.parametrize(

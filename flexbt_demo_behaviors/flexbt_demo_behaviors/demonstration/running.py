@@ -83,12 +83,7 @@ def parse_run_options(program: str, description: str) -> RunOptions:
     """Parse the command line of a program with one demonstration. If it is invalid, exit with a message."""
     parser = SuggestingArgumentParser(prog=program, description=description, epilog=SCRIPT_EPILOG)
     _add_run_options(parser, os.environ)
-    return _run_options(parser, parser.parse_args(), has_terminal())
-
-
-def has_terminal() -> bool:
-    """Return whether a person is at a terminal; a stream that was closed before the start is None."""
-    return all(stream is not None and stream.isatty() for stream in (sys.stdin, sys.stdout))
+    return _run_options(parser, parser.parse_args(), sys.stdin.isatty() and sys.stdout.isatty())
 
 
 def parse_options(arguments: Sequence[str], environment: Mapping[str, str], terminal: bool) -> DemoOptions:

@@ -23,7 +23,6 @@ from flexbt_demo_behaviors.demonstration.report import DemoReport, RobotTrack, T
 from flexbt_demo_behaviors.demonstration.running import (
     DemoOptions,
     DemoSession,
-    has_terminal,
     open_session,
     page_line,
     parse_options,
@@ -50,7 +49,8 @@ The robot is ready, and the behavior "{behavior}" asks you where to go: ":{place
 
 def main() -> int:
     """Run the demonstration with the options of the command line. Return the exit code of the process."""
-    options = parse_options(sys.argv[1:], os.environ, has_terminal())
+    terminal = sys.stdin.isatty() and sys.stdout.isatty()
+    options = parse_options(sys.argv[1:], os.environ, terminal)
     return run_demonstration('demo', options, _run)
 
 
