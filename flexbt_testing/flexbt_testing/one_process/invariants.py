@@ -60,6 +60,9 @@ HUNG_SECONDS: Final = 7.0
 SEEN_SECONDS: Final = 0.5
 """Time within which an abstract robot may have been at rest without telling it, s."""
 
+HEARD_SECONDS: Final = 0.2
+"""Time within which a node hears another one that it begins to watch, s: a node asserts its token each 0.15 s."""
+
 ORPHAN_SECONDS: Final = 6.0
 """Time after the death of a client until its goals have ended, s."""
 
@@ -154,7 +157,7 @@ class Observer:
         self.hung: dict[str, tuple[int, int]] = {}  # begin and end of the last hang of each process
         self.entered: dict[tuple[int, int], tuple[str, int]] = {}  # by process and state: class, and whether it is in
         self.died: dict[Process, int] = {}  # or told to end
-        self.met: dict[tuple[Process, Process], int] = {}  # server and client of a goal: when the first was accepted
+        self.met: dict[tuple[Process, Process], int] = {}  # server and client of trees: since when
         self.has_program = has_program
         self.directory = directory
         self._world = world
@@ -292,7 +295,8 @@ class Observer:
                 if name.endswith('/send_goal') and message.accepted:
                     action, client = name.removesuffix('/_action/send_goal'), request_id.client.process
                     self._goals[goal] = _Goal(action, end.process, client)
-                    self.met.setdefault((end.process, client), SCHEDULER.now)
+                    if action.endswith(names.BT_EXECUTOR):  # from the first one on the server watches its owner
+                        self.met.setdefault((end.process, client), SCHEDULER.now)
                     if self.has_program and (client is end.process or not client.name.endswith(_MOVERS)):
                         self._robot(end.process).goes_on()
                 elif name.endswith('/get_result') and message.status in _ENDED:
@@ -414,7 +418,7 @@ class _Robot:
         unless it had time to hear it since its first goal."""
         server = self._world.processes[self._nodes['bt_server']]
         met = self._observer.met.get((server, self._world.processes[name]), SCHEDULER.now)
-        is_unheard = name == self._executive and SCHEDULER.now - met < LEASE_SECONDS * SECOND
+        is_unheard = name == self._executive and SCHEDULER.now - met < HEARD_SECONDS * SECOND
         return server.began + int(START_SECONDS * SECOND) if is_unheard else 0
 
     @property

@@ -257,6 +257,16 @@ RARE: dict[str, tuple[Plan, set[int]]] = {
         ),
         {10},
     ),
+    'trees run on while their owner hangs': (
+        Plan(
+            1,
+            motion='full',
+            settle=7.0,
+            steps=(Step(0.3, 'hang', 'onboard_executive', 9.0, 'goal 4'),),
+            answers=((0.1, 0.7),),
+        ),
+        {3},
+    ),
     'trees go on after a long hang': (replace(_PROGRAM, settle=7.0, steps=(_HANG,)), {1}),
     'a goal that is replaced does not end': (
         replace(_PROGRAM, steps=(Step(3.0, 'goal_pose', 'engineer', 0.5),)),
