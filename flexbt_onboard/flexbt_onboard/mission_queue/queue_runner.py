@@ -239,6 +239,8 @@ class QueueRunner(RunReader):
         state, interrupted = self._queue.state, self._runs.interrupted
         if state.ended is not None:  # the executive was killed between the end of the run and what follows from it
             self._settle(state.ended)
+        if corruption and state.entries:
+            self.hold('the journal is corrupt: which entries have run is not known')
         if interrupted is not None and interrupted.queue_entry:
             self._queue.running = interrupted.queue_entry
             try:
@@ -246,8 +248,6 @@ class QueueRunner(RunReader):
                 run_request(self._library, interrupted.behavior, (), (), 0, '')
             except CommandRefusedError as error:
                 self.hold(f'entry {interrupted.queue_entry} ran when the executive ended, and cannot continue: {error}')
-        elif corruption and state.entries:
-            self.hold('the journal is corrupt: whether an entry ran when the executive ended is not known')
         if state.entries:
             self._runtime.post(self.consider)
 

@@ -8,6 +8,7 @@ import math
 import os
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -314,6 +315,32 @@ def test_an_interrupted_entry_is_held_although_a_start_comes_with_its_abort(tmp_
     bench.wait_held("entry 1 ended by 'preempted'")
     assert bench.numbers() == [1]
     bench.close()
+
+
+def test_a_corrupt_journal_holds_the_queue_also_while_an_entry_is_interrupted(tmp_path: Path) -> None:
+    file = tmp_path / 'onboard_executive.journal'
+    begin = {'run': '1', 'behavior': 'Work', 'by': '', 'autonomy': 3, 'arguments': [], 'inputs': [], 'entry': 1}
+    entries = {number: QueueEntry(number, 'Work', queue_options.QueueOptions()) for number in (1, 2)}
+    both = QueueState(entries, last_entry=2)
+    journal = Journal(file, lambda _: None, ManualClock())
+    journal.append(queue=both.since(QueueState()))
+    journal.append(begin=begin)
+    journal.append(run='1', end='finished')  # the next two lines are lost: entry 1 seems to wait
+    journal.append(queue=replace(both, entries={2: entries[2]}).since(both))
+    journal.append(begin={**begin, 'run': '2', 'entry': 2})
+    journal.close()
+    lines = file.read_bytes().split(b'\n')
+    file.write_bytes(b'\n'.join([*lines[:3], *(b'?' + line for line in lines[3:5]), *lines[5:]]))
+    Work.ran = Work.failures = 0
+    bench = QueueBench(*BEHAVIORS, parameters=parameters_of(tmp_path))
+    try:
+        bench.wait_held('the journal is corrupt')
+        bench.applied(C.RESUME_RUN, run_id='2')
+        bench.wait_entries(1)  # it has run before
+        bench.wait_for_text(1, 'the queue is held')
+        assert Work.ran == 1
+    finally:
+        bench.close()
 
 
 def test_conditions_of_battery_and_place(bench: QueueBench) -> None:
