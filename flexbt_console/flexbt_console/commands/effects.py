@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from string import digits
 from typing import Final
 
 from flexbt_common.files import ALERTS, home_path
@@ -111,12 +112,8 @@ def _input(line: CommandLine, view: View, builder: CommandBuilder) -> OperatorCo
     decision_id, unseen = line.value(DECISION), line.has(UNSEEN)
     if line.has('--decline'):
         return builder.decline(view, decision_id or line.first_word)
-    if not decision_id and len(line.words) > 1:
-        if view.pending(line.words[0]) is not None:
-            return builder.answer(view, line.words[0], ' '.join(line.words[1:]), unseen=unseen)
-        if any(decision.wants_text for decision in view.decisions):
-            # The first word may be the ID of a request that has ended, which must not become part of the answer.
-            raise RefusedError('put a text of several words in quotes, or use --decision ID')
+    if not decision_id and _names_input_request(line, view):
+        return builder.answer(view, line.words[0], ' '.join(line.words[1:]), unseen=unseen)
     return builder.answer(view, decision_id, line.text, unseen=unseen)
 
 
@@ -129,7 +126,23 @@ def _names_state(line: CommandLine, view: View) -> bool:
 
 
 def _names_input_request(line: CommandLine, view: View) -> bool:
-    return bool(line.words) and view.pending(line.words[0]) is not None
+    """Return whether the first word names the request. Raise ConsoleError if it names one that has ended, or has no
+    value behind it: it must not become the answer to another one."""
+    named = line.first_word
+    if line.has('--decline'):
+        return bool(named)
+    is_pending = view.pending(named) is not None
+    if is_pending and len(line.words) == 1:
+        raise UsageError(f'usage: {line.spec.usage}')
+    if not is_pending and any(_is_numbered_as(one.id, named) for one in view.decisions):
+        raise RefusedError(f'input request {short_repr(named)} is not pending; to answer this text, use --decision ID')
+    return is_pending
+
+
+def _is_numbered_as(decision_id: str, text: str) -> bool:
+    """Return whether a text differs from the identifier of a decision only in the number at its end."""
+    stem = decision_id.rstrip(digits)
+    return bool(stem) and text.startswith(stem) and text.removeprefix(stem).isdigit()
 
 
 _OUTCOMES: Final = frozenset({DecisionKind.TRANSITION, DecisionKind.CHOICE})

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -16,7 +17,7 @@ from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import parse
 from flexbt_console.commands.registry import build
 from flexbt_console.commands.spec import Show
-from flexbt_console.errors import NotShownError
+from flexbt_console.errors import NotShownError, RefusedError, UsageError
 from flexbt_console.link.messages import record_of
 from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_console.mirror.records import (
@@ -182,7 +183,7 @@ ANSWERS: dict[str, Answer] = {
 
 
 def line(text: str, view: View, make: CommandBuilder) -> Any:
-    return build(parse(text.split()), view, make)
+    return build(parse(shlex.split(text)), view, make)
 
 
 def typed(text: str, view: View, make: CommandBuilder) -> Any:
@@ -206,6 +207,29 @@ def test_a_value_is_not_given_for_what_is_not_shown(mirror: Mirror) -> None:
         line('input red', mirror.view(), make)
     assert line('input --unseen red', mirror.view(), make).kind is CommandKind.ANSWER
     assert line('decline', mirror.view(), make).kind is CommandKind.DECLINE  # it judges nothing
+
+
+@pytest.mark.parametrize('is_prompt', [False, True], ids=['line mode', 'prompt'])
+def test_an_answer_that_names_a_request_never_goes_to_another_one(mirror: Mirror, is_prompt: bool) -> None:
+    other = Decision('i-3', DecisionKind.INPUT, '/AskName', input_type='string')
+    show(mirror, other, replace(other, id='i-4'))
+    make = CommandBuilder('ann')
+
+    def given(text: str) -> Any:
+        view = mirror.view()
+        return interpret(text, view, make, Bound('i-3')).command if is_prompt else line(text, view, make)
+
+    assert (given('input i-4 stay away').decision_id, given('input i-4 --decline').decision_id) == ('i-4', 'i-4')
+    with pytest.raises(UsageError, match='usage: input'):
+        given('input i-4')
+    show(mirror, other)  # the other one is withdrawn
+    for text in ('input i-4 stay away', 'input i-4', 'input i-4 --decline', 'decline i-4', 'input --decision i-4 stay'):
+        with pytest.raises(RefusedError, match="'i-4' is not pending"):
+            given(text)
+    for text in ('stay away', 'i-am away', 'i-', '1 2 3', '"i-4 is gone"', '--decision i-3 i-4 is gone'):
+        answer = given(f'input {text}')
+        told = text.removeprefix('--decision i-3 ').strip('"')
+        assert (answer.decision_id, answer.inputs[0].text) == ('i-3', f'"{told}"')
 
 
 MACHINE = '# look\nmachine:\n  outcomes: [finished]\n'
