@@ -423,8 +423,17 @@ def test_a_comparison_tells_what_a_change_does_until_it_is_saved(
 
 def choose(page: StudioPage, node: str) -> None:
     """Click the name of a node beside its lane."""
-    rows = page.driver.find_elements('css selector', '#player-lanes .row-name')
-    next(row for row in rows if node in (row.get_attribute('textContent') or '')).click()
+    exceptions = pytest.importorskip('selenium.common.exceptions')
+
+    def is_clicked() -> bool:
+        rows = page.driver.find_elements('css selector', '#player-lanes .row-name')
+        try:
+            next(row for row in rows if node in (row.get_attribute('textContent') or '')).click()
+        except exceptions.StaleElementReferenceException:  # the lanes were drawn again
+            return False
+        return True
+
+    page.until(is_clicked)
 
 
 class Robots:
