@@ -52,7 +52,8 @@ _LARGEST: Final = 1_000_000
 """Size above which the file is rewritten, bytes, or four times its size after the last rewrite if that is more."""
 
 _MOST_WAITING: Final = 1000
-"""Maximum number of lines that wait for the disk. Beyond it, the resulting state is written instead."""
+"""Maximum number of lines that wait for the disk. Beyond it, and while the disk fails or hangs, the resulting state is
+written instead: each line may have megabytes of userdata."""
 
 _CLOSE_SECONDS: Final = 0.3
 _OPEN_SECONDS: Final = 5.0
@@ -205,7 +206,7 @@ class Journal:
             self.state.apply(line)
             self._lines.append(line)
             self._appended += 1
-            if len(self._lines) > _MOST_WAITING:
+            if self._problems or len(self._lines) > _MOST_WAITING:
                 self._lines.clear()
                 self._is_anew = True
             self._changed.notify()

@@ -564,6 +564,24 @@ def test_lines_that_wait_for_a_disk_are_bounded_and_none_is_lost(
     assert state_of(list(read_journal(journal.file.read_bytes()).lines)) == journal.state
 
 
+def test_while_the_disk_hangs_no_lines_wait_for_it_since_each_may_be_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, told = ManualClock(), list[str]()
+    journal = written(Journal(tmp_path / 'e.journal', told.append, clock))
+    disk = SlowDisk(monkeypatch)
+    journal.append(begin=begin_of('r'))
+    assert disk.entered.wait(60.0)
+    clock.advance(STUCK_SECONDS + 0.1)
+    for number in range(100):
+        journal.append(run='r', position=position_of(str(number)))
+    disk.goes.set()
+    wait_until(lambda: told[1:] == [''], lambda: told)
+    lines = read_journal(written(journal).file.read_bytes()).lines
+    journal.close()
+    assert len(lines) == 2 and state_of(list(lines)) == journal.state
+
+
 # -- values -----------------------------------------------------------------------------------------------------------
 
 
