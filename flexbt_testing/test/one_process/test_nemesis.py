@@ -7,6 +7,7 @@ import os
 import pickle
 import signal
 import sys
+import tempfile
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -317,9 +318,12 @@ def test_threads_that_die_programs_that_do_not_end_and_what_raises_at_the_end_ar
     assert {one.number for one in found} == {9} and told in found[0].text
 
 
-def test_no_operator_of_a_plan_acts_after_another_one_has_taken_over(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_operator_of_a_plan_acts_after_another_one_has_taken_over(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     steps = (Step(0.1, 'stop', 'engineer', 0.0, 'fault 1'), Step(2.0, 'kill', 'bt_server', 0.5))
     acted: list[str] = []
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))  # where a child leaves its world
     monkeypatch.setattr(nemesis_run._Operator, 'act', lambda _operator, act, _amount: acted.append(act))
     monkeypatch.setattr(nemesis, 'take_over', lambda world, _words: world.run(5.0))
 
