@@ -61,6 +61,16 @@ class _TimedMotion(Motion):
         return limited
 
 
+ROLL_TIME: Final = 0.1
+"""Minimum time for which the robot may roll on beyond its distance, s: until the command to stop arrives, and while it
+brakes."""
+
+
+def _roll_time(speed: float, deceleration: float) -> float:
+    """Return the time, s, in which a robot at this speed would come as far as it rolls on."""
+    return max(ROLL_TIME, LATENCY + abs(speed) / (2.0 * deceleration))
+
+
 class SpinMotion(_TimedMotion):
     """A turn on the spot by an angle, rad; ``turned`` so far."""
 
@@ -76,7 +86,8 @@ class SpinMotion(_TimedMotion):
         """See :class:`Motion`.
 
         Raises:
-            NavigationError: TIMEOUT, or COLLISION_AHEAD when the robot touches an obstacle, or would while it turns.
+            NavigationError: TIMEOUT, or COLLISION_AHEAD when the robot touches an obstacle, or would while it turns or
+                brakes.
         """
         self._check_time(now)
         if self._last is not None:
@@ -86,17 +97,13 @@ class SpinMotion(_TimedMotion):
         if remaining < 1e-6:
             return None
         angular = math.copysign(self._limits.speed(remaining), self._target)
-        seconds = min(LOOK_AHEAD, remaining / abs(angular))
+        roll = _roll_time(angular, self._limits.acceleration)
+        seconds = min(max(LOOK_AHEAD, roll), remaining / abs(angular) + roll)
         steps = math.ceil(seconds / LOOK_AHEAD_STEP)
         ahead = (drive(pose, 0.0, angular, seconds * step / steps) for step in range(steps + 1))
         if any(map(self._costmap.in_collision, ahead)):
             raise NavigationError('COLLISION_AHEAD', f'an obstacle is within {seconds:.1f} s of turning')
         return self._kept_apart(self._apart, pose, Velocity(0.0, angular), now)
-
-
-ROLL_TIME: Final = 0.1
-"""Minimum time for which the robot may roll on beyond its distance, s: until the command to stop arrives, and while it
-brakes."""
 
 
 class DriveMotion(_TimedMotion):
@@ -109,7 +116,7 @@ class DriveMotion(_TimedMotion):
         super().__init__(allowance, costmap)
         self._distance = abs(distance)
         self._speed = speed
-        self._roll = max(ROLL_TIME, LATENCY + abs(speed) / (2.0 * deceleration))
+        self._roll = _roll_time(speed, deceleration)
         self._apart = KeepingApart(abs(speed))
         self._start: Pose | None = None
         self.driven = 0.0

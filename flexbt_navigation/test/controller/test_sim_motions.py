@@ -101,6 +101,21 @@ def test_a_spin_of_a_robot_that_brakes_gently_slows_down_in_time() -> None:
     assert done.robot.pose.yaw == pytest.approx(CENTRE.yaw - 1.0, abs=0.12)
 
 
+@pytest.mark.parametrize('acceleration', [0.2, 0.5])
+def test_a_spin_after_which_the_robot_would_roll_on_into_a_wall_ends_before_it(acceleration: float) -> None:
+    """A long robot along a wall turns towards it: by most of these angles it fits, and not by a little more."""
+    shape = box(1.0, 0.3)
+    costmap, limits = Costmap(WALL, Inflation.of(shape)), SPIN_LIMITS.braking_with(acceleration)
+    drive = DriveModel(linear_speed=0.1, linear_acceleration=0.01, angular_acceleration=acceleration)
+    ends = set()
+    for target in numpy.arange(-1.0, 0.0, 0.05):
+        run = Run(WALL, Pose(2.6, 3.0, math.pi / 2.0), RobotModel(footprint=shape, lidar=None, drive=drive))
+        done = run.go(SpinMotion(float(target), 0.0, costmap, limits), late=1)
+        assert not done.touched, target
+        ends.add(done.code)
+    assert ends == {'', 'COLLISION_AHEAD'}
+
+
 def test_a_spin_of_nothing_is_complete_at_once() -> None:
     assert SpinMotion(0.0, 1.0, costs(OPEN)).step(CENTRE, 5.0) is None
 
