@@ -95,6 +95,11 @@ class QueueRunner(RunReader):
         return bool(self._queue.state.entries)
 
     @property
+    def behaviors(self) -> set[str]:
+        """Names of the behaviors of the entries."""
+        return {entry.behavior for entry in self._queue.state.entries.values()}
+
+    @property
     def running(self) -> int:
         """Number of the entry that runs or was interrupted; 0 for none."""
         return self._queue.running

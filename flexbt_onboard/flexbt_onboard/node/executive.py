@@ -133,7 +133,9 @@ class Executive(RunReader):
         runs.readers += (self, ledger, actions, UserdataServer(runtime, runs), queue)
         store = MachineStore(self._file(parameters.machine_directory, ''))
         settings = SearchSettings(parameters.capability_directories, parameters.synthesis_memory)
-        synthesizer = Synthesizer(runtime, library, store, report, runs, link, settings)
+        synthesizer = Synthesizer(
+            runtime, library, store, report, lambda: runs.behaviors_in_use() | queue.behaviors, link, settings
+        )
         SynthesisServer(runtime, synthesizer, self._admission, presence)
         serve_flexbe(runtime, synthesizer, self._admission)
 

@@ -24,7 +24,6 @@ from flexbt_onboard.behaviors.machine_store import MACHINE_LENGTH, MachineStore,
 from flexbt_onboard.errors import BehaviorError, CommandRefusedError, OnboardError
 from flexbt_onboard.link.console_link import ConsoleLink
 from flexbt_onboard.link.reporter import Reporter
-from flexbt_onboard.runs.run_supervisor import RunSupervisor
 
 SEARCH_GROUP: Final = 'flexbt.synthesis'
 """Entry point group of the module that runs a search as a separate program: see flexbt_formal.requests.search."""
@@ -116,15 +115,17 @@ class Synthesizer:
         library: BehaviorLibrary,
         store: MachineStore,
         report: Reporter,
-        runs: RunSupervisor,
+        in_use: Callable[[], set[str]],
         link: ConsoleLink,
         settings: SearchSettings,
     ) -> None:
+        """``in_use`` returns the names of the behaviors that run, were interrupted, or are in the mission queue. Their
+        machines are neither replaced nor removed: an operator has seen what is started."""
         self._runtime = runtime
         self._library = library
         self._store = store
         self._report = report
-        self._runs = runs
+        self._in_use = in_use
         self._link = link
         self._settings = settings
         self._search: RunningSearch | None = None
@@ -196,8 +197,10 @@ class Synthesizer:
             self._library.check_free(name)
         except OnboardError as error:
             raise CommandRefusedError(str(error)) from error
-        if name in self._runs.behaviors_in_use():
-            raise CommandRefusedError(f'behavior {name!r} runs, or was interrupted: give another name')
+        if name in self._in_use():
+            raise CommandRefusedError(
+                f'behavior {name!r} runs, was interrupted, or is in the mission queue: give another name'
+            )
 
     def _close(self) -> None:
         search = self._search
@@ -233,11 +236,11 @@ class Synthesizer:
         This happens before it is stored, so that an operator who starts it now starts the machine that is stored.
 
         Raises:
-            OnboardError: a behavior of this name was started meanwhile, or is installed.
+            OnboardError: a behavior of this name was started or queued meanwhile, or is installed.
         """
-        in_use = self._runs.behaviors_in_use()
+        in_use = self._in_use()
         if name in in_use:
-            raise CommandRefusedError(f'behavior {name!r} was started meanwhile: give another name')
+            raise CommandRefusedError(f'behavior {name!r} was started meanwhile, or queued: give another name')
         self._library.add(machine_entry(name, machine))
         return in_use
 

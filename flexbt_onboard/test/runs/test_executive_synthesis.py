@@ -23,7 +23,7 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.limits import MACHINE_TEXT
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_msgs.action import SynthesizeBehavior
-from flexbt_msgs.msg import ExecutiveCommand
+from flexbt_msgs.msg import ExecutiveCommand, QueueOptions
 from flexbt_onboard.behaviors.machine_store import MOST_MACHINES, MachineStore
 from flexbt_onboard.node import synthesizer
 from flexbt_onboard.node.executive_parameters import ExecutiveParameters
@@ -180,7 +180,10 @@ print({answer!r}, flush=True)
     )
 
 
-def test_what_was_started_during_a_search_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize('is_queued', [False, True], ids=['started', 'queued'])
+def test_what_was_started_or_queued_during_a_search_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_queued: bool
+) -> None:
     slow_search(monkeypatch, tmp_path / 'go')
     kept = tmp_path / 'onboard_executive' / 'old.yaml'
     kept.parent.mkdir()
@@ -188,10 +191,16 @@ def test_what_was_started_during_a_search_is_not_replaced(tmp_path: Path, monkey
     with closing(SynthesisBench(tmp_path)) as bench:
         _, done = bench.ask(capabilities=COFFEE, name='old')
         bench.logged("synthesis of 'old'")
-        bench.start('old')
+        if is_queued:
+            bench.applied(ExecutiveCommand.QUEUE_HOLD)
+            options = QueueOptions(count=1, on_failure=QueueOptions.HOLD)
+            bench.applied(ExecutiveCommand.QUEUE_ADD, behavior='old', run_id='', queue_options=[options])
+        else:
+            bench.start('old')
         (tmp_path / 'go').touch()
         result = done.result(SEARCH_DEADLINE).result
         assert result is not None and result.code == Result.FAILURE and 'was started meanwhile' in result.message
+        assert 'give another name' in bench.made(capabilities=COFFEE, name='old').message
     assert kept.read_text(encoding='utf-8') == '# old\n' + MACHINE
 
 
