@@ -17,7 +17,7 @@ from flexbe_packages import GREET, HOLD, PARAMS, PATROL, TREES, manifest, write_
 from flexbt_flexbe import discovery, shim
 from flexbt_flexbe.api.behavior import converted
 from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
-from flexbt_onboard.behaviors.run_building import RunRequest, definition_of
+from flexbt_onboard.behaviors.run_building import RunRequest, check_given, definition_of
 from flexbt_onboard.behaviors.run_context import building
 from flexbt_onboard.errors import OnboardError, ParameterError
 from flexbt_testing.hostile_yaml import HOSTILE_YAML
@@ -148,6 +148,7 @@ def test_arguments_are_values_of_the_types_that_the_code_declares(package: Insta
 
 def test_a_path_sets_the_parameter_of_one_embedded_behavior_only(package: Installed, bench: StateBench) -> None:
     entry = package.entries()['Patrol']
+    check_given(RunRequest(entry, (('/Hello/word', 'Moin'),), (), 3))  # in the mission queue as at a start
     assert 'Moin operator!' in run(bench, entry, ('/Hello/word', 'Moin'))
     lines = run(bench, entry, ('/Hello/title', 'Dr. '))
     assert 'Dr. Hello operator!' in lines and 'Goodbye operator2' in lines

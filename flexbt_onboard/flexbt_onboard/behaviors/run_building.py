@@ -75,11 +75,17 @@ def check_given(request: RunRequest) -> None:
     """Check arguments and inputs of a later run, as far as that needs no machine.
 
     Raises:
-        CommandRefusedError: a parameter is unknown or does not accept its text, or an input cannot be converted.
+        CommandRefusedError: a parameter is unknown, given twice or does not accept its text, or an input cannot be
+            converted.
     """
     known = {one.name: one for one in request.entry.parameters}
+    given = [name for name, _ in request.arguments]
     try:
         for name, text in request.arguments:
+            if given.count(name) > 1:
+                raise ParameterError(f'parameter {name!r} is given twice')
+            if '/' in name:
+                continue  # of an embedded behavior
             if name not in known:
                 near = did_you_mean(name, known)
                 raise ParameterError(f'behavior {request.entry.name!r} has no parameter {name!r}{near}')

@@ -510,6 +510,7 @@ def test_a_disk_that_hangs_holds_up_neither_stop_nor_status(bench: QueueBench, m
         ({'inputs': [BlackboardEntry(key='k', type='int64', text='many')]}, 'many'),
         ({'inputs': [BlackboardEntry(key='k', type='geometry_msgs/msg/PoseStamped', data=b'\xff' * 9)]}, 'PoseStamped'),
         ({'arguments': [BehaviorArgument(name='speed', value='fast')]}, "has no parameter 'speed'"),
+        ({'arguments': [BehaviorArgument(name='speed', value='1')] * 2}, "'speed' is given twice"),
         ({'queue_options': [QueueOptions(on_failure=HOLD, distance=math.nan)]}, 'distance of an entry is nan'),
         ({'queue_options': [QueueOptions(on_failure=HOLD, battery=math.nan)]}, 'battery of an entry is nan'),
         ({'queue_options': [QueueOptions(on_failure=HOLD, interval=math.nan)]}, 'interval of an entry is nan'),
