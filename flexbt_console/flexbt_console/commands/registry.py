@@ -526,7 +526,7 @@ COMMANDS: Final = (
         (_AUTONOMY, _INPUT, *_QUEUE_OPTIONS),
         details=(
             'Parameters and inputs replace all that the entry has of them. "battery=none" ends that condition. '
-            'It is refused if another operator has changed the entry meanwhile.',
+            'It is refused if another operator has changed the entry meanwhile, or a run of it has ended.',
             *_QUEUE_DETAILS,
         ),
         needs=(Part.BEHAVIORS, Part.PLACES, Part.QUEUE),

@@ -53,7 +53,7 @@ class MissionQueue:
         """Replace options and autonomy of the entry of the same number, and arguments and inputs that are given.
 
         Raises:
-            CommandRefusedError: there is no such entry, or somebody has changed it meanwhile, or it is too large.
+            CommandRefusedError: there is no such entry, or it has changed meanwhile, or it is too large.
         """
         entry = self.entry(changed.number)
         if entry.revision != changed.revision:
@@ -174,7 +174,8 @@ class MissionQueue:
             told = failed
         if options.count == 1:
             return _without(entries, entry), why
-        told = replace(told, options=replace(options, count=max(0, options.count - 1)))
+        if options.count:  # an edit by whoever has seen the number before would restore it
+            told = replace(told, revision=told.revision + 1, options=replace(options, count=options.count - 1))
         if not options.interval:
             return {**entries, entry.number: told}, why
         return _placed(entries, replace(told, due=max(now, started + options.interval))), why

@@ -238,6 +238,7 @@ class QueueAgainstModel(RuleBasedStateMachine):
             elif is_good or options.on_failure is OnFailure.CONTINUE:
                 known.failures = 0 if is_good else known.failures + 1
                 known.left -= 1
+                known.revision += 1
                 if known.left == 0:
                     self.entries.remove(known)
                 elif options.interval:
@@ -295,6 +296,18 @@ def test_queue_against_model() -> None:
     run_state_machine_as_test(
         QueueAgainstModel, settings=settings(max_examples=200, stateful_step_count=30, deadline=None)
     )
+
+
+def test_an_edit_of_what_was_seen_before_a_run_gives_that_run_not_again() -> None:
+    queue = MissionQueue(QueueState(), Disk().write)
+    seen = queue.entry(queue.add(QueueEntry(0, 'Work', QueueOptions(count=3))))
+    endless = queue.entry(queue.add(QueueEntry(0, 'Work', QueueOptions(count=0, interval=10.0))))
+    for number in (seen.number, endless.number):
+        queue.settle(EndedRun(number, 'finished', ''), 1.0)
+    with pytest.raises(CommandRefusedError, match='was changed meanwhile'):
+        queue.edit(replace(seen, options=replace(seen.options, priority=1)))
+    assert queue.entry(seen.number).options == QueueOptions(count=2)
+    queue.edit(replace(endless, options=replace(endless.options, priority=1)))
 
 
 @given(st.integers(0, 1439), st.integers(0, 1439), st.integers(0, 2**31 - 1))
