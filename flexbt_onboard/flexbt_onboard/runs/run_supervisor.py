@@ -87,6 +87,7 @@ class RunSupervisor(RunReader):
         self._operators = operators
         self._stops = stops
         self._monitoring = monitoring
+        self._level_of_others: int | None = None
         known = journal.next_autonomy
         self._last = LastRun(autonomy if known is None else known)
 
@@ -154,6 +155,8 @@ class RunSupervisor(RunReader):
         self._stops.begins()
         readers = (self, *self.readers)
         stop_timeout = self._stops.timeout
+        # A program or the queue says at which level a run begins, not an operator.
+        self._level_of_others = request.autonomy if request.queue_entry or not request.is_durable else None
         self.run = BehaviorRun(request, run_id, self._services, recorder, readers, stop_timeout, self._monitoring)
         self.run.start()
         self._tell(RunRequested(request))
@@ -204,8 +207,9 @@ class RunSupervisor(RunReader):
         last, self.run = self.run.snapshot, None
         self._report.run_id = ''
         self._operators.watch_over(None)
-        self._journal.set_next_autonomy(last.autonomy)
-        self._last = replace(self._last, autonomy=last.autonomy)
+        if last.autonomy != self._level_of_others:
+            self._journal.set_next_autonomy(last.autonomy)
+            self._last = replace(self._last, autonomy=last.autonomy)
         self._show_end(last.run_id, last.behavior, end)
 
     def _show_end(self, run_id: str, behavior: str, end: BehaviorEnded | RunRefused) -> None:

@@ -183,6 +183,20 @@ def test_three_entries_of_which_one_fails_and_the_queue_goes_on_after_the_releas
     assert not bench.queue.held
 
 
+def test_the_level_of_an_entry_does_not_become_that_of_the_operator_unless_he_sets_it(bench: QueueBench) -> None:
+    bench.applied(C.AUTONOMY, autonomy=0, run_id='')
+    for level, after in ((None, 0), (1, 1), (None, 1)):
+        bench.add('Gate')
+        bench.wait_active('/Only')
+        assert bench.status.autonomy == 3
+        if level is not None:
+            bench.applied(C.AUTONOMY, autonomy=level)
+        Gate.outcome = 'finished'
+        bench.wait_entries()
+        wait_until(lambda: bench.status.state == ExecutiveStatus.IDLE, 'the end')
+        assert bench.status.autonomy == after
+
+
 def test_a_stop_holds_the_queue_also_while_nothing_runs(bench: QueueBench) -> None:
     one = bench.add('Gate')
     bench.wait_active('/Only')

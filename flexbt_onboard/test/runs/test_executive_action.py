@@ -21,6 +21,7 @@ from flexbt_msgs.action import BtExecute, ExecuteBehavior
 from flexbt_msgs.msg import BehaviorArgument, ExecutiveCommand, ExecutiveStatus
 from flexbt_onboard.behaviors.behavior import Behavior, BehaviorManifest, BehaviorParameter
 from flexbt_onboard.node import action_servers
+from flexbt_onboard.node.executive_parameters import ExecutiveParameters
 from flexbt_onboard.runs.run_events import BehaviorEnded, StatusSent
 from flexbt_testing.nodes.executive_bench import ExecutiveBench
 from flexbt_testing.waiting import wait_until
@@ -140,6 +141,7 @@ def test_inputs_and_parameters_go_in_and_outcome_and_outputs_come_out(bench: Exe
     assert from_entry(result.outputs[0]) == 15
     assert client.run(0)[1].outcome == 'nothing'
     assert bench.wait_idle() == 'nothing'
+    assert bench.status.autonomy == ExecutiveParameters().autonomy  # the operator's, not that of the goals
 
 
 @pytest.mark.parametrize(
