@@ -65,7 +65,7 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
     )
     controller = declare.fields(ControllerParameters(follower=limits))
     routes = declare.fields(RouteParameters())
-    docking = declare_docking_parameters(declare, controller.follower.turning_radius)
+    docking = declare_docking_parameters(declare, controller.follower)
     allowed = (
         *declare.directories('allowed_directories', (), ALLOWED_DIRECTORIES_TEXT),
         *(Path(file).absolute().parent for file in (routes.graph_file, docking.database) if file),

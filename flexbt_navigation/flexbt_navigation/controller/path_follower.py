@@ -492,9 +492,7 @@ class PathFollower(Motion):
         """Return the turn to the heading of the goal; None if it collides soon or, if ``is_whole``, at any time."""
         turn = self._turn_by(angle)
         seconds = abs(angle / turn.angular)
-        if not is_whole:
-            seconds = min(self._limits.collision_time, seconds)
-        if self._collides(pose, turn, seconds):
+        if self._collides(pose, turn, seconds if is_whole else min(self._turning_ahead(turn), seconds)):
             return None
         return self._apart.limited(self._costmap, pose, turn)
 
@@ -612,10 +610,14 @@ class PathFollower(Motion):
         if velocity.linear:
             return self._collides(pose, velocity, min(limits.collision_time, pose.distance(carrot) / velocity.linear))
         bearing = pose.bearing(carrot.x, carrot.y)
-        if self._collides(pose, velocity, min(limits.collision_time, abs(bearing / velocity.angular))):
+        if self._collides(pose, velocity, min(self._turning_ahead(velocity), abs(bearing / velocity.angular))):
             return True
         seconds = min(limits.collision_time, pose.distance(carrot) / limits.speed)
         return collides(self._costmap, pose._replace(yaw=pose.yaw + bearing), Velocity(limits.speed, 0.0), seconds)
+
+    def _turning_ahead(self, turn: Velocity) -> float:
+        """Return the time, s, for which a turn on the spot looks ahead: at least as long as the robot brakes."""
+        return max(self._limits.collision_time, abs(turn.angular) / self._limits.angular_acceleration)
 
     def _collides(self, pose: Pose, velocity: Velocity, seconds: float) -> bool:
         """Return whether the robot collides with this velocity, from its pose when the command takes effect."""

@@ -214,15 +214,19 @@ class DockingLimits:
         'dock_collision_threshold', 0.3, 'so near to a dock nothing counts as an obstacle, m', 0.0, 10.0
     )
     law: ControlLaw = field(default_factory=ControlLaw)
+    turn: TurnLimits = field(default_factory=TurnLimits)
 
     @classmethod
-    def of(cls, turning_radius: float) -> DockingLimits:
+    def of(cls, turning_radius: float, angular_acceleration: float = math.inf) -> DockingLimits:
         """Return the limits for a robot. A car-like robot begins one turning radius before the dock, but at most 10 m:
         on the way it can shift sideways by a quarter of that. It has twice the time that this takes."""
         law = ControlLaw(turning_radius=turning_radius)
         offset = min(cls.staging_offset, max(-turning_radius, FARTHEST_STAGING))
         return cls(
-            staging_offset=offset, approach_seconds=max(cls.approach_seconds, -2.0 * offset / law.speed), law=law
+            staging_offset=offset,
+            approach_seconds=max(cls.approach_seconds, -2.0 * offset / law.speed),
+            law=law,
+            turn=TurnLimits().braking_with(angular_acceleration / 2.0),
         )
 
     def staging_pose(self, dock: Pose) -> Pose:
@@ -456,7 +460,7 @@ def _back(costmap: Costmap, pose: Pose, dock: Pose, limits: DockingLimits) -> Ve
     if is_there and (abs(turn) < limits.angular_tolerance or limits.law.turning_radius):
         return None
     if is_there:
-        velocity = Velocity(0.0, math.copysign(TurnLimits().speed(turn), turn))
+        velocity = Velocity(0.0, math.copysign(limits.turn.speed(turn), turn))
         seconds = min(limits.projection_seconds, turn / velocity.angular)
         if seconds and collides(costmap, pose, velocity, seconds):
             raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is beside the robot, which has to turn')

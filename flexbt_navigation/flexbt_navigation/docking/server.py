@@ -41,7 +41,7 @@ from flexbt_navigation.common.requests import (
     follow,
 )
 from flexbt_navigation.controller.motions import STOP, Motion, Velocity
-from flexbt_navigation.controller.path_follower import PathFollower
+from flexbt_navigation.controller.path_follower import FollowerLimits, PathFollower
 from flexbt_navigation.controller.server import ControllerParameters, MotionArbiter, RunningMotion
 from flexbt_navigation.costmaps.costmap import Costmap
 from flexbt_navigation.errors import GoalCanceled, NavigationError
@@ -404,13 +404,15 @@ class DockingParameters:
     limits: DockingLimits = field(default_factory=DockingLimits)
 
 
-def declare_docking_parameters(declare: ParameterDeclarer, turning_radius: float) -> DockingParameters:
-    """Declare the parameters and read them. ``turning_radius`` is that of the robot, m; 0 if it turns on the spot.
+def declare_docking_parameters(declare: ParameterDeclarer, robot: FollowerLimits) -> DockingParameters:
+    """Declare the parameters and read them, for a robot that follows paths within these limits.
 
     Raises:
         UnfitParameterError: a value is not usable.
     """
-    docking = declare.fields(DockingParameters(limits=DockingLimits.of(turning_radius)))
+    turning_radius = robot.turning_radius
+    limits = DockingLimits.of(turning_radius, robot.angular_acceleration)
+    docking = declare.fields(DockingParameters(limits=limits))
     if turning_radius and docking.limits.staging_yaw_offset:
         raise UnfitParameterError(
             'staging_yaw_offset',

@@ -259,6 +259,20 @@ def test_a_robot_that_brakes_slowly_stops_before_a_wall_behind_a_bend(
     assert (done.code, done.touched) == ('PATIENCE_EXCEEDED', False)
 
 
+def test_a_robot_that_brakes_its_turn_slowly_does_not_swing_into_a_wall() -> None:
+    """A long robot, on the way along a wall to a goal with another heading."""
+    cells = numpy.zeros((120, 120), numpy.int8)
+    cells[:, 60] = 100
+    grid = OccupancyMap(cells, 0.05, Pose(0.0, 0.0, 0.0))
+    drive = DriveModel(linear_speed=0.26, linear_acceleration=0.104, angular_acceleration=0.2)
+    model = RobotModel(footprint=box(1.0, 0.3), lidar=None, drive=drive)
+    start = Pose(2.5678299678933976, 3.0, math.pi / 2.0)
+    path = [start, Pose(start.x, 3.2044909366822405, -1.1164043463519846)]
+    motion = PathFollower(path, Costmap(grid, Inflation.of(model.footprint)), FollowerLimits.of(drive))
+    done = Run(grid, start, model).go(motion, late=1)
+    assert (done.code, done.touched) == ('PATIENCE_EXCEEDED', False)
+
+
 def test_patience_does_not_begin_anew_with_each_path() -> None:
     path = line((1.0, 3.0), (6.0, 3.0))
     costmap, limits = Costmap(WALL, Inflation()), replace(FOLLOWER, patience=1.0)

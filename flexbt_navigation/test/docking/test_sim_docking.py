@@ -312,6 +312,16 @@ def test_a_robot_is_off_the_dock_before_it_turns_to_the_heading_of_the_staging_p
     assert min(pose.distance(DOCK) for pose in turned) > 0.6
 
 
+@pytest.mark.parametrize('acceleration', [0.2, 1.0])
+def test_the_turn_at_the_staging_pose_ends_at_its_heading_however_hard_the_robot_brakes(acceleration: float) -> None:
+    drive = replace(MODEL.drive, linear_acceleration=0.05, angular_acceleration=acceleration)
+    station = Station(WALLED, DOCK, model=replace(MODEL, drive=drive))
+    limits = replace(DockingLimits.of(0.0, acceleration), staging_yaw_offset=1.5)
+    done = station.run.go(station.undocking(limits), late=1)
+    assert (done.code, done.touched) == ('', False)
+    assert abs(wrap(done.robot.pose.yaw - 1.5)) < 0.1
+
+
 def test_a_robot_that_is_no_circle_does_not_turn_into_a_wall_at_the_staging_pose() -> None:
     corridor = drawn(*['.' * 120] * 50, '#' * 120, *['.' * 120] * 14, '#' * 120, *['.' * 120] * 54)
     """Walls at y = 2.7 and 3.45 m."""
