@@ -100,6 +100,9 @@ def test_the_event_log_has_all_that_a_command_says() -> None:
     for unknown in (math.inf, math.nan, -1.0):
         waiting = command_fields(ExecutiveCommand(id='1', wait_queue=unknown, wait_interaction=unknown), 'NOTE')
         assert waiting == {'id': '1', 'command': 'NOTE', 'given': 0.0}
+    wrong = QueueOptions(battery=math.nan, distance=math.inf, interval=-math.inf, on_failure=QueueOptions.HOLD)
+    added = command_fields(ExecutiveCommand(id='1', queue_options=[wrong]), 'ADD')['queue_options']
+    assert added == {'battery': 'nan', 'distance': 'inf', 'interval': '-inf'}  # JSON has no such numbers
     moved = ExecutiveCommand(id='1', kind=ExecutiveCommand.QUEUE_MOVE, queue_number=7, queue_before=5)
     assert command_fields(moved, 'MOVE') == {'id': '1', 'command': 'MOVE', 'given': 0.0, 'entry': 7, 'before': 5}
     released = ExecutiveCommand(id='2', kind=ExecutiveCommand.QUEUE_RELEASE, queue_number=9)
