@@ -58,7 +58,8 @@ class Track:
     def moved(self, by: Pose) -> Track:
         """Return the track moved with its frame, which was the map frame and is now at ``by``."""
         moved = copy(self)
-        moved._corners = [compose(by, Pose(*corner, 0.0))[:2] for corner in self._corners]
+        cos, sin = math.cos(by.yaw), math.sin(by.yaw)  # once: it moves at each step of the robot
+        moved._corners = [(by.x + x * cos - y * sin, by.y + x * sin + y * cos) for x, y in self._corners]
         return moved
 
     def point(self, at: float) -> Point:

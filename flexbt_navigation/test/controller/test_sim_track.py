@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 import numpy
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 
 from flexbt_navigation.controller.path_follower import Track
 from flexbt_sim.world import Pose, compose
+from flexbt_testing.waiting import processor_time
 
 poses = st.builds(Pose, st.integers(-20, 20).map(lambda n: n / 5), st.floats(-4.0, 4.0), st.just(0.0))
 paths = st.lists(poses, min_size=1, max_size=8)
@@ -88,3 +90,17 @@ def test_a_track_that_is_moved_is_the_same_seen_from_its_frame(
         for one, there in ((track, pose), (moved, seen))
     ]
     assert gaps[0] == pytest.approx(gaps[1], abs=1e-6)
+
+
+def test_a_long_track_is_moved_with_its_frame_in_less_than_the_time_of_its_poses() -> None:
+    """It is moved at each step of the robot: a pose for each of its corners would take a third of a processor."""
+    path = [Pose(0.05 * number, 3.0, 0.0) for number in range(10_000)]
+    track, by = Track(path), Pose(0.1, 0.2, 0.3)
+
+    def seconds(work: Callable[[], object]) -> float:
+        began = processor_time()
+        for _ in range(20):
+            work()
+        return processor_time() - began
+
+    assert seconds(lambda: track.moved(by)) < seconds(lambda: [compose(by, pose) for pose in path]) / 2.0
