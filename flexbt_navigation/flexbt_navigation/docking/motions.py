@@ -215,11 +215,15 @@ class DockingLimits:
     )
     law: ControlLaw = field(default_factory=ControlLaw)
     turn: TurnLimits = field(default_factory=TurnLimits)
+    deceleration: float = math.inf
 
     @classmethod
-    def of(cls, turning_radius: float, angular_acceleration: float = math.inf) -> DockingLimits:
-        """Return the limits for a robot. A car-like robot begins one turning radius before the dock, but at most 10 m:
-        on the way it can shift sideways by a quarter of that. It has twice the time that this takes."""
+    def of(
+        cls, turning_radius: float, deceleration: float = math.inf, angular_acceleration: float = math.inf
+    ) -> DockingLimits:
+        """Return the limits for a robot that brakes with these, m/s² and rad/s². A car-like robot begins one turning
+        radius before the dock, but at most 10 m: on the way it can shift sideways by a quarter of that. It has twice
+        the time that this takes."""
         law = ControlLaw(turning_radius=turning_radius)
         offset = min(cls.staging_offset, max(-turning_radius, FARTHEST_STAGING))
         return cls(
@@ -227,6 +231,7 @@ class DockingLimits:
             approach_seconds=max(cls.approach_seconds, -2.0 * offset / law.speed),
             law=law,
             turn=TurnLimits().braking_with(angular_acceleration / 2.0),
+            deceleration=deceleration,
         )
 
     def staging_pose(self, dock: Pose) -> Pose:
@@ -393,7 +398,7 @@ class DockMotion(Motion):
         target = drive(seen, BEYOND, 0.0, 1.0)
         if _collides(self._costmap, pose, target, limits, backward=False, apart_from=target):
             raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is on the way to the dock')
-        return velocity_to(target, pose, limits.law)
+        return _braking(velocity_to(target, pose, limits.law), pose.distance(seen), limits)
 
     def _wait(self, spent: float) -> Velocity | None:
         if not self._charges or self._senses.is_charging():
@@ -467,7 +472,14 @@ def _back(costmap: Costmap, pose: Pose, dock: Pose, limits: DockingLimits) -> Ve
         return velocity
     if _collides(costmap, pose, way, limits, backward=True, apart_from=dock):
         raise NavigationError('FAILED_TO_CONTROL', 'an obstacle is on the way back from the dock')
-    return velocity_to(way, pose, limits.law, backward=True)
+    return _braking(velocity_to(way, pose, limits.law, backward=True), pose.distance(way), limits)
+
+
+def _braking(velocity: Velocity, distance: float, limits: DockingLimits) -> Velocity:
+    """Return the velocity, slower on the same arc if the robot, with half of its deceleration, could not stop within
+    this distance, m."""
+    share = min(1.0, math.sqrt(limits.deceleration * distance) / max(abs(velocity.linear), _SMALLEST))
+    return Velocity(velocity.linear * share, velocity.angular * share)
 
 
 def _ahead(target: Pose, pose: Pose) -> float:

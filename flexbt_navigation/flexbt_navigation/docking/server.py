@@ -411,7 +411,7 @@ def declare_docking_parameters(declare: ParameterDeclarer, robot: FollowerLimits
         UnfitParameterError: a value is not usable.
     """
     turning_radius = robot.turning_radius
-    limits = DockingLimits.of(turning_radius, robot.angular_acceleration)
+    limits = DockingLimits.of(turning_radius, robot.linear_acceleration, robot.angular_acceleration)
     docking = declare.fields(DockingParameters(limits=limits))
     if turning_radius and docking.limits.staging_yaw_offset:
         raise UnfitParameterError(

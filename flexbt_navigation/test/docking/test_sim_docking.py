@@ -316,10 +316,23 @@ def test_a_robot_is_off_the_dock_before_it_turns_to_the_heading_of_the_staging_p
 def test_the_turn_at_the_staging_pose_ends_at_its_heading_however_hard_the_robot_brakes(acceleration: float) -> None:
     drive = replace(MODEL.drive, linear_acceleration=0.05, angular_acceleration=acceleration)
     station = Station(WALLED, DOCK, model=replace(MODEL, drive=drive))
-    limits = replace(DockingLimits.of(0.0, acceleration), staging_yaw_offset=1.5)
+    limits = replace(DockingLimits.of(0.0, 0.05, acceleration), staging_yaw_offset=1.5)
     done = station.run.go(station.undocking(limits), late=1)
     assert (done.code, done.touched) == ('', False)
     assert abs(wrap(done.robot.pose.yaw - 1.5)) < 0.1
+
+
+@pytest.mark.parametrize('deceleration', [0.05, 0.3, 2.5])
+def test_a_robot_that_brakes_slowly_rolls_neither_over_its_dock_nor_over_the_staging_pose(deceleration: float) -> None:
+    model = replace(MODEL, drive=replace(MODEL.drive, linear_acceleration=deceleration))
+    limits = DockingLimits.of(0.0, deceleration)
+    station = Station(WALLED, STAGING, model=model)
+    done = station.run.go(station.docking(limits, charges=False), late=1)
+    assert (done.code, done.touched) == ('', False)
+    assert done.robot.pose.distance(DOCK) < limits.docked_within
+    done = station.run.go(station.undocking(limits), late=1)
+    assert (done.code, done.touched) == ('', False)
+    assert done.robot.pose.distance(STAGING) < 0.06
 
 
 def test_a_robot_that_is_no_circle_does_not_turn_into_a_wall_at_the_staging_pose() -> None:
