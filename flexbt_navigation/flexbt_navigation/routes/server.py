@@ -436,7 +436,9 @@ class RouteServer:
         asked = [asked_pose(origin, 'the graph', 'TF_ERROR') for origin in origins]
         poses: list[Pose] = await Later(partial(self.robot.map_frame.poses, asked, timeout=GRAPH_TIMEOUT))
         self._graph = graph.moved(frame, dict(zip(frames, poses, strict=True)))
-        self._markers.publish(graph_markers(self._graph, frame, self.runtime.clock.stamp()))
+        # On the other thread: many markers take longer than the robot drives without a command.
+        markers = partial(graph_markers, self._graph, frame, self.runtime.clock.stamp())
+        self._markers.publish(await self._computation.run(lambda: markers))
 
     async def _report_graph(self, use: Awaitable[None], on_end: Callable[[bool], object] = lambda _: None) -> None:
         """Report whether the graph was replaced; after a failure, the previous one stays."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -20,10 +21,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
+from flexbt_navigation.routes import server
+from flexbt_navigation.routes.server import graph_markers
 from flexbt_sim.messages import pose_of
 from flexbt_testing.nodes.clients import SentGoal
 from flexbt_testing.nodes.sim_world import DOCK, FAST, RobotProbe, aborted, open_sim_world, pose
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 Result = ComputeRoute.Result
 Tracked = ComputeAndTrackRoute.Result
@@ -177,6 +180,26 @@ def test_what_has_no_route_is_refused_with_nav2s_code(world: RobotProbe, case: s
     for action in (names.COMPUTE_ROUTE, names.COMPUTE_AND_TRACK_ROUTE):
         result = aborted(world.send(action, **fields), code)
         assert action == names.COMPUTE_AND_TRACK_ROUTE or not result.route.nodes
+
+
+def test_a_graph_is_drawn_while_the_node_does_something_else(
+    world: RobotProbe, graph_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun, may_end = threading.Event(), threading.Event()
+
+    def draw(*given: Any) -> MarkerArray:
+        begun.set()
+        assert may_end.wait(DEADLINE)
+        return graph_markers(*given)
+
+    monkeypatch.setattr(server, 'graph_markers', draw)
+    loading = threading.Thread(target=set_graph, args=(world, graph_file))
+    loading.start()
+    world.wait(begun.is_set, 'a drawing')
+    assert adjust(world, opened_edges=[12])
+    may_end.set()
+    loading.join(DEADLINE)
+    assert not loading.is_alive()
 
 
 def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_does_not(
