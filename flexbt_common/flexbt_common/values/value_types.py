@@ -17,7 +17,7 @@ import math
 import re
 import struct
 from array import array
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -372,7 +372,7 @@ def _plain_slot(value: Any, slot: Any, path: str) -> Any:
 # (5e-324 for an int 1 in a field of floats, False for numpy's True), raises SystemError (numpy's integers) or aborts.
 # Of an integer that is too large, it sends the lowest bits.
 
-_READ_AS: Final = {'float': float, 'double': float, 'boolean': bool, 'octet': bytes}
+_READ_AS: Final[dict[str, type]] = {'float': float, 'double': float, 'boolean': bool, 'octet': bytes}
 
 
 def exact(message: Any) -> Any:
@@ -382,39 +382,41 @@ def exact(message: Any) -> Any:
     Raises:
         FieldError: a field does not fit its type.
     """
-    return message if _is_exact(message) else _message_from_plain(_plain_message(message, ''), type(message), '')
-
-
-def _is_exact(message: Any) -> bool:
     kind: Any = type(message)
-    return all(check(getattr(message, name)) for name, check in _exactness_of_fields(kind))
+    is_exact = _exactness(kind)(message)
+    return message if is_exact else _message_from_plain(_plain_message(message, ''), type(message), '')
 
 
 @functools.cache
-def _exactness_of_fields(message: Any) -> tuple[tuple[str, Callable[[Any], bool]], ...]:
-    checks = zip(message.get_fields_and_field_types(), map(_exactness, message.SLOT_TYPES), strict=True)
-    return tuple((name, check) for name, check in checks if check is not None)
+def _exactness(message: Any) -> Callable[[Any], bool]:
+    """Return the check of the messages of a type. It is compiled, to take less time than sending what it checks."""
+    names: dict[str, Any] = {}
+    fields = zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True)
+    tests = [test for name, slot in fields for test in _tests(f'message._{name}', slot, names)]
+    check: Callable[[Any], bool] = eval(f'lambda message: {" and ".join(tests) or True}', names)  # noqa: S307 - own text
+    return check
 
 
-def _exactness(slot: Any) -> Callable[[Any], bool] | None:
-    """Return the check whether a field holds what the serializer reads; None if the serializer checks it itself."""
+def _tests(value: str, slot: Any, names: dict[str, Any]) -> Iterator[str]:
+    """Yield expressions that are true if ``value``, an expression too, is what the serializer reads in a field, as far
+    as it does not check that itself. Add what they use to ``names``."""
     if isinstance(slot, NamespacedType):
         kind: Any = class_of_slot(slot)
-        return lambda value: isinstance(value, kind) and _is_exact(value)
-    if isinstance(slot, Array | AbstractSequence):
-        size = slot.size if isinstance(slot, Array) else None
-        is_compact = isinstance(slot.value_type, BasicType) and slot.value_type.typename in _ARRAY_CODES
-        check = None if is_compact else _exactness(slot.value_type)
-        if size is None and check is None:
-            return None
-        return lambda elements: size in (None, len(elements)) and (check is None or all(map(check, elements)))
-    if not isinstance(slot, BasicType):
-        return None
-    if slot.typename in _READ_AS:
-        read = _READ_AS[slot.typename]
-        return lambda value: isinstance(value, read)
-    low, high = _integer_range(slot.typename)
-    return lambda value: isinstance(value, int) and low <= value <= high
+        number = len(names)  # types of two packages may have one name
+        names |= {f'kind_{number}': kind, f'is_exact_{number}': _exactness(kind)}
+        yield f'isinstance({value}, kind_{number}) and is_exact_{number}({value})'
+    elif isinstance(slot, Array | AbstractSequence):
+        if isinstance(slot, Array):
+            yield f'len({value}) == {slot.size}'
+        if not isinstance(slot.value_type, BasicType) or slot.value_type.typename not in _ARRAY_CODES:
+            for test in _tests('element', slot.value_type, names):
+                yield f'all({test} for element in {value})'
+    elif isinstance(slot, BasicType):
+        read = _READ_AS.get(slot.typename, int)
+        yield f'isinstance({value}, {read.__name__})'
+        if read is int:
+            low, high = _integer_range(slot.typename)
+            yield f'{low} <= {value} <= {high}'
 
 
 # ---------------------------------------------------------------- plain -> message
