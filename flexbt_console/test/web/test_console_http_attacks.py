@@ -120,10 +120,11 @@ async def watch_a_page_end(site: Site) -> None:
     async with ClientSession() as session, session.ws_connect(address, ssl=trusted) as page:
         await page.send_json({'hello': eve.token})
         assert 'hello' in await page.receive_json(timeout=DEADLINE)
-        await asyncio.to_thread(console, 'users', str(site.users), '--remove', 'eve')  # it answers pings meanwhile
+        removal = asyncio.create_task(asyncio.to_thread(console, 'users', str(site.users), '--remove', 'eve'))
         async with asyncio.timeout(DEADLINE):
             while not page.closed:
-                await page.receive()
+                await page.receive()  # which answers pings, also while the console starts
+        await removal
         assert page.close_code == WSCloseCode.POLICY_VIOLATION
 
 

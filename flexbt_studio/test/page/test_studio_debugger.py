@@ -334,7 +334,7 @@ def test_a_machine_is_held_and_switched_to_what_is_written(robot: StudioPage, mi
     page.until_text('held', '/Rest wants done')
     answered = told(page, 'confirm')
     while told(page, 'confirm') == answered:
-        press_until_told(page, Keys.F5, 'confirm', 'has just come')
+        press_until_told(page, Keys.F5, 'confirm', 'has just come', 'the decision changed')
     # The process of the trees dies while one is held.
     page.until(lambda: '/Rest' not in page.text('held'))
     open_page(page, mission, 'count.xml')
