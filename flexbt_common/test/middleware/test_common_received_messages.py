@@ -212,7 +212,6 @@ def test_the_participants_of_a_process_share_what_it_may_send(monkeypatch: pytes
         good.runtime.close()
 
 
-@pytest.mark.dds('it is about Fast DDS')
 def test_a_flood_that_cannot_be_ignored_is_not_looked_for_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     sought: list[bytes] = []
     monkeypatch.setattr(received_messages, 'ignore_participant', lambda *_: False)
@@ -225,6 +224,7 @@ def test_a_flood_that_cannot_be_ignored_is_not_looked_for_again_and_again(monkey
     assert sought == [b'1' * 12]
 
 
+@pytest.mark.dds('it is about Fast DDS')
 @pytest.mark.skipif(not can_ignore(), reason='needs a known version of Fast DDS')
 def test_nodes_that_ignore_each_other_are_there_for_everybody_else() -> None:
     with NodeRuntime.open('first') as first, NodeRuntime.open('other') as other, NodeRuntime.open('third') as third:
