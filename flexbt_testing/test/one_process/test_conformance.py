@@ -300,13 +300,15 @@ def test_a_goal_that_ends_while_it_is_canceled_ends_once(participants: Callable[
     wait_until(client.server_is_ready, 'the server')
     goal = answer(client.send_goal_async(goal_of(2)))
     result = goal.get_result_async()
-    ends = (server.may_end.set, goal.cancel_goal_async)
+    answers: list[Any] = []
+    ends = (server.may_end.set, lambda: answers.append(goal.cancel_goal_async()))
     threads = [threading.Thread(target=end) for end in (ends if number % 2 else reversed(ends))]
     for thread in threads:
         thread.start()
     assert answer(result).status in (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED)
     for thread in threads:
         thread.join()
+    answer(answers[0])  # rclpy's client may not be destroyed while it takes this
     server.server.destroy()
     client.destroy()
 
