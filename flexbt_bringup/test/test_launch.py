@@ -3,25 +3,13 @@
 
 from __future__ import annotations
 
-import runpy
-import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
+from flexbt_testing.launch_files import nodes_of
+
 FILE = Path(__file__).parents[1] / 'launch' / 'robot.launch.py'
-
-
-class LaunchConfiguration:
-    """An argument of the launch, which a dictionary has."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def perform(self, context: dict[str, str]) -> str:
-        return context[self._name]
 
 
 @pytest.mark.parametrize(
@@ -36,17 +24,7 @@ class LaunchConfiguration:
 def test_arguments_that_are_given_override_the_file(
     monkeypatch: pytest.MonkeyPatch, given: str, served: list[str] | None, simulated: str
 ) -> None:
-    anything: Any = SimpleNamespace(
-        LaunchConfiguration=LaunchConfiguration,
-        LaunchContext=dict,
-        LaunchDescription=list,
-        DeclareLaunchArgument=dict,
-        OpaqueFunction=dict,
-        Node=dict,
-    )
-    for module in ('launch', 'launch.actions', 'launch.substitutions', 'launch_ros', 'launch_ros.actions'):
-        monkeypatch.setitem(sys.modules, module, anything)
-    nodes = runpy.run_path(str(FILE))['nodes']
+    nodes = nodes_of(FILE, monkeypatch)
     arguments = {'navigators': given, 'use_sim_time': simulated, 'black_box': 'true'}
     started = {node['executable']: node for node in nodes(arguments)}
     assert set(started) == {'bt_server', 'onboard_executive', 'stop_guard', 'black_box'}

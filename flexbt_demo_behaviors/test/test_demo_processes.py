@@ -1,11 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The process table: every executable is installed, and parameters arrive as what they are."""
 
-import runpy
 import sys
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 import yaml
@@ -20,6 +17,7 @@ from flexbt_demo_behaviors.demonstration.demo_processes import (
     first_place,
     page_command,
 )
+from flexbt_testing.launch_files import nodes_of
 
 
 def parameters(command: list[str]) -> dict[str, object]:
@@ -54,32 +52,11 @@ def test_a_map_of_ones_own_has_the_robot_start_at_its_first_place(tmp_path: Path
     assert parameters(demo_processes(settings)[-1].command())['places'] == str(places)
 
 
-class LaunchConfiguration:
-    """An argument of the launch, which a dictionary has."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def perform(self, context: dict[str, str]) -> str:
-        return context[self._name]
-
-
 def test_a_launched_robot_starts_on_a_map_as_one_of_the_demonstration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With stand-ins for the packages of launch, which the wheels do not have."""
-    anything: Any = SimpleNamespace(
-        LaunchConfiguration=LaunchConfiguration,
-        LaunchContext=dict,
-        LaunchDescription=list,
-        DeclareLaunchArgument=dict,
-        OpaqueFunction=dict,
-        Node=dict,
-    )
-    for module in ('launch', 'launch.actions', 'launch.substitutions', 'launch_ros', 'launch_ros.actions'):
-        monkeypatch.setitem(sys.modules, module, anything)
     monkeypatch.delitem(sys.modules, 'flexbt_demo_behaviors.demonstration.launching', raising=False)
-    nodes = runpy.run_path(str(Path(__file__).parents[1] / 'launch' / 'demo.launch.py'))['nodes']
+    nodes = nodes_of(Path(__file__).parents[1] / 'launch' / 'demo.launch.py', monkeypatch)
     monkeypatch.delitem(sys.modules, 'flexbt_demo_behaviors.demonstration.launching')
     places = tmp_path / 'places.yaml'
     places.write_text('door: {x: 1.0, y: 2.0, yaw: 0.5}\n')
