@@ -430,7 +430,6 @@ class NodeRuntime(Runtime):
         """True if all parameters are declared, so that others are unknown. False if a managed node refused one."""
         self._on_failure: list[Callable[[], object]] = []
         self._is_closing = False
-        self._made: dict[Hashable, Any] = {}
         self._posted: deque[Callable[[], object]] = deque()
         self._timers = TimerQueue()
         self._coalesced = CoalescedTimers()
@@ -560,13 +559,10 @@ class NodeRuntime(Runtime):
                 self._calls.discard(future)
 
     def once(self, key: Hashable, make: Callable[[NodeRuntime], T]) -> T:
-        if key not in self._made:
-            self._made[key] = make(self)
-        made: T = self._made[key]
-        return made
+        return self.shared(key, partial(make, self))
 
     def forget(self, key: Hashable) -> None:
-        self._made.pop(key, None)
+        self._shared.pop(key, None)
 
     def report_fault(self, error: BaseException, where: str = 'a callback') -> None:
         held = self._reports.held_before((type(error), where, _place_of(error)))

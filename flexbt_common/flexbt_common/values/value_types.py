@@ -384,7 +384,7 @@ def exact(message: Any) -> Any:
     """
     kind: Any = type(message)
     is_exact = _exactness(kind)(message)
-    return message if is_exact else _message_from_plain(_plain_message(message, ''), type(message), '')
+    return message if is_exact else _message_from_plain(_plain_message(message, ''), kind, '')
 
 
 @functools.cache

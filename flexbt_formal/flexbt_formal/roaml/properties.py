@@ -71,7 +71,7 @@ class ModelProperty:
 
     @property
     def is_missed_where(self) -> bool:
-        """Whether a path that the demand does not want satisfies ``left U right``."""
+        """True if a path that the demand does not want satisfies ``left U right``."""
         return self.is_negated is not self.is_at_most
 
     @property

@@ -236,7 +236,7 @@ def fairly_won(explicit: Explicit, goal: Formula, live: list[Formula]) -> set[St
 
 
 def traps(graph: Edges, among: set[State]) -> Iterator[set[State]]:
-    """Set in which the world can go round for ever, past the goal, and yet take a move with each live outcome."""
+    """Yield sets of states in which the world can stay without ever meeting the goal, with each live outcome."""
     inside = set(among)
 
     def leaves(state: State) -> bool:

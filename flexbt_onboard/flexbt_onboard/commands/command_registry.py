@@ -400,9 +400,11 @@ def command_fields(command: ExecutiveCommand, name: str) -> dict[str, Any]:
         fields['hold_queue'] = True
     for options in command.queue_options:
         set_ones, unset = asdict(options_of(options)), asdict(QueueOptions())
-        told = {name: value for name, value in set_ones.items() if value != unset[name]}
-        is_json = {name: not isinstance(value, float) or math.isfinite(value) for name, value in told.items()}
-        fields['queue_options'] = {name: value if is_json[name] else str(value) for name, value in told.items()}
+        fields['queue_options'] = {
+            name: str(value) if isinstance(value, float) and not math.isfinite(value) else value  # JSON has neither
+            for name, value in set_ones.items()
+            if value != unset[name]
+        }
     for name in ('wait_queue', 'wait_interaction'):
         if 0.0 <= getattr(command, name) < math.inf:
             fields[name] = round(float(getattr(command, name)), 3)

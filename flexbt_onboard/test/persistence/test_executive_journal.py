@@ -519,13 +519,19 @@ def test_nobody_waits_for_a_slow_disk_but_who_wants_to_know(tmp_path: Path, monk
     assert state_of(list(read_journal(journal.file.read_bytes()).lines)) == journal.state
 
 
-def test_a_disk_that_hangs_and_then_is_full_is_told_as_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def hung(folder: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Journal, SlowDisk, list[str]]:
+    """Return a journal whose disk hangs for longer than is usual, the disk, and what is told."""
     clock, told = ManualClock(), list[str]()
-    journal = written(Journal(tmp_path / 'e.journal', told.append, clock))
+    journal = written(Journal(folder / 'e.journal', told.append, clock))
     disk = SlowDisk(monkeypatch)
     journal.append(begin=begin_of('r'))
     assert disk.entered.wait(60.0)
     clock.advance(STUCK_SECONDS + 0.1)
+    return journal, disk, told
+
+
+def test_a_disk_that_hangs_and_then_is_full_is_told_as_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal, disk, told = hung(tmp_path, monkeypatch)
     disk.error = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     disk.goes.set()
     wait_until(lambda: len(told) > 1, lambda: told)
@@ -567,12 +573,7 @@ def test_lines_that_wait_for_a_disk_are_bounded_and_none_is_lost(
 def test_while_the_disk_hangs_no_lines_wait_for_it_since_each_may_be_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    clock, told = ManualClock(), list[str]()
-    journal = written(Journal(tmp_path / 'e.journal', told.append, clock))
-    disk = SlowDisk(monkeypatch)
-    journal.append(begin=begin_of('r'))
-    assert disk.entered.wait(60.0)
-    clock.advance(STUCK_SECONDS + 0.1)
+    journal, disk, told = hung(tmp_path, monkeypatch)
     for number in range(100):
         journal.append(run='r', position=position_of(str(number)))
     disk.goes.set()

@@ -64,7 +64,7 @@ SECONDS: Final = 10.0
 """Simulated time in which the steps of a plan happen, s."""
 
 _DEATH: Final = re.compile(r'^(?=the task |Exception in thread |a function at the exit )', re.MULTILINE)
-"""Where what is printed tells of a task that has died, of a thread, or of a function at the end of a process."""
+"""Beginnings of lines that tell of the death of a task or a thread, or of a function that raised at the exit."""
 
 _PROCESSOR_SECONDS: Final = 120
 """Processor time after which a run is ended, s: something computes without end."""

@@ -19,7 +19,7 @@ TOLERANCE: Final = 0.1
 """Difference of the times of an event that counts as none, s: messages of a change shift what follows by some us."""
 
 TEST: Final = 'the test'
-"""Who fails, if an error ends a course."""
+"""Name of the one that fails when an error ends a course."""
 
 
 class Event(NamedTuple):
