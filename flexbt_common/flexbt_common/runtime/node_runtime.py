@@ -13,7 +13,7 @@ A node ends in this order, silently in every situation:
 
 1. The components, in reverse order of their :meth:`NodeRuntime.on_close`, while callbacks still run.
 2. rclpy's default context, which users' code uses.
-3. The executor, its thread, the node, and the context.
+3. The executor and its thread; then, as soon as others have received what was published, the node and the context.
 
 If a process has several runtimes, the components of all of them end first.
 """
@@ -45,6 +45,7 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionClient, ActionServer
 from rclpy.action.server import RCLError
 from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.exceptions import (
     InvalidHandle,
@@ -100,6 +101,9 @@ The parameters are in docs/reference/executables.md; ros2 param describe tells t
 CALL_SECONDS = 30.0
 """Default time-out of a call to the executor thread, s. Creating the entities of a node can take many seconds when a
 whole fleet starts on one machine."""
+
+RECEIVED_SECONDS: Final = 0.3
+"""Maximum time that the end of a node waits for readers, s. One that has just crashed or is stopped takes all of it."""
 
 _FAULTS_IN_A_ROW = 10
 _FAULT_PAUSE_SECONDS = 0.05
@@ -622,9 +626,17 @@ class NodeRuntime(Runtime):
         for waitable in list(self.node.waitables):
             if isinstance(waitable, ActionServer | ActionClient):
                 waitable.destroy()  # destroy_node does not, and the node would stay in the graph
+        self._wait_for_readers()
         for node in reversed(self.nodes):
             node.destroy_node()
         rclpy.try_shutdown(context=self._context)
+
+    def _wait_for_readers(self) -> None:
+        """Wait a limited time until others have received what was published: a writer that ends sends nothing again."""
+        end = monotonic() + RECEIVED_SECONDS
+        for publisher in itertools.chain.from_iterable(node.publishers for node in self.nodes):
+            if self._context.ok():
+                publisher.wait_for_all_acked(Duration(seconds=max(end - monotonic(), 0.0)))
 
     def close_components(self) -> None:
         """Call the callbacks registered by :meth:`on_close`: the first part of the end."""

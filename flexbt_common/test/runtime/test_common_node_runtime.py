@@ -29,7 +29,7 @@ from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future as Awaited
-from std_msgs.msg import Empty
+from std_msgs.msg import Empty, UInt8MultiArray
 
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import TopicTypeError, UnfitParameterError
@@ -49,6 +49,7 @@ PROGRAM = """
 import sys
 import time
 from flexbt_common.runtime.node_runtime import run_node
+from std_msgs.msg import UInt8MultiArray
 
 def setup(runtime):
     if 'fail' in sys.argv:
@@ -71,12 +72,17 @@ def setup(runtime):
         runtime.post(runtime.node.context.shutdown)
     if 'abort' in sys.argv:
         runtime.abort('the world has come to its end')
+    if 'telling' in sys.argv:
+        report = runtime.node.create_publisher(UInt8MultiArray, 'report', 1)
+        while not report.get_subscription_count():
+            time.sleep(0.01)
+        runtime.on_close(lambda: report.publish(UInt8MultiArray(data=bytes(2_000_000))))
     runtime.on_close(lambda: runtime.call(lambda: None))
     runtime.node.create_timer(0.01, lambda: None)
     runtime.node.declare_parameter('speed', 1.0)
     print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
 
-NOT_FOR_ROS = 'fail stuck fleet failing raising exit interrupt shutdown abort'.split()
+NOT_FOR_ROS = 'fail stuck fleet telling failing raising exit interrupt shutdown abort'.split()
 how = [word for word in sys.argv[1:] if word not in NOT_FOR_ROS]
 sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
@@ -356,6 +362,23 @@ def test_a_process_with_too_many_nodes_to_take_back_leaves_in_time_and_in_order(
         _, err = process.communicate(timeout=DEADLINE)
         assert (process.returncode, err) == (0, '')
         assert uncontended_time() - began < 2.0
+
+
+@pytest.mark.dds('another process takes part')
+def test_what_a_node_tells_as_its_last_is_received_though_it_takes_many_packets() -> None:
+    got: list[int] = []
+    with NodeRuntime.open('reader') as reader:
+        told = partial(
+            reader.node.create_subscription, UInt8MultiArray, 'report', lambda one: got.append(len(one.data)), 1
+        )
+        reader.call(told)
+        with start('telling') as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            process.terminate()
+            _, err = process.communicate(timeout=DEADLINE)
+            assert (process.returncode, err) == (0, '')
+        wait_until(lambda: got == [2_000_000], 'the last message of the node')
 
 
 def test_runtimes_that_end_together_come_to_rest_before_any_of_them_is_gone() -> None:
