@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import functools
 import inspect
+import os
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -29,7 +30,7 @@ from flexbt_studio.documents.diagnostics import Checker, Finding
 from flexbt_studio.documents.editor_help import Completion, MachineHelp, TreeHelp
 from flexbt_studio.documents.names import Named, Names
 from flexbt_studio.documents.palette import states
-from flexbt_studio.documents.project import Place, Project
+from flexbt_studio.documents.project import Place, Project, kind_of
 from flexbt_studio.documents.text import Lines, Span, TextEdit
 from flexbt_studio.errors import StudioError
 from flexbt_studio.tool_process import check_copy, checked
@@ -91,7 +92,8 @@ class FlexbtLanguageServer(LanguageServer):
     """The server of one editor, with the project of its first folder."""
 
     def __init__(self) -> None:
-        super().__init__(NAME, VERSION, protocol_cls=_Utf16Protocol)
+        # Whole texts: pygls counts the lines of a part of a text by more line breaks than editors do.
+        super().__init__(NAME, VERSION, lsp.TextDocumentSyncKind.Full, protocol_cls=_Utf16Protocol)
         for _, method in inspect.getmembers(type(self), lambda one: hasattr(one, _MARK)):
             self.feature(*getattr(method, _MARK))(method)
         self.command(RUN_PYTHON)(functools.partial(self.run_code))
@@ -104,7 +106,6 @@ class FlexbtLanguageServer(LanguageServer):
         self._palette = states(classes)
         self._runs_code = False
         self._checks: dict[str, asyncio.Task[None]] = {}
-        self._folders: list[Path] = []
         self._uris: dict[Path, str] = {}
         """URIs by which the editor shows files: they may have links."""
         self._use(Path.cwd())
@@ -125,13 +126,20 @@ class FlexbtLanguageServer(LanguageServer):
         editor shows of that folder is taken over.
         """
         path = _path(uri)
-        if not path.is_relative_to(self.project.root):
-            self._use(next((folder for folder in self._folders if path.is_relative_to(folder)), path.parent))
-            for shown, document in self.workspace.text_documents.items():
-                if _is_file(shown) and _path(shown).is_relative_to(self.project.root):
-                    with contextlib.suppress(StudioError):  # of a file that has nothing to do with FlexBT
-                        self.project.adopt(_path(shown).relative_to(self.project.root).as_posix(), document.source)
-        return path.relative_to(self.project.root).as_posix()
+        folders = (_path(one.uri) for one in self.workspace.folders.values())
+        kept = self.project.root if path.is_relative_to(self.project.root) else path.parent
+        root = next((folder for folder in folders if path.is_relative_to(folder)), kept)
+        if root != self.project.root:
+            self._use(root)
+            for shown in self.workspace.text_documents.values():
+                if _is_file(shown.uri) and _path(shown.uri).is_relative_to(root):
+                    self._take(_path(shown.uri).relative_to(root).as_posix(), shown.source)
+        return path.relative_to(root).as_posix()
+
+    def _take(self, file: str, text: str) -> None:
+        """Take the text that the editor shows of a file."""
+        with contextlib.suppress(StudioError):  # of a file that has nothing to do with FlexBT
+            self.project.adopt(file, text)
 
     def uri(self, file: str) -> str:
         """Return the URI of a file of the project."""
@@ -150,9 +158,7 @@ class FlexbtLanguageServer(LanguageServer):
         """Return the offset of a position."""
         return _lines(self.project.text(file)).offset(position.line, position.character)
 
-    def named(
-        self, asked: lsp.DefinitionParams | lsp.ReferenceParams | lsp.PrepareRenameParams | lsp.RenameParams
-    ) -> Named:
+    def named(self, asked: lsp.DefinitionParams | lsp.ReferenceParams | lsp.RenameParams) -> Named:
         """Return what the name means that an editor asks about. Raises StudioError if there is none."""
         file = self.file(asked.text_document.uri)
         return self.names.at(file, self.offset(file, asked.position))
@@ -172,14 +178,16 @@ class FlexbtLanguageServer(LanguageServer):
         return lsp.Location(self.uri(place.file), self.range(place.file, place.span))
 
     def show(self, uri: str, text: str, version: int | None) -> None:
-        """Take the text that the editor shows of a file, and publish its diagnostics."""
+        """Take the text that the editor shows of a file, and publish its diagnostics if it is one of FlexBT."""
         if not _is_file(uri):
             return
         file = self.file(uri)
         self._uris[self.project.root / file] = uri
-        self.project.adopt(file, text)
+        self._take(file, text)
         self.cancel_check(file)
-        if self._runs_code and file.endswith('.py') and not self.project.open(file).document.problems:
+        if kind_of(file, text) is None:
+            self._publish(uri, file, [], version)
+        elif self._runs_code and file.endswith('.py') and not self.project.open(file).document.problems:
             self._checks[file] = asyncio.ensure_future(self._check(uri, file, version))
         else:
             self._publish(uri, file, self.checker.findings(file), version)
@@ -226,11 +234,10 @@ class FlexbtLanguageServer(LanguageServer):
     @feature(lsp.INITIALIZE)
     def _begin(self, asked: lsp.InitializeParams) -> None:
         """Take the first folder of the editor as the project, and tell what could not be loaded."""
-        folders = asked.workspace_folders or []
-        roots = [one.uri for one in folders] or ([asked.root_uri] if asked.root_uri else [])
-        self._folders = [_path(one) for one in roots]
-        if self._folders:
-            self._use(self._folders[0])
+        if asked.root_uri and not self.workspace.folders:
+            self.workspace.add_folder(lsp.WorkspaceFolder(asked.root_uri, NAME))
+        for folder in [*self.workspace.folders.values()][:1]:
+            self._use(_path(folder.uri))
         options = asked.initialization_options
         self._runs_code = isinstance(options, dict) and options.get('runPython') is True
         for note in self._notes:
@@ -283,9 +290,10 @@ class FlexbtLanguageServer(LanguageServer):
         return [self.location(Place(one.file, one.span)) for one in self.names.uses(named)]
 
     @feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
-    def _prepare(self, asked: lsp.PrepareRenameParams) -> lsp.PrepareRenameDefaultBehavior:
-        self.named(asked)
-        return lsp.PrepareRenameDefaultBehavior(default_behavior=True)
+    def _prepare(self, asked: lsp.PrepareRenameParams) -> lsp.PrepareRenamePlaceholder:
+        file = self.file(asked.text_document.uri)
+        use = self.names.use_at(file, self.offset(file, asked.position))
+        return lsp.PrepareRenamePlaceholder(self.range(file, use.span), use.named.name)
 
     @feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
     def _rename(self, asked: lsp.RenameParams) -> lsp.WorkspaceEdit:
@@ -338,5 +346,7 @@ def _path(uri: str) -> Path:
 
 def main() -> int:
     """Serve the editor that started this process until it ends it."""
-    FlexbtLanguageServer().start_io()
+    messages = os.fdopen(os.dup(1), 'wb')
+    os.dup2(2, 1)  # what states and nodes print is no message
+    FlexbtLanguageServer().start_io(stdout=messages)
     return 0

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -62,8 +63,8 @@ class Editor:
     def uri(self, name: str) -> str:
         return (self.folder / name).as_uri()
 
-    async def start(self, options: object = None, units: list[str] | None = None) -> None:
-        await self.client.start_io(*COMMAND)
+    async def start(self, options: object = None, units: list[str] | None = None, **environment: str) -> None:
+        await self.client.start_io(*COMMAND, env={**os.environ, **environment})
         root = self.folder.as_uri()
         begun = await self.client.initialize_async(
             lsp.InitializeParams(
@@ -73,6 +74,9 @@ class Editor:
             )
         )
         assert begun.capabilities.position_encoding == lsp.PositionEncodingKind.Utf16  # as the places are counted
+        synchronized = begun.capabilities.text_document_sync
+        assert isinstance(synchronized, lsp.TextDocumentSyncOptions)
+        assert synchronized.change is lsp.TextDocumentSyncKind.Full  # pygls counts other lines, as behind U+2028
         self.client.initialized(lsp.InitializedParams())
 
     async def end(self) -> None:
@@ -105,11 +109,12 @@ def with_editor(
     story: Callable[[Editor], Awaitable[None]],
     options: object = None,
     units: list[str] | None = None,
+    **environment: str,
 ) -> None:
     async def run() -> None:
         editor = Editor(folder)
         async with asyncio.timeout(DEADLINE):
-            await editor.start(options, units)
+            await editor.start(options, units, **environment)
             await story(editor)
             await editor.end()
 
@@ -282,6 +287,9 @@ def test_names_of_a_machine_are_found_and_renamed_in_all_files(folder: Path) -> 
             (editor.uri('round.yaml'), 8),
             (editor.uri('site.yaml'), 1),
         ]
+        prepared = await editor.client.text_document_prepare_rename_async(lsp.PrepareRenameParams(*at))
+        assert isinstance(prepared, lsp.PrepareRenamePlaceholder)
+        assert (prepared.range, prepared.placeholder) == (found[0].range, 'Again')  # of a name with blanks, all of it
         renamed = await editor.client.text_document_rename_async(lsp.RenameParams(*at, 'Wait more'))
         assert renamed is not None and renamed.changes is not None
         texts = {'round.yaml': machine, 'site.yaml': (folder / 'site.yaml').read_text()}
@@ -339,6 +347,54 @@ def test_what_the_editor_shows_is_known_after_a_visit_elsewhere(folder: Path) ->
         assert '{pose}' in edited(text, list(changes)) and '{goal}' not in edited(text, list(changes))
 
     with_editor(home, story)
+
+
+def test_a_folder_that_the_editor_adds_is_the_project_of_its_files(folder: Path) -> None:
+    (folder / 'mine#1').mkdir()
+    (folder / 'drive.xml').rename(folder / 'mine#1' / 'drive.xml')
+    empty = folder / 'empty'
+    empty.mkdir()
+
+    async def story(editor: Editor) -> None:
+        added = lsp.WorkspaceFolder(folder.as_uri(), 'added')
+        editor.client.workspace_did_change_workspace_folders(
+            lsp.DidChangeWorkspaceFoldersParams(lsp.WorkspaceFoldersChangeEvent([added], []))
+        )
+        editor.folder = folder
+        text = TREE.replace('wait_durations', 'wait_duration')
+        assert not [one.message for one in await editor.show('main.xml', text) if 'no tree' in one.message]
+        shown = DRIVE.replace('ID="Drive"', 'ID="Shown"')
+        await editor.show('mine#1/drive.xml', shown)
+        editor.folder = empty
+        await editor.show('other.xml', DRIVE.replace('ID="Drive"', 'ID="Other"'))
+        editor.folder = folder
+        assert [one.message for one in await editor.show('main.xml', text, 2) if 'no tree [Drive]' in one.message]
+
+    with_editor(empty, story)
+
+
+def test_files_of_other_programs_have_no_findings(folder: Path) -> None:
+    async def story(editor: Editor) -> None:
+        assert await editor.show('compose.yaml', 'services: {web: {image: x}}\n') == []
+        assert await editor.show('package.xml', '<package format="3"/>\n') == []
+        assert await editor.show('setup.py', 'setup()\n') == []
+        assert await editor.show('notes.txt', 'machine:\n') == []
+        assert await editor.show('setup.py', 'class A(Behavior):\n    pass\n', 2)
+
+    with_editor(folder, story)
+
+
+def test_what_code_of_the_user_prints_is_no_message(folder: Path) -> None:
+    (folder / 'loud.py').write_text('print("imported")\n')
+    description = folder / 'loud-0.dist-info'
+    description.mkdir()
+    (description / 'METADATA').write_text('Metadata-Version: 2.1\nName: loud\nVersion: 0\n')
+    (description / 'entry_points.txt').write_text('[flexbt.states]\nloud = loud\n')
+
+    async def story(editor: Editor) -> None:
+        assert await editor.show('main.xml', TREE)
+
+    with_editor(folder, story, PYTHONPATH=f'{folder}:{os.environ.get("PYTHONPATH", "")}')
 
 
 def test_a_file_that_is_shown_by_a_link_is_edited_there(tmp_path: Path, folder: Path) -> None:

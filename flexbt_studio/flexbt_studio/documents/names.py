@@ -133,15 +133,20 @@ class Names:
 
     def at(self, file: str, offset: int) -> Named:
         """Return what the name at an offset means. Raises StudioError if there is none that can be renamed."""
+        return self.use_at(file, offset).named
+
+    def use_at(self, file: str, offset: int) -> Use:
+        """Return the name at an offset, with its place. Raises StudioError if there is none that can be renamed."""
         uses = self._uses_in(file, self._project.document(file), offset=offset)
         found = [one for one in uses if one.span.start <= offset <= one.span.end and one.span.start < one.span.end]
         if not found:
             raise StudioError(f'{file}: there is no name here that can be renamed')
-        named = min(found, key=lambda one: one.span.end - one.span.start).named
+        use = min(found, key=lambda one: one.span.end - one.span.start)
+        named = use.named
         if not named.file:
             of = f' of {named.owner}' if named.owner else ''
             raise StudioError(f'the {named.kind} {named.name}{of} is not defined in the project; rename it in its code')
-        return named
+        return use
 
     def _uses_in(
         self, file: str, document: Document, inside: _Inside | None = None, *, offset: int | None = None
