@@ -6,6 +6,7 @@ from __future__ import annotations
 import random
 import time
 from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -146,8 +147,9 @@ def check(
 
 
 def _flowed(path: ModelPath, flow: Flow, rounds: int, begin: float) -> Result:
-    # The small rest to 1 or 0 is a rounding error of the sums.
-    low, high = (round(value, 12) for value in (flow.good, flow.good if flow.is_complete else 1.0 - flow.bad))
+    low, high = flow.good, max(flow.good, 1.0 - flow.bad)
+    if flow.is_complete:
+        low = high = flow.good / (flow.good + flow.bad)  # the sum differs from 1 by rounding errors
     how = f'exact: {flow.size} states, {rounds} without their time, automata {_ORDERS[path.order]}'
     return _exact(path, flow, (low, high), how, begin)
 
@@ -179,6 +181,7 @@ class _Explorer:
         self._states: list[tuple[GlobalState, int] | None] = [None, None]
         self._from: list[int] = [-1, -1]
         self._fails: tuple[int, GlobalState] | None = None
+        self._is_round = False  # it fails by going round without an end
         self.stuck = ''
         self._made = 0
         self._is_late = False
@@ -283,6 +286,8 @@ class _Explorer:
         too large to be solved."""
         values, is_solved = reach(graph, is_least)
         if self.is_complete and is_solved:
+            if self._fails is None and not self._path.asked.is_missed_where:
+                self._find_round(values)
             return values[-1], values[-1]
         self.is_complete = False
         opened = [*graph]
@@ -292,11 +297,20 @@ class _Explorer:
         others, is_solved = reach(opened, is_least)
         return values[-1], others[-1] if is_solved else 1.0
 
+    def _find_round(self, values: Sequence[float]) -> None:
+        """Note the first state from which the goal is never reached: a failure, however rarely the state is."""
+        for number in range(2, len(self.graph)):
+            held = self._states[number]
+            if values[number] == 0.0 and held is not None:
+                self._fails, self._is_round = (self._from[number], held[0]), True
+                return
+
     def way(self) -> tuple[str, ...]:
         """Return the way to the failure in words: the choices, and the steps in between."""
+        wanted = 'fails' if self._path.asked.is_at_most else 'is satisfied'
+        goes_round = f'it goes round without ever coming to where the property {wanted}'
         if self._fails is None:
-            wanted = 'fails' if self._path.asked.is_at_most else 'is satisfied'
-            return (f'it goes round without ever coming to where the property {wanted}',)
+            return (goes_round,)
         source, goal = self._fails
         goals = [goal]
         while source >= 0:
@@ -307,11 +321,11 @@ class _Explorer:
         starts = [state for _, state in self._path.system.initial()]
         at = next((one for one in starts if self._leads(one, goals[-1]) is not None), starts[0])
         found: list[str] = []
-        for wanted in reversed(goals):
-            for step in self._leads(at, wanted) or ():
+        for then in reversed(goals):
+            for step in self._leads(at, then) or ():
                 found += self._path.system.narrate(*step)
-            at = wanted
-        return tuple(found)
+            at = then
+        return (*found, goes_round) if self._is_round else tuple(found)
 
     def _leads(self, state: GlobalState, goal: GlobalState) -> list[Made] | None:
         """Return the steps from a choice to the next one; None if they do not lead to ``goal``."""

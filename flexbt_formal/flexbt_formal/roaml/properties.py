@@ -30,6 +30,8 @@ _OPERATORS: Final = {sign: sign for sign in _SIGNS} | _ALIASES
 _FUNCTIONS: Final = ('abs', 'floor', 'ceil', 'sin', 'cos', 'log', 'exp', 'round')
 _UNARY: Final = dict.fromkeys(('¬', '!', 'not'), 'unary !') | {name: name for name in _FUNCTIONS}
 _LENGTH: Final = re.compile(r'(.+)\.d(\d+)_len')
+_ROUNDING: Final = 1e-9
+"""Relative error of a calculated probability."""
 
 
 class PropertyError(ValueError):
@@ -79,12 +81,15 @@ class ModelProperty:
         """True if a single path that the demand does not want misses it, however rare it is."""
         return self.demand in (None, ('>=', 1.0), ('<=', 0.0))
 
-    def holds(self, value: float, error: float = 1e-9) -> bool:
-        """Return whether a probability meets the demand."""
+    def holds(self, value: float) -> bool:
+        """Return whether a probability meets the demand. The tolerance for rounding is relative to the distance from 0
+        or 1: a demand may be as small as 1e-9."""
         sign, wanted = self.demand or ('>=', 1.0)
-        if sign in ('>=', '>'):
-            return value >= wanted - error if sign == '>=' else value > wanted
-        return value <= wanted + error if sign == '<=' else value < wanted
+        error = _ROUNDING * min(wanted, 1.0 - wanted)
+        if sign in ('>', '<'):
+            return value > wanted + error if sign == '>' else value < wanted - error
+        error = error or _ROUNDING  # of 0 and 1: whether a single path misses it is known otherwise
+        return value >= wanted - error if sign == '>=' else value <= wanted + error
 
 
 def read_properties(path: str, asked: SourceElement | None) -> list[ModelProperty]:

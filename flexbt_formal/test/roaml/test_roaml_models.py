@@ -155,6 +155,42 @@ def test_what_fails_however_rarely_does_not_hold(tmp_path: Path, order: Order) -
     assert 'dice sends won (left 1)' in found['never at last'].way[-2]
 
 
+@pytest.mark.parametrize('timer', ['', '<ros_time_rate name="clock" rate_hz="1"/>'], ids=['graph', 'rounds'])
+@pytest.mark.parametrize(
+    ('probability', 'sign', 'demanded', 'holds'),
+    [
+        ('0.000000002', '≤', 1.5e-9, False),
+        ('0.000000002', '≤', 2e-9, True),
+        ('0.999999998', '≥', 0.9999999985, False),
+        ('0.999999998', '>', 0.9999999975, True),
+        ('0.1 0.2', '>', 0.3, False),
+        ('0.1 0.2', '≤', 0.3, True),
+        ('0.000000002', '>', 0, True),
+    ],
+)
+def test_a_demand_is_met_up_to_rounding(
+    tmp_path: Path, probability: str, sign: str, demanded: float, holds: bool, timer: str
+) -> None:
+    sent = ''.join(f'<target id="end" prob="{one}"><send event="bad"/></target>' for one in probability.split())
+    node = f'go|{timer}<state id="go"><transition>{sent}<target id="end"/></transition></state><state id="end"/>'
+    asked = {'op': sign, 'left': finally_('bad.valid', extreme='Pmax'), 'right': demanded}
+    assert checked(write(tmp_path, {'asked': asked}, nodes={'node': node})).holds is holds
+
+
+@pytest.mark.parametrize('order', list(Order))
+def test_what_goes_round_forever_however_rarely_does_not_hold(tmp_path: Path, order: Order) -> None:
+    again = '{}|<state id="{}"><transition event="{}" target="{}"><send event="{}"/></transition></state>'
+    begin = """go|<state id="go"><transition>
+        <target id="end" prob="0.9999999999"><send event="done"/></target><target id="end"><send event="ping"/></target>
+    </transition></state><state id="end"/>"""
+    nodes = {'begin': begin, 'one': again.format('a', 'a', 'ping', 'a', 'pong')}
+    nodes['other'] = again.format('b', 'b', 'pong', 'b', 'ping')
+    result = checked(write(tmp_path, {'asked': finally_('done.valid')}, nodes=nodes), order=order)
+    assert result.holds is False
+    assert 'begin sends ping' in result.way
+    assert 'goes round' in result.way[-1]
+
+
 DICE = """throw|
     <datamodel><data id="left" type="int8" expr="3"/></datamodel>
     <state id="throw">
