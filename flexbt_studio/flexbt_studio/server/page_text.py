@@ -58,10 +58,34 @@ class PageText:
             match edit:
                 case [int(start), int(end), str(text)] if 0 <= start <= end:
                     written = text.replace('\n', line_break) if line_break != '\n' else text
-                    found.append(TextEdit(self.from_page(start), self.from_page(end), written))
+                    found.append(self._apart(self._whole(start, end, written)))
                 case _:
                     raise ValueError('an edit is [start, end, text] with 0 <= start <= end')
         return found
+
+    def _whole(self, start: int, end: int, text: str) -> TextEdit:
+        """Return an edit of the page as one of whole characters: it may replace one of the two units of a character."""
+        first, last = self.from_page(start), self.from_page(end)
+        units = text.encode('utf-16-le', 'surrogatepass')
+        if self._is_within(first, start):
+            units = self._text[first].encode('utf-16-le')[:2] + units
+        if self._is_within(last, end):
+            units += self._text[last].encode('utf-16-le')[2:]
+            last += 1
+        return TextEdit(first, last, units.decode('utf-16-le', 'replace'))
+
+    def _is_within(self, offset: int, place: int) -> bool:
+        """Return whether a place of the page is within the character at an offset."""
+        return self._text[offset : offset + 1] > '\uffff' and self.to_page(offset) < place
+
+    def _apart(self, edit: TextEdit) -> TextEdit:
+        """Return an edit that makes no one line break of two: a carriage return may come before a line feed by it."""
+        start, end, text = edit
+        if self._text[max(start - 1, 0) : start] == '\r' and (text or self._text[end : end + 1])[:1] == '\n':
+            text = f'\n{text}'
+        if text[-1:] == '\r' and self._text[end : end + 1] == '\n':
+            text = f'{text}\n'
+        return TextEdit(start, end, text)
 
     def spans_to_page(self, value: Any) -> Any:
         """Return a JSON value with all spans in it converted. A span is a list of two integers under a key that is one

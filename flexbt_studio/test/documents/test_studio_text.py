@@ -76,3 +76,16 @@ def test_an_edit_of_the_page_does_in_the_text_what_it_does_there(
     text = page_text.replace('\n', line_break)
     units = PageText(page_text).edits_to_page(edits)  # the same places, in UTF-16 units
     assert shown(applied(text, PageText(text).edits_from_page(units))) == applied(page_text, edits)
+
+
+@given(st.text(st.sampled_from('ab\n\r😀😁'), max_size=12), st.data())
+def test_an_edit_of_units_keeps_the_text_that_the_page_shows(text: str, data: st.DataObject) -> None:
+    page = shown(text).encode('utf-16-le')
+    for _ in range(3):
+        start = data.draw(st.integers(0, len(page) // 2))
+        end = data.draw(st.integers(start, len(page) // 2))
+        written = data.draw(st.sampled_from(['', 'x', '\n', '\n\n', '\ude00', '\ud83d', '😁']))
+        page = page[: 2 * start] + written.encode('utf-16-le', 'surrogatepass') + page[2 * end :]
+        text = applied(text, PageText(text).edits_from_page([[start, end, written]]))
+        page = page.decode('utf-16-le', 'replace').encode('utf-16-le')  # no half of a character can be saved
+        assert shown(text).encode('utf-16-le') == page
