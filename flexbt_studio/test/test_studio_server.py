@@ -314,6 +314,9 @@ NONSENSE: list[tuple[str, dict[str, Any], str]] = [
     ('open', {'file': '/etc/passwd'}, 'not in the project'),
     ('open', {'file': 'link.xml'}, 'not in the project'),
     ('open', {'file': 'a\0b'}, 'not in the project'),
+    ('open', {'file': './main.xml'}, "has the name 'main.xml'"),  # under two names it would be two documents
+    ('open', {'file': 'pipe.xml'}, 'pipe'),
+    ('start_job', {'job': 'prove', 'file': 'sub/../main.xml', 'version': 1}, "has the name 'main.xml'"),
     ('open', {'file': 'missing.xml'}, 'cannot be read'),
     ('open', {'file': 'more'}, 'more'),
     ('open', {'file': 'latin.xml'}, 'not UTF-8'),
@@ -336,6 +339,7 @@ NONSENSE: list[tuple[str, dict[str, Any], str]] = [
 def test_nonsense_is_refused_with_what_is_wrong_and_the_page_goes_on(folder: Path) -> None:
     (folder / 'link.xml').symlink_to('/etc/hostname')
     (folder / 'latin.xml').write_bytes(b'<root>\xe9</root>')
+    os.mkfifo(folder / 'pipe.xml')  # who opens it waits for its other end
 
     async def story(page: Page) -> None:
         for method, arguments, message in NONSENSE:

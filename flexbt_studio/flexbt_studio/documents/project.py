@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.values.text import did_you_mean, short_repr
-from flexbt_core.values.text_files import TextFileError, read_text, write_text
+from flexbt_core.values.text_files import TextFileError, open_regular, read_text, write_text
 from flexbt_studio.errors import ConflictError, StudioError
 
 from .document import Document
@@ -197,10 +197,13 @@ class Project:
             yield from (Path(folder, name) for name in sorted(names) if Path(name).suffix in suffixes)
 
     def path(self, file: str) -> Path:
-        """Return where a file is on disk. Raises StudioError if that is outside of the project."""
+        """Return where a file is on disk. Raises StudioError if that is outside of the project, or has another name."""
         path = Path(os.path.realpath(self.root / file)) if '\0' not in file else self.root.parent
         if not path.is_relative_to(self.root) or path == self.root:
             raise StudioError(f'{short_repr(file)} is not in the project; open the folder that contains it instead')
+        name = os.path.relpath(self.root / file, self.root)
+        if file != name:  # a file has one name: who edits it under another one would not see what others edit
+            raise StudioError(f'{short_repr(file)} has the name {short_repr(name)} in the project; write that')
         return path
 
     def unedited(self) -> Project:
@@ -414,7 +417,7 @@ def _identity(text: str) -> str:
 
 def _beginning(path: Path) -> str:
     try:
-        with path.open('rb') as content:
+        with open(path, 'rb', opener=open_regular) as content:
             return content.read(_BEGINNING).decode('utf-8', 'replace')
     except OSError:
         return ''
