@@ -258,6 +258,35 @@ class TestTopics:
         assert run(bench, steps).wait() == 'done'
         assert steps.seen == [True, False]
 
+    def test_each_proxy_has_its_own_subscription_and_callback(self, bench: StateBench) -> None:
+        """As in FlexBE 4; two states of one behavior may use the same topic."""
+
+        heard: list[int] = []
+
+        class Both(Steps):
+            def start(self, state: Script) -> None:
+                self.pub = ProxyPublisher({'shared': String})
+                self.proxies: list[Any] = [ProxySubscriberCached(), ProxySubscriberCached(), state._sub]
+                for number, proxy in enumerate(self.proxies):
+                    proxy.subscribe('shared', String, callback=lambda _, number=number: heard.append(number))
+
+            def execute(self, state: Script) -> str | None:
+                if len(heard) < 3:
+                    if self.pub.number_of_subscribers('shared'):
+                        self.pub.publish('shared', String())
+                    state.wake_at(state.clock.now() + 0.02)
+                    return None
+                for proxy in (*self.proxies[:2], state._sub):
+                    self.seen.append(proxy.is_available('shared'))
+                    proxy.unsubscribe_topic('shared')
+                self.seen.append(self.proxies[0].is_available('shared'))
+                return 'done'
+
+        steps = Both()
+        assert run(bench, steps).wait() == 'done'
+        assert heard[:3] == [0, 1, 2]
+        assert steps.seen == [True, True, True, False]
+
     def test_methods_may_be_called_on_the_class(self, bench: StateBench) -> None:
         class Classy(Steps):
             def execute(self, state: Script) -> str:

@@ -8,6 +8,7 @@ the node of the run on the current thread.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Any
 
 from flexbt_core.state_machine.authoring import machine
@@ -69,8 +70,8 @@ class EventState(RosAccess, event_state.EventState):
     _outcomes = _Provided(lambda state: list(state.outcomes))
     _input_keys = _Provided(lambda state: list(state.input_keys))
     _output_keys = _Provided(lambda state: list(state.output_keys))
-    _pub = _Provided(lambda state: ProxyPublisher())
-    _sub = _Provided(lambda state: ProxySubscriberCached())
+    _pub = cached_property(lambda state: ProxyPublisher())
+    _sub = cached_property(lambda state: ProxySubscriberCached())
     _manual_transition_requested = _Provided(
         lambda state: state._bound().outcome if state.exit_reason is ExitReason.FORCED else None
     )

@@ -12,7 +12,7 @@ from flexbt_core.errors import FlexbtError
 from flexbt_core.state_machine.model.event_state import EventState, called_state
 from flexbt_core.values.text import short_repr
 from flexbt_flexbe.errors import ProxyError
-from flexbt_onboard.behaviors.run_context import current_run
+from flexbt_onboard.behaviors.run_context import RunContext, current_run
 
 Proxy = TypeVar('Proxy', bound=type[Any])
 
@@ -22,6 +22,11 @@ class RunProxy:
 
     def __init__(self) -> None:
         self._run = current_run()
+
+    @classmethod
+    def of_run(cls, _run: RunContext) -> Any:
+        """Return the proxy of a run whose methods are called on the class."""
+        return cls()
 
     @staticmethod
     def initialize(node: Any) -> None:
@@ -42,7 +47,7 @@ class _OnClassToo:
         self.__doc__ = method.__doc__
 
     def __get__(self, proxy: Any, owner: type[Any]) -> Callable[..., Any]:
-        return MethodType(self._method, owner() if proxy is None else proxy)
+        return MethodType(self._method, current_run().shared(owner.of_run) if proxy is None else proxy)
 
 
 def callable_on_class(proxy: Proxy) -> Proxy:

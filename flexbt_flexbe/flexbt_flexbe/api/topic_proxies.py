@@ -215,7 +215,7 @@ class ProxySubscriberCached(RunProxy):
         self,
         topics: Mapping[str, type[Any] | str] | None = None,
         qos: QoSProfile | int | None = None,
-        inst_id: Any = -1,
+        inst_id: Any = None,
     ) -> None:
         super().__init__()
         self._feeds = self._run.shared(_RunFeeds)
@@ -229,9 +229,10 @@ class ProxySubscriberCached(RunProxy):
         callback: MessageCallback | None = None,
         buffered: bool = False,
         qos: QoSProfile | int | None = None,
-        inst_id: Any = -1,
+        inst_id: Any = None,
     ) -> None:
-        """Subscribe to a topic, until every subscribed ``inst_id`` has called :meth:`unsubscribe_topic`.
+        """Subscribe to a topic, until every subscribed ``inst_id`` has called :meth:`unsubscribe_topic`; None is this
+        proxy. Each has its own callback.
 
         Raises:
             ProxyError: the type is not a message type, or the run has subscribed to the topic with another type.
@@ -239,9 +240,9 @@ class ProxySubscriberCached(RunProxy):
             InvalidTopicNameException: no topic can have that name.
         """
         feed = self._feeds.open(topic, message_class(topic, msg_type))
-        feed.users.add(inst_id)
+        feed.users.add(self._user(inst_id))
         if callback is not None:
-            feed.set_callback(inst_id, callback)
+            feed.set_callback(self._user(inst_id), callback)
         if buffered:
             self.enable_buffer(topic)
         try:
@@ -250,9 +251,9 @@ class ProxySubscriberCached(RunProxy):
             self.unsubscribe_topic(topic, inst_id)
             raise
 
-    def set_callback(self, topic: str, callback: MessageCallback | None, inst_id: Any = -1) -> None:
+    def set_callback(self, topic: str, callback: MessageCallback | None, inst_id: Any = None) -> None:
         """Set a callback for each message. It runs on the executor's thread and must not block."""
-        self._feed(topic).set_callback(inst_id, callback)
+        self._feed(topic).set_callback(self._user(inst_id), callback)
 
     def enable_buffer(self, topic: str) -> None:
         """Keep all messages from now on."""
@@ -307,14 +308,17 @@ class ProxySubscriberCached(RunProxy):
 
     make_persistent = make_persistant
 
-    def unsubscribe_topic(self, topic: str, inst_id: Any = -1) -> None:
+    def unsubscribe_topic(self, topic: str, inst_id: Any = None) -> None:
         """Unsubscribe ``inst_id``; the last one ends the subscription."""
         feed = self._feeds.feeds.get(topic)
         if feed is not None:
-            feed.set_callback(inst_id, None)
-            feed.users.discard(inst_id)
+            feed.set_callback(self._user(inst_id), None)
+            feed.users.discard(self._user(inst_id))
             if not feed.users:
                 self._feeds.drop(topic)
+
+    def _user(self, inst_id: Any) -> Any:
+        return self if inst_id is None else inst_id
 
     def _feed(self, topic: str) -> _Feed:
         feed = self._feeds.feeds.get(topic)
