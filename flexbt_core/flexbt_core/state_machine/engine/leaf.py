@@ -130,10 +130,8 @@ class LeafRun:
         self._successor.bind(self)
 
     def move(self, scope: Scope) -> None:
-        """Use the userdata of a machine, and drop copies of values that were read before."""
-        if self._userdata is not None and self._userdata._scope is scope:
-            self._userdata._copies.clear()
-        else:
+        """Use the userdata of a machine."""
+        if self._userdata is None or self._userdata._scope is not scope:
             self._userdata = UserData(scope, self._input_keys, self._output_keys, self.definition.remap, self)
 
     def restore(self, scope: Scope, outcome: str) -> None:
@@ -309,8 +307,13 @@ class LeafRun:
     def call(
         self, what: str, callback: Callable[..., _Result], *arguments: object
     ) -> _Result | Literal[_Raised.RAISED]:
-        """Call a callback of the state and return its result. The run shows the callback while it runs."""
+        """Call a callback of the state and return its result. The run shows the callback while it runs.
+
+        Each callback gets new copies of what the state only reads: others may change the values themselves meanwhile.
+        """
         set_called_state(self.state)
+        if self._userdata is not None:
+            self._userdata._copies.clear()
         engine = self._engine
         outer, engine.calling = engine.calling, (self.path, what)
         try:

@@ -319,6 +319,29 @@ def test_each_visit_of_a_state_has_copies_of_its_own() -> None:
     assert bench.run.userdata() == {'items': []}
 
 
+def test_what_a_concurrent_state_changes_in_place_is_seen_at_the_next_execution() -> None:
+    def append(_: Scripted, userdata: UserData) -> str | None:
+        userdata.items.append(len(userdata.items))
+        return 'done' if len(userdata.items) == 3 else None
+
+    def read(_: Scripted, userdata: UserData) -> str | None:
+        userdata.items.append('mine')
+        seen.append(list(userdata.items))
+        return 'done' if len(seen) == 3 else None
+
+    seen: list[Any] = []
+    writer = Scripted('done', do={'execute': append}, io_keys=['items'], rate=10.0)
+    reader = Scripted('done', do={'execute': read}, input_keys=['items'], rate=10.0)
+    both = [(label, 'done') for label in 'AB']
+    bench = Bench(
+        machine(Child('A', writer), Child('B', reader), conditions=[('ended', both)], io_keys=['items']),
+        userdata={'items': []},
+    )
+    bench.pass_time(0.5)
+    assert bench.outcome == 'ended'
+    assert seen == [[0, 'mine'], [0, 1, 'mine'], [0, 1, 2, 'mine']]
+
+
 def test_a_default_yields_to_what_is_around_the_machine() -> None:
     seen: list[Any] = []
     place = Child('One', reader('speed', seen), {'done': 'ended', 'failed': 'ended'})
