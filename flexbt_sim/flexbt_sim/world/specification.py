@@ -224,7 +224,8 @@ def _bounded(value: Any, one: ModelKey, path: Path, problems: list[WorldProblem]
     elif isinstance(value, int | float) and not isinstance(value, bool):
         if not one.low <= value <= one.high:
             unit = f' {one.unit}' if one.unit else ''
-            problems.append(WorldProblem(path, f'{value:g}{unit} is not within {one.low:g} to {one.high:g}{unit}'))
+            shown = f'{value:g}' if isinstance(value, float) else short_repr(value)  # a long int has no float
+            problems.append(WorldProblem(path, f'{shown}{unit} is not within {one.low:g} to {one.high:g}{unit}'))
     elif isinstance(value, tuple):
         for i, part in enumerate(value):
             _bounded(part, one, (*path, i), problems)

@@ -111,6 +111,7 @@ def test_everything_that_a_file_says_is_in_the_world(tmp_path: Path) -> None:
             "robots.alpha.model: there is no model ['burger'] before this",
         ),
         ('seed: 3', '"\\e[2J": 3', '"', '\\e[2J: there is no such key'),
+        ('seed: 3', f'seed: {"9" * 400}', 'seed', '9 is not within 0 to 9.0072e+15'),
         ('slip: 0.05', 'slip: much', 'slip', "models.courier.drive.slip: expected a number, got 'much'"),
         ('pose: [1, 2, 0]', 'pose: [1, 2]', 'pose: [1, 2]', 'robots.beta.pose: expected a list of 3 numbers'),
         ('pose: [1, 2, 0], ', '', 'beta', "robots.beta: 'pose' is missing"),
