@@ -171,12 +171,12 @@ class SimulatorCore:
         with self.lock:
             self._tell_scene()
         if isinstance(entity, Robot):
-            self._connect_robot(entity, f'{namespace.strip("/") or entity.name}/')
+            self._connect_robot(entity, f'{namespace or entity.name}/')
         self._serve_entities()
 
     def is_free_namespace(self, namespace: str) -> bool:
         """Return whether no robot uses this namespace."""
-        return f'{namespace.strip("/")}/' not in {topics.namespace for topics in self._robots.values()}
+        return f'{namespace}/' not in {topics.namespace for topics in self._robots.values()}
 
     def remove(self, entity: Entity) -> None:
         """Remove an entity."""

@@ -121,7 +121,7 @@ class EntityServices:
             pose = self._pose(placed.pose, placed.header.frame_id, codes.INVALID_POSE)
         described, model, own_pose = self._described(request, pose)
         name = self._free_name(request.name or described, request.allow_renaming)
-        namespace = request.entity_namespace
+        namespace = request.entity_namespace.strip('/')
         if namespace or isinstance(model, RobotModel):
             self._check_namespace(namespace or name)
         try:
@@ -188,7 +188,7 @@ class EntityServices:
 
     def _check_namespace(self, namespace: str) -> None:
         try:
-            validate_namespace(f'/{namespace.strip("/")}')
+            validate_namespace(f'/{namespace}')
         except InvalidNamespaceException as error:
             raise ServiceRefusedError(SpawnEntity.Response.NAMESPACE_INVALID, str(error)) from None
         around = self._simulator.runtime.node.get_namespace()

@@ -259,8 +259,9 @@ def test_no_two_robots_are_in_one_namespace(bench: Bench) -> None:
     placed = pose((5.0, 3.0))
     first = bench.spawn('robots: {gamma: {}}', entity_namespace='delta', initial_pose=placed)
     assert first.result.result == Result.RESULT_OK, first.result.error_message
-    second = bench.spawn('robots: {delta: {}}', initial_pose=pose((5.0, 5.0)))
-    assert second.result.result == SpawnEntity.Response.NAMESPACE_INVALID
+    for namespace in ('', '/'):
+        second = bench.spawn('robots: {delta: {}}', entity_namespace=namespace, initial_pose=pose((5.0, 5.0)))
+        assert second.result.result == SpawnEntity.Response.NAMESPACE_INVALID
     thing = bench.spawn('obstacles: {delta: {pose: [5, 5, 0]}}')
     assert thing.result.result == Result.RESULT_OK, thing.result.error_message
 
