@@ -16,7 +16,7 @@ from flexbt_sim.world.models import (
     ZoneModel,
 )
 from flexbt_sim.world.plane.geometry import Circle, Polygon, Pose, Shape, contains
-from flexbt_sim.world.plane.space import Body, WorldView, generator
+from flexbt_sim.world.plane.space import ROUNDING, Body, WorldView, generator
 
 EDGE: Final = 0.01
 """Visible part of an open door, m."""
@@ -136,8 +136,9 @@ class Door(Body):
         self.pose, self.model = pose, self.model.at(pose)
 
     def command(self, open_it: bool) -> None:
-        """Command it to open or to close. An automatic door closes again by itself."""
-        self.wants_open = open_it
+        """Command it to open or to close. An automatic door closes again by itself; a jammed one ignores it."""
+        if not self.is_jammed:
+            self.wants_open = open_it
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
         """Open or close a little."""
@@ -154,8 +155,8 @@ class Door(Body):
         if after == before or self.is_jammed:
             return
         self._set(after)
-        if after < before and surroundings.gap_to_bodies(self, self.pose) <= 0.0:
-            self._set(before)  # something is in its way
+        if after < before and surroundings.gap_to_bodies(self, self.pose) < -ROUNDING:
+            self._set(before)  # something is in its way, not only beside it, as the other leaf of a double door is
 
     def _set(self, opening: float) -> None:
         self.opening = opening

@@ -187,6 +187,7 @@ def test_a_jammed_door_stays_as_it_is() -> None:
     world.set_fault('gate', 'door_jammed', duration=3.0)
     world.step(2.5)
     assert door.opening == pytest.approx(0.5)
+    door.command(False)  # is refused: it must not do so when it is mended
     world.step(2.0)
     assert door.opening == 1.0
 

@@ -468,6 +468,7 @@ def test_an_obstacle_waits_for_what_is_in_its_way() -> None:
 
 
 DOOR = DoorModel(from_=(0.0, 0.0), to=(1.0, 0.0), opening_time=2.0)
+LEAVES = {'left': 0.0, 'right': math.pi}
 
 
 def test_a_door_is_moved_and_works_where_it_is() -> None:
@@ -505,6 +506,16 @@ def test_a_door_opens_and_closes_by_command_and_not_on_a_robot() -> None:
     world.remove('alpha')
     world.step(2.0)
     assert door.opening == 0.0
+
+
+@pytest.mark.parametrize('yaw', [0.0, 0.3, 2.0])
+def test_both_leaves_of_a_double_door_close(yaw: float) -> None:
+    world = World()
+    leaves = [world.add(name, replace(DOOR, open=True), Pose(3.0, 1.0, yaw + turn)) for name, turn in LEAVES.items()]
+    for leaf in leaves:
+        leaf.command(False)
+    world.step(3.0)
+    assert [leaf.opening for leaf in leaves] == [0.0, 0.0]
 
 
 @pytest.mark.parametrize('x', [0.3001, 0.6999])

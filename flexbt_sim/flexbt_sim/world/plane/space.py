@@ -168,7 +168,7 @@ COLLISION_CHECK_DISTANCE: Final = 0.002
 _REACH: Final = 1.0
 """Distance, m, within which other bodies are near; more where bodies move by more than a quarter of it in a step."""
 
-_ROUNDING: Final = 1e-9
+ROUNDING: Final = 1e-9
 """Overlap depth, m, that is tolerated."""
 
 
@@ -340,7 +340,7 @@ class Space:
             step = min(duration - gone, max(room, COLLISION_CHECK_DISTANCE) / reach)
             ahead = at(gone + step)
             after = self.gap(body, ahead)
-            if after < min(-_ROUNDING, room):
+            if after < min(-ROUNDING, room):
                 return gone
             body.pose = ahead
             room, gone = after, gone + step
