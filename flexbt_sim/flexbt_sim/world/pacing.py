@@ -295,7 +295,7 @@ class Pacer:
                 fastest = COMPUTING_FACTOR
         self._schedule.advance(simulated, time.monotonic(), fastest)
         computing = bool(self._computing)
-        while not self._stopped and (left := self._schedule.due - time.monotonic()) > 0.0:
+        while not (self._stopped or self._is_paused) and (left := self._schedule.due - time.monotonic()) > 0.0:
             is_over = self._drivers.acting(now) or (computing and not self._computing)
             if is_over and self._schedule.factor == 0.0:
                 self._schedule = Schedule(0.0, time.monotonic())  # the computation is done: stop waiting for it

@@ -128,6 +128,11 @@ def test_a_new_factor_ends_what_was_long_at_the_old_one(factor: float) -> None:
     pass_time(pacer)
 
 
+def test_a_pause_ends_a_long_wait_so_that_steps_can_be_made() -> None:
+    pacer = Pacer(1e-6)
+    while_waiting(pacer, partial(pacer.wait, 1, 1.0, 1.0), pacer.pause)
+
+
 # -- as fast as possible ---------------------------------------------------------------------------------------------
 
 
