@@ -285,6 +285,26 @@ def test_the_rate_can_be_changed_and_has_to_be_positive(bench: StateBench) -> No
     assert times[-1] - times[1] < 1.0, 'at the default rate it takes 1.9 s'
 
 
+def test_a_run_may_have_another_default_rate(bench: StateBench) -> None:
+    rates: list[float | None] = []
+
+    def work(state: Traced, userdata: Any) -> str:
+        rates.append(state.desired_rate)
+        return 'done'
+
+    def build() -> OperatableStateMachine:
+        if not rates:
+            EventState.set_default_rate(40.0)
+        return machine_of(
+            ('A', lambda: Traced([], work), {}),
+            ('B', lambda: Traced([], work, desired_rate=5.0), {}),
+        )
+
+    for _ in range(2):
+        assert bench.run(build).wait() == 'finished'
+    assert rates == [40.0, 5.0, 10.0, 5.0]
+
+
 class TestUserData:
     """The cases of FlexBE's test_user_data."""
 

@@ -7,15 +7,17 @@ the node of the run on the current thread.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property
+from types import EllipsisType
 from typing import Any
 
 from flexbt_core.state_machine.authoring import machine
 from flexbt_core.state_machine.model import event_state
-from flexbt_core.state_machine.model.event_state import ExitReason
+from flexbt_core.state_machine.model.event_state import DEFAULT_RATE, ExitReason
 from flexbt_core.state_machine.model.userdata import StateError
-from flexbt_onboard.behaviors.run_context import current_run
+from flexbt_onboard.behaviors.run_context import RunContext, current_run
+from flexbt_onboard.errors import OnboardError
 
 from .topic_proxies import ProxyPublisher, ProxySubscriberCached, lacks_of
 
@@ -50,6 +52,26 @@ class _Provided:
         return self if state is None else self._value_of(state)
 
 
+class _DefaultRate:
+    """The rate of the states of a run that have no ``desired_rate``, Hz."""
+
+    def __init__(self, run: RunContext) -> None:
+        self.hz = DEFAULT_RATE
+
+
+def _default_rate() -> float:
+    try:
+        return current_run().shared(_DefaultRate).hz
+    except OnboardError:  # a state that is created outside of a run, as in a test
+        return DEFAULT_RATE
+
+
+def _checked_rate(owner: str, rate: float) -> float:
+    if not rate > 0:
+        raise StateError(f'{owner}: the rate has to be positive, not {rate} Hz')
+    return rate
+
+
 class EventState(RosAccess, event_state.EventState):
     """The base class of FlexBE's states.
 
@@ -61,6 +83,18 @@ class EventState(RosAccess, event_state.EventState):
     """
 
     runs_while_blocked = True
+
+    def __init__(
+        self,
+        outcomes: Iterable[str] = (),
+        input_keys: Iterable[str] = (),
+        output_keys: Iterable[str] = (),
+        io_keys: Iterable[str] = (),
+        desired_rate: float | EllipsisType | None = ...,
+    ) -> None:
+        """Without ``desired_rate`` the state has the default rate."""
+        rate = _default_rate() if desired_rate is ... else desired_rate
+        super().__init__(outcomes, input_keys, output_keys, io_keys, rate)
 
     # FlexBE does not use these names, so its states may use them for other values.
     clock = _Provided(lambda state: state._bound().clock)
@@ -76,15 +110,22 @@ class EventState(RosAccess, event_state.EventState):
         lambda state: state._bound().outcome if state.exit_reason is ExitReason.FORCED else None
     )
 
+    @classmethod
+    def set_default_rate(cls, desired_rate: float) -> None:
+        """Set the rate in Hz of the states that the run creates from now on.
+
+        Raises:
+            StateError: the rate is not positive.
+        """
+        current_run().shared(_DefaultRate).hz = _checked_rate(cls.__name__, desired_rate)
+
     def set_rate(self, desired_rate: float) -> None:
         """Set the rate in Hz at which the state is executed without wake-ups.
 
         Raises:
             StateError: the rate is not positive.
         """
-        if not desired_rate > 0:
-            raise StateError(f'{self.path}: the rate has to be positive, not {desired_rate} Hz')
-        self.desired_rate = desired_rate
+        self.desired_rate = _checked_rate(self.path, desired_rate)
 
     def activity(self) -> Sequence[str]:
         """Return the topics that the state waits for but cannot receive."""
