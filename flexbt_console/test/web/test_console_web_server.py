@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import dataclasses
 import functools
+import gc
 import json
 import threading
 from collections.abc import AsyncIterator, Awaitable, Callable
@@ -52,7 +53,7 @@ from flexbt_console.mirror.records import (
 from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, TreeNodes, TreeReport
 from flexbt_console.ui import answers
 from flexbt_console.ui.station import Session
-from flexbt_console.ui.web import picture, requests
+from flexbt_console.ui.web import drawings, picture, requests
 from flexbt_console.ui.web import server as web_run
 from flexbt_console.ui.web.access import ANYBODY, GUESS_SECONDS, GUESSES, Access, WrongTokens, source_of
 from flexbt_console.ui.web.drawings import Drawings, machine_drawing
@@ -507,6 +508,25 @@ def test_a_drawing_that_comes_back_after_many_others_is_told_again(monkeypatch: 
         assert drawings()[0] == drawings()[2] != drawings()[1]
 
     with_page(robot, look)
+
+
+@pytest.mark.filterwarnings('error::pytest.PytestUnraisableExceptionWarning')
+def test_a_server_that_ends_while_a_drawing_is_made_leaves_nothing_of_its_process(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    told = tmp_path / 'pid'
+    monkeypatch.setattr(
+        drawings, 'graphviz_command', lambda: ('slow', ['sh', '-c', f'echo $$ > {told}; exec sleep 60'])
+    )
+    robot = WebRobot()
+
+    async def look(opened: Page) -> None:
+        robot.mirror.receive_structure(STRUCTURE)
+        await opened.until(lambda: told.exists() and told.read_text())
+
+    with_page(robot, look)
+    assert not Path('/proc', told.read_text().strip()).exists()
+    gc.collect()  # destroys what is left
 
 
 def test_a_fault_of_the_server_is_told_and_is_in_its_log(caplog: pytest.LogCaptureFixture) -> None:

@@ -37,6 +37,12 @@ class Drawings:
         self._made: OrderedDict[str, asyncio.Task[str]] = OrderedDict()
         self._one = asyncio.Lock()
 
+    async def close(self) -> None:
+        """End what is being made, and wait for the processes."""
+        for task in self._made.values():
+            task.cancel()
+        await asyncio.gather(*self._made.values(), return_exceptions=True)
+
     def wanted(self, drawing: Drawing) -> asyncio.Task[str]:
         """Return the task that makes the picture; its result is SVG. Raises ResourceError when awaited."""
         task = self._made.get(drawing.key)
@@ -59,6 +65,7 @@ class Drawings:
             finally:
                 if process.returncode is None:
                     process.kill()
+                    await process.wait()
             if process.returncode:
                 raise ResourceError(name, f'failed: {error.decode(errors="replace").strip()}')
             return finished(out.decode(), style='')  # the page has the style

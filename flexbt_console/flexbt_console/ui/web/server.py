@@ -117,6 +117,8 @@ class WebServer:
 
     async def end(self, application: web.Application | None = None) -> None:
         """End what :meth:`start` began."""
+        if self._drawings is not None:
+            await self._drawings.close()
         self._encoder.shutdown(wait=False, cancel_futures=True)
 
     def _wake(self) -> None:
