@@ -104,8 +104,8 @@ class EventState(RosAccess, event_state.EventState):
     _outcomes = _Provided(lambda state: list(state.outcomes))
     _input_keys = _Provided(lambda state: list(state.input_keys))
     _output_keys = _Provided(lambda state: list(state.output_keys))
-    _pub = cached_property(lambda state: ProxyPublisher())
-    _sub = cached_property(lambda state: ProxySubscriberCached())
+    _pub: cached_property[Any] = cached_property(lambda state: ProxyPublisher())
+    _sub: cached_property[Any] = cached_property(lambda state: ProxySubscriberCached())
     _manual_transition_requested = _Provided(
         lambda state: state._bound().outcome if state.exit_reason is ExitReason.FORCED else None
     )
