@@ -26,7 +26,7 @@ from flexbt_common.files import resolve_file
 from flexbt_common.middleware.received_messages import COMPLAINT_SECONDS
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.runtime.parameters import ParameterDeclarer
-from flexbt_common.values.message_fields import duration_message
+from flexbt_common.values.message_fields import duration_message, seconds_of
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.parameter_fields import parameter
 from flexbt_core.values.text import short_repr
@@ -135,8 +135,10 @@ class DockingServer:
             self._is_charging = pose.distance(self._charging_at) <= CHARGING_WITHIN
 
     def _on_detection(self, message: PoseStamped) -> None:
+        seen_at = seconds_of(message.header.stamp) or self.runtime.clock.now()
+
         def on_poses(poses: list[Pose]) -> None:
-            self._seen = self.runtime.clock.now(), poses[0]
+            self._seen = seen_at, poses[0]
 
         def on_error(error: Exception) -> None:
             self.runtime.node.get_logger().warning(f'ignored: {error}', throttle_duration_sec=COMPLAINT_SECONDS)
@@ -150,7 +152,8 @@ class DockingServer:
         def seen_dock() -> Pose | None:
             if not self.parameters.uses_detection:
                 return dock
-            age = self.runtime.clock.now() - self._seen[0] if self._seen is not None else math.inf
+            # A pose from after now is from before the clock was set back.
+            age = abs(self.runtime.clock.now() - self._seen[0]) if self._seen is not None else math.inf
             return self._seen[1] if self._seen and age <= self.parameters.detection_seconds else None
 
         return Senses(lambda: self._is_charging, seen_dock)

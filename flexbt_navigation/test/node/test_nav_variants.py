@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped
-from nav2_msgs.action import FollowPath, Spin
+from nav2_msgs.action import DockRobot, FollowPath, Spin
 from sensor_msgs.msg import BatteryState
 
 from flexbt_common import names
@@ -156,11 +156,21 @@ def test_a_robot_leaves_a_dock_that_it_has_found_elsewhere_also_when_that_charge
         node = probe.runtime.node
         seen = probe.runtime.call(lambda: node.create_publisher(PoseStamped, names.DETECTED_DOCK_POSE, 1))
         batteries = probe.runtime.call(lambda: node.create_publisher(BatteryState, names.BATTERY_STATE, 1))
-        docked = probe.send(names.DOCK_ROBOT, use_dock_id=True, dock_id='home')
-        while not docked.ended:
-            seen.publish(pose((6.0, 2.0)))
-            probe.later(0.2)
-        assert docked.result.success, docked.result
+
+        def dock(detected: PoseStamped, **fields: bool) -> DockRobot.Result:
+            goal = probe.send(names.DOCK_ROBOT, use_dock_id=True, dock_id='home', **fields)
+            while not goal.ended:
+                seen.publish(detected)
+                probe.later(0.2)
+            return goal.result
+
+        old = pose((6.0, 2.0))
+        old.header.stamp.sec = 1
+        probe.later(61.0)
+        code = dock(old, navigate_to_staging_pose=False).error_code
+        assert code == DockRobot.Result.FAILED_TO_DETECT_DOCK  # however often it is reported
+        docked = dock(pose((6.0, 2.0)))
+        assert docked.success, docked
         assert probe.wait_at_rest().distance((6.0, 2.0)) < 0.1
         silence = SetFault.Request(fault='sensor_silent', parameters='{sensor: battery}')
         assert probe.ask(SetFault, 'simulator/set_fault', silence).success
