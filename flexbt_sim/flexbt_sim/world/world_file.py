@@ -350,16 +350,17 @@ class FloorPlan(ModelSpecification):
     def _fill(
         self, cells: NDArray[numpy.int8], corner: Point, wall: tuple[Point, Point], piece: Sequence[Point], half: float
     ) -> None:  # fmt: skip
-        """Draw a piece of a straight wall: all cells whose centre is within half the thickness of its centre line."""
+        """Draw a piece of a straight wall: all cells whose centre is within half the thickness of its centre line. The
+        wall is longer by as much at both ends, so that corners are filled."""
         start, end = wall
-        ends = list(zip(*piece, corner, strict=True))
-        left, bottom = (max(0, math.floor((min(a, b) - half - c) / self.resolution)) for a, b, c in ends)
-        right, top = (math.ceil((max(a, b) + half - c) / self.resolution) for a, b, c in ends)
+        ends, reach = list(zip(*piece, corner, strict=True)), math.sqrt(2.0) * half
+        left, bottom = (max(0, math.floor((min(a, b) - reach - c) / self.resolution)) for a, b, c in ends)
+        right, top = (math.ceil((max(a, b) + reach - c) / self.resolution) for a, b, c in ends)
         part = cells[bottom : top + 1, left : right + 1]
         x = corner[0] + (left + numpy.arange(part.shape[1]) + 0.5) * self.resolution - start[0]
         y = corner[1] + (bottom + numpy.arange(part.shape[0])[:, None] + 0.5) * self.resolution - start[1]
-        dx, dy = end[0] - start[0], end[1] - start[1]
-        square = dx * dx + dy * dy
-        along = numpy.clip((x * dx + y * dy) / square, 0.0, 1.0) if square else numpy.zeros_like(x + y)
-        away = numpy.maximum(numpy.abs(x - along * dx), numpy.abs(y - along * dy))
+        length = math.dist(start, end)
+        ux, uy = ((end[0] - start[0]) / length, (end[1] - start[1]) / length) if length else (1.0, 0.0)
+        beyond = numpy.abs(x * ux + y * uy - length / 2.0) - length / 2.0
+        away = numpy.maximum(numpy.abs(x * uy - y * ux), beyond)
         part[away <= half] = OCCUPIED

@@ -301,15 +301,15 @@ END = st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0))
 
 @settings(deadline=None, max_examples=30)
 @given(END, END, st.sampled_from([0.03, 0.2, 1.0]))
-def test_a_wall_is_all_cells_within_half_its_thickness_of_its_middle_line(
+def test_a_wall_has_its_thickness_in_any_direction_and_is_longer_by_half_of_it_at_both_ends(
     start: tuple[float, float], end: tuple[float, float], thickness: float
 ) -> None:
     grid = FloorPlan(walls=((start, end),), thickness=thickness, resolution=0.05).drawn()
     rows, columns = numpy.mgrid[: grid.height, : grid.width]
     x, y = grid.origin.x + (columns + 0.5) * 0.05, grid.origin.y + (rows + 0.5) * 0.05
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    along = numpy.clip(((x - start[0]) * dx + (y - start[1]) * dy) / max(dx * dx + dy * dy, 1e-300), 0.0, 1.0)
-    away = numpy.maximum(numpy.abs(x - start[0] - along * dx), numpy.abs(y - start[1] - along * dy))
+    way = complex(*end) - complex(*start)
+    seen = (x + 1j * y - complex(*start)) * (way.conjugate() / abs(way) if way else 1.0)  # from its start, along it
+    away = numpy.maximum(numpy.abs(seen.imag), numpy.maximum(-seen.real, seen.real - abs(way)))
     clear = numpy.abs(away - thickness / 2.0) > 1e-6  # not on its edge
     assert numpy.array_equal(grid.obstacles[clear], (away <= thickness / 2.0)[clear])
 
