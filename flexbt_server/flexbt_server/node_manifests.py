@@ -231,6 +231,8 @@ class _Reader(YamlParts):
                 continue
             fields[prefix, inner] = field, source
             if source.name:
+                if source.name in base.ports and source.name not in FIXED:
+                    self.problem(node, f'node {id}: it has a port {source.name} anyway; use another name for [{path}]')
                 self._add_port(id, node, source.name, base.port_of(path, field), ports)
         for name, node in known.items():
             self._describe(id, name, node, ports)
@@ -284,6 +286,7 @@ class _Reader(YamlParts):
             default = self.value(facts['default'], 'default')
             default = str(default).lower() if isinstance(default, bool) else default
             default = str(default) if isinstance(default, int | float) else default
-        required = port.readable and default is NO_DEFAULT and 'optional' not in facts
+        is_optional = 'optional' in facts and self.truth(facts['optional'], f'optional of the port {name} of {id}')
+        required = port.readable and default is NO_DEFAULT and not is_optional
         description = self.name(facts['description'], 'description') if 'description' in facts else ''
         ports[name] = replace(port, default=default, description=description, required=required)

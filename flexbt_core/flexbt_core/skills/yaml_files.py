@@ -208,14 +208,6 @@ class _Reader(YamlParts):
             return None
         return None if number is None else int(number)
 
-    def truth(self, node: yaml.Node, what: str) -> bool | None:
-        """Return a boolean."""
-        value = self.value(node, what)
-        if not isinstance(value, bool):
-            self.problem(node, f'{what} has to be true or false, not {short_repr(value)}')
-            return None
-        return value
-
     def span(self, node: yaml.Node, what: str) -> tuple[float, float | None] | None:
         """Return a minimum and an optional maximum time, s."""
         parts = self.sequence(node, what)

@@ -240,6 +240,14 @@ class YamlParts:
             self.problem(node, f'{what} is not a plain value: {error.reason}')
             return None
 
+    def truth(self, node: yaml.Node, what: str) -> bool | None:
+        """Return a boolean; else add a problem and return None."""
+        value = self.value(node, what)
+        if not isinstance(value, bool):
+            self.problem(node, f'{what} has to be true or false, not {short_repr(value)}')
+            return None
+        return value
+
     def values(self, node: yaml.Node, what: str) -> dict[str, Any]:
         """Return plain data by name."""
         return {name: self.value(one, f'{what}: {short_repr(name)}') for name, one in self.mapping(node, what).items()}

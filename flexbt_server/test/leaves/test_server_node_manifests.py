@@ -115,6 +115,14 @@ def test_tools_know_nodes_with_manifests() -> None:
     assert {'station', 'patience'} <= set(skill.reads)
 
 
+@pytest.mark.parametrize(
+    ('facts', 'is_required'), [('{optional: false}', True), ('{optional: true}', False), ('{}', True)]
+)
+def test_a_port_is_optional_only_if_the_manifest_says_so(facts: str, is_required: bool) -> None:
+    nodes = read_manifest(DOCK.replace('{description: name of the station}', facts), 'nodes.yaml')
+    assert nodes['DockAt'].ports['station'].required is is_required
+
+
 @pytest.mark.parametrize(('change', 'to', 'problem'), [
     ('DockRobot', 'DockRobo', "nodes.yaml:4: node DockAt: type 'nav2_msgs/action/DockRobo': package 'nav2_msgs' has"),
     ('goal.dock_id', 'goal.dock_idd', "nodes.yaml:9: node DockAt: [goal.dock_idd]: DockRobot_Goal has no field"),
@@ -127,6 +135,8 @@ def test_tools_know_nodes_with_manifests() -> None:
     ('name: dock_robot', 'nam: dock_robot', "nodes.yaml:5: node DockAt cannot have 'nam'; did you mean 'name'?"),
     ('resources: [base]', 'resource: [base]', "cannot have 'resource'; did you mean 'resources'?"),
     ('action: nav2_msgs', 'publish: nav2_msgs', "nodes.yaml:4: node DockAt: type 'nav2_msgs/action/DockRobot': "),
+    ("'{retries}'", "'{error_msg}'", 'nodes.yaml:11: node DockAt: it has a port error_msg anyway; use another name'),
+    ('description: name of', 'optional: name of', 'nodes.yaml:13: optional of the port station of DockAt has to be'),
     ('${patience * 2}', '${patience *}', 'nodes.yaml:10: node DockAt: [goal.max_staging_time]: '),
 ])  # fmt: skip
 def test_mistakes_are_found_with_their_lines(change: str, to: str, problem: str) -> None:
