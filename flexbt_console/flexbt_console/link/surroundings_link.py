@@ -7,6 +7,7 @@ A console that only sends commands does not need them: they are several times th
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Callable
 from typing import Any, Final
@@ -19,8 +20,9 @@ from flexbt_common.middleware.received_messages import Received, ReceivedMessage
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.runtime.pace import Pace
 from flexbt_common.values.limits import check_limits
+from flexbt_common.values.message_fields import yaw_of_quaternion
 from flexbt_console.mirror.mirror import Mirror
-from flexbt_console.mirror.records import GridMap
+from flexbt_console.mirror.records import OCCUPIED, GridMap
 from flexbt_core.values.text import one_line
 from flexbt_msgs.msg import RobotPlan, TreeStatus, TreeStructure
 
@@ -188,15 +190,18 @@ class SurroundingsFeed:
         info = message.info
         cells = message.data.tobytes()
         origin = info.origin.position
-        is_somewhere = is_length(origin.x) and is_length(origin.y) and 0.0 < info.resolution <= MOST_RESOLUTION
+        yaw = yaw_of_quaternion(info.origin.orientation)
+        is_somewhere = is_length(origin.x) and is_length(origin.y) and math.isfinite(yaw)
+        is_somewhere = is_somewhere and 0.0 < info.resolution <= MOST_RESOLUTION
         if info.width * info.height != len(cells) or not 0 < len(cells) <= MOST_CELLS or not is_somewhere:
             raise ValueError(
                 f'a map of {info.width} x {info.height} cells of {info.resolution:g} m from ({origin.x:g}, '
                 f'{origin.y:g}) on, with {len(cells)} values; at most {MOST_CELLS} of at most {MOST_RESOLUTION:g} m '
                 'are taken'
             )
+        grid = upright(GridMap(info.width, info.height, info.resolution, origin.x, origin.y, cells), yaw)
         self.map_frame = message.header.frame_id or MAP_FRAME
-        self._mirror.receive_map(GridMap(info.width, info.height, info.resolution, origin.x, origin.y, cells))
+        self._mirror.receive_map(grid)
 
     def _on_plan(self, message: Any) -> None:
         check_limits(message)
@@ -206,3 +211,35 @@ class SurroundingsFeed:
         if not all(is_length(x) and is_length(y) for x, y in points):
             raise ValueError('a plan with a point that is nowhere')
         self._mirror.receive_plan(points)
+
+
+def upright(map: GridMap, yaw: float) -> GridMap:
+    """Return a map whose rows are turned by ``yaw`` (rad) around its origin as one whose rows are along the x axis.
+
+    Outside of the given map, it is unknown. Raises ValueError if it has too many cells.
+    """
+    width, height, step = map.width, map.height, map.resolution
+    if abs(yaw) * math.hypot(width, height) < 0.5:
+        return map  # no cell is turned by half of its size
+    import numpy  # here, because few maps need it
+
+    cos, sin = math.cos(yaw), math.sin(yaw)  # below, a length is in cells, and the origin is that of the map
+    corners = [(cos * x - sin * y, sin * x + cos * y) for x in (0, width) for y in (0, height)]
+    (left, right), (bottom, top) = (
+        (math.floor(min(side)), math.ceil(max(side))) for side in zip(*corners, strict=True)
+    )
+    columns, rows = right - left, top - bottom
+    if columns * rows > 2 * MOST_CELLS:
+        raise ValueError(f'a map that is turned by {yaw:g} rad needs {columns} x {rows} cells')
+    given = numpy.frombuffer(map.cells, numpy.uint8).reshape(height, width)
+    cells = numpy.full((rows, columns), 255, numpy.uint8)
+    x = left + 0.5 + numpy.arange(columns)
+    for row in range(rows):
+        y = bottom + 0.5 + row
+        column, line = numpy.floor((cos * x + sin * y, cos * y - sin * x)).astype(int)
+        inside = (column >= 0) & (column < width) & (line >= 0) & (line < height)
+        cells[row, inside] = given[line[inside], column[inside]]
+    line, column = numpy.nonzero((given >= OCCUPIED) & (given <= 100))  # a wall of one cell would have gaps
+    x, y = column + 0.5, line + 0.5
+    cells[(sin * x + cos * y - bottom).astype(int), (cos * x - sin * y - left).astype(int)] = given[line, column]
+    return GridMap(columns, rows, step, map.x + left * step, map.y + bottom * step, cells.tobytes())

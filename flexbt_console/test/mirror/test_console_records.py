@@ -8,11 +8,14 @@ import itertools
 import json
 import math
 from array import array
+from collections.abc import Iterable
 from enum import IntEnum
 from typing import Any, Final
 
 import pytest
 from geometry_msgs.msg import PoseStamped
+from hypothesis import given
+from hypothesis import strategies as st
 from nav_msgs.msg import OccupancyGrid
 
 from flexbt_common import names
@@ -319,6 +322,48 @@ def test_what_is_nowhere_is_not_on_the_map(number: float, has_map: bool) -> None
         assert view.places.keys() == {'0'}
         assert MapPane(UNICODE).draw(view, 40, 12).plain
         json.loads(encode_json(parts_of(view, 'ann')))
+
+
+@given(
+    yaw=st.floats(-7.0, 7.0),
+    width=st.integers(1, 30),
+    height=st.integers(1, 30),
+    walls=st.sets(st.integers(0, 899), max_size=20),
+)
+def test_walls_of_a_map_that_is_turned_are_where_they_are(yaw: float, width: int, height: int, walls: set[int]) -> None:
+    known, grid = mirror.Mirror(ManualClock()), OccupancyGrid()
+    grid.info.width, grid.info.height, grid.info.resolution = width, height, 0.5
+    grid.info.origin.position.x, grid.info.origin.position.y = 3.0, -2.0
+    grid.info.origin.orientation.w, grid.info.origin.orientation.z = math.cos(yaw / 2.0), math.sin(yaw / 2.0)
+    grid.data = array('b', [100 if cell in walls else 0 for cell in range(width * height)])
+    SurroundingsFeed(known).receivers[names.MAP](grid)
+    seen = known.view().surroundings.map
+    assert seen is not None
+
+    def centres(columns: int, cells: Iterable[int]) -> list[tuple[float, float]]:
+        return [(0.5 * (cell % columns + 0.5), 0.5 * (cell // columns + 0.5)) for cell in cells]
+
+    there = [
+        (3.0 + math.cos(yaw) * x - math.sin(yaw) * y, -2.0 + math.sin(yaw) * x + math.cos(yaw) * y)
+        for x, y in centres(width, walls & set(range(width * height)))
+    ]
+    shown = [
+        (seen.x + x, seen.y + y)
+        for x, y in centres(seen.width, (cell for cell, value in enumerate(seen.cells) if value == 100))
+    ]
+    for these, others in ((there, shown), (shown, there)):
+        assert all(min(math.dist(one, other) for other in others) < 0.5 for one in these)
+    assert any(value != 255 for value in seen.cells)
+
+
+def test_a_map_that_is_turned_and_long_is_refused() -> None:
+    known, grid = mirror.Mirror(ManualClock()), OccupancyGrid()
+    grid.info.width, grid.info.height, grid.info.resolution, grid.data = 1_000_000, 1, 0.05, array('b', [0] * 1_000_000)
+    grid.info.origin.orientation.w = grid.info.origin.orientation.z = 1.0
+    SurroundingsFeed(known).receivers[names.MAP](grid)
+    grid.info.origin.orientation.z = 0.5
+    with pytest.raises(ValueError, match='a map that is turned by'):
+        SurroundingsFeed(known).receivers[names.MAP](grid)
 
 
 def test_a_map_without_cells_is_none() -> None:
