@@ -101,7 +101,11 @@ class LayeredCostmap:
         self._take_over(touched, before)
 
     def continue_from(self, before: LayeredCostmap) -> None:
-        """Add the last observation of ``before``, a costmap on another map."""
+        """Add what ``before``, a costmap on another map, has seen; on another grid, only its last observation."""
+        world, other = self.costmap.world, before.costmap.world
+        if (world.cells.shape, world.resolution, world.origin) == (other.cells.shape, other.resolution, other.origin):
+            nothing, self._marks, self._window = self._marks, before._marks.copy(), before._window
+            self._take_over(CellBox(0, world.height, 0, world.width), nothing)
         if before._newest is not None:
             self.observe(*before._newest)
 

@@ -226,7 +226,7 @@ class CostmapServer:
     # -- what comes in -----------------------------------------------------------------------------------------------
 
     def set_map(self, world: OccupancyMap) -> None:
-        """Use a new map. Of earlier observations keep only the newest scan."""
+        """Use a new map. Keep what was seen; if the new grid is another one, only the newest scan."""
         static = Costmap(world, self._parameters.inflation)
         before = self._kept
         # The local one keeps obstacles in a square around the robot: a rolling window as in Nav2.

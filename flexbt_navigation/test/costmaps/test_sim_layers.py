@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import array_forms
 import numpy
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -158,6 +160,23 @@ def test_a_local_costmap_is_never_without_what_was_seen_last() -> None:
     other = layered(with_block(EMPTY, 1.0, 1.0), window=3.0)
     other.continue_from(layers)
     assert marks(other) == known
+
+
+@pytest.mark.parametrize('window', [3.0, math.inf])
+def test_on_another_map_with_the_same_grid_nothing_that_was_seen_is_forgotten(window: float) -> None:
+    """Such as that of a no-go zone that has moved: else plans lead through what was seen before, again."""
+    layers = layered(window=window)
+    layers.observe(seen(with_block(EMPTY, 4.0, 3.0), ROBOT), ROBOT)
+    behind = Pose(3.2, 4.0, 0.0)
+    layers.observe(Observation(behind, numpy.zeros(1), numpy.array([math.nan]), 3.5), behind)
+    known = marks(layers)
+    assert known
+    walls = with_block(EMPTY, 1.0, 1.0)
+    for grid, expected in ((walls, known), (replace(walls, origin=Pose(0.1, 0.0, 0.0)), set())):
+        other = layered(grid, window=window)
+        other.continue_from(layers)
+        assert marks(other) == expected
+        assert numpy.array_equal(other.costmap.costs, Costmap(grid, INFLATION, other.costmap.obstacles).costs)
 
 
 @settings(deadline=None, max_examples=20)
