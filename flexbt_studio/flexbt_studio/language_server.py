@@ -13,6 +13,7 @@ import functools
 import inspect
 import os
 from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote, urlsplit
@@ -24,6 +25,7 @@ from pygls.protocol import LanguageServerProtocol, lsp_method
 from pygls.uris import from_fs_path
 
 from flexbt_core.behavior_tree.engine.registry import node_skills
+from flexbt_core.values.findings import finding_record
 from flexbt_onboard.behaviors.machine_behavior import installed_states
 from flexbt_server.node_types import node_registry
 from flexbt_studio.documents.diagnostics import Checker, Finding
@@ -33,6 +35,7 @@ from flexbt_studio.documents.palette import states
 from flexbt_studio.documents.project import Place, Project, kind_of
 from flexbt_studio.documents.text import Lines, Span, TextEdit
 from flexbt_studio.errors import StudioError
+from flexbt_studio.machine_checks import MachineChecks
 from flexbt_studio.tool_process import check_copy, checked
 
 NAME: Final = 'flexbt-ls'
@@ -105,14 +108,22 @@ class FlexbtLanguageServer(LanguageServer):
         notes += broken
         self._palette = states(classes)
         self._runs_code = False
+        self._machines = MachineChecks()
+        self._checking = ThreadPoolExecutor(1, 'checking')
         self._checks: dict[str, asyncio.Task[None]] = {}
+        """Checks that run, by the URIs of their files."""
+        self._found: dict[str, Sequence[Finding]] = {}
+        """Findings for the texts that the editor shows, by URI, as far as they were checked."""
         self._uris: dict[Path, str] = {}
         """URIs by which the editor shows files: they may have links."""
         self._use(Path.cwd())
 
+    def shutdown(self) -> None:
+        self._checking.shutdown(wait=False, cancel_futures=True)
+        self._machines.close()
+        super().shutdown()  # type: ignore[no-untyped-call]  # of pygls
+
     def _use(self, root: Path) -> None:
-        for file in [*self._checks]:
-            self.cancel_check(file)
         self.project = Project(root)
         self.checker = Checker(self.project, self._registry, self._skills)
         self.names = Names(self.project, self._registry, self.checker, self._palette)
@@ -150,9 +161,7 @@ class FlexbtLanguageServer(LanguageServer):
 
     def range(self, file: str, span: Span) -> lsp.Range:
         """Return a span as lines and columns."""
-        lines = _lines(self.project.text(file))
-        start, end = lines.position(span.start), lines.position(span.end)
-        return lsp.Range(lsp.Position(*start), lsp.Position(*end))
+        return _range(self.project.text(file), span)
 
     def offset(self, file: str, position: lsp.Position) -> int:
         """Return the offset of a position."""
@@ -184,13 +193,16 @@ class FlexbtLanguageServer(LanguageServer):
         file = self.file(uri)
         self._uris[self.project.root / file] = uri
         self._take(file, text)
-        self.cancel_check(file)
-        if kind_of(file, text) is None:
-            self._publish(uri, file, [], version)
-        elif self._runs_code and file.endswith('.py') and not self.project.open(file).document.problems:
-            self._checks[file] = asyncio.ensure_future(self._check(uri, file, version))
+        self._forget(uri)
+        kind = kind_of(file, text)
+        if kind is None:
+            self._publish(uri, text, [], version)
+        elif kind.name == 'machine':
+            self._checks[uri] = asyncio.ensure_future(self._check_machine(uri, file, text, version))
+        elif self._runs_code and kind.name == 'behavior' and not self.project.open(file).document.problems:
+            self._checks[uri] = asyncio.ensure_future(self._check_code(uri, file, text, version))
         else:
-            self._publish(uri, file, self.checker.findings(file), version)
+            self._publish(uri, text, self.checker.findings(file), version)
 
     def run_code(self) -> None:
         """Check the behaviors in Python that are open, and those that will be, by running their code."""
@@ -199,35 +211,33 @@ class FlexbtLanguageServer(LanguageServer):
             if file.endswith('.py'):
                 self.show(self.uri(file), opened.document.text, None)
 
-    def cancel_check(self, file: str) -> None:
-        """End the check of a behavior in Python that runs."""
-        if file in self._checks:
-            self._checks.pop(file).cancel()
+    def _forget(self, uri: str) -> None:
+        """Forget the findings of an older text, and end its check."""
+        self._found.pop(uri, None)
+        if uri in self._checks:
+            self._checks.pop(uri).cancel()
 
-    async def _check(self, uri: str, file: str, version: int | None) -> None:
+    async def _check_machine(self, uri: str, file: str, text: str, version: int | None) -> None:
+        check = functools.partial(self._machines.findings, self.project.root, file, text)
+        try:
+            found = await asyncio.get_running_loop().run_in_executor(self._checking, check)
+        except StudioError as error:
+            found = [Finding(finding_record('not-checked', 'warning', str(error)), Span(0, 0))]
+        self._publish(uri, text, found, version)
+
+    async def _check_code(self, uri: str, file: str, text: str, version: int | None) -> None:
+        project, checker = self.project, self.checker
         await asyncio.sleep(PAUSE)
         try:
-            name, copy = check_copy(self.project, file)
-            self._publish(uri, file, self.checker.located(file, name, await checked(copy)), version)
+            name, copy = check_copy(project, file)
+            self._publish(uri, text, checker.located(file, name, await checked(copy)), version)
         except StudioError as error:
             self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Warning, str(error)))
 
-    def _publish(self, uri: str, file: str, findings: Sequence[Finding], version: int | None) -> None:
-        found = [self._diagnostic(file, one) for one in findings]
+    def _publish(self, uri: str, text: str, findings: Sequence[Finding], version: int | None) -> None:
+        self._found[uri] = findings
+        found = [_diagnostic(text, one) for one in findings]
         self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(uri, found, version))
-
-    def _diagnostic(self, file: str, finding: Finding) -> lsp.Diagnostic:
-        record = finding.record
-        message = record['message']
-        if record['fix'] and record['fix'] not in message:
-            message = f'{message}; {record["fix"]}'
-        return lsp.Diagnostic(
-            self.range(file, finding.span),
-            message,
-            _SEVERITIES.get(record['severity'], lsp.DiagnosticSeverity.Information),
-            code=record['rule'],
-            source='flexbt',
-        )
 
     # What editors ask and tell.
 
@@ -257,7 +267,7 @@ class FlexbtLanguageServer(LanguageServer):
         if not _is_file(told.text_document.uri):
             return
         file = self.file(told.text_document.uri)
-        self.cancel_check(file)
+        self._forget(told.text_document.uri)
         self._uris.pop(self.project.root / file, None)
         self.project.close(file)
         self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(told.text_document.uri, []))
@@ -314,7 +324,7 @@ class FlexbtLanguageServer(LanguageServer):
                 kind=lsp.CodeActionKind.QuickFix,
                 edit=lsp.WorkspaceEdit({asked.text_document.uri: self.edits(file, fix.edits)}),
             )
-            for one in self.checker.findings(file)
+            for one in self._found.get(asked.text_document.uri, ())
             if one.span.start <= end and start <= one.span.end
             for fix in one.fixes
         ]
@@ -333,6 +343,26 @@ class FlexbtLanguageServer(LanguageServer):
 def _lines(text: str) -> Lines:
     """Return the lines of a text: an answer has many places in one."""
     return Lines(text)
+
+
+def _range(text: str, span: Span) -> lsp.Range:
+    lines = _lines(text)
+    start, end = lines.position(span.start), lines.position(span.end)
+    return lsp.Range(lsp.Position(*start), lsp.Position(*end))
+
+
+def _diagnostic(text: str, finding: Finding) -> lsp.Diagnostic:
+    record = finding.record
+    message = record['message']
+    if record['fix'] and record['fix'] not in message:
+        message = f'{message}; {record["fix"]}'
+    return lsp.Diagnostic(
+        _range(text, finding.span),
+        message,
+        _SEVERITIES.get(record['severity'], lsp.DiagnosticSeverity.Information),
+        code=record['rule'],
+        source='flexbt',
+    )
 
 
 def _is_file(uri: str) -> bool:

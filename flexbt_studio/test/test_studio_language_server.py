@@ -397,6 +397,32 @@ def test_what_code_of_the_user_prints_is_no_message(folder: Path) -> None:
     with_editor(folder, story, PYTHONPATH=f'{folder}:{os.environ.get("PYTHONPATH", "")}')
 
 
+def test_a_state_that_hangs_when_it_is_made_is_told_and_the_editor_is_answered(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hanging = 'import time\nfrom flexbt_core import EventState\n\n\nclass Hanging(EventState):\n'
+    (folder / 'hanging.py').write_text(f'{hanging}    def __init__(self):\n        time.sleep(1000)\n')
+    description = folder / 'hanging-0.dist-info'
+    description.mkdir()
+    (description / 'METADATA').write_text('Metadata-Version: 2.1\nName: hanging\nVersion: 0\n')
+    (description / 'entry_points.txt').write_text('[flexbt.states]\nhanging = hanging\n')
+    command = 'import flexbt_studio.machine_checks as checks; checks.MACHINE_SECONDS = 2.0; ' + COMMAND[-1]
+    monkeypatch.setattr(sys.modules[__name__], 'COMMAND', [*COMMAND[:-1], command])
+    machine = 'machine:\n  outcomes: [done]\n  states:\n    A: {state: Hanging, transitions: {done: done}}\n'
+
+    async def story(editor: Editor) -> None:
+        shown = asyncio.create_task(editor.show('round.yaml', machine))
+        await asyncio.sleep(0)
+        found = await editor.client.text_document_completion_async(
+            lsp.CompletionParams(*editor.at('round.yaml', machine, 'Hanging'))
+        )
+        assert isinstance(found, lsp.CompletionList)
+        assert ['hangs' in one.message for one in await shown] == [True]
+        assert await editor.show('main.xml', TREE)
+
+    with_editor(folder, story, PYTHONPATH=f'{folder}:{os.environ.get("PYTHONPATH", "")}')
+
+
 def test_a_file_that_is_shown_by_a_link_is_edited_there(tmp_path: Path, folder: Path) -> None:
     (tmp_path / 'link').symlink_to(folder)
 

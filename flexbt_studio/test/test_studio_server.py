@@ -492,7 +492,7 @@ def test_a_state_that_hangs_when_it_is_made_is_told_and_the_page_goes_on(
     (information / 'METADATA').write_text('Metadata-Version: 2.1\nName: hanging\nVersion: 1\n')
     (information / 'entry_points.txt').write_text('[flexbt.states]\nhanging = hanging\n')
     monkeypatch.setenv('PYTHONPATH', os.pathsep.join([str(folder), os.environ['PYTHONPATH']]))
-    monkeypatch.setattr('flexbt_studio.server.session.MACHINE_SECONDS', 2.0)
+    monkeypatch.setattr('flexbt_studio.machine_checks.MACHINE_SECONDS', 2.0)
     (folder / 'round.yaml').write_text(MACHINE.replace('WaitState', 'HangingState').replace('wait_time: 1.0', ''))
 
     async def story(page: Page) -> None:

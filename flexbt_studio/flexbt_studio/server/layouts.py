@@ -14,8 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from flexbt_studio.errors import StudioError
-
-from .worker import Worker
+from flexbt_studio.worker import Worker
 
 LAYOUT_SECONDS: Final = 10.0
 """Time for one container, s; then Graphviz is ended. 60 states with 180 transitions take 0.2 s."""

@@ -15,6 +15,7 @@ import secrets
 import traceback
 from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 from functools import partial
 from itertools import count
 from typing import TYPE_CHECKING, Any, Final
@@ -23,6 +24,7 @@ from aiohttp import WSCloseCode, WSMsgType, web
 
 from flexbt_core.values.text import did_you_mean, one_line, short_repr
 from flexbt_studio.errors import ConflictError, GestureError, StudioError
+from flexbt_studio.machine_checks import MachineChecks
 from flexbt_studio.tool_process import checked
 
 from .groot2_robot import PREFIX, Groot2Robot, robot_name
@@ -36,7 +38,6 @@ from .simulator import NAME as SIMULATION
 from .simulator import Simulation, behavior_files, project_files, worlds
 from .versions import revisions, text_at
 from .workbench import Workbench, shown_finding
-from .worker import Worker
 
 if TYPE_CHECKING:
     from flexbt_console.link.fleet_link import FleetLink
@@ -48,8 +49,6 @@ MESSAGE_BYTES: Final = 8 << 20
 MOST_WAITING: Final = 64
 """Maximum number of requests of one page that wait; more are refused."""
 SEND_SECONDS: Final = 20.0
-MACHINE_SECONDS: Final = 10.0
-"""Time for the check of a machine, s; it makes the states."""
 MOST_PROGRAMS: Final = 8
 """Maximum number of programs that are watched by Groot2's protocol."""
 WATCH_SECONDS: Final = 1.0
@@ -91,7 +90,7 @@ class Sessions:
         self._thread = ThreadPoolExecutor(1, 'workbench')
         self._drawing = ThreadPoolExecutor(1, 'drawing')
         self._checking = ThreadPoolExecutor(1, 'checking')
-        self._checker = Worker('flexbt_studio.server.check_worker')
+        self._checker = MachineChecks()
         self._layouts = Layouts()
         self._drawing.submit(self._layouts.start)  # while the page is loaded
         self._checks: dict[str, asyncio.Task[None]] = {}
@@ -432,20 +431,10 @@ class Sessions:
             )
 
     def _check_machine(self, question: dict[str, Any]) -> dict[str, Any]:
-        """Return the findings for a machine from the worker. On a thread of its own. Raises StudioError."""
-        try:
-            answer = self._checker.ask(question, MACHINE_SECONDS)
-        except (OSError, ValueError) as error:
-            raise StudioError(
-                f'{question["file"]} could not be checked: a state of it hangs or ends: {error}'
-            ) from error
-        if 'error' in answer:
-            raise StudioError(answer['error'])
+        """Return the findings for a machine. On a thread of its own. Raises StudioError."""
+        found = self._checker.findings(question['root'], question['file'], question['text'])
         page = PageText(question['text'])
-        return {
-            'version': question['version'],
-            'findings': [shown_finding(one, page) for one in answer['findings']],
-        }
+        return {'version': question['version'], 'findings': [shown_finding(asdict(one), page) for one in found]}
 
     async def _work(self, function: Any, *arguments: Any) -> Any:
         return await asyncio.get_running_loop().run_in_executor(self._thread, partial(function, *arguments))
