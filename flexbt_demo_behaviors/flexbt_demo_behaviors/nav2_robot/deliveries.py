@@ -99,6 +99,10 @@ def main() -> int:
         return 0 if Deliveries(navigator, places).run() else 1
     except KeyboardInterrupt:
         return 130
+    except Exception:
+        if rclpy.ok():
+            raise
+        return 143  # SIGTERM has shut the context down, and rclpy raised any exception where the program waited
     finally:
         navigator.destroy_node()
         rclpy.try_shutdown()
