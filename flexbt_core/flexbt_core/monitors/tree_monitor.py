@@ -291,9 +291,11 @@ class TreeMonitor:
         tree = self._tree
         if tree.next_wake is not None or tree.wake_pending or tree.unfinished:
             return
+        if any(node.status is RUNNING and isinstance(node, LeafNode) for node in tree.nodes):
+            return  # such as a thread, which wakes the tree when it ends
         for node in tree.nodes:
             is_last = node.status is RUNNING and all(child.status is not RUNNING for child in node.attached)
-            if is_last and isinstance(node, ControlNode):
+            if is_last and isinstance(node, ControlNode) and not node.awaits_request:
                 text = f'{node.path} is RUNNING with no child that is, and nothing wakes the tree'
                 self._found(Violation(Property.NO_DEADLOCK, node.path, text))
 

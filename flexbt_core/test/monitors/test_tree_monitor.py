@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree.model.definition import TreeLibrary
 from flexbt_core.behavior_tree.model.ports import STRING, input_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
-from flexbt_core.behavior_tree.nodes.nav2.controls import PipelineSequence
+from flexbt_core.behavior_tree.nodes.nav2.controls import PauseResumeController, PipelineSequence
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.monitors.properties import Property, Violation
@@ -108,6 +108,7 @@ class Watched:
         registry = builtin_registry()
         registry.register_classes([
             Work, Drive, RollOn, Takes, Flag, Wavers, Turns, Stalled, ForgetfulFallback, PipelineSequence,
+            PauseResumeController,
         ])  # fmt: skip
         text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
         self.found: list[Violation] = []
@@ -207,6 +208,20 @@ def test_a_control_that_nothing_wakes_is_found() -> None:
     ]
     assert Watched('<Sequence><Sleep msec="100"/></Sequence>').tick() == []
     assert Watched('<Delay delay_msec="100"><Work/></Delay>').tick() == []
+    # The sequence stays RUNNING, since all its children were skipped; the leaf wakes the tree.
+    assert Watched('<Fallback><Sequence><Work _skipIf="true"/></Sequence><Takes/></Fallback>').tick() == []
+
+
+def test_a_control_that_is_paused_is_woken_by_a_request() -> None:
+    watched = Watched('<PauseResumeController><Work/></PauseResumeController>')
+    watched.tick()
+    control = watched.tree.root
+    assert isinstance(control, PauseResumeController)
+    assert control.pause()
+    assert watched.tick() == watched.tick() == []
+    assert control.resume()
+    assert watched.tick() == []
+    assert watched.leaf('Work').status is RUNNING
 
 
 ASKED_TWICE = (

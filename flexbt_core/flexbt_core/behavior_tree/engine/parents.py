@@ -59,6 +59,11 @@ class ControlNode(TreeNode):
     def attached(self) -> tuple[TreeNode, ...]:
         return self.children
 
+    @property
+    def awaits_request(self) -> bool:
+        """True while the node is RUNNING only until a request from outside the tree, which then wakes the tree."""
+        return False
+
     def fetch_ticks(self) -> None:
         """Fetch the tick functions of the children, which may have changed."""
         self._ticks = tuple(tick_function(child) for child in self.children)

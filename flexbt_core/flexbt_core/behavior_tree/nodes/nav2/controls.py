@@ -345,6 +345,10 @@ class PauseResumeController(Control):
     def state(self) -> PauseState:
         return self._state
 
+    @property
+    def awaits_request(self) -> bool:
+        return self._state is PauseState.PAUSED
+
     def pause(self) -> bool:
         """Request a pause, from any thread. Return False if the node is already paused, or is not RUNNING."""
         with self._lock:
