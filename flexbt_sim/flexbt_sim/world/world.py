@@ -44,7 +44,7 @@ EntityModel = RobotModel | ObstacleModel | DoorModel | StationModel | ZoneModel
 
 @dataclass(frozen=True)
 class EntityState:
-    """Pose and speeds of an entity, m/s and rad/s; those of a robot are in its own frame."""
+    """Pose and speeds over ground of an entity, m/s and rad/s; those of a robot are in its own frame."""
 
     name: str
     kind: str
@@ -504,8 +504,9 @@ class World:
         kind = type(entity).__name__.lower()
         faults = tuple(self.active_faults(name))
         if isinstance(entity, Robot):
+            linear, angular = entity.twist
             return EntityState(
-                name, kind, entity.pose, (entity.linear, 0.0), entity.angular, faults, entity.odometry,
+                name, kind, entity.pose, (linear, 0.0), angular, faults, entity.odometry,
                 entity.estimate, entity.in_contact,
                 {key: one.state for key, one in entity.devices.items() if one.state is not None},
             )  # fmt: skip

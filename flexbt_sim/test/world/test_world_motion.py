@@ -373,8 +373,10 @@ def test_slip_is_lost_on_the_ground_and_seen_by_the_wheels() -> None:
     model = RobotModel(lidar=None, drive=DriveModel(slip=0.2))
     robot = world.add('alpha', model, Pose(0.0, 0.0, 0.0))
     for _ in range(1000):
+        before = robot.pose
         robot.command(0.26, 0.0, world.time)
         world.step()
+        assert world.state('alpha').linear[0] * world.step_size == pytest.approx(robot.pose.distance(before))
     assert robot.pose.x == pytest.approx(0.8 * robot.odometry.x, rel=0.03)
     world.add('wall', ObstacleModel(pose=compose(robot.pose, Pose(1.0, 0.0, 0.0)), shape=box(0.1, 5.0)))
     for turning, steps in ((0.0, 200), (1.0, 50)):  # up to the wall, and against it
