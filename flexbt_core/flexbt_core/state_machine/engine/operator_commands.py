@@ -13,7 +13,7 @@ from flexbt_core.state_machine.model.state_host import Severity
 
 from .controls import STEPS, Step
 from .events import AutonomySet, BreakpointSet, DecisionTaken, LockSet, Logged, OutcomeForced, RunPaused
-from .region import Region, RegionChild
+from .region import ContainerRun, Region, RegionChild
 from .run import MachineRun
 
 
@@ -207,12 +207,11 @@ def _leaving(region: Region, path: str) -> str | None:
     """Return why nothing can be made of the outcomes of a node: it, or a machine around it, is to be left."""
     if _is_left(region):
         return f'{path} is being left already'
-    around: Region | None = region
+    around: ContainerRun | None = region.container
     while around is not None:
-        container = around.container
-        if container.outcome is not None:
-            return f'{path} stands still, since {container.path} is to be left by {container.outcome!r}'
-        around = container.region
+        if around.outcome is not None:
+            return f'{path} stands still, since {around.path} is to be left by {around.outcome!r}'
+        around = around.around
     return None
 
 

@@ -197,9 +197,9 @@ class Region:
         after = container.outcome_after(child, outcome, with_halting=True)
         while after is not None:
             path = container.path
-            if container.region is None:
+            outer = container.around
+            if outer is None:
                 break
-            outer = container.region.container
             container, after = outer, outer.outcome_after(container, after, with_halting=True)
         return path
 
@@ -261,13 +261,13 @@ class Region:
 
 
 class ContainerRun:
-    """One machine or container during a run. ``region`` is the region that it is in, None for the root."""
+    """One machine or container during a run. ``around`` is that which it is in, None for the root."""
 
-    def __init__(self, engine: Engine, definition: MachineDefinition, region: Region | None = None) -> None:
+    def __init__(self, engine: Engine, definition: MachineDefinition, around: ContainerRun | None = None) -> None:
         self._engine = engine
         self.definition = definition
         self.path = definition.path
-        self.region = region
+        self.around = around
         self.outcome: str | None = None
         self.exit_reason = ExitReason.OUTCOME
         self.choice: tuple[str, str | None] | None = None  # a machine asks nothing
@@ -282,9 +282,9 @@ class ContainerRun:
         paths = [child.path for child in definition.children.values()] if is_concurrent else [self.path]
         self.regions = tuple(Region(engine, self, path) for path in paths)
         self.children: dict[str, LeafRun | ContainerRun] = {}
-        for number, (label, child) in enumerate(definition.children.items()):
+        for label, child in definition.children.items():
             if isinstance(child, MachineDefinition):
-                self.children[label] = ContainerRun(engine, child, self.regions[number if is_concurrent else 0])
+                self.children[label] = ContainerRun(engine, child, self)
             else:
                 self.children[label] = LeafRun(engine, child)
         self._only_region = self.regions[0] if len(self.regions) == 1 else None
@@ -348,7 +348,7 @@ class ContainerRun:
                 region.await_entry(child)
         else:
             self.regions[0].await_entry(self.children[self.definition.initial])
-        if self.region is not None and self._engine.readings[MachineEntered]:
+        if self.around is not None and self._engine.readings[MachineEntered]:
             self._engine.tell(MachineEntered(self.path))
         if kind is StateKind.MACHINE:
             self.regions[0].advance()
