@@ -10,6 +10,7 @@ from rclpy.task import Future
 
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import Runtime
+from flexbt_common.values.fields import constants_of
 from flexbt_common.values.limits import check_limits
 from flexbt_core.behavior_tree.engine.tick_control import TickCommand
 from flexbt_core.clock.work_thread import WorkThread
@@ -105,8 +106,8 @@ class ControlServer:
             self._debugger.run(running.id).assign(request.node, request.condition, request.operator_id)
             return ''
         if command not in _TICKS:
-            constants = (name for name in vars(type(Request)) if name.isupper())
-            known = ', '.join(f'{getattr(Request, name)} ({name})' for name in constants if name != 'UNKNOWN')
+            constants = sorted((value, name) for name, value in constants_of(Request).items() if value)
+            known = ', '.join(f'{value} ({name})' for value, name in constants)
             return f'command {command} is unknown; known commands: {known}'
         return await self._tick(request, response)
 
