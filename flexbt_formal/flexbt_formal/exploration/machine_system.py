@@ -106,7 +106,7 @@ _CONSTANT: Final = {
             '_engine',
             'definition',
             'path',
-            'region',
+            'around',
             'runs_while_blocked',
             'advance',
             '_only_region',
