@@ -47,7 +47,7 @@ from flexbt_core.values.text import short_repr
 from flexbt_sim.errors import SimulationError, WorldError
 from flexbt_sim.messages import pose_message, pose_of
 from flexbt_sim.world.models import RobotModel
-from flexbt_sim.world.plane.geometry import Circle, Pose, Shape, box, compose, gap
+from flexbt_sim.world.plane.geometry import Pose, compose, distance, touches_box
 from flexbt_sim.world.plane.space import Body
 from flexbt_sim.world.robot import Robot
 from flexbt_sim.world.scenery import Entity, Zone
@@ -285,13 +285,13 @@ class EntityServices:
     def _filtered(self, filters: EntityFilters) -> Iterator[str]:
         matches = NameFilter(filters.filter)
         categories = {one.category for one in filters.categories}
-        area = _area(filters.bounds)
+        is_there = _bounded(filters.bounds)
         for name, entity in self._simulator.world.entities.items():
             if (
                 matches(name)
                 and (not categories or _category(entity) in categories)
                 and _has_tags(filters.tags, (_kind(entity),))
-                and (area is None or gap(*area, entity.shape, entity.pose) <= 0.0)
+                and is_there(entity)
             ):
                 yield name
 
@@ -323,21 +323,22 @@ def _has_tags(wanted: TagsFilter, tags: tuple[str, ...]) -> bool:
     return every(tag in tags for tag in wanted.tags)
 
 
-def _area(bounds: Bounds) -> tuple[Shape, Pose] | None:
-    """Return the shape of bounds in the plane, and its pose; None if the bounds restrict nothing."""
+def _bounded(bounds: Bounds) -> Callable[[Entity], bool]:
+    """Return a test whether an entity touches bounds, which may have any size, in the plane."""
     if bounds.type == Bounds.TYPE_EMPTY:
-        return None
+        return lambda _: True
+    if bounds.type not in (Bounds.TYPE_SPHERE, Bounds.TYPE_BOX):
+        raise ServiceRefusedError(Result.RESULT_FEATURE_UNSUPPORTED, 'bounds are a box or a sphere here')
     points = [(point.x, point.y) for point in bounds.points]
     if not all(math.isfinite(number) for point in points for number in point):
         raise SimulationError('bounds have numbers that are none')
-    if bounds.type == Bounds.TYPE_SPHERE and len(points) == 2:
-        return Circle(points[1][0]), Pose(*points[0], 0.0)
-    if bounds.type == Bounds.TYPE_BOX and len(points) == 2:
-        (x0, y0), (x1, y1) = points
-        return box(abs(x1 - x0), abs(y1 - y0)), Pose((x0 + x1) / 2.0, (y0 + y1) / 2.0, 0.0)
-    if bounds.type in (Bounds.TYPE_SPHERE, Bounds.TYPE_BOX):
+    if len(points) != 2 or (bounds.type == Bounds.TYPE_SPHERE and points[1][0] < 0.0):
         raise SimulationError('bounds have two points: corners of a box, or the centre of a sphere and (radius, 0, 0)')
-    raise ServiceRefusedError(Result.RESULT_FEATURE_UNSUPPORTED, 'bounds are a box or a sphere here')
+    one, other = points
+    if bounds.type == Bounds.TYPE_SPHERE:
+        return lambda entity: distance(entity.shape, entity.pose, *one) <= other[0]
+    (left, right), (bottom, top) = (sorted(ends) for ends in zip(one, other, strict=True))
+    return lambda entity: touches_box(entity.shape, entity.pose, (left, bottom), (right, top))
 
 
 # POSIX extended regular expressions for names, matched in a time bounded by the lengths of expression and name.

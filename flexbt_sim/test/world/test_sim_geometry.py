@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Angles and arcs."""
+"""Angles, arcs, and what is in bounds."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import cmath
 import math
 
 import pytest
-from hypothesis import example, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from flexbt_sim.world import Pose, drive, wrap
+from flexbt_sim.world import Circle, Polygon, Pose, Shape, box, drive, gap, wrap
+from flexbt_sim.world.plane.geometry import contains, distance, touches_box
 
 ANGLE = st.floats(-math.pi, math.pi)
 SPEED = st.floats(-20.0, 20.0) | st.floats(-1e-6, 1e-6)
@@ -74,3 +75,26 @@ def test_driving_back_the_same_arc_leads_back(yaw: float, linear: float, angular
     back = drive(drive(start, linear, angular, duration), -linear, -angular, duration)
     assert back.distance(start) < 1e-9
     assert abs(wrap(back.yaw - start.yaw)) < 1e-9
+
+
+PLACE = st.floats(-5.0, 5.0)
+SHAPE = st.sampled_from([Circle(1.5), box(3.0, 1.0), Polygon(((2.0, 0.0), (-2.0, 2.0), (-1.0, 0.0), (-2.0, -2.0)))])
+
+
+@given(SHAPE, PLACE, PLACE, ANGLE, PLACE, PLACE, st.floats(0.01, 4.0), st.floats(0.01, 4.0))
+def test_what_touches_bounds_has_no_gap_to_them(
+    shape: Shape, x: float, y: float, yaw: float, left: float, bottom: float, width: float, height: float
+) -> None:
+    pose, middle = Pose(x, y, yaw), Pose(left + width / 2.0, bottom + height / 2.0, 0.0)
+    apart = gap(shape, pose, box(width, height), middle)
+    assume(abs(apart) > 1e-6)
+    assert touches_box(shape, pose, (left, bottom), (left + width, bottom + height)) == (apart < 0.0)
+    apart = gap(shape, pose, Circle(width), middle)
+    assert (distance(shape, pose, middle.x, middle.y) <= width) == (apart <= 0.0)
+
+
+@given(SHAPE, PLACE, PLACE, ANGLE)
+def test_bounds_may_be_large_or_a_point(shape: Shape, x: float, y: float, yaw: float) -> None:
+    assert touches_box(shape, Pose(1.0, 2.0, yaw), (-1e9, -1e300), (1e300, 1e9))
+    assert not touches_box(shape, Pose(1.0, 2.0, yaw), (10.0, -1e9), (1e9, 1e9))
+    assert touches_box(shape, Pose(0.0, 0.0, yaw), (x, y), (x, y)) == contains(shape, Pose(0.0, 0.0, yaw), x, y)

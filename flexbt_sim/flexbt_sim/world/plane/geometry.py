@@ -180,6 +180,34 @@ def contains(shape: Shape, pose: Pose, x: float, y: float) -> bool:
     return math.hypot(x - pose.x, y - pose.y) <= shape.radius and _inside(x, y, shape.sides(pose))
 
 
+def distance(shape: Shape, pose: Pose, x: float, y: float) -> float:
+    """Return the distance from a point to a shape, m; 0 inside."""
+    if isinstance(shape, Circle):
+        return max(0.0, math.hypot(x - pose.x, y - pose.y) - shape.radius)
+    return max(0.0, depth(x, y, shape, pose))
+
+
+def touches_box(shape: Shape, pose: Pose, low: Point, high: Point) -> bool:
+    """Return whether a shape touches a box along the axes of any size, from its lower left to its upper right corner."""
+    if isinstance(shape, Circle):
+        nearest = (max(least, min(most, at)) for least, most, at in zip(low, high, pose, strict=False))
+        return distance(shape, pose, *nearest) == 0.0
+    sides = shape.sides(pose)
+    return _inside(*low, sides) or any(_is_partly_in_box(side, low, high) for side in sides)
+
+
+def _is_partly_in_box(side: tuple[float, float, float, float], low: Point, high: Point) -> bool:
+    x0, y0, x1, y1 = side
+    first, last = 0.0, 1.0
+    for start, end, least, most in ((x0, x1, low[0], high[0]), (y0, y1, low[1], high[1])):
+        if start != end:
+            into, out = sorted(((least - start) / (end - start), (most - start) / (end - start)))
+            first, last = max(first, into), min(last, out)
+        elif not least <= start <= most:
+            return False
+    return first <= last
+
+
 def _polygon_gap(one: Segments, other: Segments) -> float:
     """Return the distance of two polygons, m; if they overlap, the negative distance that one must move to leave the
     hull of the other."""
