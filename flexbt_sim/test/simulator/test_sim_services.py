@@ -204,6 +204,8 @@ def test_entities_are_found_by_name_category_tag_and_place(bench: Bench) -> None
     assert found(bounds=corner) == {'alpha', 'dock'}
     ball = Bounds(type=Bounds.TYPE_SPHERE, points=[Vector3(x=8.0, y=4.5), Vector3(x=0.4)])
     assert found(bounds=ball) == {'crate'}
+    site = Bounds(type=Bounds.TYPE_BOX, points=[Vector3(x=-500.0, y=500.0), Vector3(x=5.0, y=-500.0)])
+    assert found(bounds=site) == {'alpha', 'beta', 'dock'}
     hull = EntityFilters(bounds=Bounds(type=Bounds.TYPE_CONVEX_HULL))
     answer = bench.ask(GetEntities, 'get_entities', filters=hull)
     assert answer.result.result == Result.RESULT_FEATURE_UNSUPPORTED
@@ -574,6 +576,7 @@ def test_a_door_is_opened_and_jams_and_a_spawned_one_has_a_service(bench: Bench)
     answer = bench.ask(SetBool, 'doors/gate', data=False)
     assert not answer.success and 'jammed' in answer.message
     assert bench.ask(SetFault, 'set_fault', entity='gate', clear=True).success
+    assert bench.ask(SetBool, 'doors/gate', data=False).success
     wait_until(lambda: doors['gate'].opening == 0.0)
     assert bench.spawn('doors: {hatch: {from: [4, 0.1], to: [4, 1.1]}}').result.result == Result.RESULT_OK
     assert bench.ask(SetBool, 'doors/hatch', data=True).success
