@@ -188,7 +188,7 @@ def distance(shape: Shape, pose: Pose, x: float, y: float) -> float:
 
 
 def touches_box(shape: Shape, pose: Pose, low: Point, high: Point) -> bool:
-    """Return whether a shape touches a box along the axes of any size, from its lower left to its upper right corner."""
+    """Return whether a shape touches a box along the axes, of any size, from its lower left to its upper right end."""
     if isinstance(shape, Circle):
         nearest = (max(least, min(most, at)) for least, most, at in zip(low, high, pose, strict=False))
         return distance(shape, pose, *nearest) == 0.0
