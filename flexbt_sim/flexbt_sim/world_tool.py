@@ -9,7 +9,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final
 
-from flexbt_common.command_line import SuggestingArgumentParser
+from flexbt_common.command_line import SuggestingArgumentParser, run_program
+from flexbt_core.values.json_data import finite_number
 from flexbt_core.values.text import escape_lines, pluralize
 from flexbt_sim.world.pictures import Trace, draw_world
 from flexbt_sim.world.plane.geometry import Pose
@@ -21,12 +22,18 @@ from .errors import SimulationError
 NAVIGATORS: Final = 'flexbt.navigators'
 """Entry-point group of classes that drive a robot of a world to goals, such as flexbt_navigation's."""
 
+FORMATS: Final = ('.png', '.gif')
+
 FRAMES = 200
 """Maximum number of frames of an animation."""
 
 
 def main(args: list[str] | None = None) -> int:
     """Entry point of the executable ``world_tool``; returns 1 if the file or the request is invalid."""
+    return run_program('world_tool', lambda: _answer(args))
+
+
+def _answer(args: list[str] | None) -> int:
     options = _parser().parse_args(args)
     try:
         world = World.load(options.file, seed=options.seed)
@@ -49,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument('file', type=Path, help='a world file')
         command.add_argument('--seed', type=int, help='in place of that of the file')
     for command in (draw, run):
-        command.add_argument('picture', type=Path, help='PNG; of a run also GIF, which moves')
+        command.add_argument('picture', type=_picture, help='PNG; of a run also GIF, which moves')
         command.add_argument('--pixels', type=int, default=900, help='longer side of the picture')
     run.add_argument('--seconds', type=float, default=30.0, help='simulated time')
     run.add_argument(
@@ -60,6 +67,16 @@ def _parser() -> argparse.ArgumentParser:
         help='have navigation drive a robot to a place of the file, or to X,Y,YAW: m, m, rad',
     )  # fmt: skip
     return parser
+
+
+def _picture(text: str) -> Path:
+    """Return a file that a picture can be written to, before a long run is simulated for it."""
+    picture = Path(text)
+    if picture.suffix.lower() not in FORMATS:
+        raise argparse.ArgumentTypeError(f'{text!r} is no picture; give it the suffix {" or ".join(FORMATS)}')
+    if not picture.absolute().parent.is_dir():
+        raise argparse.ArgumentTypeError(f'{text!r}: there is no directory {str(picture.parent)!r}')
+    return picture
 
 
 def _check(world: World, options: argparse.Namespace) -> str:
@@ -133,11 +150,10 @@ def _goal(world: World, text: str) -> tuple[str, Pose]:
 
 
 def _numbers(text: str) -> tuple[float, ...]:
-    """Return comma-separated numbers; an empty tuple if one of them is not a number."""
-    try:
-        return tuple(map(float, text.split(',')))
-    except ValueError:
-        return ()
+    """Return comma-separated numbers; an empty tuple if one of them is not a finite number."""
+    numbers = [finite_number(number) for number in text.split(',')]
+    found = tuple(number for number in numbers if number is not None)
+    return found if len(found) == len(numbers) else ()
 
 
 if __name__ == '__main__':

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -132,6 +133,28 @@ def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
         draw_world(World(), pixels=3)
 
 
+@pytest.mark.parametrize(
+    ('picture', 'told'), [('run', 'give it the suffix'), ('run.mp4', 'give it the suffix'), ('a/run.png', 'directory')]
+)
+def test_a_picture_that_cannot_be_written_is_refused_before_the_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], picture: str, told: str
+) -> None:
+    (tmp_path / 'world.yaml').write_text(WORLD)
+    with pytest.raises(SystemExit):
+        main(['run', str(tmp_path / 'world.yaml'), str(tmp_path / picture), '--seconds', '86400'])
+    assert told in capsys.readouterr().err
+
+
+def test_an_output_without_a_reader_is_no_fault(tmp_path: Path) -> None:
+    (tmp_path / 'world.yaml').write_text(WORLD)
+    with subprocess.Popen(
+        ['world_tool', 'check', str(tmp_path / 'world.yaml')], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as program:
+        assert program.stdout is not None and program.stderr is not None
+        program.stdout.close()
+        assert (program.stderr.read(), program.wait()) == (b'', 0)
+
+
 def test_the_command_checks_draws_and_runs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,6 +170,7 @@ def test_the_command_checks_draws_and_runs(
         assert picture.size[0] == 120
     assert main(['run', str(file), str(tmp_path / 'run.png'), '--drive', 'beta=1,1']) == 1
     assert 'robots: alpha' in capsys.readouterr().err
+    assert main(['run', str(file), str(tmp_path / 'run.png'), '--drive', 'alpha=nan,0']) == 1
     monkeypatch.setattr(world_tool, 'NAVIGATORS', 'flexbt.nothing')
     goals = ['--goal', 'alpha=corner', '--seconds', '40', '--pixels', '120']
     assert main(['run', str(file), str(tmp_path / 'run.png'), *goals]) == 1
