@@ -25,6 +25,7 @@ from lifecycle_msgs.srv import GetState
 from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import TransformError
+from flexbt_common.files import USER_DIRECTORY, home_path
 from flexbt_common.middleware.fastdds import FAST_DDS
 from flexbt_common.middleware.implementation import ZENOH, implementation, losses
 from flexbt_common.names import node_of
@@ -183,18 +184,14 @@ def _reach(environment: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def _disks(environment: Mapping[str, str]) -> Iterator[Finding]:
-    home = Path.home()
-    places = {
-        'event log and recordings': home / '.ros' / 'flexbt',
-        'logs of ROS': Path(
-            environment.get('ROS_LOG_DIR') or Path(environment.get('ROS_HOME') or home / '.ros') / 'log'
-        ),
-    }
-    for use, place in places.items():
-        existing = next(one for one in (place, *place.parents) if one.exists())
+    logs = Path(environment.get('ROS_LOG_DIR') or Path(environment.get('ROS_HOME') or home_path('~/.ros')) / 'log')
+    places = [('event log and recordings', home_path(USER_DIRECTORY), 'HOME'), ('logs of ROS', logs, 'ROS_LOG_DIR')]
+    for use, place, variable in places:
+        existing = next(one for one in (place, *place.parents) if os.access(one, os.F_OK))
         free = shutil.disk_usage(existing).free
-        if not os.access(existing, os.W_OK):
-            yield error(f'{existing} ({use}) cannot be written', f'chown it to {os.environ.get("USER", "the user")}')
+        if not (existing.is_dir() and os.access(existing, os.W_OK)):
+            what = 'cannot be written' if existing.is_dir() else 'is not a directory'
+            yield error(f'{existing} ({use}) {what}', f'set {variable} to a directory that this user may write')
         elif free < LITTLE_DISK:
             remedy = 'remove old files; event_log_size, event_log_files and btlog_keep bound those of FlexBT'
             yield warning(f'{place} ({use}) has {free / 1e6:.0f} MB left', remedy)

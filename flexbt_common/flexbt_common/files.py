@@ -159,11 +159,18 @@ ALERTS: Final = f'{USER_DIRECTORY}/alerts.db'
 """Default file in which the alerts remember."""
 
 
+def home_directory() -> Path | None:
+    """Return the home directory of the user; None if there is none, as in a container whose user has no account."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return None
+
+
 def home_path(path: str) -> Path:
     """Return a path that may begin with ``~`` or ``~user``.
 
-    If there is no such home directory, as in a container whose user has no account, that of temporary files replaces
-    it.
+    If there is no such home directory, that of temporary files, where other users write too, replaces it.
     """
     try:
         return Path(path).expanduser()

@@ -6,9 +6,12 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import pwd
+import shutil
+import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import aiohttp
 import pytest
@@ -18,6 +21,7 @@ from flexbt_console.ui.web.access import Access
 from flexbt_console.ui.web.greetings import GREETING_OF_SOURCE
 from flexbt_console.ui.web.server import serving
 from flexbt_console.ui.web.users import User, Users, token_hash, write_users
+from flexbt_studio.server.main import main as studio
 from flexbt_studio.server.web_server import StudioServer, editor_folder
 from flexbt_studio.server.workbench import Workbench
 from flexbt_testing.waiting import DEADLINE
@@ -415,6 +419,27 @@ machine:
       parameters: {wait_time: 1.0}
       transitions: {done: finishd}
 """
+
+
+def test_without_a_home_the_editor_is_only_looked_for_where_python_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_account(number: int) -> NoReturn:
+        raise KeyError(number)  # as for the number of a user that /etc/passwd does not have
+
+    monkeypatch.delenv('HOME')
+    monkeypatch.setattr(pwd, 'getpwuid', no_account)
+    found = editor_folder()
+    assert found is None or found.is_relative_to(sys.prefix)
+
+
+def test_an_editor_that_cannot_be_installed_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'share').touch()
+    monkeypatch.setattr(shutil, 'which', lambda _name: 'npm')
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path))
+    monkeypatch.setattr(sys, 'argv', ['studio', '--get-editor'])
+    assert studio() == 2
+    assert capsys.readouterr().err == f'studio: {tmp_path}/share/flexbt_studio: cannot be written: Not a directory\n'
 
 
 def test_a_machine_is_checked_and_laid_out_in_processes_that_are_gone_at_the_end(folder: Path) -> None:

@@ -30,7 +30,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from flexbt_common.errors import ResourceError, UnfitParameterError
-from flexbt_common.files import with_package_shares
+from flexbt_common.files import home_path, with_package_shares
 from flexbt_common.middleware.rclpy_private import given_parameters
 from flexbt_core.values.parameter_fields import ParameterField, parameters_of
 from flexbt_core.values.text import did_you_mean, short_repr
@@ -141,7 +141,7 @@ class ParameterDeclarer:
 
     def directories(self, name: str, default: Sequence[str], description: str) -> tuple[Path, ...]:
         """Return absolute directories; ``~`` is the home of the user."""
-        directories = tuple(Path(text).expanduser() for text in self.texts(name, default, description))
+        directories = tuple(map(home_path, self.texts(name, default, description)))
         for directory in directories:
             if not directory.is_absolute():
                 raise UnfitParameterError(name, f'{short_repr(str(directory))} is not an absolute path; {description}')

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final
 
+from flexbt_common.files import home_directory
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.ports import Port
 from flexbt_formal.exploration.leaf_models import leaf_model
@@ -35,8 +36,11 @@ class ProofCache:
     """A cache of proofs in a folder."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """Use ``folder``, by default the cache of the user below ``XDG_CACHE_HOME`` or ``~/.cache``."""
-        cached = os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache'
+        """Use ``folder``, by default the cache of the user below ``XDG_CACHE_HOME`` or ``~/.cache``.
+
+        Without a home directory nothing is kept: among temporary files, others could write proofs.
+        """
+        cached = os.environ.get('XDG_CACHE_HOME') or Path(home_directory() or os.devnull, '.cache')
         self._folder = folder or Path(cached) / 'flexbt' / 'proofs'
 
     def get(self, digest: str, make: Callable[[], System]) -> Report | None:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from flexbt_common.errors import ResourceError
-from flexbt_common.files import resolve_file
+from flexbt_common.files import home_path, resolve_file
 from flexbt_core.state_machine.authoring.yaml_form import read_machine
 from flexbt_core.state_machine.model.userdata import MachineError
 from flexbt_core.values.text import did_you_mean, one_line, truncate_middle
@@ -76,7 +76,7 @@ def searched(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
 
 
 def _answered(asked: Mapping[str, Any], tell: Tell) -> dict[str, Any]:
-    directories = [Path(one).expanduser() for one in asked['directories']]
+    directories = [home_path(one) for one in asked['directories']]
     files = SynthesisFiles(
         _capabilities(asked, directories),
         specification=str(_file(asked['specification'], directories)) if asked['specification'] else None,

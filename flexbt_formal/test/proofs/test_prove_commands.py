@@ -7,12 +7,13 @@ import contextlib
 import importlib
 import io
 import json
+import pwd
 import runpy
 import sys
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 from xml.etree import ElementTree
 
 import pytest
@@ -414,6 +415,20 @@ def test_a_proof_is_kept_until_something_changes(tmp_path: Path) -> None:
     assert not was_kept and not mended['wrong']
     told, told_again = (tool('prove', str(tree), '--require', 'Spin is a BackUp').out.splitlines() for _ in range(2))
     assert [line for line in told_again if 'found before' not in line] == told
+
+
+def test_without_a_home_a_proof_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_account(number: int) -> NoReturn:
+        raise KeyError(number)  # as for the number of a user that /etc/passwd does not have
+
+    for name in ('HOME', 'XDG_CACHE_HOME'):
+        monkeypatch.delenv(name)
+    monkeypatch.setattr(pwd, 'getpwuid', no_account)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'main.xml').write_text(document('Main: <Spin/>'))
+    proved = [tool('prove', 'main.xml') for _ in range(2)]
+    assert [one.code for one in proved] == [0, 0] and 'found before' not in proved[1].out
+    assert [file.name for file in tmp_path.iterdir()] == ['main.xml']
 
 
 def test_a_proof_is_not_kept_when_a_model_changes_a_port(tmp_path: Path) -> None:

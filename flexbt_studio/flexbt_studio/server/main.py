@@ -11,6 +11,7 @@ import sys
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from flexbt_common.files import home_path
 from flexbt_console.errors import UsageError
 from flexbt_console.ui.console import main as console
 from flexbt_console.ui.web.access import Access
@@ -88,11 +89,14 @@ def get_editor() -> int:
     npm = shutil.which('npm')
     if npm is None:
         raise UsageError('npm is not installed; install it, or do without: the studio has a plain text editor')
-    target = Path(sys.prefix if sys.prefix != sys.base_prefix else Path.home() / '.local', 'share', 'flexbt_studio')
-    target.mkdir(parents=True, exist_ok=True)
-    with as_file(files('flexbt_studio') / 'page') as page:
-        for name in ('package.json', 'package-lock.json'):
-            shutil.copy(page / name, target / name)
+    target = Path(sys.prefix if sys.prefix != sys.base_prefix else home_path('~/.local'), 'share', 'flexbt_studio')
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        with as_file(files('flexbt_studio') / 'page') as page:
+            for name in ('package.json', 'package-lock.json'):
+                shutil.copy(page / name, target / name)
+    except OSError as error:
+        raise UsageError(f'{error.filename}: cannot be written: {error.strerror}') from error
     words = ['ci', '--ignore-scripts', '--no-audit', '--no-fund', '--omit=dev']
     code = subprocess.run([npm, *words], cwd=target, check=False).returncode  # noqa: S603
     if code:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from aiohttp import WSCloseCode, web
 
+from flexbt_common.files import home_directory
 from flexbt_console.commands.spec import Role
 from flexbt_console.errors import UsageError
 from flexbt_console.ui.web.access import Access, guard
@@ -117,7 +118,9 @@ def workbench_for(folder: str) -> Workbench:
 def editor_folder() -> Path | None:
     """Return the folder ``node_modules`` that has CodeMirror; None if it was not installed."""
     given = os.environ.get(EDITOR_FOLDER)
-    places = [Path(given)] if given else [Path(sys.prefix, *_INSTALLED), Path.home().joinpath('.local', *_INSTALLED)]
+    home = home_directory()
+    own = [] if home is None else [home.joinpath('.local', *_INSTALLED)]
+    places = [Path(given)] if given else [Path(sys.prefix, *_INSTALLED), *own]
     return next((place for place in places if (place / '@codemirror' / 'view' / 'package.json').is_file()), None)
 
 
