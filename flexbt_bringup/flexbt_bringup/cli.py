@@ -16,11 +16,11 @@ from rclpy.validate_namespace import validate_namespace
 from flexbt_common.command_line import SuggestingArgumentParser, run_program
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_core.values.findings import finding_record
-from flexbt_core.values.text import escape_lines, short_repr
+from flexbt_core.values.text import escape_lines, pluralize, short_repr
 
 from .doctor import Finding, Level, RobotCheck, machine_findings
 from .graph import observe
-from .manifest import manifest_text
+from .manifest import manifest_text, proposed_nodes
 from .package_template import UnwritableError, write_package
 
 SIGNS = {Level.OK: 'ok     ', Level.WARNING: 'WARNING', Level.ERROR: 'ERROR  '}
@@ -106,9 +106,19 @@ def run_init(options: argparse.Namespace) -> int:
 
 
 def run_manifest(options: argparse.Namespace) -> int:
-    """Print or write the proposal."""
+    """Print or write the proposal; return 1 if there is no server."""
     with NodeRuntime.open('flexbt_manifest', args=()) as runtime:
-        text = manifest_text(observe(runtime, options.seconds), options.namespace)
+        graph = observe(runtime, options.seconds)
+    nodes = proposed_nodes(graph, options.namespace)
+    if not nodes:
+        found = pluralize(len(graph.nodes), 'other node')
+        print(
+            f'flexbt: no server was found in the namespace {options.namespace or "/"}, and {found}; '
+            'is the robot started, and --namespace and ROS_DOMAIN_ID right? "flexbt doctor" tells more',
+            file=sys.stderr,
+        )
+        return 1
+    text = manifest_text(nodes)
     if options.file is None:
         print(text, end='')
         return 0

@@ -14,6 +14,7 @@ from rosidl_parser.definition import AbstractSequence, Array, NamespacedType
 from flexbt_common.errors import UnknownTypeError
 from flexbt_common.values.value_types import class_of_slot, interface_class
 from flexbt_core.behavior_tree.model.definition import port_name_problem
+from flexbt_server.node_manifests import FIXED, KINDS
 from flexbt_server.node_types import node_registry
 
 from .graph import Graph
@@ -28,8 +29,13 @@ HEAD: Final = """\
 """
 
 
-def manifest_text(graph: Graph, namespace: str) -> str:
-    """Return the text of a manifest with a node for each action and service in a namespace."""
+def manifest_text(nodes: dict[str, Any]) -> str:
+    """Return the text of a manifest with these nodes."""
+    return HEAD + yaml.safe_dump({'nodes': nodes}, sort_keys=False, width=120)
+
+
+def proposed_nodes(graph: Graph, namespace: str) -> dict[str, Any]:
+    """Return a node for each action and service in a namespace, by their IDs."""
     taken = {manifest.id for manifest in node_registry(lambda source, error: None)}
     nodes: dict[str, Any] = {}
     for kind, key, found in (('action', 'action', graph.actions), ('srv', 'service', graph.services)):
@@ -44,7 +50,7 @@ def manifest_text(graph: Graph, namespace: str) -> str:
                 continue  # its package is not installed here
             id = _id(name, {*taken, *nodes})
             nodes[id] = _node(kind, key, type_name, name, interface)
-    return HEAD + yaml.safe_dump({'nodes': nodes}, sort_keys=False, width=120)
+    return nodes
 
 
 def _id(name: str, taken: Collection[str]) -> str:
@@ -60,7 +66,7 @@ def _node(kind: str, key: str, type_name: str, name: str, interface: type[Any]) 
     sent, received = ('goal', 'result') if kind == 'action' else ('request', 'response')
     messages = (interface.Goal, interface.Result) if kind == 'action' else (interface.Request, interface.Response)
     fields: dict[str, str] = {}
-    used: set[str] = set()
+    used = set(KINDS[key][0].ports).difference(FIXED)
     for prefix, message in zip((sent, received), messages, strict=True):
         for path in _paths(message):
             port = path.replace('.', '_')

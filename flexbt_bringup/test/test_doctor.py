@@ -6,13 +6,15 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import pwd
 import socket
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 import rclpy.qos
@@ -27,7 +29,7 @@ from tf2_msgs.msg import TFMessage
 from flexbt_bringup import cli, doctor
 from flexbt_bringup.doctor import Finding, Level, RobotCheck, machine_findings, router_findings
 from flexbt_bringup.graph import Graph, observe
-from flexbt_bringup.manifest import manifest_text
+from flexbt_bringup.manifest import manifest_text, proposed_nodes
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
@@ -245,6 +247,24 @@ def test_this_computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert 'MB left' in of(list(machine_findings({})), 'disk', Level.WARNING)[0]
 
 
+def test_a_directory_of_the_user_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / 'file').touch()
+    logs = {'ROS_LOG_DIR': str(tmp_path / 'file' / 'log')}
+    (told,) = [one for one in machine_findings(logs) if one.check == 'disk' and one.level is Level.ERROR]
+    assert told.what == f'{tmp_path}/file (logs of ROS) is not a directory'
+    assert told.remedy == 'set ROS_LOG_DIR to a directory that this user may write'
+
+    def no_account(number: int) -> NoReturn:
+        raise KeyError(number)  # as for the number of a user that /etc/passwd does not have
+
+    monkeypatch.delenv('HOME')
+    monkeypatch.setattr(pwd, 'getpwuid', no_account)
+    kept = of(list(machine_findings({})), 'disk', Level.OK)
+    assert [one.partition(' ')[0] for one in kept] == [
+        f'{tempfile.gettempdir()}/.ros/{one}' for one in ('flexbt', 'log')
+    ]
+
+
 def test_the_router_of_zenoh() -> None:
     with socket.create_server(('127.0.0.1', 0)) as router:
         address = router.getsockname()
@@ -285,17 +305,24 @@ def test_the_servers_of_a_robot_become_a_manifest_that_can_be_read(other: NodeRu
         ScriptedActionServer(other, Spin, 'arm/turn_around')
         ScriptedActionServer(other, Wait, 'wait')
         runtime = stack.enter_context(NodeRuntime.open('flexbt_manifest'))
-        text = manifest_text(observe(runtime, 3.0), '')
+        text = manifest_text(proposed_nodes(observe(runtime, 3.0), ''))
     nodes = read_manifest(text, 'proposed.yaml')
     assert set(nodes) == {'ArmTurnAround', 'CallWait'}
     ports = nodes['ArmTurnAround'].ports
-    assert {'target_yaw', 'time_allowance', 'error_code', 'server_name'} <= set(ports)
+    assert {'target_yaw', 'time_allowance', 'error_code', 'result_error_msg', 'server_name'} <= set(ports)
     assert ports['server_name'].default == 'arm/turn_around'
+
+
+def test_a_manifest_of_no_server_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ['--seconds', '0.3', '--namespace', '/nobody', '--file', str(tmp_path / 'nodes.yaml')]
+    assert cli.main(['manifest', '--from-graph', *words]) == 1
+    assert 'no server was found in the namespace /nobody' in capsys.readouterr().err
+    assert not (tmp_path / 'nodes.yaml').exists()
 
 
 def test_fields_that_no_port_can_be_called_after_have_other_ports() -> None:
     services: dict[str, tuple[str, ...]] = {'/spawn_entity': ('simulation_interfaces/srv/SpawnEntity',)}
-    node = read_manifest(manifest_text(Graph((), {}, services, {}), ''), 'proposed.yaml')['SpawnEntity']
+    node = read_manifest(manifest_text(proposed_nodes(Graph((), {}, services, {}), '')), 'proposed.yaml')['SpawnEntity']
     assert {'request_name', 'uri', 'entity_name'} <= set(node.ports)
 
 
