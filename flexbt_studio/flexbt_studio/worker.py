@@ -36,7 +36,11 @@ class Worker:
         if self._process is None or self._process.poll() is not None:
             call = f'from {self._module} import main; main()'
             self._process = subprocess.Popen(  # noqa: S603
-                [sys.executable, '-P', '-c', call], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+                [sys.executable, '-P', '-c', call],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                start_new_session=True,  # a Ctrl-C in the terminal is for its owner, which ends it
             )
             _line(self._process, START_SECONDS)
 

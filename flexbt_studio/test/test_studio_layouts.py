@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,22 @@ def layouts() -> Iterator[Layouts]:
     made = Layouts()
     yield made
     made.close()
+
+
+def test_ctrl_c_in_the_terminal_is_not_for_the_worker() -> None:
+    program = """
+import os, signal
+from flexbt_studio.worker import Worker
+signal.signal(signal.SIGINT, lambda *_: None)
+worker = Worker('flexbt_studio.server.layout_worker')
+worker.start()
+os.killpg(0, signal.SIGINT)
+print(*worker.ask({'dot': 'digraph {}'}, 60.0))
+worker.close()
+"""
+    command = [sys.executable, '-c', program]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, start_new_session=True)
+    assert (ran.stdout, ran.stderr) == ('layout\n', '')
 
 
 @pytest.mark.parametrize(
