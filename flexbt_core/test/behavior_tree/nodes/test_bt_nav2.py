@@ -32,6 +32,11 @@ VECTORS: list[tuple[str, str]] = [
     (control('RecoveryNode', 'K', 'S'), 'K 0K'),
     # A skipped recovery: the attempts that were made still count afterwards.
     (control('RecoveryNode', 'F', 'KS'), 'F 0F 1K | F 0F 1S 0F'),
+    # One that is skipped while it is RUNNING is halted.
+    (control('RecoveryNode', 'F', 'RKS'), 'R 0F 1R | F 1K 1! | F 0F 1S 0F'),
+    # A node whose children were skipped is IDLE: it asks its pre-conditions again.
+    *((f'<{tag} _failureIf="x">{step("K")}{step("K", 1)}</{tag}>', f'x=0 K {calls} | x=1 F')
+      for tag, calls in (('RecoveryNode', '0K'), ('RoundRobin', '0K 1K'))),
     # PipelineSequence
     (control('PipelineSequence', 'S', 'S'), 'S 0S 1S'),
     (control('PipelineSequence', 'S', 'RS'), 'R 0S 1R | S 1S'),

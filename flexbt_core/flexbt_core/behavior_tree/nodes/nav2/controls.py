@@ -13,7 +13,7 @@ from flexbt_core.behavior_tree.engine.parents import Control
 from flexbt_core.behavior_tree.model.errors import TickAbandoned
 from flexbt_core.behavior_tree.model.outcomes import Example, Recovered
 from flexbt_core.behavior_tree.model.ports import BOOL, INT, STRING, inout_port, input_port
-from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeStatus
 
 
 class RecoveryNode(Control):
@@ -63,6 +63,7 @@ class RecoveryNode(Control):
                 self._recoveries += 1
                 self._current = 0
             elif status is SKIPPED:
+                self.halt_child(1)
                 self._current = 0
                 return FAILURE
             else:
@@ -72,6 +73,8 @@ class RecoveryNode(Control):
     def _finish(self, status: NodeStatus) -> NodeStatus:
         self._restart()
         self.reset_children()
+        if status is SKIPPED:
+            self.status = IDLE
         return status
 
     def halt(self) -> None:
@@ -198,7 +201,10 @@ class RoundRobin(Control):
                 skipped += 1
         self._restart()
         self.reset_children()
-        return SKIPPED if skipped == total else FAILURE
+        if skipped < total:
+            return FAILURE
+        self.status = IDLE
+        return SKIPPED
 
     def halt(self) -> None:
         self._restart()
