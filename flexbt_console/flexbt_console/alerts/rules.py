@@ -162,9 +162,10 @@ class _RuleParts(YamlParts):
         entries = self._table(self.root(text), 'the file', _KEYS, ('rules',))
         if 'contacts' in entries:
             self._contacts = self._one(entries, 'contacts', lambda name: _contacts(file, name), None)
+        robots = self._several(entries, 'robots', full_namespace, ())
         rules: list[Rule] = []
         for node in self.sequence(entries['rules'], 'rules') if 'rules' in entries else ():
-            rules.append(self._rule(node, rules))
+            rules.append(self._rule(node, rules, robots))
         if 'rules' in entries and not rules:
             self.problem(entries['rules'], 'rules: nothing is there, so nobody would be called')
         called = {contact for rule in rules for step in rule.steps for contact in step.contacts}
@@ -172,16 +173,18 @@ class _RuleParts(YamlParts):
             tuple(rules),
             {contact: self._addresses(contact) for contact in sorted(called)},
             self._one(entries, 'page', _page, ''),
-            self._several(entries, 'robots', full_namespace, ()),
+            robots,
             self._one(entries, 'time_zone', _zone, None),
             self._quiet(entries['quiet_hours']) if 'quiet_hours' in entries else None,
             (file, *(file.parent / one.value for one in [entries.get('contacts')] if isinstance(one, yaml.ScalarNode))),
         )
 
-    def _rule(self, node: yaml.Node, before: Sequence[Rule]) -> Rule:
+    def _rule(self, node: yaml.Node, before: Sequence[Rule], known: Sequence[str]) -> Rule:
         parts = self._table(node, 'a rule', _RULE_KEYS, ('when', 'call'))
         conditions = self._several(parts, 'when', lambda name: CONDITIONS[_CONDITION(name)], ())
-        robots = self._several(parts, 'robots', str, ('*',))
+        robots = self._several(parts, 'robots', _glob, ('*',))
+        if known and not any(fnmatchcase(name, glob) for name in known for glob in robots):
+            self.problem(node, f'the rule is never used: its robots are none of {", ".join(known)}')
         steps = [Step(self._one(parts, 'for', _duration, 0.0), self._several(parts, 'call', self._contact, ()))]
         for one in self.sequence(parts['then'], 'then') if 'then' in parts else ():
             then = self._table(one, 'a step of "then"', ('after', 'call'), ('after', 'call'))
@@ -255,6 +258,11 @@ def _severity(text: str) -> Severity:
     return Severity[one_of([one.name.lower() for one in Severity])(text).upper()]
 
 
+def _glob(text: str) -> str:
+    """Return a pattern for the names of robots, which begin with a slash."""
+    return text if text.startswith(('/', '*', '?', '[')) else f'/{text}'
+
+
 def _page(text: str) -> str:
     try:
         parts = urlsplit(text)
@@ -262,7 +270,7 @@ def _page(text: str) -> str:
     except ValueError:
         is_usable = False
     if not is_usable:
-        raise UsageError('give the address of the page, such as http://station:8465/')
+        raise UsageError('give the address of the page: http or https, the computer and the port')
     if '@' in parts.netloc or parts.query or parts.fragment:
         raise UsageError('leave out name, password, token and all behind ? or #: messages are not secret')
     return text.rstrip('/')

@@ -373,6 +373,11 @@ def test_the_file_is_read(folder: Path) -> None:
     assert not rules.is_held(Severity.CRITICAL, datetime(2026, 1, 1, 23, 0))
 
 
+def test_a_robot_of_a_rule_needs_no_slash(folder: Path) -> None:
+    (folder / 'alerts.yaml').write_text(GOOD.replace('robots: /a*', "robots: [a, '*x']"))
+    assert load_rules(folder / 'alerts.yaml').rules[0].robots == ('/a', '*x')
+
+
 @pytest.mark.parametrize(
     ('old', 'new', 'problem'),
     [
@@ -386,12 +391,13 @@ def test_the_file_is_read(folder: Path) -> None:
         ('22:00', "'06:00'", '5: quiet_hours: "from" and "to" are the same time'),
         ('Berlin', 'Berlino', "4: time_zone: 'Europe/Berlino' is not known"),
         ('8465/', '8465/#token=SECRET', '2: page: leave out name, password, token'),
-        ('http://station', 'station', '2: page: give the address of the page'),
+        ('http://station', 'station', '2: page: give the address of the page: http or https, the computer and'),
         ('[a, /b]', '[a-b]', "3: robots: 'a-b' is not a namespace of ROS"),
         ('people.yaml', 'persons.yaml', 'persons.yaml cannot be read: No such file or directory'),
         ('people.yaml', SECRET, '1: contacts: give the name of a file, and write addresses there'),
         ('over: true', 'over: yes', "12: over: 'yes': expected true or false"),
         ('robots: /a*', "robots: '*'", '13: the rule is never used'),
+        ('robots: /a*', 'robots: /c*', '7: the rule is never used: its robots are none of /a, /b'),
         (GOOD, '', '1: the text is empty'),
         (GOOD, 'page: http://a', '1: the file needs "rules"'),
         (GOOD, 'rules: []', '1: rules: nothing is there, so nobody would be called'),
