@@ -468,7 +468,9 @@ class NameFilter:
                     found |= reached
                 if not reached or count == most:
                     break
-                reached = self._after(part, name, reached)
+                before, reached = reached, self._after(part, name, reached)
+                if before == reached:  # and so it is after any more repetitions
+                    return found | reached
             return found
 
         return ends
