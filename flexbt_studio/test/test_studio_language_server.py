@@ -196,6 +196,25 @@ def test_what_is_known_about_a_place(folder: Path) -> None:
         for place in (editor.at('main.xml', text, 'wait_duration', 0), editor.at('main.xml', text, '/>', 0)):
             ports = await editor.client.text_document_completion_async(lsp.CompletionParams(*place))
             assert isinstance(ports, lsp.CompletionList) and 'server_timeout' in [one.label for one in ports.items]
+        text = TREE.replace('<Wait wait_durations="1"/>', '<Wait\n wait_duration = "1"\n/>')
+        await editor.show('main.xml', text, 3)
+        for word, shift, expected in (
+            ('"1"', 3, []),  # an attribute would touch the value
+            ('= "1"', 0, []),
+            ('"1"', 0, []),
+            ('\n/>', 1, 'server_timeout'),
+            ("'goal'; x", 15, 'goal'),  # a name of the script, which stays
+        ):
+            at = editor.at('main.xml', text, word, shift)
+            found = await editor.client.text_document_completion_async(lsp.CompletionParams(*at))
+            assert isinstance(found, lsp.CompletionList)
+            if not expected:
+                assert not found.items, word
+                continue
+            (edit,) = [one.text_edit for one in found.items if one.label == expected]
+            assert isinstance(edit, lsp.TextEdit)
+            assert edit.range.start.line == edit.range.end.line == at[1].line
+            assert edited(text, [edit]) in (text.replace('"1"\n', '"1"\nserver_timeout=""'), text), word
 
     with_editor(folder, story)
 

@@ -11,20 +11,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
-from flexbt_core.behavior_tree.model.definition import NodeManifest
+from flexbt_core.behavior_tree.model.definition import PRE_POST_ATTRIBUTES, NodeManifest
+from flexbt_core.behavior_tree.script.interpreter import CONDITION, SCRIPT
 from flexbt_core.skills.skill import LEVELS
 
 from . import palette
 from .project import Project, tree_places
-from .text import Span
+from .text import LINE_BREAK, Span
 from .xml_document import XmlDocument
 from .xml_keys import SUBTREES, node_type
 from .xml_text import XmlElement
 
-_NAME: Final = re.compile(r'[\w:.-]*$')
+_NAME: Final = re.compile(r'[\w:.-]*\Z')
 _TAG_NAME: Final = re.compile(r'[\w:.-]*')
 _EQUALS: Final = re.compile(r'\s*=')
-_OPEN_VALUE: Final = re.compile(r'([\w:.-]+)\s*=\s*(["\'])((?:(?!\2).)*)$', re.DOTALL)
+_OPEN_VALUE: Final = re.compile(r'([\w:.-]+)\s*=\s*(["\'])((?:(?!\2).)*)\Z', re.DOTALL)
+_SCRIPT_NAME: Final = re.compile(r'[\w@]*')
+_BEGUN_NAME: Final = re.compile(r'[\w@]*\Z')
 _CONDITIONS: Final = {
     '_skipIf': 'skip the node if this is true',
     '_successIf': 'succeed without a tick if this is true',
@@ -79,7 +82,8 @@ def _value_at(text: str, tag: XmlElement, offset: int) -> _OpenValue | None:
     opened = _OPEN_VALUE.search(text, tag.offset, offset)
     if opened is None:
         return None
-    end = text.find(opened[2], offset, text.find('\n', offset) if '\n' in text[offset:] else len(text))
+    line_break = LINE_BREAK.search(text, offset)
+    end = text.find(opened[2], offset, line_break.start() if line_break else len(text))
     return _OpenValue(opened[1], Span(opened.start(3), end if end >= 0 else offset))
 
 
@@ -128,6 +132,10 @@ class TreeHelp:
         start = begun.start() if begun else offset
         written = _TAG_NAME.match(text, start)
         assert written is not None
+        before = text[tag.offset : start]
+        is_equal = before.rstrip().endswith('=') or (start == offset and _EQUALS.match(text, offset))
+        if is_equal or not before[-1].isspace():  # beside the sign of equality, or directly behind a value
+            return
         span, form = Span(start, offset), '{}="" '  # before another attribute
         if start < offset or not written[0]:
             span, form = Span(*written.span()), '{}' if _EQUALS.match(text, written.end()) else '{}=""'
@@ -141,18 +149,27 @@ class TreeHelp:
             for id, place in sorted(tree_places(self._project, file).items()):
                 yield Completion(id, 'tree', place.file, '', value.span, id)
             return
+        manifest = self._manifest(tag)
+        port = None if manifest is None else manifest.ports.get(value.attribute)
+        is_script = port is not None and (port.literal or port.type) in (SCRIPT, CONDITION)
         written = text[value.span.start : offset]
         opened = written.rfind('{')
-        if opened >= 0 and '}' not in written[opened:]:
+        label = '{{{}}}'
+        if is_script or value.attribute in PRE_POST_ATTRIBUTES:
+            begun = _BEGUN_NAME.search(text, value.span.start, offset)
+            word = _SCRIPT_NAME.match(text, begun.start() if begun else offset, value.span.end)
+            span = Span(*word.span()) if word else value.span
+            label = form = '{}'
+        elif opened >= 0 and '}' not in written[opened:]:
             closed = text.find('}', offset, value.span.end)
             span = Span(value.span.start + opened + 1, closed if closed >= 0 else offset)
             form = '{}' if closed >= 0 else '{}}}'
-        else:
+        elif LINE_BREAK.search(written) is None:
             span, form = value.span, '{{{}}}'
+        else:  # it would be replaced wholly, and editors replace within a line
+            return
         for key in sorted({use.key for tree in document.trees.values() for use in document.keys.readable(tree)}):
-            yield Completion(f'{{{key}}}', 'key', 'key of the blackboard', '', span, form.format(key))
-        manifest = self._manifest(tag)
-        port = None if manifest is None else manifest.ports.get(value.attribute)
+            yield Completion(label.format(key), 'key', 'key of the blackboard', '', span, form.format(key))
         if port is not None and port.type is not None and port.type.category == 'bool':
             yield from (Completion(one, 'value', 'bool', '', value.span, one) for one in ('true', 'false'))
 
