@@ -61,7 +61,10 @@ def duration(text: str) -> float:
 def place_in_queue(text: str) -> str:
     """Check a place in the queue: a number, first or last."""
     if text not in WHERE:
-        item_number(text)
+        try:
+            item_number(text)
+        except UsageError:
+            raise UsageError(f'{short_repr(text)}: expected {", ".join(WHERE)} or the number of an entry') from None
     return text
 
 

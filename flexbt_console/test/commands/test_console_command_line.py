@@ -101,6 +101,19 @@ def test_a_near_name_is_suggested() -> None:
         parse(['start', 'D', '--autonomie', '1'])
 
 
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        ('queue list', 'usage: queue; or one of queue add, queue edit, '),
+        ('queue move 3 frist', "'frist': expected first, last or the number of an entry"),
+    ],
+)
+def test_a_wrong_word_is_answered_by_what_can_be_there(words: str, told: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        check(parse(words.split()))
+    assert str(caught.value).startswith(told)
+
+
 @given(st.lists(st.text(max_size=8), max_size=6))
 def test_any_words_are_parsed_or_refused(words: list[str]) -> None:
     try:
