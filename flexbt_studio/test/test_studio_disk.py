@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 from test_studio_server import TREE, Page, Refused, with_pages
+
+from flexbt_studio.documents.project import Project
 
 
 @pytest.fixture
@@ -83,3 +86,17 @@ def test_a_mark_that_another_program_writes_stays_and_what_is_no_text_is_not_rep
             await page.ask('save', file='new.xml', version=1)
 
     with_pages(file.parent, story)
+
+
+def test_a_file_is_read_anew_after_one_of_the_same_time_and_size_takes_its_place(file: Path) -> None:
+    project = Project(file.parent)
+    assert project.document('main.xml').text == TREE
+    project.open('main.xml')
+    assert project.disk_changes() == []
+    project.close('main.xml')
+    changed = TREE.replace('Spin', 'Wait')
+    fresh = file.with_name('fresh')
+    fresh.write_text(changed)
+    os.utime(fresh, ns=(file.stat().st_atime_ns, file.stat().st_mtime_ns))  # as rsync, tar and cp -p do
+    fresh.replace(file)
+    assert project.document('main.xml').text == changed

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.values.text import did_you_mean, short_repr
-from flexbt_core.values.text_files import TextFileError, open_regular, read_text, write_text
+from flexbt_core.values.text_files import TextFileError, open_regular, read_text, version_of, write_text
 from flexbt_studio.errors import ConflictError, StudioError
 
 from .document import Document
@@ -93,8 +93,8 @@ class OpenFile:
     saved_text: str
     has_mark: bool = False
     """Whether the file begins with a byte order mark, which is no part of the text."""
-    stamp: tuple[int, int] | None = None
-    """Time and size of the file when it was last compared with ``disk``."""
+    stamp: tuple[int, ...] | None = None
+    """Version of the file on disk when it was last compared with ``disk``."""
     is_shown_only: bool = False
     """Whether it is no file, but a text that comes from elsewhere and cannot be edited."""
 
@@ -110,10 +110,10 @@ class Project:
     def __init__(self, root: str | Path) -> None:
         self.root = Path(root).resolve()
         self._open: dict[str, OpenFile] = {}
-        self._closed: dict[str, tuple[tuple[int, int], Document]] = {}
-        """Documents of files that are not open, with time and size of each when it was read."""
-        self._kinds: dict[Path, tuple[tuple[int, int], Kind | None]] = {}
-        """Kinds of the files on disk, with time and size of each when it was looked into."""
+        self._closed: dict[str, tuple[tuple[int, ...], Document]] = {}
+        """Documents of files that are not open, with the version on disk of each when it was read."""
+        self._kinds: dict[Path, tuple[tuple[int, ...], Kind | None]] = {}
+        """Kinds of the files on disk, with the version of each when it was looked into."""
         self._last: dict[str, tuple[str, int]] = {}
         """The last version of each file that is not open, and the identity of its text on disk; '' if it was edited."""
 
@@ -135,11 +135,7 @@ class Project:
         return sorted(found, key=lambda one: one['file'])
 
     def _kind_on_disk(self, path: Path) -> Kind | None:
-        try:
-            status = path.stat()
-        except OSError:
-            return None
-        stamp = status.st_mtime_ns, status.st_size
+        stamp = version_of(path)
         known = self._kinds.get(path)
         if known is None or known[0] != stamp:
             known = self._kinds[path] = stamp, kind_of(path.name, _beginning(path))
@@ -150,11 +146,7 @@ class Project:
         opened = self._open.get(file)
         if opened is not None:
             return opened.document
-        try:
-            status = self.path(file).stat()
-        except OSError as error:
-            raise StudioError(f'{file} cannot be read: {error.strerror}') from error
-        stamp = status.st_mtime_ns, status.st_size
+        stamp = version_of(self.path(file))
         known = self._closed.pop(file, None)
         if known is None or known[0] != stamp:
             known = stamp, document_for(file, self.text_on_disk(file)[0])
@@ -348,13 +340,10 @@ class Project:
         """Return the open files that were written since the last call, and not by the studio. It is quick."""
         found = []
         for file, opened in self._open.items():
-            try:
-                status = self.path(file).stat()
-            except (OSError, StudioError):
-                continue
-            if opened.stamp != (status.st_mtime_ns, status.st_size):
-                opened.stamp = status.st_mtime_ns, status.st_size
-                found += [file] if self._disk(file) not in (opened.disk, '') else []
+            with contextlib.suppress(StudioError):
+                if opened.stamp != (stamp := version_of(self.path(file))):
+                    opened.stamp = stamp
+                    found += [file] if self._disk(file) not in (opened.disk, '') else []
         return found
 
     def changed_on_disk(self) -> list[str]:
