@@ -74,8 +74,8 @@ def parse(words: Sequence[str]) -> CommandLine:
         least = sum(argument.required for argument in spec.arguments)
         most = math.inf if any(argument.repeated for argument in spec.arguments) else len(spec.arguments)
         if not least <= len(line.words) <= most:
-            longer = [one.name for one in COMMANDS if one.name.startswith(f'{spec.name} ')]
-            others = f'; or one of {", ".join(longer)}' if longer and line.words else ''
+            more = [one.name for one in COMMANDS if one.name.startswith(f'{spec.name} ')]
+            others = f'; or one of {", ".join(more)}' if more and line.words else ''
             raise UsageError(f'usage: {spec.usage}{others}')
     return line
 
