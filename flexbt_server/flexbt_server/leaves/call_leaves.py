@@ -24,7 +24,7 @@ from flexbt_core.behavior_tree.engine.leaf import StatefulAction
 from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, ElementError, PortError
 from flexbt_core.behavior_tree.model.outcomes import Example
-from flexbt_core.behavior_tree.model.ports import BOOL, STRING, UNSIGNED, Port, input_port, separated
+from flexbt_core.behavior_tree.model.ports import BOOL, STRING, UNSIGNED, Port, input_port, pointer_key, separated
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.clock.clock import Timer
 from flexbt_core.values.text import did_you_mean, short_repr
@@ -115,6 +115,9 @@ class CallAction(MessageLeaf, ActionLeaf):
     def options(cls, attributes: Mapping[str, str]) -> dict[str, Any]:
         cancels = _choice(attributes, 'on_pause', ON_PAUSE, 'cancel')
         resources = separated(attributes.get('resources', ''))
+        for one in resources:
+            if pointer_key(one, 'resources') is not None:
+                raise ElementError([('resources', f'{one} has to be written here, not on the blackboard')])
         return {
             'skill': replace(cls.skill, resources=(*cls.skill.resources, *resources)),
             'cancels_on_pause': cancels,

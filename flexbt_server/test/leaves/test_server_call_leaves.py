@@ -318,6 +318,7 @@ def test_a_parameter_is_checked(world: ServerWorld) -> None:
     (SPIN.format('goal.target_yaw="${1 +}"'), 'port [goal.target_yaw] of type expression: '),
     (SPIN.format('gaol.target_yaw="1"'), "[CallAction] has no 'gaol'"),
     (SPIN.format('on_pause="stop"'), "[on_pause]: 'stop' is none of cancel, continue"),
+    (SPIN.format('resources="arm; {which}"'), '[resources]: {which} has to be written here, not on the blackboard'),
     ('<CallAction server_name="spin"/>', 'port [type] of type std::string of [CallAction] is missing'),
     ('<CallAction type="{kind}" server_name="spin"/>', 'write package/action/Name'),
     ('<Publish type="std_msgs/msg/String" topic_name="x" message.data.0="a"/>', "which has no field '0'"),
