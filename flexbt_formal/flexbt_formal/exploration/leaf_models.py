@@ -10,7 +10,6 @@ one name.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -418,46 +417,6 @@ def substitute(definition: NodeDefinition, model: LeafModel) -> NodeDefinition:
 
 
 # -- values ----------------------------------------------------------------------------------------------------------
-
-_WORDS: Final = re.compile(r"'([^']*)'|(?<![\w.])(\d+\.\d+|\d+)|\b(true|false)\b|([A-Za-z_]\w*)|(&&|\|\||[;?])")
-
-
-def tested_values(scripts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
-    """Return the values that affect scripts, by key: each constant in the same part, and its neighbors.
-
-    Keys that are compared or assigned share their values: ``a`` and ``b`` in ``a > 3 && b == a && kind == 'van'``, also
-    if another script has the constant.
-    """
-    groups: list[tuple[dict[str, None], list[Any]]] = []
-    for keys, values in (part for script in scripts for part in _parts(script)):
-        for group in [one for one in groups if not one[0].keys().isdisjoint(keys)]:
-            groups.remove(group)
-            keys, values = {**group[0], **keys}, group[1] + values
-        groups.append((keys, values))
-    found: dict[str, tuple[Any, ...]] = {}
-    for keys, values in groups:
-        # 1, 1.0 and True are equal, but must stay distinct here.
-        distinct = dict.fromkeys((type(value), value) for value in (True, False, *values))
-        found |= dict.fromkeys(keys, tuple(value for _, value in distinct))
-    return found
-
-
-def _parts(script: str) -> list[tuple[dict[str, None], list[Any]]]:
-    """Return the keys of each part of a script, and its constants with their neighbors."""
-    parts: list[tuple[dict[str, None], list[Any]]] = [({}, [])]
-    for text, number, truth, name, end in _WORDS.findall(script):
-        keys, values = parts[-1]
-        if end:
-            parts.append(({}, []))
-        elif name:
-            keys[name] = None
-        elif '.' in number:
-            values += [float(number), float(number) - 1.0, float(number) + 1.0]
-        elif number:
-            values += [value for one in (int(number), int(number) - 1, int(number) + 1) for value in (one, float(one))]
-        elif not truth:
-            values += [text, '']
-    return parts
 
 
 def fitting(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:

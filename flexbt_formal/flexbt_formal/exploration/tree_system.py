@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from flexbt_core.behavior_tree.engine.context import TreeContext, UnfinishedWork
@@ -16,7 +17,7 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, PortError
-from flexbt_core.behavior_tree.model.ports import KEY, NO_DEFAULT, Port, PortType
+from flexbt_core.behavior_tree.model.ports import KEY, NO_DEFAULT, Port, PortType, PortValue
 from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
 from flexbt_core.behavior_tree.nodes.loops import Loop
 from flexbt_core.behavior_tree.nodes.nav2.decorators import RateController
@@ -41,10 +42,10 @@ from .leaf_models import (
     mark_asked_anew,
     some_value,
     substitute,
-    tested_values,
 )
 from .leaf_skills import Facts
 from .model import CONFIRMED, LAPSE, START, STOP, TIMER, EnvironmentChoices, Label, LabelEffect, System
+from .script_values import Compared, compared_in, constants_of, tested_values
 from .virtual_time import VirtualClock
 
 RESULT: Final = 'result'
@@ -82,7 +83,6 @@ _CONSTANT: Final = (
     '_entries',
 )
 _NAME: Final = re.compile(r'[A-Za-z_]\w*')
-_NUMBER: Final = re.compile(r'(?<![\w.])\d{1,9}(?![\w.])')
 _OURS: Final = 'flexbt_core.behavior_tree.'
 _ASSIGNED: Final = re.compile(r'([A-Za-z_@]\w*)\s*(?::=|[-+*/]?=(?!=))')
 
@@ -251,10 +251,14 @@ class TreeSystem(System):
             node for document in library.documents.values() for tree in document.trees.values() for node in tree.nodes()
         ]
         scripts = [*_scripts(nodes)]
-        values = tested_values([*scripts, *_copies(nodes)])
+        enums = {name: one for document in library.documents.values() for name, one in document.scripts.enums.items()}
+        copied = [*_copies(nodes)]
+        compared = [*_switches(nodes), *(part for script in scripts for part in compared_in(script, enums))]
+        values = tested_values(compared, copied)
+        numbers = (one for part in (*compared, *copied) for one in part.constants if not isinstance(one, str))
         values |= {name: (*queues, *values.get(name, ())) for name, queues in _queues(nodes)}
         self._environment = Environment(values, self._note, self._events)
-        self._environment.most_counted = 1 + max(map(int, _NUMBER.findall(' '.join(scripts))), default=0)
+        self._environment.most_counted = 1 + int(max(filter(math.isfinite, numbers), default=0))
         self._ticked: set[int] = set()
         self._has_succeeded = False
         self._observed = frozenset(observed)
@@ -620,19 +624,38 @@ def _scripts(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
     for node in nodes:
         yield from (script.text for script in node.conditions.values())
         yield from (value.text for name, value in node.values.items() if name in ('code', 'if', 'switch'))
-        if (decides := node.values.get('variable')) is not None and decides.key is not None:  # of a Switch
-            cases = (value.text for name, value in node.values.items() if name.startswith('case_'))
-            yield from (f"{decides.key.removeprefix('@')} == '{case}'" for case in cases if "'" not in case)
 
 
-def _copies(nodes: Iterable[NodeDefinition]) -> Iterable[str]:
-    """Yield a comparison for each two keys of one value: in a sub-tree and outside of it, or copied by a node."""
+def _switches(nodes: Iterable[NodeDefinition]) -> Iterator[Compared]:
+    """Yield the comparisons of each Switch."""
     for node in nodes:
-        key = node.values.get('output_key')
-        for name, value in node.values.items():
-            other = name if node.tree_id is not None else '' if key is None else key.text
-            if value.key is not None and other:
-                yield f'{other} == {value.key}'
+        decides = node.values.get('variable')
+        if decides is not None and decides.key is not None:
+            cases = [value for name, value in node.values.items() if name.startswith('case_')]
+            yield Compared(_keys(decides, *cases), tuple(_texts(cases)))
+
+
+def _copies(nodes: Iterable[NodeDefinition]) -> Iterator[Compared]:
+    """Yield keys and constants of one value: in a sub-tree and outside of it, copied or written by a node, or of a
+    queue."""
+    for node in nodes:
+        if node.tree_id is not None:
+            for name, value in node.values.items():
+                yield Compared((name, *_keys(value)), tuple(constants_of(_texts([value]))))
+        elif (key := node.values.get('output_key')) is not None:
+            others = [value for name, value in node.values.items() if name != 'output_key']
+            yield Compared((key.text.removeprefix('@'), *_keys(*others)), tuple(constants_of(_texts(others))))
+        elif issubclass(node.manifest.node_class, Loop) and (key := node.values.get('value')) is not None:
+            elements = (one for text in _texts([node.values['queue']]) for one in text.split(';'))
+            yield Compared(_keys(key), tuple(constants_of(elements)))
+
+
+def _keys(*values: PortValue) -> tuple[str, ...]:
+    return tuple(value.key.removeprefix('@') for value in values if value.key is not None)
+
+
+def _texts(values: Iterable[PortValue]) -> Iterator[str]:
+    return (value.text for value in values if value.key is None)
 
 
 def _queues(nodes: Iterable[NodeDefinition]) -> Iterable[tuple[str, tuple[Any, ...]]]:

@@ -678,6 +678,57 @@ def test_constants_of_a_key_are_tried_for_what_it_is_copied_from_or_called_elsew
     assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
 
 
+@pytest.mark.parametrize('code', ['level == -1', 'level &lt; -3', '-2 * 3 == level', 'level == 0x1F', 'level == 5e2'])
+def test_the_constants_of_a_script_are_what_they_mean(code: str) -> None:
+    body = f'<Fallback><Sequence><ScriptCondition code="{code}"/><Turn/></Sequence><Plan/></Fallback>'
+    report = proved(f'<Sequence><Look level="{{level}}"/>{body}</Sequence>')
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
+def test_an_enum_constant_is_a_constant() -> None:
+    enums = registry()
+    enums.scripts.register_enum('DOCKED', 31)
+    body = '<Sequence><Look level="{level}"/><ScriptCondition code="level == DOCKED"/><Turn/></Sequence>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    library = TreeLibrary([load_xml(text, 'main.xml', enums)])
+    report = explore(lambda: TreeSystem(library, TreeKey('main.xml', 'Main')), 'Main')
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
+ENOUGH = '<Fallback><ScriptCondition code="level &gt; least"/><Turn name="charge"/></Fallback>'
+
+
+@pytest.mark.parametrize(
+    ('use', 'charge'),
+    [
+        ('<SubTree ID="Inner" level="{level}" least="20"/>', 'Inner/charge'),
+        (f'<Sequence><SetBlackboard value="20" output_key="least"/>{ENOUGH}</Sequence>', 'charge'),
+        (f'<LoopInt queue="20" value="{{least}}">{ENOUGH}</LoopInt>', 'charge'),
+    ],
+)
+def test_constants_that_the_tree_writes_without_a_script_are_tried(use: str, charge: str) -> None:
+    """Only a level above the least one leads past the charging."""
+    text = (
+        f'<root BTCPP_format="4"><BehaviorTree ID="Inner">{ENOUGH}</BehaviorTree><BehaviorTree ID="Main">'
+        f'<Sequence><Look level="{{level}}"/>{use}<Plan name="plan"/></Sequence></BehaviorTree></root>'
+    )
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+    required = [parse_requirement(f'plan only after {charge} > SUCCESS', 'test').requirement]
+    report = explore(lambda: TreeSystem(library, TreeKey('main.xml', 'Main'), requirements=required), 'Main')
+    assert Property.REQUIREMENT in {one.violation.property for one in report.counterexamples}
+
+
+def test_attempts_without_a_limit_are_counted_up_to_a_limit_that_is_written_later() -> None:
+    """A Repeat that has enough cycles when its limit comes ends without halting its child, as in BehaviorTree.CPP."""
+    limited = '<Sequence><Look level="{other}"/><SetBlackboard value="4" output_key="cycles"/><Plan/></Sequence>'
+    report = proved(
+        '<Sequence><Script code="cycles := -1"/><Parallel success_count="1" failure_count="1">'
+        '<Repeat num_cycles="{cycles}"><Turn/></Repeat>'
+        f'<KeepRunningUntilFailure>{limited}</KeepRunningUntilFailure></Parallel></Sequence>'
+    )
+    assert {one.violation.property for one in report.counterexamples} == {Property.HALTED}
+
+
 @pytest.mark.parametrize(('leaf', 'can_succeed'), [('Ask', False), ('AskSoon', True)])
 def test_what_answers_within_the_tick_does_not_halt_what_is_behind_it(leaf: str, can_succeed: bool) -> None:
     """An action of which nothing more is known is RUNNING when it begins anew, and halts what is behind it."""
