@@ -357,6 +357,22 @@ def test_unfinished_work_outlives_the_halt() -> None:
     assert isinstance(second, UnfinishedWork)
 
 
+def test_work_that_needs_ticks_gets_them_until_it_ends_whatever_other_work_has_ended() -> None:
+    running = tree('<Work name="a"/>', services={'a': [RUNNING]})
+    got: list[str] = []
+    add = running.root.context.add_unfinished
+    first, second, idle = (
+        add('first', lambda: got.append('first')),
+        add('second', lambda: got.append('second')),
+        add(''),
+    )
+    for ended, ticked in ((first, 'second'), (idle, 'second'), (second, '')):
+        ended.done()
+        got.clear()
+        running.tick_once()
+        assert ''.join(got) == ticked
+
+
 # -- failures and errors ---------------------------------------------------------------------------------
 
 

@@ -438,6 +438,21 @@ def test_port_errors_within_a_tick_are_errors_of_the_node() -> None:
     assert isinstance(caught.value.__cause__, PortError)
 
 
+@pytest.mark.parametrize('at_fault', ['<Probe number="{n}"/>', '<Repeat num_cycles="{n}"><AlwaysSuccess/></Repeat>'])
+def test_a_port_error_within_a_tick_has_the_node_and_its_ancestors(at_fault: str) -> None:
+    registry = builtin_registry()
+    registry.register('Probe', Probe)
+    body = f'<Sequence name="s">{at_fault}</Sequence>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="M">{body}</BehaviorTree></root>'
+    tree = Tree(TreeLibrary([load_xml(text, 'f', registry)]), 'M')
+    node = tree.nodes[1]
+    if isinstance(node, Probe):
+        node.todo = lambda self: self.get_input('number')
+    with pytest.raises(NodeExecutionError) as caught:
+        tree.tick_once()
+    assert (caught.value.uid, caught.value.trace.chain) == (node.uid, ('s', node.path))
+
+
 @pytest.mark.parametrize(
     ('name', 'port', 'words'),
     [
