@@ -3,18 +3,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+import numpy
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.errors import SimulationError
-from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Pose, RobotModel, WalkModel, World
+from flexbt_sim.world import Circle, ObstacleModel, OccupancyMap, Polygon, Pose, RobotModel, WalkModel, World, ZoneModel
 from flexbt_testing.worlds import drawn, places, room, worlds
 
 
@@ -48,6 +50,16 @@ def test_the_reason_is_said(pose: Pose, said: str) -> None:
     with pytest.raises(SimulationError) as raised:
         World(world).add('alpha', RobotModel(), pose)
     assert said in str(raised.value)
+
+
+@pytest.mark.parametrize(('start', 'is_on_map'), [((19.0, 20.0), True), ((40.0, -12.0), False), ((10.5, 10.1), False)])
+def test_a_zone_is_on_the_map_with_its_area_wherever_its_origin_is(start: tuple[float, float], is_on_map: bool) -> None:
+    """Its corners may be given in the frame of the map, which may be larger than any body."""
+    world = World(OccupancyMap(numpy.zeros((60, 130), numpy.int8), 1.0, Pose(10.0, 10.0, 0.3)))
+    x, y = start
+    zone = ZoneModel(kind='slow', area=Polygon((start, (x + 2.0, y), (x + 2.0, y - 2.0))))
+    with contextlib.nullcontext() if is_on_map else pytest.raises(SimulationError, match='outside of the map'):
+        world.add('mud', zone)
 
 
 near = st.builds(Pose, st.floats(-4.0, 4.0), st.floats(-4.0, 4.0), st.just(0.0))

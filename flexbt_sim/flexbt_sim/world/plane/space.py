@@ -18,7 +18,7 @@ import numpy
 
 from flexbt_sim.errors import SimulationError
 
-from .geometry import FARTHEST, Circle, Polygon, Pose, Shape, box, contains, gap
+from .geometry import FARTHEST, Circle, Polygon, Pose, Shape, compose, contains, gap, inverse, touches_box
 from .loops import polygon_gap
 from .occupancy_map import OccupancyMap
 
@@ -404,9 +404,11 @@ class Space:
         if world is None:
             return
         width, height = world.width * world.resolution, world.height * world.resolution
-        middle = Pose(*world.point((world.height - 1) / 2.0, (world.width - 1) / 2.0), world.origin.yaw)
-        on_map = world.contains(*world.cell(pose.x, pose.y))
-        if not on_map and (shape is None or gap(shape, pose, box(width, height), middle) > 0.0):
+        if shape is None:
+            on_map = world.contains(*world.cell(pose.x, pose.y))
+        else:
+            on_map = touches_box(shape, compose(inverse(world.origin), pose), (0.0, 0.0), (width, height))
+        if not on_map:
             raise SimulationError(
                 f'{place} is outside of the map of {width:g} x {height:g} m with its corner at '
                 f'({world.origin.x:g}, {world.origin.y:g})'
