@@ -303,7 +303,8 @@ def _copied(entry: Entry, value: Value) -> Value:
         if current.__class__ is float:
             return real(value)
         if is_number(current) or (current is EMPTY and isinstance(value, int)):
-            number: int = cast(value, UINT64 if kind is UINT64 else INT64)
+            is_wide = kind is UINT64 or (kind is None and isinstance(value, int) and value > 0)
+            number: int = cast(value, UINT64 if is_wide else INT64)
             if kind is not None and kind.category == 'integer' and not fits(number, kind):
                 return OutOfBounds(number)
             return bool(number) if current.__class__ is bool and number in (0, 1) else number

@@ -11,7 +11,7 @@ import pytest
 from flexbt_core.behavior_tree.engine.leaf import Condition
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, RegistrationError, ScriptError
-from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, UINT8, input_port
+from flexbt_core.behavior_tree.model.ports import DOUBLE, INT, STRING, UINT8, UINT64, input_port
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.script.interpreter import ScriptLibrary
 from flexbt_testing.behavior_trees.steps import make
@@ -272,6 +272,9 @@ def test_an_assignment_counts_as_a_write_and_keeps_the_kind_of_number() -> None:
     assert [entry.sequence for entry in entries if entry is not None] == [3, 2, 2]
     evaluate('flag = 2', board)
     assert board.get('flag') == 2
+    board.set('id', 2**63, UINT64)
+    evaluate('copy := id; copy := id', board)
+    assert board.get('copy') == 2**63
 
 
 def test_a_typed_entry_converts_text_and_a_declared_one_takes_what_comes() -> None:
