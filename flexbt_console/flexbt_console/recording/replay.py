@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import itertools
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ from flexbt_common.values.value_types import resolve_type
 from flexbt_console.commands.operator_values import full_namespace
 from flexbt_console.errors import ConsoleError, ExitCode, NoLinkError, UsageError
 from flexbt_core.clock.waiting import WakeEvent
+from flexbt_core.values.json_data import finite_number
 from flexbt_core.values.text import one_line
 
 from .player import received
@@ -56,7 +56,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = SuggestingArgumentParser(prog='replay', description='Publish a recorded run for the console.')
     parser.add_argument('file', metavar='FILE', type=Path, help='MCAP file of the recorder')
     parser.add_argument('--rate', type=_rate, default=1.0, help='times as fast as it was (default: 1)')
-    parser.add_argument('--start', metavar='SECONDS', type=float, default=0.0, help='what was before is shown at once')
+    parser.add_argument('--start', metavar='SECONDS', type=_start, default=0.0, help='what was before is shown at once')
     parser.add_argument('--namespace', metavar='NAME', default='', help='namespace in which it is published')
     parser.add_argument(
         '--recover',
@@ -68,10 +68,17 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _rate(text: str) -> float:
-    rate = float(text)
-    if not (rate > 0.0 and math.isfinite(rate)):
-        raise argparse.ArgumentTypeError(f'{text} is not a factor above 0')
+    rate = finite_number(text)
+    if rate is None or rate <= 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a factor above 0')
     return rate
+
+
+def _start(text: str) -> float:
+    start = finite_number(text)
+    if start is None or start < 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a time from 0 on, s')
+    return start
 
 
 def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float = 0.0) -> int:

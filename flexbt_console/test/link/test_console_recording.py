@@ -159,6 +159,21 @@ def test_the_console_sees_in_a_replay_what_it_saw_of_the_robot(executives: Any, 
         assert 'replay of run.mcap' in behavior_line(seen)
 
 
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        ('--start nan', "'nan' is not a time from 0 on, s"),
+        ('--start -5', "'-5' is not a time from 0 on, s"),
+        ('--rate x', "'x' is not a factor above 0"),
+        ('--rate 0', "'0' is not a factor above 0"),
+    ],
+)
+def test_a_replay_has_a_rate_and_a_start(capsys: pytest.CaptureFixture[str], words: str, told: str) -> None:
+    with pytest.raises(SystemExit):
+        replay.main(['run.mcap', *words.split()])
+    assert told in capsys.readouterr().err
+
+
 def test_what_is_searched_for_is_found_in_any_case_of_its_letters(tmp_path: Path) -> None:
     topic, type = names.EXECUTIVE_LOG, TOPICS[names.EXECUTIVE_LOG].type
     with contextlib.closing(RunWriter(tmp_path / 'run.mcap')) as writer:
