@@ -840,6 +840,8 @@ def run_node(
             runtime.post(partial(_tell_unknown_parameters, runtime))
         except Exception as error:
             reason = str(error) or type(error).__name__
+            if isinstance(error, OSError) and error.filename is not None:
+                reason = f'{error.filename}: {error.strerror}'
             print(*escape_lines(f'{name}: cannot start: {reason}'), sep='\n', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()

@@ -54,6 +54,8 @@ from std_msgs.msg import UInt8MultiArray
 def setup(runtime):
     if 'fail' in sys.argv:
         raise ValueError('no map given; set parameter map')
+    if 'no_file' in sys.argv:
+        open('missing.yaml')
     if 'stuck' in sys.argv:
         runtime.on_close(lambda: time.sleep(60))
     if 'fleet' in sys.argv:
@@ -82,7 +84,7 @@ def setup(runtime):
     runtime.node.declare_parameter('speed', 1.0)
     print('ready', runtime.node.get_fully_qualified_name(), runtime.node.get_parameter('speed').value, flush=True)
 
-NOT_FOR_ROS = 'fail stuck fleet telling failing raising exit interrupt shutdown abort'.split()
+NOT_FOR_ROS = 'fail no_file stuck fleet telling failing raising exit interrupt shutdown abort'.split()
 how = [word for word in sys.argv[1:] if word not in NOT_FOR_ROS]
 sys.exit(run_node('program', setup, how, about='Drives the robot.'))
 """
@@ -425,11 +427,15 @@ def test_a_node_that_cannot_go_on_ends_its_process_with_exit_code_1_and_the_reas
 
 
 @pytest.mark.dds('another process takes part')
-def test_a_set_up_that_fails_gives_one_line_and_exit_code_1() -> None:
-    with start('fail') as process:
+@pytest.mark.parametrize(
+    ('how', 'why'),
+    [('fail', 'no map given; set parameter map'), ('no_file', 'missing.yaml: No such file or directory')],
+)
+def test_a_set_up_that_fails_gives_one_line_and_exit_code_1(how: str, why: str) -> None:
+    with start(how) as process:
         _, err = process.communicate(timeout=DEADLINE)
         assert process.returncode == 1
-        assert err == 'program: cannot start: no map given; set parameter map\n'
+        assert err == f'program: cannot start: {why}\n'
 
 
 @pytest.mark.dds('another process takes part')

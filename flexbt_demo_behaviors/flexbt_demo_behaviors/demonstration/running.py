@@ -102,7 +102,8 @@ def parse_options(arguments: Sequence[str], environment: Mapping[str, str], term
     given = parser.parse_args(arguments)
 
     if given.demo not in ('', '1', '2'):
-        parser.error(f'--demo {given.demo}: there are the demonstrations 1 and 2')
+        others = '3 to 5, by make only, are the executables night_watch, nav2_robot and goals'
+        parser.error(f'--demo {given.demo}: there are the demonstrations 1 and 2; {others}')
     if given.map and not given.places:
         parser.error('--map needs --places: the places in that map, {name: {x: 1.0, y: 2.0, yaw: 0.0}}')
     for name in ('map', 'places'):
