@@ -29,7 +29,7 @@ from flexbt_sim.world.pacing import Pacer
 from flexbt_sim.world.plane.geometry import Pose
 from flexbt_sim.world.robot import Robot
 from flexbt_sim.world.scenery import Entity
-from flexbt_sim.world.world import prepare_world
+from flexbt_sim.world.world import EntityModel, prepare_world
 
 from .displays import Scene
 from .map_server import MapServer
@@ -118,6 +118,11 @@ class SimulatorCore:
 
     # -- on the executor thread --------------------------------------------------------------------------------------
 
+    def _let_read(self, robot: Robot) -> None:
+        """Let the sensors of a new robot measure, but cast no beams while that is compiled."""
+        for device in robot.devices.values():
+            device.is_read = self._can_cast or not device.casts
+
     def _connect_robot(self, robot: Robot, namespace: str) -> None:
         """Create the topics of a new robot."""
         commands = Commands(self._drive, self._initial_pose, self._grip, lambda: self.world.time)
@@ -165,11 +170,18 @@ class SimulatorCore:
         seconds, nanoseconds = divmod(self.world.nanoseconds - self._began, 1_000_000_000)
         return Time(sec=seconds, nanosec=nanoseconds)
 
-    def spawned(self, entity: Entity, namespace: str) -> None:
-        """Handle a new entity: create the topics of a robot, in a namespace of its name unless another one is given."""
-        self._spawned[entity.name] = namespace
+    def spawn(self, name: str, model: EntityModel, pose: Pose | None, namespace: str) -> None:
+        """Add an entity, and the topics of a robot, in a namespace of its name unless another one is given.
+
+        Raises:
+            SimulationError: it does not fit there.
+        """
         with self.lock:
+            entity = self.world.add(name, model, pose)
+            if isinstance(entity, Robot):
+                self._let_read(entity)
             self._tell_scene()
+        self._spawned[name] = namespace
         if isinstance(entity, Robot):
             self._connect_robot(entity, f'{namespace or entity.name}/')
         self._serve_entities()
@@ -225,6 +237,8 @@ class SimulatorCore:
             SimulationError: the world can no longer be created.
         """
         world = self.parameters.make_world()
+        for new in world.robots.values():
+            self._let_read(new)
         for name, topics in list(self._robots.items()):
             robot = world.robots.get(name)
             if name in self._spawned or robot is None or robot.model != topics.robot.model:  # the file was changed

@@ -125,11 +125,9 @@ class EntityServices:
         if namespace or isinstance(model, RobotModel):
             self._check_namespace(namespace or name)
         try:
-            with simulator.lock:
-                entity = simulator.world.add(name, model, pose or own_pose)
+            simulator.spawn(name, model, pose or own_pose, namespace)
         except SimulationError as error:
             raise ServiceRefusedError(codes.INVALID_POSE, str(error)) from None
-        simulator.spawned(entity, namespace)
         response.entity_name = name
 
     def _described(self, request: Any, pose: Pose | None) -> tuple[str, Any, Pose | None]:

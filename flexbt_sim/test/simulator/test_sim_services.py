@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -54,12 +55,13 @@ from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.values.message_fields import seconds_of
 from flexbt_msgs.srv import SetFault
 from flexbt_sim.messages import pose_of
+from flexbt_sim.simulator import core
 from flexbt_sim.simulator.node import Simulator
 from flexbt_sim.simulator.parameters import built_in_map
-from flexbt_sim.world import FaultModel, World, WorldFile
+from flexbt_sim.world import MODELS, FaultModel, Pose, World, WorldFile
 from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
 from flexbt_testing.nodes.sim_world import RobotProbe, pose, without_faults
-from flexbt_testing.waiting import wait_until
+from flexbt_testing.waiting import DEADLINE, wait_until
 
 WORLD = """
 plan:
@@ -254,6 +256,18 @@ def test_a_robot_comes_and_goes_with_its_topics(bench: Bench) -> None:
     wait_until(lambda: watch.alive is False)
     watch.close()
     assert bench.ask(DeleteEntity, 'delete_entity', entity='gamma').result.result == Result.RESULT_NOT_FOUND
+
+
+def test_a_new_robot_casts_no_beams_while_that_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which takes seconds, on a thread of its own: the world would stand still as long."""
+    compiled = threading.Event()
+    monkeypatch.setattr(core, 'prepare_world', lambda: compiled.wait(DEADLINE))
+    with without_faults(names.SIMULATOR, namespace='/early') as runtime:
+        simulator = Simulator(runtime)
+        simulator.pacer.pause()
+        runtime.call(lambda: simulator.spawn('gamma', MODELS['burger'], Pose(2.0, 4.45, 0.0), ''))
+        assert not simulator.world.robots['gamma'].devices['lidar'].is_read
+        compiled.set()
 
 
 def test_no_two_robots_are_in_one_namespace(bench: Bench) -> None:
