@@ -53,7 +53,7 @@ class BlackboardWatch:
     def __init__(self, now: Callable[[], float]) -> None:
         self._writes: dict[Entry, EntryWrites] = {}
         self._boards: dict[object, tuple[Blackboard, ...]] = {}
-        self._roots: set[Blackboard] = set()
+        self._sources: set[Blackboard] = set()
         self.outside = ''
 
         def begin(entry: Entry, type: PortType | None) -> None:
@@ -104,10 +104,10 @@ class BlackboardWatch:
             if entry.__class__ is not self._watched:
                 self._writes[entry] = EntryWrites()
                 entry.__class__ = self._watched
-        for board in self._roots - {board.root for board in boards}:
+        for board in self._sources - {board.source for board in boards}:
             board.entry_class = Entry
-        self._roots = {board.root for board in boards}
-        for board in self._roots:
+        self._sources = {board.source for board in boards}
+        for board in self._sources:
             board.entry_class = self._watched
 
 

@@ -71,7 +71,7 @@ class Blackboard:
     __slots__ = ('__weakref__', '_autoremap', '_entries', '_parent', '_remaps', '_root', 'entry_class', 'lock')
 
     entry_class: type[Entry]
-    """Class of the entries to be created in this scope and its descendants, which is used of the topmost scope."""
+    """Class of the entries to be created, which is used of the :attr:`source`."""
 
     def __init__(self, parent: Blackboard | None = None) -> None:
         self._parent = parent
@@ -89,7 +89,7 @@ class Blackboard:
         """
         board = Blackboard()
         board.lock = self.lock
-        board._entries = _Overlay(self._entries, frozenset(keys))
+        board._entries = _Overlay(self, self._entries, frozenset(keys))
         return board
 
     @property
@@ -100,6 +100,12 @@ class Blackboard:
     def root(self) -> Blackboard:
         """Topmost scope, which ``@key`` addresses."""
         return self._root
+
+    @property
+    def source(self) -> Blackboard:
+        """The topmost scope, or the one whose entries that shares; see :meth:`with_own`."""
+        entries = self._root._entries
+        return entries.board.source if isinstance(entries, _Overlay) else self._root
 
     def remap(self, key: str, parent_key: str) -> None:
         """Map ``key`` to ``parent_key`` of the parent, unless this scope has an entry ``key``."""
@@ -172,7 +178,7 @@ class Blackboard:
                     return entry
                 remapped = board._remaps.get(key)
                 if remapped is None and (not board._autoremap or key.startswith('_')):
-                    entry = board._entries[key] = self._root.entry_class(type)
+                    entry = board._entries[key] = self.source.entry_class(type)
                     return entry
                 if board._parent is None:
                     raise BlackboardError(f'key [{key}] is remapped to a parent blackboard, but there is none')
@@ -258,11 +264,12 @@ class Blackboard:
 
 
 class _Overlay(MutableMapping[str, Entry]):
-    """The entries of ``shared``, with private entries for the keys ``own_keys``."""
+    """The entries ``shared`` of a ``board``, with private entries for the keys ``own_keys``."""
 
-    __slots__ = ('_own', '_own_keys', '_shared')
+    __slots__ = ('_own', '_own_keys', '_shared', 'board')
 
-    def __init__(self, shared: MutableMapping[str, Entry], own_keys: frozenset[str]) -> None:
+    def __init__(self, board: Blackboard, shared: MutableMapping[str, Entry], own_keys: frozenset[str]) -> None:
+        self.board = board
         self._shared = shared
         self._own_keys = own_keys
         self._own: dict[str, Entry] = {}

@@ -94,6 +94,20 @@ def test_an_entry_that_two_watch_is_watched_until_both_have_left() -> None:
     assert not watch.is_watching('b') and watch.is_watching('a')
 
 
+def test_entries_that_others_create_on_a_shared_blackboard_are_watched() -> None:
+    shared, watch = Blackboard(), BlackboardWatch(lambda: 0.0)
+    ours, theirs = (shared.with_own(['own']) for _ in range(2))
+    watch.watch('a client', [ours])
+    for board, key in ((ours, 'ours'), (theirs, 'theirs'), (shared, 'given')):
+        Blackboard(board).set(f'@{key}', 1)
+    theirs.set('own', 1)
+    counts = {key: watch.writes(entry).count for key, entry in ours.entries().items()}
+    assert counts == {'ours': 1, 'theirs': 1, 'given': 1}
+    watch.leave('a client')
+    shared.set('later', 1)
+    assert {type(entry) for board in (ours, theirs) for entry in board.entries().values()} == {Entry}
+
+
 def test_a_client_leaves_while_a_tree_removes_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
     board, watch = Blackboard(), BlackboardWatch(lambda: 0.0)
     board.set('k', 1)
