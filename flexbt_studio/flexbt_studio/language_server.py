@@ -43,7 +43,7 @@ VERSION: Final = '0.1.0'
 RUN_PYTHON: Final = 'flexbt.runPython'
 """Command that allows to run the code of behaviors in Python, as the initialization option ``runPython`` does."""
 PAUSE: Final = 0.3
-"""Time without an edit after which a behavior in Python is checked, s."""
+"""Time without an edit after which a behavior in Python, and the files that may use an edited tree, are checked, s."""
 
 _MARK: Final = '_feature'
 _KINDS: Final = {
@@ -112,6 +112,7 @@ class FlexbtLanguageServer(LanguageServer):
         self._checking = ThreadPoolExecutor(1, 'checking')
         self._checks: dict[str, asyncio.Task[None]] = {}
         """Checks that run, by the URIs of their files."""
+        self._checking_users: asyncio.Task[None] | None = None
         self._found: dict[str, Sequence[Finding]] = {}
         """Findings for the texts that the editor shows, by URI, as far as they were checked."""
         self._uris: dict[Path, str] = {}
@@ -203,6 +204,20 @@ class FlexbtLanguageServer(LanguageServer):
             self._checks[uri] = asyncio.ensure_future(self._check_code(uri, file, text, version))
         else:
             self._publish(uri, text, self.checker.findings(file), version)
+            if kind.name == 'trees':
+                if self._checking_users is not None:
+                    self._checking_users.cancel()
+                self._checking_users = asyncio.ensure_future(self._check_users(file))
+
+    async def _check_users(self, file: str) -> None:
+        """Publish the diagnostics of the files that may use the trees of a file, after a pause."""
+        project = self.project
+        await asyncio.sleep(PAUSE)
+        for other in self.checker.users(file) if self.project is project else ():
+            uri = self._uris.get(project.root / other)
+            if uri is not None:
+                shown = self.workspace.get_text_document(uri)
+                self._publish(uri, shown.source, self.checker.findings(other), shown.version)
 
     def run_code(self) -> None:
         """Check the behaviors in Python that are open, and those that will be, by running their code."""
@@ -297,7 +312,12 @@ class FlexbtLanguageServer(LanguageServer):
     @feature(lsp.TEXT_DOCUMENT_REFERENCES)
     def _references(self, asked: lsp.ReferenceParams) -> list[lsp.Location]:
         named = self.named(asked)
-        return [self.location(Place(one.file, one.span)) for one in self.names.uses(named)]
+        places = [Place(one.file, one.span) for one in self.names.uses(named)]
+        if not asked.context.include_declaration:
+            with contextlib.suppress(StudioError):  # it is in code
+                declared = self.names.definition(named)
+                places = [one for one in places if one != declared]
+        return [self.location(one) for one in places]
 
     @feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
     def _prepare(self, asked: lsp.PrepareRenameParams) -> lsp.PrepareRenamePlaceholder:

@@ -306,6 +306,10 @@ def test_names_of_a_machine_are_found_and_renamed_in_all_files(folder: Path) -> 
             (editor.uri('round.yaml'), 8),
             (editor.uri('site.yaml'), 1),
         ]
+        others = await editor.client.text_document_references_async(
+            lsp.ReferenceParams(lsp.ReferenceContext(include_declaration=False), *at)
+        )
+        assert [*(others or ())] == [found[0], found[2]]
         prepared = await editor.client.text_document_prepare_rename_async(lsp.PrepareRenameParams(*at))
         assert isinstance(prepared, lsp.PrepareRenamePlaceholder)
         assert (prepared.range, prepared.placeholder) == (found[0].range, 'Again')  # of a name with blanks, all of it
@@ -399,6 +403,20 @@ def test_files_of_other_programs_have_no_findings(folder: Path) -> None:
         assert await editor.show('setup.py', 'setup()\n') == []
         assert await editor.show('notes.txt', 'machine:\n') == []
         assert await editor.show('setup.py', 'class A(Behavior):\n    pass\n', 2)
+
+    with_editor(folder, story)
+
+
+def test_what_is_found_in_other_files_is_told_when_their_trees_appear(folder: Path) -> None:
+    (folder / 'drive.xml').unlink()
+
+    async def story(editor: Editor) -> None:
+        text = TREE.replace('wait_durations', 'wait_duration')
+        assert [one for one in await editor.show('main.xml', text) if 'no tree [Drive]' in one.message]
+        await editor.show('drive.xml', DRIVE)
+        while [one for one in editor.diagnostics[editor.uri('main.xml')] if 'no tree [Drive]' in one.message]:
+            editor.heard.clear()
+            await editor.heard.wait()
 
     with_editor(folder, story)
 

@@ -226,6 +226,14 @@ def test_findings_come_after_an_edit_with_a_fix_and_look_into_other_files(folder
         await page.ask('edit', file='main.xml', version=3, edits=[[TREE.index('Other'), TREE.index('Other') + 1, 'Z']])
         found = await page.event('findings', version=4)
         assert any('Zther' in one['message'] for one in found['findings'])
+        await page.ask('open', file='more/other.xml')
+        await page.event('findings', file='more/other.xml')
+        page.events.clear()
+        await page.ask(
+            'edit', file='more/other.xml', version=1, edits=[[OTHER.index('Other'), OTHER.index('Other') + 1, 'Z']]
+        )
+        found = await page.event('findings', file='main.xml')  # of a file that was not edited
+        assert not any('Zther' in one['message'] for one in found['findings'])
 
     with_pages(folder, story)
 

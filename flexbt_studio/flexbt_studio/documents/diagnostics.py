@@ -190,18 +190,29 @@ class Checker:
                 path = _innermost(document.view()['nodes'], start)
                 yield Finding(_record(one.to_json(), file), Span(start, start + len(one.place.node)), path)
 
+    def users(self, file: str) -> list[str]:
+        """Return the other open files that use trees of other files: an edit of ``file`` may change their findings."""
+        opened = ((name, one.document) for name, one in self._project.open_files.items() if name != file)
+        trees = ((name, one) for name, one in opened if isinstance(one, XmlDocument))
+        return [name for name, one in trees if any(_is_elsewhere(one, call) for call in one.subtrees)]
+
     def files(self, file: str) -> list[str]:
         """Return the file, then the files that define sub-trees of it and of one another; those nearest to it first."""
         wanted = [file]
         owners: dict[str, Place] | None = None
         for one in wanted:
             document = self._project.trees(one)
-            missing = {id for call in document.subtrees if document.definition(id := call.attributes.get('ID')) is None}
+            missing = {call.attributes.get('ID') for call in document.subtrees if _is_elsewhere(document, call)}
             if missing and owners is None:
                 owners = tree_places(self._project, file)
             found = (owners[id].file for id in sorted(filter(None, missing)) if owners and id in owners)
             wanted += [owner for owner in dict.fromkeys(found) if owner not in wanted]
         return wanted
+
+
+def _is_elsewhere(document: XmlDocument, call: XmlElement) -> bool:
+    """Return whether the tree of a sub-tree is not in its file."""
+    return document.definition(call.attributes.get('ID')) is None
 
 
 def _placed(document: Document, records: Sequence[Mapping[str, Any]], name: str) -> Iterator[Finding]:

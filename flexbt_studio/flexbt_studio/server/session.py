@@ -57,6 +57,8 @@ LIST_RESTS: Final = 20.0
 """Times as long as the list of files took, until it is made again: a great folder is looked through less often."""
 CHECK_SECONDS: Final = 0.08
 """Time without an edit after which a file is checked, s."""
+USERS_SECONDS: Final = 0.5
+"""Time without a check of a file with trees after which those that may use its trees are checked, s."""
 
 _OWN: Final = frozenset(
     {'layout', 'revisions', 'text_at', 'compared', 'watch', 'past', 'reached', 'tree_log', 'groot2'}
@@ -94,6 +96,7 @@ class Sessions:
         self._layouts = Layouts()
         self._drawing.submit(self._layouts.start)  # while the page is loaded
         self._checks: dict[str, asyncio.Task[None]] = {}
+        self._checking_users: asyncio.Task[None] | None = None
         self._numbers = count(1)
         self._instance = secrets.token_hex(8)
         """What tells pages that the server, and with it what is not saved, is another one."""
@@ -102,7 +105,7 @@ class Sessions:
 
     async def close(self) -> None:
         """Cancel what is waiting, and end all jobs."""
-        waiting = [*self._checks.values(), *([self._watching] if self._watching else [])]
+        waiting = [*self._checks.values(), *filter(None, (self._watching, self._checking_users))]
         for one in waiting:
             one.cancel()
         await asyncio.gather(*waiting, return_exceptions=True)
@@ -420,6 +423,10 @@ class Sessions:
             else:
                 found = await self._work(of_open, self._workbench.checked)
             self.tell({'event': 'findings', 'file': file, **found})
+            if question['language'] == 'xml':
+                if self._checking_users is not None:
+                    self._checking_users.cancel()
+                self._checking_users = asyncio.create_task(self._check_users(file))
         except ConflictError:
             pass  # it was closed, or a check of the new text follows
         except StudioError as error:
@@ -429,6 +436,14 @@ class Sessions:
             self.tell(
                 {'event': 'note', 'file': file, 'message': f'internal fault of the checker: {one_line(str(error))}'}
             )
+
+    async def _check_users(self, file: str) -> None:
+        """Check the open files that may use the trees of a file, after a pause, and send their findings."""
+        await asyncio.sleep(USERS_SECONDS)
+        for other in await self._work(self._workbench.users, file):
+            with contextlib.suppress(StudioError):
+                found = await self._work(self._workbench.checked, other)
+                self.tell({'event': 'findings', 'file': other, **found})
 
     def _check_machine(self, question: dict[str, Any]) -> dict[str, Any]:
         """Return the findings for a machine. On a thread of its own. Raises StudioError."""

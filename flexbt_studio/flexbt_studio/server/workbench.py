@@ -282,10 +282,15 @@ class Workbench:
             question |= {'root': str(self.project.root), 'file': file, 'text': opened.document.text}
         return question
 
+    def users(self, file: str) -> list[str]:
+        """Return the open files whose findings an edit of a file may change, see :meth:`.Checker.users`."""
+        return self._checker.users(file)
+
     def checked(self, file: str) -> dict[str, Any]:
-        """Return the version of an open file, and the checker's findings for it."""
-        opened = self.project.open(file)
-        return {'version': opened.version, 'findings': self.findings(file)}
+        """Return version and findings of an open file. Raises ConflictError if it was closed."""
+        if file not in self.project.open_files:
+            raise ConflictError(f'{file} was closed')
+        return {'version': self.project.open(file).version, 'findings': self.findings(file)}
 
     @request
     def findings(self, file: str) -> list[dict[str, Any]]:
