@@ -130,7 +130,7 @@ class AbstractRobot:
         if self._drive is not None:
             self._drive[0].abort(FollowPath.Result())
             self._halt(self._drive[0])
-        points = [self._pose, *(pose_of(one.pose) for one in goal.request.path.poses)]
+        points = [self._pose, *_joined(self._pose, [pose_of(one.pose) for one in goal.request.path.poses])]
         self._drive = goal, points, self._runtime.steady.now()
 
         def arrive() -> None:
@@ -217,6 +217,17 @@ class AbstractRobot:
             begin()
         response.success = True
         return response
+
+
+def _joined(pose: Pose, path: list[Pose]) -> list[Pose]:
+    """Return a path from where the robot is beside its first leg: what it has driven while it was planned is behind."""
+    if len(path) < 2:
+        return path
+    a, b = path[:2]
+    square = a.distance(b) ** 2
+    part = ((pose.x - a.x) * (b.x - a.x) + (pose.y - a.y) * (b.y - a.y)) / square if square else 1.0
+    part = min(max(part, 0.0), 1.0)
+    return [Pose(a.x + part * (b.x - a.x), a.y + part * (b.y - a.y), a.yaw), *path[1:]]
 
 
 def _length(points: list[Pose]) -> float:

@@ -146,6 +146,18 @@ def test_a_fault_of_an_abstract_robot_lasts_until_it_is_over_or_ended(world: Wor
 
 
 @pytest.mark.world(motion='abstract')
+def test_a_drive_of_an_abstract_robot_takes_its_length_divided_by_its_speed_however_often_it_is_planned(
+    world: World,
+) -> None:
+    world.start('Navigate')
+    world.answer('/AskGoal', 'kitchen')
+    world.run_until(lambda view: view.active_paths == ('/Drive',))
+    began = world.now
+    world.run_until(world.asks('/AskGoal'))
+    assert world.robot.length / (world.now - began) == pytest.approx(0.3, rel=0.01)
+
+
+@pytest.mark.world(motion='abstract')
 def test_an_operator_without_a_link_misses_nothing(world: World) -> None:
     world.start('Navigate')
     world.answer('/AskGoal', 'kitchen')
@@ -320,7 +332,7 @@ def test_a_client_program_of_nav2_that_is_terminated_as_the_robot_drives_ends(wo
     world.run_while(lambda: world.robot.at_rest, 'the program')
     world.terminate('deliveries')
     world.run(0.5)
-    assert program.exit_code == 1
+    assert program.exit_code == 143
 
 
 def test_programs_with_rclpy_have_each_their_default_context(world: World) -> None:
