@@ -201,7 +201,7 @@ def write_outputs(node: _Model | ModelGate, environment: Environment, status: No
         if status is SUCCESS or name.startswith('error'):
             entry = node.blackboard.declare(value.key, port.type)
             options = fitting(port.type, environment.values.get(value.key.removeprefix('@'), ()))
-            if options and status is SUCCESS:
+            if options:
                 taken = environment.choices.choose(f'{node.place} writes {value.key}', [*map(repr, options)])
                 entry.write(options[taken])
             else:

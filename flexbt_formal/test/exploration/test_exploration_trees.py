@@ -17,7 +17,7 @@ from flexbt_core.behavior_tree.engine.parents import Control, Decorator
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, input_port, output_port
+from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, UINT16, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
@@ -100,6 +100,10 @@ class Leave(Go):
 
 class Lift(StandIn):
     skill = Skill.of(deadline=10.0)
+
+
+class Dock(StandIn):
+    ports = {'error_code_id': output_port(UINT16)}
 
 
 class Choose(StandIn):
@@ -204,7 +208,7 @@ class Stalled(Control):
 def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
-    leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Choose, Lift, IsAt, Go, Serve, Leave, Look)
+    leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Dock, Choose, Lift, IsAt, Go, Serve, Leave, Look)
     found.register_classes([*leaves, AskSoon, Take, Forgetful, Stalled, Alternating, ThreeTimes])
     return found
 
@@ -692,6 +696,12 @@ def test_an_enum_constant_is_a_constant() -> None:
     text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>'
     library = TreeLibrary([load_xml(text, 'main.xml', enums)])
     report = explore(lambda: TreeSystem(library, TreeKey('main.xml', 'Main')), 'Main')
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
+def test_a_failure_has_any_error_code_that_is_asked_for() -> None:
+    recover = '<Sequence><ScriptCondition code="code == 102"/><Turn/></Sequence>'
+    report = proved(f'<Fallback><Dock error_code_id="{{code}}"/>{recover}<Plan/></Fallback>')
     assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
 
 
