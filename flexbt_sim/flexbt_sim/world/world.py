@@ -187,7 +187,7 @@ class World:
             self._check(entity, entity.pose)
             self._bring(entity)
         else:
-            self._space.check_on_map(entity.pose, entity.shape)
+            self._check_marking(entity, entity.pose)
         self._entities[name] = entity
         self._of_kind[type(entity)][name] = entity
         self._next_reading = 0.0
@@ -255,7 +255,7 @@ class World:
             entity.place(pose)
             self._space.changed(entity)
         else:
-            self._space.check_on_map(pose, entity.shape)
+            self._check_marking(entity, pose)
             entity.place(pose)
 
     def check_place(self, name: str, pose: Pose) -> None:
@@ -274,6 +274,10 @@ class World:
         near = self._space.touching(pose.x, pose.y, body.radius)
         others = near if is_robot else [one for one in near if isinstance(one, Robot)]
         self._space.check(body, pose, others, on_map=is_robot)
+
+    def _check_marking(self, marking: Station | Zone, pose: Pose) -> None:
+        """Check that the pose of a station, or a part of a zone there, is on the map."""
+        self._space.check_on_map(pose, marking.shape if isinstance(marking, Zone) else None)
 
     def grip(self, robot: str) -> str:
         """Make a robot pick up the nearest obstacle that fits its gripper; return the obstacle's name.

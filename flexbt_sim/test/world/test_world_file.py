@@ -131,7 +131,7 @@ def test_everything_that_a_file_says_is_in_the_world(tmp_path: Path) -> None:
             'mud',
             'zones.mud: (30, 1, 0) is outside of the map of 11.1 x',
         ),
-        ('dock: {pose: [1', 'dock: {pose: [-9', 'dock', 'stations.dock: (-9, 1, 0) is outside of the map'),
+        ('dock: {pose: [1', 'dock: {pose: [-0.6', 'dock', 'stations.dock: (-0.6, 1, 0) is outside of the map'),
         ('kitchen: [8', 'kitchen: [80', 'kitchen', 'places.kitchen: (80, 1, 0) is outside of the map'),
     ],
 )
