@@ -251,6 +251,9 @@ def test_a_proof_has_steps_at_nodes_and_a_cancelled_one_leaves_no_process(folder
             ('main.xml', 'Main/0')
         ] == 'FAILURE'
         assert ['more/other.xml', 'Other/0'] in done['nodes'].values()
+        await page.ask('create', file='-new.xml', text=OTHER)
+        number = (await page.ask('start_job', job='run', file='-new.xml', version=1))['number']
+        assert (await page.event('job', number=number))['state'] == 'done'  # its name is no option
         number = (await page.ask('start_job', job='run', file='main.xml', version=1, mock=['*=FAILURE']))['number']
         ran = await page.event('job', number=number)
         assert ran['result'][-1]['result'] == 'FAILURE' and ran['result'][0]['path'] in ran['nodes']

@@ -108,24 +108,24 @@ class Workbench:
         if document.language == 'python':
             return self._behavior_job(job, file, document, require)
         files = self._checker.files(file) if is_tree else [file]
-        texts, words = _with_trees(self.project, file), ['--json']
+        texts, words = _with_trees(self.project, file), ['run' if job == 'run' else 'prove', '--json']
         if job == 'compare':  # it may have had other sub-trees
             before = self.project.unedited()
             old = Checker(before, self._registry, self._skills).files(file) if is_tree else [file]
             files += [one for one in old if one not in files]
             texts |= {f'before/{one}': text for one, text in _with_trees(before, file).items()}
             words += [f'--against=before/{one}' for one in _having_trees(before, files)]
-        words = ['run' if job == 'run' else 'prove', *_having_trees(self.project, files), *words]
         palettes = palette_files(self.project) if is_tree else []
         for one in palettes:
             texts[one] = self.project.text(one)
-            words += ['--models', one]
+            words.append(f'--models={one}')
         if plan:
             texts[_PLAN] = plan
             words += ['--mock', _PLAN]
-        words += ['--tree', tree] if tree and is_tree else []
+        words += [f'--tree={tree}'] if tree and is_tree else []
         for flag, values in (('--require', require), ('--mock', mock), ('--set', set)):
-            words += [word for value in values for word in (flag, str(value))]
+            words += [f'{flag}={value}' for value in values]
+        words += ['--', *_having_trees(self.project, files)]  # what is written or named may begin with a dash
         nodes = self._checker.nodes(file, tree) if is_tree else {}
         tool = 'bt_tool' if is_tree else 'behavior_tool'
         return ToolCopy(new_folder(texts), tool, words, nodes, [*files, *palettes])
@@ -137,7 +137,7 @@ class Workbench:
         files = [os.path.relpath(top / one, self.project.root) for one in texts]
         behavior = document.view()['behavior']
         name += f':{behavior["class"]}' if behavior else ''
-        words = ['prove', name, '--json', *(word for one in require for word in ('--require', str(one)))]
+        words = ['prove', name, '--json', *(f'--require={one}' for one in require)]
         if job == 'compare':
             texts = texts | {f'before/{one}': text for one, text in saved.items()}
             words += ['--against', f'before/{name}']
