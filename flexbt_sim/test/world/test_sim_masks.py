@@ -7,17 +7,19 @@ import math
 from itertools import product
 
 import numpy
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.world import OCCUPIED, Circle, OccupancyMap, Polygon, Pose, Shape, box, gap
 from flexbt_testing.worlds import places, worlds
 
-POINT = Circle(0.001)
+ROUNDED = 0.007
+"""Distance, m, from a circle of 5 m to the polygon that stands for it on a grid."""
 
 
 def shapes() -> st.SearchStrategy[Shape]:
-    side = st.floats(0.002, 5.0)
+    side = st.floats(0.002, 5.0) | st.just(0.002)
     ell = Polygon(((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (0.0, -1.0), (0.0, 0.0), (1.0, 0.0)))
     return st.builds(Circle, side) | st.builds(box, side, side) | st.just(ell)
 
@@ -28,13 +30,23 @@ def test_a_mask_is_occupied_where_the_shapes_are(data: st.DataObject, world: Occ
     areas = [(shape, data.draw(places(world, beside=5.0))) for shape in drawn]
     mask = world.mask(areas)
     assert (mask.resolution, mask.origin, mask.cells.shape) == (world.resolution, world.origin, world.cells.shape)
+    cell = box(world.resolution, world.resolution)
     for row, column in product(range(world.height), range(world.width)):
-        place = Pose(*world.point(row, column), 0.0)
-        away = min(gap(shape, pose, POINT, place) for shape, pose in areas) + POINT.radius
-        if away < -0.1 * world.resolution:
+        place = Pose(*world.point(row, column), world.origin.yaw)
+        away = min(gap(shape, pose, cell, place) for shape, pose in areas)
+        if away < -ROUNDED:
             assert mask.obstacles[row, column]
-        if away > 1.1 * world.resolution:
+        if away > ROUNDED:
             assert not mask.obstacles[row, column]
+
+
+@given(st.floats(-0.5, 0.5), st.floats(0.001, 0.1))
+def test_a_thin_area_has_no_holes(yaw: float, thickness: float) -> None:
+    """No path leads through a line that robots have to keep out of."""
+    world = OccupancyMap(numpy.zeros((120, 120), numpy.int8), 0.05, Pose(0.0, 0.0, 0.0))
+    mask = world.mask([(box(20.0, thickness), Pose(3.0, 3.0, yaw))])
+    regions, count = scipy.ndimage.label(~mask.obstacles)
+    assert (count, regions[0, 60] == regions[-1, 60]) == (2, False)
 
 
 @given(worlds(size=25), worlds(size=25))

@@ -127,22 +127,26 @@ class OccupancyMap:
         return 0 <= row < self.height and 0 <= column < self.width
 
     def mask(self, areas: Iterable[tuple[Shape, Pose]]) -> OccupancyMap:
-        """Return a grid of the same geometry that is occupied under the shapes, to the accuracy of a cell, and free
-        elsewhere."""
+        """Return a grid of the same geometry that is occupied in each cell that a shape touches, and free elsewhere."""
         cells = numpy.full(self.cells.shape, FREE, numpy.int8)
         for shape, pose in areas:
             corners = numpy.array([self.grid_position(*point) for point in shape.points(pose)])
             (y, x), (to_y, to_x) = corners.T, numpy.roll(corners, -1, axis=0).T
-            # Scan lines: two in each row, and those through the corners, so that no shape is too thin to be hit.
-            lines = {
-                *y.tolist(),
-                *(numpy.arange(max(0, 2 * y.min()), min(2 * self.height, 2 * y.max())) / 2.0).tolist(),
-            }
-            for at in (line for line in lines if 0.0 <= line < self.height):
-                here = (y > at) != (to_y > at)
-                ends = numpy.sort(x[here] + (at - y[here]) / (to_y - y)[here] * (to_x - x)[here])
-                for first, last in numpy.clip(numpy.floor(ends), -1, self.width).astype(int).reshape(-1, 2):
-                    cells[int(at), max(0, first) : last + 1] = OCCUPIED
+            low, high = numpy.minimum(y, to_y), numpy.maximum(y, to_y)
+            up, right = to_y - y, to_x - x
+            rise = numpy.where(up == 0.0, 1.0, up)
+            bottom, top = math.floor(low.min()), math.ceil(high.max())
+            for row in range(max(0, bottom), min(self.height, max(top, bottom + 1))):
+                # What the sides cover in the row, and what is between them in its middle.
+                start = numpy.where(up == 0.0, 0.0, (numpy.clip(row, low, high) - y) / rise)
+                end = numpy.where(up == 0.0, 1.0, (numpy.clip(row + 1.0, low, high) - y) / rise)
+                here = (low <= row + 1.0) & (high >= row)
+                covered = numpy.sort([x + start * right, x + end * right], axis=0).T[here]
+                crossing = (y > row + 0.5) != (to_y > row + 0.5)
+                between = numpy.sort((x + (row + 0.5 - y) / rise * right)[crossing]).reshape(-1, 2)
+                for ends in (covered, between):
+                    for first, last in numpy.clip(numpy.floor(ends), -1, self.width).astype(int):
+                        cells[row, max(0, first) : last + 1] = OCCUPIED
         return replace(self, cells=cells)
 
     def masked(self, mask: OccupancyMap) -> OccupancyMap:
