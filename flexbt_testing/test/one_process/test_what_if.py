@@ -225,10 +225,10 @@ def test_the_command_line_changes_a_test(tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stdout + ran.stderr
     assert re.search(
         r'test_kitchen\[0\]: first difference at 10\.00 s, executive\n'
-        r'  as it was: leaves /Drive by done \(outcome\) at 35\.40 s\n'
+        r'  as it was: leaves /Drive by done \(outcome\) at 32\.10 s\n'
         r'  changed:   RESUME refused at 10\.00 s\n'
         r'the ends\n'
-        r'  as it was: at 35\.42 s in /AskGoal; the robot at \(10\.00, 2\.30\), 9\.54 m driven\n'
+        r'  as it was: at 32\.12 s in /AskGoal; the robot at \(10\.00, 2\.30\), 9\.45 m driven\n'
         r'  changed:   at 10\.\d\d s in /Drive; the robot at .*\n'
         r'  changed:   at 10\.\d\d s AssertionError: RESUME: refused, the run is not paused',
         ran.stdout,
@@ -240,7 +240,7 @@ def test_what_was_to_happen_after_the_end_of_a_test_is_told(tmp_path: Path) -> N
     for option, told in (('--what-if', ', before 36 s'), ('--live', ' already')):
         words = ['-m', 'pytest', '-p', 'flexbt_testing.world', 'test_it.py', option, '36 stop']
         ran = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert re.search(rf'test_kitchen\[0\]: the test has ended at 35\.\d\d s{told}\n', ran.stdout), ran.stdout
+        assert re.search(rf'test_kitchen\[0\]: the test has ended at 32\.\d\d s{told}\n', ran.stdout), ran.stdout
         assert len(re.findall(r'=+ 1 passed', ran.stdout)) == 1, 'a child of its tear-down would tell it, too'
 
 
