@@ -51,7 +51,7 @@ from flexbt_core.behavior_tree.model.ports import (
 )
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.values.text import did_you_mean
-from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, message_type
+from flexbt_server.trees.ros_ports import PATH, POSE_STAMPED, POSES, array_type, message_type
 
 _TYPES: Final = {
     'bool': BOOL, 'int8': INT8, 'int16': INT16, 'int32': INT, 'int64': INT64, 'uint8': UINT8, 'uint16': UINT16,
@@ -83,7 +83,7 @@ def type_by_name(name: str) -> PortType:
     if resolved.message is None:
         return list_of(_TYPES[resolved.name.removesuffix('[]')])
     if resolved.is_array:
-        return PortType(resolved.name, list, from_text=_reader(resolved))
+        return replace(array_type(resolved), from_text=_reader(resolved))
     return message_type(resolved.message)
 
 

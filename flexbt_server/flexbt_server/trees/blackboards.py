@@ -20,6 +20,8 @@ from flexbt_core.behavior_tree.model.ports import PortType
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.msg import BlackboardEntry
 
+from .ros_ports import array_type
+
 SHARED: Final = ''
 """Name of the blackboard for goals that name none."""
 
@@ -123,7 +125,7 @@ def read_values(entries: Iterable[BlackboardEntry]) -> list[Value]:
 def _port_type(ros_type: str) -> PortType | None:
     resolved = resolve_type(ros_type)
     if resolved.is_array:
-        return PortType(resolved.name, list)  # an empty list does not show its element type
+        return array_type(resolved)
     return _INTEGERS.get(resolved.name)
 
 

@@ -22,7 +22,7 @@ from flexbt_common.values.message_fields import time_of_nanoseconds
 from flexbt_common.values.value_types import ValueType, message_type_name, resolve_type
 from flexbt_core.behavior_tree.model.blackboard_json import JsonObject, JsonTypes
 from flexbt_core.behavior_tree.model.errors import ConversionError
-from flexbt_core.behavior_tree.model.ports import PortType
+from flexbt_core.behavior_tree.model.ports import BOOL, DOUBLE, STRING, PortType
 from flexbt_core.errors import FlexbtError
 from flexbt_core.values.text import short_repr
 
@@ -123,10 +123,20 @@ POSE_STAMPED: Final = message_type(PoseStamped, _pose)
 PATH: Final = message_type(Path, _path)
 DURATION: Final = message_type(Duration)
 _POSES: Final = f'{POSE_STAMPED.name}[]'
-POSES: Final = PortType(_POSES, list, 'object', _reader(_POSES, _poses))
+POSES: Final = PortType(_POSES, list, 'object', _reader(_POSES, _poses), element=POSE_STAMPED)
 ROUTE: Final = message_type(Route)
 TRACKING_FEEDBACK: Final = PortType('nav2_msgs/msg/TrackingFeedback', TrackingFeedback)
-WAYPOINT_STATUSES: Final = PortType('nav2_msgs/msg/WaypointStatus[]', list)
+_WAYPOINT_STATUS: Final = PortType('nav2_msgs/msg/WaypointStatus', WaypointStatus)
+WAYPOINT_STATUSES: Final = PortType(f'{_WAYPOINT_STATUS.name}[]', list, element=_WAYPOINT_STATUS)
+
+
+def array_type(resolved: ValueType) -> PortType:
+    """Return the type of entries for an array: an empty list does not show that of its elements."""
+    if resolved.message is not None:
+        element = message_type(resolved.message)
+    else:
+        element = {'string[]': STRING, 'bool[]': BOOL}.get(resolved.name, DOUBLE)
+    return PortType(resolved.name, list, element=element)
 
 
 # ROS messages in the JSON of blackboards: any installed message, under its name.
@@ -158,7 +168,7 @@ class RosJsonTypes(JsonTypes):
         if known is None:
             resolved = _resolved(name)
             if resolved is not None and resolved.is_array:
-                known = PortType(resolved.name, list)
+                known = array_type(resolved)
         return known
 
 

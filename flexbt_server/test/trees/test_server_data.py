@@ -72,15 +72,16 @@ def test_text_as_written_in_a_shell(world: ServerWorld) -> None:
         (BlackboardEntry(key='b', type='no_such_msgs/msg/Thing', text='1'), ['b', 'no_such_msgs']),
         (BlackboardEntry(key='', type='float64', text='1'), ['key']),
         (BlackboardEntry(key='typed', type='string', text='not a path'), ['typed']),
+        (BlackboardEntry(key='poses', type='string[]', text='[a, b]'), ['poses', 'PoseStamped[]', 'string[]']),
     ],
 )
 def test_a_refused_entry_writes_nothing_of_the_goal(
     world: ServerWorld, bad: BlackboardEntry, fragments: list[str]
 ) -> None:
     board = f'refused {bad.key} {bad.type}'
-    assert (
-        world.client.set(to_entry('typed', Path()), to_entry('a', 1), blackboard=board).code == BtSetData.Result.SUCCESS
-    )
+    poses = to_entry('poses', [], 'geometry_msgs/msg/PoseStamped[]')
+    before = (to_entry('typed', Path()), poses, to_entry('a', 1))
+    assert world.client.set(*before, blackboard=board).code == BtSetData.Result.SUCCESS
     result = world.client.set(to_entry('a', 2), bad, blackboard=board)
     assert result.code == BtSetData.Result.FAILURE
     for fragment in fragments:

@@ -16,9 +16,7 @@ from typing import Any, Final
 from flexbt_core.values.text import short_repr
 
 from .errors import BlackboardError, ConversionError
-from .ports import ANY, BOOL, PortType, cast, is_fixed, type_of
-
-_NUMBERS: Final = ('integer', 'real', 'bool')
+from .ports import ANY, BOOL, NUMBERS, PortType, cast, is_fixed, type_of
 
 
 class _Empty(Enum):
@@ -315,7 +313,7 @@ def _converted(key: str, entry: Entry, value: Any, kind: PortType) -> Any:
                 raise BlackboardError(f'entry [{key}]: {error}') from error
         else:
             # A bool entry rejects numbers, and an entry of text or objects rejects all other types.
-            if kind.category not in _NUMBERS or declared.category not in _NUMBERS or declared is BOOL:
+            if kind.category not in NUMBERS or declared.category not in NUMBERS or declared is BOOL:
                 raise _type_clash(key, declared, kind)
             try:
                 exact = cast(value, declared)

@@ -147,6 +147,8 @@ def pointer_key(text: str, port_name: str) -> str | None:
 # add types, such as ROS messages: a :class:`PortType` with the Python class of the values.
 
 Category = Literal['integer', 'real', 'bool', 'text', 'object']
+NUMBERS: Final = ('integer', 'real', 'bool')
+"""Categories whose values convert to each other."""
 
 # The largest integer up to which every integer has a distinct double.
 _EXACT_IN_DOUBLE = 2**53 - 1
@@ -165,7 +167,7 @@ class PortType:
 
     Errors and models show ``name``. ``python_type`` is the class of the values. ``from_text`` converts a literal of an
     XML file and raises ConversionError; it is None when text cannot express a value. ``minimum`` and ``maximum`` bound
-    integers, both inclusive.
+    integers, both inclusive. ``element`` is the type of the elements of a list, if it is known.
     """
 
     name: str
@@ -176,6 +178,7 @@ class PortType:
     maximum: int | None = None
     # Immutable values are converted once, at load, and shared by all reads.
     immutable: bool = field(default=False)
+    element: PortType | None = None
 
     def parse(self, text: str) -> Any:
         """Return the value that ``text`` means. Turn exceptions of ``from_text`` into ConversionError."""
@@ -187,10 +190,18 @@ class PortType:
             raise ConversionError(f"can't convert text {short_repr(text)} to {self.name}: {error}") from error
 
     def same(self, other: PortType) -> bool:
-        """Return whether both are the same type: equal names, or objects of the same Python class."""
+        """Return whether both are the same type: equal names, or objects of the same Python class.
+
+        Lists are the same if their elements are, or if both are of numbers.
+        """
         if self is other or self.name == other.name:
             return True
-        return self.category == other.category == 'object' and self.python_type is other.python_type
+        if not (self.category == other.category == 'object' and self.python_type is other.python_type):
+            return False
+        one, two = self.element, other.element
+        if one is None or two is None:
+            return True
+        return one.same(two) or (one.category in NUMBERS and two.category in NUMBERS)
 
     def may_read(self, entry: PortType) -> bool:
         """Return whether an input of this type can read some values of an ``entry``.
@@ -201,7 +212,8 @@ class PortType:
         if entry is STRING or self.same(entry):
             return True
         ours, theirs = self.python_type, entry.python_type
-        return self.category == entry.category == 'object' and (issubclass(theirs, ours) or issubclass(ours, theirs))
+        is_related = ours is not theirs and (issubclass(theirs, ours) or issubclass(ours, theirs))
+        return is_related and self.category == entry.category == 'object'
 
     def __str__(self) -> str:
         return self.name
@@ -330,14 +342,14 @@ def list_of(element: PortType) -> PortType:
     """Return a list type. Its text form is the elements :func:`between_semicolons`, or ``json:[...]``."""
     name = f'std::vector<{element.name}>'
     if element.from_text is None:
-        return PortType(name, list)
+        return PortType(name, list, element=element)
 
     def from_text(text: str) -> list[Any]:
         if text.startswith('json:'):
             return _elements_of_json(text.removeprefix('json:'), element)
         return between_semicolons(text, element)
 
-    return PortType(name, list, from_text=from_text)
+    return PortType(name, list, from_text=from_text, element=element)
 
 
 def between_semicolons(text: str, element: PortType) -> list[Any]:

@@ -45,6 +45,7 @@ from flexbt_core.behavior_tree.model.ports import (
     output_port,
     pointer_key,
     separated,
+    type_of,
 )
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
@@ -629,6 +630,21 @@ def test_types_of_one_name_are_the_same_and_a_clash_names_both() -> None:
     board.declare('x', PortType('speed', float, 'real'))
     with pytest.raises(BlackboardError, match=r'\[x\].* speed.* double'):
         board.declare('x', DOUBLE)
+
+
+def test_lists_are_of_one_type_if_their_elements_are_or_are_numbers() -> None:
+    pose, path = (PortType(name, made) for name, made in (('pose', dict), ('path', set)))
+    numbers, texts, poses, any_list = list_of(INT), list_of(STRING), list_of(pose), type_of([])
+    assert numbers.same(list_of(DOUBLE)) and poses.same(PortType('pose[]', list, element=pose))
+    for one in (numbers, texts, poses):
+        assert one.same(any_list) and any_list.same(one) and any_list.may_read(one)
+    for one, other in ((numbers, texts), (texts, poses), (poses, list_of(path))):
+        assert not one.same(other) and not one.may_read(other)
+    board = Blackboard()
+    board.declare('x', poses)
+    board.set('x', [{}])
+    with pytest.raises(BlackboardError, match='has the type std::vector<pose>'):
+        board.set('x', ['a'], texts)
 
 
 @pytest.mark.parametrize(('value', 'kind'), [(3, INT), (3.5, DOUBLE), ('a', STRING), (EMPTY, None), ((1,), None)])
