@@ -28,7 +28,7 @@ from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.skills.skill import Skill
 
 from .leaf_skills import Facts, needs_of
-from .model import EnvironmentChoices, again
+from .model import EnvironmentChoices, question_anew
 
 _ENGINE: Final = 'flexbt_core.behavior_tree.nodes.'
 _NAV2: Final = f'{_ENGINE}nav2.'
@@ -258,12 +258,10 @@ class _Model(LeafNode):
 
     def answer(self) -> NodeStatus:
         """Return an immediate result from the environment: of a condition the same one within a step, of an action that
-        is done again in it another one, which then stays."""
+        is done again in it another one each time."""
         results = self.model.results
         known = self.environment.answers
-        question = self.place
-        if question in known and self.kind is not NodeKind.CONDITION:
-            question = again(question)
+        question = self.place if self.kind is NodeKind.CONDITION else question_anew(self.place, known)
         if question not in known:
             known[question] = self.environment.choices.choose(question, [result.name for result in results])
         return results[known[question]]

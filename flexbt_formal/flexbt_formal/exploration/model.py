@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, Self
 
@@ -27,9 +27,18 @@ class EnvironmentChoice(NamedTuple):
         return f'{self.question}: {self.options[self.taken]}'
 
 
-def again(question: str) -> str:
-    """Return a question as it is asked for the second and all further times in a step."""
-    return f'{question}, again'
+_MOST_ANSWERS: Final = 3
+"""Answers to one question in a step; the last one stays, so that an endless loop has few ways."""
+
+
+def question_anew(question: str, known: Container[str]) -> str:
+    """Return a question as it is asked in a step in which the ``known`` ones were asked: each time another one, up to
+    the last."""
+    for _ in range(1, _MOST_ANSWERS):
+        if question not in known:
+            break
+        question += ', again'
+    return question
 
 
 class EnvironmentChoices:

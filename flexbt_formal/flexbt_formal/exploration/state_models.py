@@ -24,7 +24,7 @@ from flexbt_core.state_machine.model.definition import MachineDefinition, StateD
 from flexbt_core.state_machine.model.event_state import EventState, ExitReason, state_skill
 from flexbt_core.state_machine.model.userdata import UserData
 
-from .model import EnvironmentChoices, again
+from .model import EnvironmentChoices, question_anew
 
 
 class StateModelKind(Enum):
@@ -212,7 +212,7 @@ class ModelState(EventState):
 
     def _answer(self) -> str:
         known = self.environment.answers
-        question = again(self.own_path) if self.own_path in known else self.own_path
+        question = question_anew(self.own_path, known)
         if question not in known:
             known[question] = self.environment.choices.choose(question, self.results)
         return self.results[known[question]]

@@ -436,6 +436,16 @@ def test_what_is_done_again_within_a_tick_may_end_otherwise() -> None:
     assert found.violation in replay(lambda: system(body, required), found.moves)
 
 
+def test_the_third_of_three_attempts_within_a_tick_may_succeed() -> None:
+    attempt = '<Sequence><Script code="n += 1"/><Take/></Sequence>'
+    report = proved(
+        '<Sequence><Script code="n := 0"/>'
+        f'<RetryUntilSuccessful num_attempts="3">{attempt}</RetryUntilSuccessful>'
+        '<ForceSuccess><Sequence><ScriptCondition code="n == 3"/><Turn/></Sequence></ForceSuccess></Sequence>'
+    )
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
 def test_what_never_changes_is_no_part_of_what_is_kept() -> None:
     def size(body: str) -> tuple[int, int]:
         tree = system(body)
