@@ -302,7 +302,7 @@ class FloorPlan(ModelSpecification):
         'additional walls, each a line through points: [[x, y], [x, y], ...]', (), unit='m'
     )
     openings: tuple[Opening, ...] = key('gaps in the walls, for doors and passages', ())
-    thickness: float = key('thickness of the walls', 0.1, unit='m', low=0.01, high=10.0)
+    thickness: float = key('thickness of the walls, at least that of a cell', 0.1, unit='m', low=0.01, high=10.0)
     resolution: float = key('cell size of the resulting map', 0.05, unit='m', low=0.005, high=10.0)
     margin: float = key('free space around the plan on the map', 0.5, unit='m', low=0.0, high=100.0)
 
@@ -328,10 +328,11 @@ class FloorPlan(ModelSpecification):
         return math.ceil(height / self.resolution - 1e-6), math.ceil(width / self.resolution - 1e-6), (left, bottom)
 
     def drawn(self) -> OccupancyMap:
-        """Return the map: cells whose centre is in a wall, and in no opening, are occupied."""
+        """Return the map: cells whose centre is in a wall, and in no opening, are occupied. A wall without holes has at
+        least the thickness of a cell."""
         rows, columns, (left, bottom) = self._grid()
         cells = numpy.full((rows, columns), FREE, numpy.int8)
-        half = self.thickness / 2.0 + 1e-9
+        half = max(self.thickness, self.resolution) / 2.0 + 1e-9
         for line in self._lines():
             for start, end in pairwise(line):
                 # Draw in pieces: a long oblique wall covers few of the cells in its bounding box.

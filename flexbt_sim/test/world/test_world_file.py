@@ -4,13 +4,15 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy
 import pytest
+import scipy
 import yaml
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from flexbt_sim.errors import WorldError
@@ -310,8 +312,22 @@ def test_a_wall_has_its_thickness_in_any_direction_and_is_longer_by_half_of_it_a
     way = complex(*end) - complex(*start)
     seen = (x + 1j * y - complex(*start)) * (way.conjugate() / abs(way) if way else 1.0)  # from its start, along it
     away = numpy.maximum(numpy.abs(seen.imag), numpy.maximum(-seen.real, seen.real - abs(way)))
-    clear = numpy.abs(away - thickness / 2.0) > 1e-6  # not on its edge
-    assert numpy.array_equal(grid.obstacles[clear], (away <= thickness / 2.0)[clear])
+    half = max(thickness, 0.05) / 2.0
+    clear = numpy.abs(away - half) > 1e-6  # not on its edge
+    assert numpy.array_equal(grid.obstacles[clear], (away <= half)[clear])
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(END, min_size=3, max_size=3), st.sampled_from([0.01, 0.05]))
+def test_a_wall_has_no_holes_however_thin_it_is(corners: list[tuple[float, float]], thickness: float) -> None:
+    """Else robots would see and drive through it."""
+    grid = FloorPlan(walls=((*corners, corners[0]),), thickness=thickness, resolution=0.05).drawn()
+    (a, b), (c, d), (e, f) = corners
+    longest = max(map(math.dist, corners, [*corners[1:], corners[0]]))
+    assume(abs((c - a) * (f - b) - (e - a) * (d - b)) > longest)  # 1 m across
+    middle = grid.cell((a + c + e) / 3.0, (b + d + f) / 3.0)
+    regions, _ = scipy.ndimage.label(~grid.obstacles)
+    assert 0 != regions[middle] != regions[0, 0] != 0
 
 
 def test_a_map_is_read_only_for_who_wants_it(tmp_path: Path) -> None:
