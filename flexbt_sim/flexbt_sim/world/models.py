@@ -160,10 +160,12 @@ class DoorModel(ModelSpecification):
     thickness: float = key('thickness of the door leaf', 0.06, unit='m', low=0.01, high=1.0)
     open: bool = key('is open at the start', False)
     opening_time: float = key('time from closed to open', 2.0, unit='s', low=0.01, high=3600.0)
-    automatic: bool = key('opens for robots and moving obstacles, not on command', False)
+    automatic: bool = key('opens also for robots and moving obstacles, and closes by itself', False)
     range: float = key('detection range of an automatic door, from its middle', 1.5, unit='m', low=0.1,
                        high=100.0)  # fmt: skip
-    hold: float = key('time that an automatic door stays open after they leave', 3.0, unit='s', low=0.0, high=3600.0)
+    hold: float = key(
+        'time after they leave, or after a command, until an automatic door closes', 3.0, unit='s', low=0.0, high=3600.0
+    )
 
     def conflicts(self) -> Iterable[str]:
         if not 0.05 <= self.length <= 100.0:

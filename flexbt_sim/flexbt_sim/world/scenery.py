@@ -129,6 +129,7 @@ class Door(Body):
         self.pose, self.model = self.start, self._start_model
         self.wants_open = self.model.open
         self._nobody_since = -math.inf
+        self._is_commanded = False
         self._set(float(self.model.open))
 
     def place(self, pose: Pose) -> None:
@@ -138,15 +139,18 @@ class Door(Body):
     def command(self, open_it: bool) -> None:
         """Command it to open or to close. An automatic door closes again by itself; a jammed one ignores it."""
         if not self.is_jammed:
-            self.wants_open = open_it
+            self.wants_open, self._is_commanded = open_it, True
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
         """Open or close a little."""
         model = self.model
         if model.automatic:
             middle = ((model.from_[0] + model.to[0]) / 2.0, (model.from_[1] + model.to[1]) / 2.0)
-            if surroundings.is_someone_near(*middle, model.range):
-                self.wants_open, self._nobody_since = True, surroundings.time
+            is_someone_near = surroundings.is_someone_near(*middle, model.range)
+            if is_someone_near or self._is_commanded:
+                self._nobody_since, self._is_commanded = surroundings.time, False
+            if is_someone_near:
+                self.wants_open = True
             elif surroundings.time - self._nobody_since >= model.hold:
                 self.wants_open = False
         before = self.opening

@@ -547,6 +547,17 @@ def test_an_automatic_door_opens_for_who_comes_and_closes_after_it_has_gone() ->
     assert door.opening == 0.0
 
 
+def test_an_automatic_door_opens_on_command_and_closes_again() -> None:
+    world = World()
+    door = world.add('gate', replace(DOOR, automatic=True, hold=3.0))
+    world.step(1.0)
+    door.command(True)
+    world.step(2.5)
+    assert door.opening == 1.0
+    world.step(3.0)
+    assert door.opening == 0.0
+
+
 def test_zones_hold_count_and_blind() -> None:
     world = World()
     world.add('mud', ZoneModel(kind='slow', pose=Pose(1.0, 0.0, 0.0), area=box(1.0, 1.0), speed=0.05))
