@@ -120,6 +120,9 @@ def read_properties(path: str, asked: SourceElement | None) -> list[ModelPropert
 def _property(name: str, given: Any) -> ModelProperty:
     given = _mapping(given)
     if given.get('op') == 'filter':
+        states = _mapping(given.get('states', {'op': 'initial'})).get('op')
+        if states != 'initial' or given.get('fun') == 'count':
+            raise PropertyError('a filter asks for the values in the initial states; write "states": {"op": "initial"}')
         given = _mapping(given.get('values'))
     demand = None
     if given.get('op') in ('≥', '>=', '>', '≤', '<=', '<'):

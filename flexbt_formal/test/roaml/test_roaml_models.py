@@ -50,7 +50,9 @@ def write(
     if tree:
         (folder / 'bt.xml').write_text(tree)
         inputs['behavior_tree'].append('<input type="bt.cpp-xml" src="bt.xml"/>')
-    rows = [{'name': name, 'expression': _filter(one)} for name, one in properties.items()]
+    rows = [
+        {'name': name, 'expression': one if one['op'] == 'filter' else _filter(one)} for name, one in properties.items()
+    ]
     (folder / 'properties.jani').write_text(json.dumps({'properties': rows}))
     sections = ''.join(f'<{key}>{"".join(found)}</{key}>' for key, found in inputs.items() if found)
     main = folder / 'main.xml'
@@ -700,6 +702,8 @@ def test_an_error_tells_file_line_and_remedy(tmp_path: Path, old: str, new: str,
     [
         (finally_('nothing.valid'), "there is no event 'nothing'"),
         (finally_('topic_count_msg__ros_fields__dato'), 'topic_count_msg carries ros_fields__data'),
+        ({**_filter(finally_('topic_count_msg.valid')), 'states': {'op': 'deadlock'}}, 'in the initial states'),
+        ({**_filter(finally_('topic_count_msg.valid')), 'fun': 'count'}, 'in the initial states'),
         ({'op': 'Emin', 'exp': 1}, "'Emin' is not known where a probability is asked"),
         ({'op': '>', 'left': {'op': 'Pmin', 'exp': True}, 'right': 10**400}, 'is compared with a number'),
         ({'op': 'Pmin', 'exp': {'op': 'F', 'exp': 10**400}}, 'is not a number'),
