@@ -205,9 +205,12 @@ class FlexbtLanguageServer(LanguageServer):
         else:
             self._publish(uri, text, self.checker.findings(file), version)
             if kind.name == 'trees':
-                if self._checking_users is not None:
-                    self._checking_users.cancel()
-                self._checking_users = asyncio.ensure_future(self._check_users(file))
+                self._check_users_soon(file)
+
+    def _check_users_soon(self, file: str) -> None:
+        if self._checking_users is not None:
+            self._checking_users.cancel()
+        self._checking_users = asyncio.ensure_future(self._check_users(file))
 
     async def _check_users(self, file: str) -> None:
         """Publish the diagnostics of the files that may use the trees of a file, after a pause."""
@@ -285,6 +288,7 @@ class FlexbtLanguageServer(LanguageServer):
         self._forget(told.text_document.uri)
         self._uris.pop(self.project.root / file, None)
         self.project.close(file)
+        self._check_users_soon(file)  # what was not saved is gone
         self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(told.text_document.uri, []))
 
     @feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=['<', '{', '"', ' ']))

@@ -414,7 +414,14 @@ def test_what_is_found_in_other_files_is_told_when_their_trees_appear(folder: Pa
         text = TREE.replace('wait_durations', 'wait_duration')
         assert [one for one in await editor.show('main.xml', text) if 'no tree [Drive]' in one.message]
         await editor.show('drive.xml', DRIVE)
-        while [one for one in editor.diagnostics[editor.uri('main.xml')] if 'no tree [Drive]' in one.message]:
+        await until_missing(editor, False)
+        closed = lsp.TextDocumentIdentifier(editor.uri('drive.xml'))  # it was not saved
+        editor.client.text_document_did_close(lsp.DidCloseTextDocumentParams(closed))
+        await until_missing(editor, True)
+
+    async def until_missing(editor: Editor, is_missing: bool) -> None:
+        main = editor.uri('main.xml')
+        while any('no tree [Drive]' in one.message for one in editor.diagnostics[main]) is not is_missing:
             editor.heard.clear()
             await editor.heard.wait()
 
