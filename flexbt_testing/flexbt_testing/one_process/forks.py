@@ -78,11 +78,15 @@ class Leaf:
 
 @dataclass
 class Branch:
-    """A fork that is planned: its alarm, the side of this process once it is done, and how many events there were."""
+    """A fork that is planned: its alarm, the side of this process once it is done, and how many events there were.
+
+    ``is_over``: the change was made, or has failed. In the child only.
+    """
 
     alarm: Alarm
     side: Fork | Leaf | None = None
     first: int = 0
+    is_over: bool = False
 
 
 def fork_process() -> int:

@@ -190,10 +190,12 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, Any, Any]
         branch.alarm.cancel()
         course = made.course_since(branch.first, failed)
         if isinstance(branch.side, Leaf):
-            branch.side.end(lambda: course)
+            branch.side.end(lambda: (course, branch.is_over))
         told = f'the test has ended at {made.now:.2f} s, before {time:g} s'
         if isinstance(branch.side, Fork):
-            told = str(compare(course, branch.side.result()))
+            changed, is_over = branch.side.result()
+            unmade = f'the test has ended at {changed.end:.2f} s, and the change was not made: it still waits'
+            told = str(compare(course, changed)) if is_over else unmade
         _tell(pyfuncitem, f'what if {change}', told)
 
 

@@ -168,7 +168,7 @@ def read_change(text: str, world: Any) -> tuple[float, Callable[[], object]]:
         for parameter in bound.signature.parameters.values():
             if parameter.annotation == 'float' and parameter.name in bound.arguments:
                 bound.arguments[parameter.name] = float(bound.arguments[parameter.name])
-        if not math.isfinite(float(time)):
+        if not 0.0 <= float(time) < math.inf:
             raise ValueError(f'{time} is no time')
         return float(time), lambda: act(*bound.args, **bound.kwargs)
     except TypeError as error:

@@ -653,7 +653,13 @@ class World(Mission):
         def fork() -> None:
             branch.first, branch.side = len(self.events), fork_world(self._folder, self._directory)
             if isinstance(branch.side, Leaf):
-                self.at(time, lambda: change(self))
+                self.at(time, make)
+
+        def make() -> None:
+            try:
+                change(self)
+            finally:
+                branch.is_over = True
 
         branch = Branch(self._call_at(time, fork))
         return branch

@@ -244,6 +244,14 @@ def test_what_was_to_happen_after_the_end_of_a_test_is_told(tmp_path: Path) -> N
         assert len(re.findall(r'=+ 1 passed', ran.stdout)) == 1, 'a child of its tear-down would tell it, too'
 
 
+def test_a_change_that_waits_until_the_end_of_the_test_is_not_taken_for_one_without_effect(tmp_path: Path) -> None:
+    (tmp_path / 'test_it.py').write_text(MISSION)
+    words = ['-m', 'pytest', '-p', 'flexbt_testing.world', 'test_it.py', '--what-if', '10 force /Drve failed']
+    ran = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+    told = r'test_kitchen\[0\]: the test has ended at 32\.\d\d s, and the change was not made: it still waits'
+    assert re.search(told, ran.stdout) and 'no difference' not in ran.stdout, ran.stdout
+
+
 @pytest.mark.world(motion='abstract')
 def test_a_bridge_that_ends_ends_a_world_in_real_time(world: World) -> None:
     inner, outer = Pipe()
@@ -266,6 +274,7 @@ def test_a_change_is_read_from_words(world: World) -> None:
         '10 cut operator': "missing a required argument: 'seconds'; expected SECONDS METHOD ARGUMENTS",
         '10': "a world has no method ''",
         'nan stop': 'nan is no time',
+        '-1 stop': '-1 is no time',
         'x stop': "could not convert string to float: 'x'",
         '1 cut operator x': "could not convert string to float: 'x'",
         "1 'stop": 'No closing quotation',
