@@ -24,6 +24,7 @@ from flexbt_core.behavior_tree.model.blackboard import EMPTY
 from flexbt_core.behavior_tree.model.definition import NodeDefinition
 from flexbt_core.behavior_tree.model.ports import NO_DEFAULT, PortType
 from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeKind, NodeStatus
+from flexbt_core.behavior_tree.nodes.nav2.controls import PauseResumeController
 from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.skills.skill import Skill
 
@@ -42,6 +43,7 @@ class LeafKind(Enum):
     ACTION = 'action'
     INSTANT = 'instant'
     GATE = 'gate'
+    PAUSE = 'pause'
     PASS = 'pass'  # noqa: S105
 
 
@@ -68,13 +70,14 @@ LeafModels = Callable[[NodeDefinition], LeafModel]
 """A function that returns the model of a node."""
 
 REAL: Final = LeafModel(LeafKind.REAL)
-# Decorators that start their child depending on the robot or on messages. GoalUpdater only receives goals.
+# Nodes that start their child depending on the robot, on messages or on requests. GoalUpdater only receives goals.
 _GATES: Final = {
     'PathLongerOnApproach': LeafModel(LeafKind.GATE, otherwise=SUCCESS, begins_first=False),
     'GoalUpdatedController': LeafModel(LeafKind.GATE),
     'DistanceController': LeafModel(LeafKind.GATE),
     'SpeedController': LeafModel(LeafKind.GATE),
     'GoalUpdater': LeafModel(LeafKind.PASS),
+    'PauseResumeController': LeafModel(LeafKind.PAUSE),
 }
 _REACTIVE: Final = frozenset(('ReactiveSequence', 'ReactiveFallback', 'WhileDoElse'))
 LIMITERS: Final = frozenset(
@@ -382,10 +385,32 @@ class ModelGate(Decorator):
         return self.model.otherwise
 
 
+class ModelPause(PauseResumeController):
+    """A PauseResumeController that may get a request before each tick, by the services that its ports name."""
+
+    __slots__ = ('place',)
+
+    def __init__(self, config: NodeConfig) -> None:
+        super().__init__(config)
+        self.place = self.path
+
+    def tick(self) -> NodeStatus:
+        environment: Environment = self.services
+        port, request = ('resume', self.resume) if self.awaits_request else ('pause', self.pause)
+        is_offered = self.active and self.get_input_or(f'{port}_service_name', '')
+        if is_offered and self.place not in environment.answers:
+            taken = environment.choices.choose(f'{self.place} is asked to {port}', ('no', 'yes'))
+            environment.answers[self.place] = taken
+            if taken:
+                request()
+        return super().tick()
+
+
 _CLASSES: Final[Mapping[LeafKind, type[Any]]] = {
     LeafKind.ACTION: ModelAction,
     LeafKind.INSTANT: ModelInstant,
     LeafKind.GATE: ModelGate,
+    LeafKind.PAUSE: ModelPause,
     LeafKind.PASS: ModelGate,
 }
 

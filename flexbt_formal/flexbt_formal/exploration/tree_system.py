@@ -37,6 +37,7 @@ from .leaf_models import (
     ModelAction,
     ModelGate,
     ModelInstant,
+    ModelPause,
     fitting,
     leaf_model,
     mark_asked_anew,
@@ -51,13 +52,20 @@ from .virtual_time import VirtualClock
 RESULT: Final = 'result'
 TICK: Final = 'tick'
 
-_MODELS: Final = (ModelAction, ModelGate, ModelInstant)
+_MODELS: Final = (ModelAction, ModelGate, ModelInstant, ModelPause)
 TIMED: Final = (Timeout, Delay, Sleep, RateController)
 """The nodes of the engine that wait for a time and have no model."""
 _ONE_BY_ONE: Final = frozenset(
     (
         *('Sequence', 'AsyncSequence', 'SequenceWithMemory', 'PersistentSequence', 'Fallback', 'AsyncFallback'),
-        *('TryCatch', 'IfThenElse', 'RecoveryNode', 'RoundRobin', *(f'Switch{cases}' for cases in range(2, 7))),
+        *(
+            'TryCatch',
+            'IfThenElse',
+            'RecoveryNode',
+            'RoundRobin',
+            'PauseResumeController',
+            *(f'Switch{cases}' for cases in range(2, 7)),
+        ),
     )
 )
 """Controls of which one child works at a time."""
@@ -118,6 +126,7 @@ TREE_LAYOUT: Final = Layout(
         ModelAction: frozenset(('needs', '_path', 'place')),
         ModelInstant: frozenset(('needs', '_path', 'place')),
         ModelGate: frozenset(('place',)),
+        ModelPause: frozenset(('place', '_lock')),
         TreeMonitor: frozenset(
             (
                 *('_found', '_tree', '_nodes', '_resources', '_aliases', '_called', '_named', '_has_requirements'),

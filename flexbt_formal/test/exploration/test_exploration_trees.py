@@ -20,6 +20,7 @@ from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, UINT16, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
+from flexbt_core.behavior_tree.nodes.nav2 import controls
 from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.monitors.properties import Property
@@ -116,6 +117,10 @@ class Look(StandIn):
     ports = {'level': output_port(), 'other': output_port(), 'kind': output_port()}
 
 
+class PauseResumeController(controls.PauseResumeController):
+    """Has its services from its host, which a proof has not."""
+
+
 class Forgetful(Control):
     """Ticks its children by turns, and forgets to halt the one before."""
 
@@ -209,7 +214,7 @@ def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
     leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Dock, Choose, Lift, IsAt, Go, Serve, Leave, Look)
-    found.register_classes([*leaves, AskSoon, Take, Forgetful, Stalled, Alternating, ThreeTimes])
+    found.register_classes([*leaves, AskSoon, Take, PauseResumeController, Forgetful, Stalled, Alternating, ThreeTimes])
     return found
 
 
@@ -444,6 +449,15 @@ def test_the_third_of_three_attempts_within_a_tick_may_succeed() -> None:
         '<ForceSuccess><Sequence><ScriptCondition code="n == 3"/><Turn/></Sequence></ForceSuccess></Sequence>'
     )
     assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
+def test_a_node_that_can_be_paused_is_asked_by_the_services_that_it_names() -> None:
+    children = '<Turn name="work"/><Plan name="rest"/><Turn name="stop"/><Turn name="go_on"/>'
+    both = 'pause_service_name="pause" resume_service_name="resume"'
+    report = proved(f'<PauseResumeController {both}>{children}</PauseResumeController>')
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+    unpaused = proved(f'<PauseResumeController>{children}</PauseResumeController>')
+    assert unpaused.uncovered == ('go_on', 'rest', 'stop')
 
 
 def test_what_never_changes_is_no_part_of_what_is_kept() -> None:
