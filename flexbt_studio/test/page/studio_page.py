@@ -89,6 +89,7 @@ class StudioPage(Browser):
     def go(self, file: str, *, times: int = 1) -> None:
         """Show a file of the list. Press so many times at once, before any answer comes."""
         script = '[...document.querySelectorAll("#files button")].find((one) => one.textContent === arguments[0])'
+        self.until(lambda: self.run(f'return {script} !== undefined', file))  # the list comes after the connection
         self.run(f'const row = {script}; for (let n = 0; n < arguments[1]; n++) row.click()', file, times)
 
     def tab(self, file: str) -> None:
