@@ -16,7 +16,7 @@ from flexbt_core.behavior_tree.engine.asynchronous_actions import CoroutineActio
 from flexbt_core.behavior_tree.engine.context import UnfinishedWork
 from flexbt_core.behavior_tree.engine.leaf import LeafNode, StatefulAction
 from flexbt_core.behavior_tree.engine.node import TreeNode, kept_by_class
-from flexbt_core.behavior_tree.engine.parents import ControlNode
+from flexbt_core.behavior_tree.engine.parents import Control
 from flexbt_core.behavior_tree.engine.registry import node_skill
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import NodeDefinition
@@ -295,7 +295,8 @@ class TreeMonitor:
             return  # such as a thread, which wakes the tree when it ends
         for node in tree.nodes:
             is_last = node.status is RUNNING and all(child.status is not RUNNING for child in node.attached)
-            if is_last and isinstance(node, ControlNode) and not node.awaits_request:
+            # Controls of the engine are RUNNING without such a child only if they wake the tree, or were skipped.
+            if is_last and isinstance(node, Control) and not node.awaits_request:
                 text = f'{node.path} is RUNNING with no child that is, and nothing wakes the tree'
                 self._found(Violation(Property.NO_DEADLOCK, node.path, text))
 

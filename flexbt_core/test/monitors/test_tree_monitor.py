@@ -208,8 +208,10 @@ def test_a_control_that_nothing_wakes_is_found() -> None:
     ]
     assert Watched('<Sequence><Sleep msec="100"/></Sequence>').tick() == []
     assert Watched('<Delay delay_msec="100"><Work/></Delay>').tick() == []
-    # The sequence stays RUNNING, since all its children were skipped; the leaf wakes the tree.
-    assert Watched('<Fallback><Sequence><Work _skipIf="true"/></Sequence><Takes/></Fallback>').tick() == []
+    # The sequence stays RUNNING, since all its children were skipped; the tree goes on all the same.
+    skipped = '<Sequence><Work _skipIf="true"/></Sequence>'
+    assert Watched(f'<Fallback>{skipped}<Takes/></Fallback>').tick() == []
+    assert Watched(f'<KeepRunningUntilFailure>{skipped}</KeepRunningUntilFailure>').tick() == []
 
 
 def test_a_control_that_is_paused_is_woken_by_a_request() -> None:

@@ -59,11 +59,6 @@ class ControlNode(TreeNode):
     def attached(self) -> tuple[TreeNode, ...]:
         return self.children
 
-    @property
-    def awaits_request(self) -> bool:
-        """True while the node is RUNNING only until a request from outside the tree, which then wakes the tree."""
-        return False
-
     def fetch_ticks(self) -> None:
         """Fetch the tick functions of the children, which may have changed."""
         self._ticks = tuple(tick_function(child) for child in self.children)
@@ -131,6 +126,11 @@ class Control(_UserParent, ControlNode):
     """The base of user-defined controls: implement :meth:`tick`, and :meth:`on_halt` if a halt must drop state."""
 
     __slots__ = ()
+
+    @property
+    def awaits_request(self) -> bool:
+        """True while the node is RUNNING only until a request from outside the tree, which then wakes the tree."""
+        return False
 
     @abstractmethod
     def tick(self) -> NodeStatus:
