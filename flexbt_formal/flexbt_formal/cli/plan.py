@@ -28,6 +28,7 @@ from flexbt_formal.planning.team import Team, TeamPlan, plan_team, team_problem
 from flexbt_formal.planning.tree_xml import tree_xml
 from flexbt_formal.requests.missions import mission_problems, mission_skills, read_mission_file
 from flexbt_tools.cli import arguments
+from flexbt_tools.cli.output import PICTURES
 from flexbt_tools.errors import ExitCode, RefusedError, UsageError
 from flexbt_tools.files import read_text_file, write_text_file
 
@@ -58,7 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument('-o', '--output', metavar='FILE', help='file to write the tree to (default: standard output)')
     parser.add_argument(
-        '--draw', metavar='FILE', help='draw the plan as a map of states and actions: SVG, .dot or .mmd'
+        '--draw',
+        metavar='FILE',
+        type=arguments.picture(*PICTURES),
+        help='draw the plan as a map of states and actions: SVG, .dot or .mmd',
     )
     parser.add_argument(
         '--name', metavar='ID', type=_tree_id, default='Plan', help='ID of the tree (default: %(default)s)'

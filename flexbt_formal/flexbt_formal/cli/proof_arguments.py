@@ -22,7 +22,7 @@ from flexbt_core.monitors.requirement_text import (
 from flexbt_core.values.text import one_line
 from flexbt_formal.exploration.explorer import DEFAULT_CONFIGURATIONS, DEFAULT_SECONDS, RestoreError
 from flexbt_formal.exploration.model import Report
-from flexbt_formal.proofs.counterexamples import played
+from flexbt_formal.proofs.counterexamples import DIAGRAMS, played
 from flexbt_formal.proofs.proof_cache import ProofCache
 from flexbt_formal.proofs.proof_report import (
     Compared,
@@ -62,6 +62,7 @@ def add_limits(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--draw',
         metavar='FILE',
+        type=arguments.picture(*DIAGRAMS),
         help='draw the counterexamples as sequence diagrams, SVG or Mermaid (.mmd): FILE, FILE-2 ...',
     )
     parser.add_argument('--anew', action='store_true', help='explore again what is in the cache')

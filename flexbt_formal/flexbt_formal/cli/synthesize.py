@@ -12,7 +12,7 @@ from pathlib import Path
 
 from flexbt_core.values.findings import finding_record
 from flexbt_core.values.text import escape_lines
-from flexbt_formal.proofs.counterexamples import draw_diagram
+from flexbt_formal.proofs.counterexamples import DIAGRAMS, draw_diagram
 from flexbt_formal.proofs.sequence_picture import Arrow, Note, SequenceDiagram
 from flexbt_formal.requests.synthesis import (
     MAX_BYTES,
@@ -72,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     result.add_argument(
         '--draw',
         metavar='FILE',
+        type=arguments.picture(*DIAGRAMS),
         help='if there is no machine, draw how the world prevents it: a sequence diagram, SVG or Mermaid (.mmd)',
     )
     result.add_argument('--certificate', metavar='FILE', help='file to write the strategy to, as JSON with its proof')

@@ -19,6 +19,8 @@ from flexbt_tools.files import write_text_file
 from .sequence_picture import Arrow, Note, SequenceDiagram, sequence_as_mermaid, sequence_as_svg
 
 _MERMAID: Final = ('.mmd', '.mermaid')
+DIAGRAMS: Final = ('.svg', *_MERMAID)
+"""Suffixes of the files of diagrams."""
 
 
 def draw_diagram(file: str, diagram: SequenceDiagram) -> None:

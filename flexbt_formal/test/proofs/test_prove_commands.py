@@ -417,6 +417,12 @@ def test_a_proof_is_kept_until_something_changes(tmp_path: Path) -> None:
     assert [line for line in told_again if 'found before' not in line] == told
 
 
+def test_no_other_picture_than_a_diagram_is_promised(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        behavior_tool(['prove', 'Navigate', '--draw', 'way.png'])
+    assert "'way.png' is none of the pictures made here: .svg, .mmd, .mermaid" in capsys.readouterr().err
+
+
 def test_without_a_home_a_proof_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_account(number: int) -> NoReturn:
         raise KeyError(number)  # as for the number of a user that /etc/passwd does not have

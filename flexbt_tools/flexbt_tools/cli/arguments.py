@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from enum import Enum
+from pathlib import Path
 
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry, node_skills
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
@@ -30,6 +31,17 @@ def positive(text: str) -> float:
     if not 0.0 < value < math.inf:
         raise argparse.ArgumentTypeError(f'{text!r} is not a number above 0')
     return value
+
+
+def picture(*suffixes: str) -> Callable[[str], str]:
+    """Return a conversion of a file name that refuses other suffixes than these: the suffix decides the language."""
+
+    def named(text: str) -> str:
+        if (suffix := Path(text).suffix.lower()) and suffix not in suffixes:
+            raise argparse.ArgumentTypeError(f'{text!r} is none of the pictures made here: {", ".join(suffixes)}')
+        return text
+
+    return named
 
 
 def add_list(parser: argparse._ActionsContainer, flag: str, metavar: str, help: str) -> None:

@@ -73,7 +73,7 @@ def _counted(count: int, severity: CheckSeverity) -> str:
 # Pictures: the file and the language of the output.
 
 _FORMATS: Final = ('svg', 'dot', 'mermaid')
-_SUFFIXES: Final = {'.svg': 'svg', '.dot': 'dot', '.gv': 'dot', '.mmd': 'mermaid', '.mermaid': 'mermaid'}
+PICTURES: Final = {'.svg': 'svg', '.dot': 'dot', '.gv': 'dot', '.mmd': 'mermaid', '.mermaid': 'mermaid'}
 
 
 def add_picture_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,7 +88,10 @@ def output_picture(
     options: argparse.Namespace, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]
 ) -> None:
     """Write the picture that the options request, from its lines in a language. Raises UsageError."""
-    chosen = options.format or _by_name(options.output or '')
+    try:
+        chosen = options.format or _by_name(arguments.picture(*PICTURES)(options.output or ''))
+    except argparse.ArgumentTypeError as error:
+        raise UsageError(f'{error}; --format chooses one for any name') from None
     picture = _picture(chosen, dot, mermaid)
     if options.output is None:
         sys.stdout.write(picture)
@@ -102,7 +105,7 @@ def write_picture_file(file: str, dot: Callable[[], Iterator[str]], mermaid: Cal
 
 
 def _by_name(file: str) -> str:
-    return _SUFFIXES.get(Path(file).suffix.lower(), 'svg')
+    return PICTURES.get(Path(file).suffix.lower(), 'svg')
 
 
 def _picture(form: str, dot: Callable[[], Iterator[str]], mermaid: Callable[[], Iterator[str]]) -> str:

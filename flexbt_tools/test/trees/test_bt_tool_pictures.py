@@ -344,5 +344,9 @@ def test_the_suffix_of_the_output_decides(tmp_path: Path) -> None:
     for name, beginning in (('a.gv', 'digraph {'), ('a.DOT', 'digraph {'), ('a.mmd', 'flowchart TD')):
         assert tool('draw', file, '-o', str(tmp_path / name)).code == 0
         assert (tmp_path / name).read_text(encoding='utf-8').startswith(beginning)
+    done = tool('draw', file, '-o', str(tmp_path / 'a.png'))
+    assert done.code == 2 and "a.png' is none of the pictures made here: .svg, .dot, .gv, .mmd, .mermaid" in done.err
+    assert tool('draw', '--format', 'dot', file, '-o', str(tmp_path / 'a.txt')).code == 0
+    assert not (tmp_path / 'a.png').exists()
     done = tool('draw', '--format', 'dot', file, '-o', os.devnull + '/x')
     assert (done.code, done.err) == (2, '/dev/null/x: cannot be written: Not a directory\n')
