@@ -266,6 +266,13 @@ def test_a_machine_is_checked_and_helped(folder: Path) -> None:
     async def story(editor: Editor) -> None:
         (found,) = await editor.show('round.yaml', MACHINE)
         assert 'finished' in found.message and found.range.start.line == 12
+        asked = lsp.CodeActionParams(
+            lsp.TextDocumentIdentifier(editor.uri('round.yaml')), found.range, lsp.CodeActionContext([found])
+        )
+        (action,) = await editor.client.text_document_code_action_async(asked) or []
+        assert isinstance(action, lsp.CodeAction) and action.edit is not None and action.edit.changes is not None
+        mended = edited(MACHINE, list(action.edit.changes[editor.uri('round.yaml')]))
+        assert mended == MACHINE.replace('finishd', 'finished')
         for word, shift, expected in (
             ('WaitState', 0, 'WaitState'),
             ('Again}', 1, 'finished'),

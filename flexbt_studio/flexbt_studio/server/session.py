@@ -168,7 +168,7 @@ class Sessions:
             answer = {'id': number, 'error': {'kind': _kind(error), 'message': str(error)}}
         except Exception as error:  # an internal fault: the user sees it, and goes on
             _LOGGER.exception('fault in a request of the page')
-            told = one_line(traceback.format_exception_only(error)[-1])
+            told = one_line(traceback.format_exception_only(error)[-1].rstrip())
             answer = {'id': number, 'error': {'kind': 'fault', 'message': f'internal fault of the studio: {told}'}}
         if 'result' in answer:  # first, so that all pages are told of edits in their order
             self._follow(page, method, arguments, answer['result'])
