@@ -11,6 +11,7 @@ DEMO_3 = night_watch
 DEMO_4 = nav2_robot
 DEMO_5 = goals
 PROJECT ?= flexbt_demo_behaviors
+export PROJECT WORLD
 .PHONY: help setup demo studio test fuzz mutants nemesis lint bench conformance docs clean distclean
 .NOTPARALLEL:
 
@@ -32,7 +33,7 @@ demo:  ## the demonstration: DEMO=1 (one tree), DEMO=2 (three trees under one HF
 	@tools/workspace.sh run $(or $(DEMO_$(DEMO)),demo)
 
 studio:  ## the studio, for the trees and machines below PROJECT=flexbt_demo_behaviors
-	@tools/workspace.sh run studio $(PROJECT)
+	@tools/workspace.sh run studio "$$PROJECT"
 
 test:  ## lint and all tests; DDS=1: also on the middleware what else runs in one process
 	@tools/workspace.sh test
@@ -45,7 +46,7 @@ mutants:  ## changes of the product that no test notices (mutmut): AREA=nodes, m
 	@tools/workspace.sh run python3 tools/mutants.py --area $(AREA) --minutes $(MINUTES) --seed $(SEED)
 
 nemesis:  ## missions in one process under faults that a seed draws: SEEDS=100 from SEED=0 on, or only SEED=7, or MUTANTS=1 (changes of the product that the invariants have to find); WORLD=navigate, MOTION=full or abstract, SECONDS=10 of faults, JOBS=2
-	@tools/workspace.sh run python3 -m flexbt_testing.one_process.nemesis $(if $(WORLD),--world $(WORLD)) $(if $(MOTION),--motion $(MOTION)) $(if $(SEEDS),--seeds $(SEEDS)) --seed $(SEED) $(if $(filter file,$(origin SECONDS)),,--seconds $(SECONDS)) --jobs $(or $(JOBS),2) $(if $(MUTANTS),--mutants)
+	@tools/workspace.sh run python3 -m flexbt_testing.one_process.nemesis $(if $(WORLD),--world "$$WORLD") $(if $(MOTION),--motion $(MOTION)) $(if $(SEEDS),--seeds $(SEEDS)) --seed $(SEED) $(if $(filter file,$(origin SECONDS)),,--seconds $(SECONDS)) --jobs $(or $(JOBS),2) $(if $(MUTANTS),--mutants)
 
 lint:  ## ruff, mypy, the contracts of the architecture, shellcheck
 	@tools/workspace.sh lint

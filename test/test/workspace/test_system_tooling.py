@@ -248,3 +248,20 @@ def test_lint_refuses_what_a_world_in_one_process_cannot_replace(line: str, is_r
         command = ['ruff', 'check', '--select', 'TID251', '--stdin-filename', f'{package}/{package}/new.py', '-']
         ran = subprocess.run(command, cwd=ROOT, input=line, capture_output=True, text=True)
         assert ('A world in one process' in ran.stdout) == is_refused, ran.stdout + ran.stderr
+
+
+@pytest.mark.parametrize(
+    ('words', 'given'),
+    [
+        (['studio', "PROJECT=/a folder/Jörg's"], "/a folder/Jörg's"),
+        (['studio'], 'flexbt_demo_behaviors'),
+        (['nemesis', 'WORLD=/a folder/w.yaml'], '/a folder/w.yaml'),
+    ],
+)
+def test_make_passes_a_path_on_as_one_word(tmp_path: Path, words: list[str], given: str) -> None:
+    shutil.copy(ROOT / 'Makefile', tmp_path)
+    (tmp_path / 'tools').mkdir()
+    (tmp_path / 'tools' / 'workspace.sh').write_text('#!/bin/sh\nprintf "%s\\n" "$@"\n', encoding='utf-8')
+    (tmp_path / 'tools' / 'workspace.sh').chmod(0o755)
+    made = subprocess.run(['make', *words], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert given in made.stdout.splitlines()
