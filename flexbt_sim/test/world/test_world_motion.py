@@ -455,6 +455,15 @@ def test_who_walks_about_gets_out_of_a_wall_on_the_side_that_it_stands_on() -> N
     assert obstacle.pose.y < 4.7
 
 
+def test_an_obstacle_that_stands_in_a_wall_stops_at_a_robot_all_the_same() -> None:
+    world = World(drawn(*['.' * 100] * 40, *['#' * 100] * 5, resolution=0.1))
+    cart = ObstacleModel(Pose(2.0, 0.6, 0.0), Circle(0.25), RouteModel(waypoints=((8.0, 0.6),), order='once'))
+    obstacle = world.add('cart', cart)
+    robot = world.add('alpha', RobotModel(footprint=Circle(0.22), lidar=None), Pose(5.0, 0.75, 0.0))
+    world.step(10.0)
+    assert robot.pose.distance(obstacle.pose) == pytest.approx(0.47, abs=0.003)
+
+
 def test_an_obstacle_waits_for_what_is_in_its_way() -> None:
     world = World()
     robot = world.add('alpha', RobotModel(lidar=None), Pose(1.0, 0.0, 0.0))

@@ -45,7 +45,7 @@ class Body:
         self.clear_until = -math.inf
         """Time, s, until which nothing can touch it, however it and the others move."""
         self.near: list[Body] = []
-        """Bodies that may touch it soon."""
+        """Bodies that may touch it soon, if it moves by itself."""
 
     def reset(self) -> None:
         """Return to the state at the start."""
@@ -237,13 +237,13 @@ class Space:
 
     # -- distances ---------------------------------------------------------------------------------------------------
 
-    def gap(self, body: Body, pose: Pose) -> float:
-        """Return the distance, m, from a body at a pose to anything else: exact if it is small, otherwise a lower
-        bound.
+    def gaps(self, body: Body, pose: Pose) -> tuple[float, float]:
+        """Return the distances, m, from a body at a pose to the map and to other bodies: exact if they are small,
+        otherwise lower bounds.
 
         Negative where it overlaps something.
         """
-        return min(self._gap_to_map(body, pose), self.gap_to_bodies(body, pose))
+        return self._gap_to_map(body, pose), self.gap_to_bodies(body, pose)
 
     def gap_to_bodies(self, body: Body, pose: Pose) -> float:
         """Return the distance, m, from a body at a pose to the nearest other one; a lower bound if it is large."""
@@ -325,49 +325,41 @@ class Space:
     def advance(self, body: Body, at: At, reach: float, duration: float) -> float:
         """Move a body along ``at`` and return the time, s, that it moved. No point of it is faster than ``reach``, m/s.
 
-        A body that already overlaps something may move if the overlap does not grow.
+        A body that already overlaps something may move if no overlap grows: one that starts in a wall stops at others.
         """
         if reach == 0.0 or self.time + duration <= body.clear_until:
             body.pose = at(duration)
             return duration
         gone = 0.0
-        room = self.gap(body, body.pose)
+        before = self.gaps(body, body.pose)
         while True:
+            room = min(before)
             if room > reach * (duration - gone):
                 body.pose = at(duration)
                 body.clear_until = self.time + room / (self._fastest + body.top_speed)
                 return duration
             step = min(duration - gone, max(room, COLLISION_CHECK_DISTANCE) / reach)
             ahead = at(gone + step)
-            after = self.gap(body, ahead)
-            if after < min(-ROUNDING, room):
+            after = self.gaps(body, ahead)
+            if any(new < min(-ROUNDING, old) for new, old in zip(after, before, strict=True)):
                 return gone
             body.pose = ahead
-            room, gone = after, gone + step
+            before, gone = after, gone + step
             if gone >= duration:
                 return duration
 
     # -- near bodies -------------------------------------------------------------------------------------------------
 
     def _find_near(self) -> None:
-        """Find, for each body, those within the reach of it. The result is valid until a body may have moved a quarter
-        of that."""
+        """Find, for each body that moves, those within the reach of it. The result is valid until a body may have moved
+        a quarter of that."""
         self._near_since = self.time
         self._near_until = self.time + self._reach / (4.0 * self._fastest) if self._fastest else math.inf
         blocks = BodyGrid(self._bodies.values(), self._reach / 2.0)
         for body in self._bodies.values():
-            body.near = [other for other in blocks.large if other is not body]
-        pairs = set[tuple[str, str]]()
-        for bodies in blocks.squares.values():
-            for i, one in enumerate(bodies):
-                for other in bodies[i + 1 :]:
-                    if (one.name, other.name) not in pairs:
-                        pairs.add((one.name, other.name))
-                        pairs.add((other.name, one.name))
-                        one.near.append(other)
-                        other.near.append(one)
-        for body in blocks.large:
-            body.near = [other for other in self._bodies.values() if other is not body]
+            if body.top_speed:
+                near = blocks.touching(body.pose.x, body.pose.y, body.radius + self._reach / 2.0)
+                body.near = [other for other in near if other is not body]
 
     # -- places ------------------------------------------------------------------------------------------------------
 
