@@ -108,6 +108,8 @@ class FlexbtLanguageServer(LanguageServer):
         notes += broken
         self._palette = states(classes)
         self._runs_code = False
+        self.is_ended = False
+        """Whether the editor has asked to end."""
         self._machines = MachineChecks()
         self._checking = ThreadPoolExecutor(1, 'checking')
         self._checks: dict[str, asyncio.Task[None]] = {}
@@ -271,6 +273,10 @@ class FlexbtLanguageServer(LanguageServer):
         for note in self._notes:
             self.window_log_message(lsp.LogMessageParams(lsp.MessageType.Warning, note))
 
+    @feature(lsp.SHUTDOWN)
+    def _end(self, asked: None) -> None:
+        self.is_ended = True
+
     @feature(lsp.TEXT_DOCUMENT_DID_OPEN)
     def _opened(self, told: lsp.DidOpenTextDocumentParams) -> None:
         self.show(told.text_document.uri, told.text_document.text, told.text_document.version)
@@ -399,8 +405,9 @@ def _path(uri: str) -> Path:
 
 
 def main() -> int:
-    """Serve the editor that started this process until it ends it."""
+    """Serve the editor that started this process until it ends. Return 1 if the editor has not asked to end before."""
     messages = os.fdopen(os.dup(1), 'wb')
     os.dup2(2, 1)  # what states and nodes print is no message
-    FlexbtLanguageServer().start_io(stdout=messages)
-    return 0
+    server = FlexbtLanguageServer()
+    server.start_io(stdout=messages)
+    return 0 if server.is_ended else 1

@@ -4,10 +4,13 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
+import subprocess
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from lsprotocol import types as lsp
@@ -433,6 +436,21 @@ def test_what_is_found_in_other_files_is_told_when_their_trees_appear(folder: Pa
             await editor.heard.wait()
 
     with_editor(folder, story)
+
+
+@pytest.mark.parametrize('is_asked', [True, False])
+def test_the_exit_code_tells_whether_the_editor_has_asked_to_end(is_asked: bool) -> None:
+    initialize: dict[str, Any] = {'id': 1, 'method': 'initialize', 'params': {'capabilities': {}}}
+    told: list[dict[str, Any]] = [
+        initialize,
+        *([{'id': 2, 'method': 'shutdown'}] if is_asked else []),
+        {'method': 'exit'},
+    ]
+    texts = (json.dumps({'jsonrpc': '2.0', **one}) for one in told)
+    written = ''.join(f'Content-Length: {len(text)}\r\n\r\n{text}' for text in texts)
+    command = [*COMMAND[:-1], COMMAND[-1].replace('language_server()', 'raise SystemExit(language_server())')]
+    done = subprocess.run(command, input=written.encode(), capture_output=True, timeout=DEADLINE)
+    assert done.returncode == (0 if is_asked else 1), done.stderr
 
 
 def test_what_code_of_the_user_prints_is_no_message(folder: Path) -> None:
