@@ -72,6 +72,7 @@ from flexbt_core.clock.clock import SteadyClock, Timer, TimerQueue
 from flexbt_core.clock.rates import RepeatedReports
 from flexbt_core.clock.waiting import CoalescedTimers
 from flexbt_core.values.text import escape_lines
+from flexbt_core.values.text_files import file_problem
 
 from .health import LATE_SECONDS, Hang, Health
 from .node_executor import Later, NodeExecutor, StockNodeExecutor, make_executor
@@ -839,9 +840,7 @@ def run_node(
             setup(runtime)
             runtime.post(partial(_tell_unknown_parameters, runtime))
         except Exception as error:
-            reason = str(error) or type(error).__name__
-            if isinstance(error, OSError) and error.filename is not None:
-                reason = f'{error.filename}: {error.strerror}'
+            reason = (file_problem(error) if isinstance(error, OSError) else str(error)) or type(error).__name__
             print(*escape_lines(f'{name}: cannot start: {reason}'), sep='\n', file=sys.stderr, flush=True)
             if os.environ.get('FLEXBT_TRACEBACK'):
                 traceback.print_exc()

@@ -20,6 +20,12 @@ class TextFileError(OSError):
     """A file cannot be read as text; the message is the reason, without the file name."""
 
 
+def file_problem(error: OSError) -> str:
+    """Return the file and the reason of an error, for a message; without Python's number."""
+    reason = error.strerror or str(error)
+    return reason if error.filename is None else f'{error.filename}: {reason}'
+
+
 def read_text(file: str | Path, most: int = MOST_BYTES) -> str:
     """Return the text (UTF-8, with or without a byte order mark) of a regular file of at most ``most`` bytes.
 

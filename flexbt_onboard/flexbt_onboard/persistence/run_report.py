@@ -16,11 +16,11 @@ from flexbt_common.command_line import SuggestingArgumentParser, is_full, run_pr
 from flexbt_common.files import USER_DIRECTORY, home_path
 from flexbt_common.pictures.time_line import Bar, Look, time_line
 from flexbt_core.values.text import one_line
-from flexbt_core.values.text_files import write_text
+from flexbt_core.values.text_files import file_problem, write_text
 
 from .event_log import newest_log, rotated
 from .run_metrics import ROOT, RunMetrics, metrics_of, read_events
-from .run_spans import SpanError, ended_runs, send_spans, spans_of
+from .run_spans import SpanError, ended_runs, send_spans, spans_of, traces_address
 
 MOST_WAITING: Final = 100
 """Maximum number of runs that wait for a collector; the oldest are left out."""
@@ -62,7 +62,7 @@ def _report(arguments: Sequence[str] | None) -> int:
     except OSError as error:
         if isinstance(error, BrokenPipeError) or is_full(error):
             raise
-        print(one_line(f'run_report: {error}'), file=sys.stderr)
+        print(one_line(f'run_report: {file_problem(error)}'), file=sys.stderr)
         return 2
     return 0
 
@@ -171,7 +171,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--json', action='store_true', help='print JSON')
     parser.add_argument('--svg', metavar='FILE', help='write a picture of the timeline')
     parser.add_argument('--wall', action='store_true', help="wall time instead of the node's clock")
-    parser.add_argument('--otlp', metavar='URL', help='send it to a collector of OpenTelemetry (OTLP over HTTP)')
+    parser.add_argument(
+        '--otlp', metavar='URL', type=traces_address, help='send it to a collector of OpenTelemetry (OTLP over HTTP)'
+    )
     parser.add_argument('--follow', action='store_true', help='with --otlp: each run that ends from now on')
     return parser
 

@@ -7,6 +7,7 @@ They are sent by OTLP over HTTP in its JSON form (https://opentelemetry.io/docs/
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import os
@@ -104,24 +105,35 @@ def spans_of(run: RunMetrics, robot: str = '') -> dict[str, Any]:
     return {'resourceSpans': [{'resource': {'attributes': _attributes(resource)}, 'scopeSpans': [scope]}]}
 
 
-def send_spans(url: str, body: Mapping[str, Any]) -> None:
-    """Send the spans of a run to a collector, such as http://localhost:4318.
+def traces_address(url: str) -> str:
+    """Return the address to which spans are sent, of a collector such as http://localhost:4318.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no address of a collector.
+    """
+    if not url.startswith(('http://', 'https://')):
+        raise argparse.ArgumentTypeError(f'{url!r}: give the address of a collector, such as http://localhost:4318')
+    return url if url.rstrip('/').endswith('/v1/traces') else f'{url.rstrip("/")}/v1/traces'
+
+
+def send_spans(address: str, body: Mapping[str, Any]) -> None:
+    """Send the spans of a run to an address of :func:`traces_address`.
 
     Raises:
         SpanError: it cannot be reached, or refuses them.
     """
-    address = url if url.rstrip('/').endswith('/v1/traces') else f'{url.rstrip("/")}/v1/traces'
-    if not address.startswith(('http://', 'https://')):
-        raise SpanError(f'{url}: give the address of a collector, such as http://localhost:4318')
     headers = {'Content-Type': 'application/json'}
     request = urllib.request.Request(address, json.dumps(body).encode(), headers)  # noqa: S310 - checked above
     try:
         with urllib.request.urlopen(request, timeout=SEND_SECONDS):  # noqa: S310
             pass
-    except (OSError, ValueError) as error:
+    except urllib.error.HTTPError as error:
         refusal = SpanError(f'{address}: {error}')
-        refusal.is_final = isinstance(error, urllib.error.HTTPError) and error.code in _FINAL
+        refusal.is_final = error.code in _FINAL
         raise refusal from error
+    except (OSError, ValueError) as error:
+        cause = getattr(error, 'reason', error)  # urllib wraps what the system has told
+        raise SpanError(f'{address}: {getattr(cause, "strerror", None) or cause}') from error
 
 
 def _span(

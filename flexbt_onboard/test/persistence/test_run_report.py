@@ -187,7 +187,9 @@ def test_the_report_of_a_real_run(tmp_path: Path, capsys: pytest.CaptureFixture[
     picture = parsed((tmp_path / 'run.svg').read_text())
     assert [one.get('class') for one in picture.iter() if one.tag.endswith('line') and one.get('class') == 'who']
     assert main([file, '--run', 'nonsense']) == 1
+    capsys.readouterr()
     assert main([str(tmp_path / 'missing.jsonl')]) == 2
+    assert capsys.readouterr().err == f'run_report: {tmp_path}/missing.jsonl: No such file or directory\n'
     assert main(['/dev/zero']) == 2
     assert 'run_report: /dev/zero: it is a pipe or device' in capsys.readouterr().err
 
@@ -466,6 +468,14 @@ def test_runs_are_sent_as_spans_also_while_the_log_is_rotated_and_a_collector_re
     assert len(Collector.taken) >= 5
 
 
+@pytest.mark.parametrize('follow', [(), ('--follow',)])
+def test_what_is_no_collector_is_refused_at_once(capsys: pytest.CaptureFixture[str], follow: tuple[str, ...]) -> None:
+    with pytest.raises(SystemExit):
+        main(['--otlp', 'localhost:4318', *follow])
+    told = "'localhost:4318': give the address of a collector, such as http://localhost:4318"
+    assert told in capsys.readouterr().err
+
+
 def test_a_run_that_a_collector_never_takes_does_not_keep_back_the_next_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -495,7 +505,6 @@ def test_a_collector_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.Ca
     file = tmp_path / 'executive.jsonl'
     file.write_text(''.join(json.dumps(event) + '\n' for event in random_run(3)[0]))
     assert main([str(file), '--otlp', 'http://127.0.0.1:9']) == 1
-    assert main([str(file), '--otlp', 'localhost']) == 1
+    assert capsys.readouterr().err == 'run_report: http://127.0.0.1:9/v1/traces: Connection refused\n'
     assert main([str(file), '--follow']) == 2
-    told = capsys.readouterr().err
-    assert 'http://127.0.0.1:9/v1/traces' in told and 'such as http://localhost:4318' in told and 'needs --otlp' in told
+    assert 'needs --otlp' in capsys.readouterr().err
