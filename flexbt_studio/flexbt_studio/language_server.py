@@ -179,7 +179,8 @@ class FlexbtLanguageServer(LanguageServer):
         """Return the name of a file and what helps in it; None if nothing does."""
         file = self.file(document.uri)
         helpers: dict[str, TreeHelp | MachineHelp] = {'xml': self.trees, 'yaml': self.machines}
-        return file, helpers.get(self.project.open(file).document.language)
+        kind = kind_of(file, self.project.text(file))
+        return file, None if kind is None else helpers.get(kind.document.language)
 
     def edits(self, file: str, edits: Sequence[TextEdit]) -> list[lsp.TextEdit]:
         """Return edits as the protocol has them."""

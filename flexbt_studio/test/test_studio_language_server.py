@@ -409,7 +409,11 @@ def test_a_folder_that_the_editor_adds_is_the_project_of_its_files(folder: Path)
 def test_files_of_other_programs_have_no_findings(folder: Path) -> None:
     async def story(editor: Editor) -> None:
         assert await editor.show('compose.yaml', 'services: {web: {image: x}}\n') == []
-        assert await editor.show('package.xml', '<package format="3"/>\n') == []
+        package = '<package format="3"/>\n'
+        assert await editor.show('package.xml', package) == []
+        at = editor.at('package.xml', package, '<', 1)
+        found = await editor.client.text_document_completion_async(lsp.CompletionParams(*at))
+        assert isinstance(found, lsp.CompletionList) and not found.items
         assert await editor.show('setup.py', 'setup()\n') == []
         assert await editor.show('notes.txt', 'machine:\n') == []
         assert await editor.show('setup.py', 'class A(Behavior):\n    pass\n', 2)
