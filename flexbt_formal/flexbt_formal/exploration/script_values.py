@@ -24,10 +24,12 @@ from flexbt_core.behavior_tree.script.values import BINARY, UNARY
 
 
 class Compared(NamedTuple):
-    """Keys that are compared with each other, or assigned, and the constants (numbers, texts) among them."""
+    """Keys that are compared with each other, or assigned, and the constants (numbers, texts) among them. ``meant`` are
+    values that are of use as they are."""
 
     keys: tuple[str, ...]
     constants: tuple[Any, ...] = ()
+    meant: tuple[Any, ...] = ()
 
 
 _NOTHING = Compared(())
@@ -111,18 +113,18 @@ def tested_values(compared: Iterable[Compared], copied: Iterable[Compared] = ())
     """
     given = [*compared]
     names = {key for one in given for key in one.keys}
-    groups: list[tuple[set[str], list[Any]]] = []
+    groups: list[tuple[set[str], list[Any], list[Any]]] = []
     for one in (*given, *copied):
-        keys, values = set(one.keys), [*one.constants]
+        keys, values, meant = set(one.keys), [*one.constants], [*one.meant]
         for group in [other for other in groups if not other[0].isdisjoint(keys)]:
             groups.remove(group)
-            keys, values = group[0] | keys, group[1] + values
-        groups.append((keys, values))
+            keys, values, meant = group[0] | keys, group[1] + values, group[2] + meant
+        groups.append((keys, values, meant))
     found: dict[str, tuple[Any, ...]] = {}
-    for keys, values in groups:
+    for keys, values, meant in groups:
         near = [] if names.isdisjoint(keys) else [other for value in values for other in _near(value)]
         # 1, 1.0 and True are equal, but must stay distinct here.
-        distinct = dict.fromkeys((type(value), value) for value in (True, False, *near))
+        distinct = dict.fromkeys((type(value), value) for value in (*meant, True, False, *near))
         found |= dict.fromkeys(sorted(keys), tuple(value for _, value in distinct))
     return found
 

@@ -17,7 +17,16 @@ from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.blackboard import EMPTY, Blackboard, Entry
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.errors import BehaviorTreeError, NodeExecutionError, PortError
-from flexbt_core.behavior_tree.model.ports import KEY, NO_DEFAULT, Port, PortType, PortValue
+from flexbt_core.behavior_tree.model.ports import (
+    DOUBLE,
+    INT,
+    KEY,
+    NO_DEFAULT,
+    UNSIGNED,
+    Port,
+    PortType,
+    PortValue,
+)
 from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
 from flexbt_core.behavior_tree.nodes.loops import Loop
 from flexbt_core.behavior_tree.nodes.nav2.decorators import RateController
@@ -33,6 +42,7 @@ from .leaf_models import (
     LIMITERS,
     LISTENERS,
     Environment,
+    LeafKind,
     LeafModels,
     ModelAction,
     ModelGate,
@@ -76,6 +86,13 @@ SUCCEEDS: Final = f'={SUCCESS.name}'
 """The end of a tree by success, among what it promises."""
 _PLAIN: Final = (bool, int, float, str)
 """Types of values that are compared and shown; of other values only the presence counts."""
+_COUNTS: Final = (1, 2)
+_NUMBERS: Final[Mapping[str, tuple[Any, ...]]] = {
+    INT.name: _COUNTS,
+    UNSIGNED.name: (1, 100_000),  # ms
+    DOUBLE.name: (1.0,),
+}
+"""Numbers for a port of a node of the engine, of unknown value: not 0, by which most nodes do nothing."""
 _ROUNDS: Final = 200
 """Ticks in a row that count as a livelock."""
 
@@ -262,12 +279,12 @@ class TreeSystem(System):
         scripts = [*_scripts(nodes)]
         enums = {name: one for document in library.documents.values() for name, one in document.scripts.enums.items()}
         copied = [*_copies(nodes)]
-        compared = [*_switches(nodes), *(part for script in scripts for part in compared_in(script, enums))]
+        compared = [*_switches(nodes), *_ports(node for node in nodes if models(node).kind is LeafKind.REAL)]
+        compared += (part for script in scripts for part in compared_in(script, enums))
         values = tested_values(compared, copied)
         numbers = (one for part in (*compared, *copied) for one in part.constants if not isinstance(one, str))
-        values |= {name: (*queues, *values.get(name, ())) for name, queues in _queues(nodes)}
         self._environment = Environment(values, self._note, self._events)
-        self._environment.most_counted = 1 + int(max(filter(math.isfinite, numbers), default=0))
+        self._environment.most_counted = 1 + int(max([*_COUNTS, *filter(math.isfinite, numbers)]))
         self._ticked: set[int] = set()
         self._has_succeeded = False
         self._observed = frozenset(observed)
@@ -667,12 +684,20 @@ def _texts(values: Iterable[PortValue]) -> Iterator[str]:
     return (value.text for value in values if value.key is None)
 
 
-def _queues(nodes: Iterable[NodeDefinition]) -> Iterable[tuple[str, tuple[Any, ...]]]:
-    """Yield the keys of queues of a Loop, each with one of two elements and an empty one."""
+def _ports(nodes: Iterable[NodeDefinition]) -> Iterator[Compared]:
+    """Yield the keys of queues of a Loop, each with one of two elements and an empty one, and of numbers by which
+    the nodes of the engine count or measure time."""
     for node in nodes:
         kind = node.manifest.node_class
-        if issubclass(kind, Loop) and (key := node.values['queue'].key) is not None:
-            yield key.removeprefix('@'), (kind.queue.parse('1;0'), ())
+        for name, value in node.values.items():
+            port = node.manifest.ports.get(name)
+            if value.key is None or port is None or not port.readable:
+                continue
+            meant: tuple[Any, ...] = _NUMBERS.get(port.type.name, ()) if port.type is not None else ()
+            if issubclass(kind, Loop) and name == 'queue':
+                meant = (kind.queue.parse('1;0'), ())
+            if meant:
+                yield Compared(_keys(value), meant=meant)
 
 
 def _fault(error: NodeExecutionError) -> Violation:

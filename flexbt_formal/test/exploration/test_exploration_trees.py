@@ -677,6 +677,28 @@ def test_a_queue_that_is_given_or_written_has_elements_or_none(loop: str) -> Non
         assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
 
 
+@pytest.mark.parametrize(
+    'body',
+    [
+        '<RetryUntilSuccessful num_attempts="{number}"><Turn/></RetryUntilSuccessful>',
+        '<RecoveryNode number_of_retries="{number}"><Turn/><Plan/></RecoveryNode>',
+        '<Parallel success_count="{number}" failure_count="1"><Turn/><Plan/></Parallel>',
+        '<Fallback><Timeout msec="{number}"><Turn/></Timeout><Plan/></Fallback>',
+        '<PipelineSequence><RateController hz="{number}"><Plan/></RateController><Turn/></PipelineSequence>',
+        '<SubTree ID="Inner" attempts="{number}"/>',
+    ],
+)
+def test_a_number_from_outside_by_which_a_node_counts_is_not_zero(body: str) -> None:
+    inner = '<Repeat num_cycles="{attempts}"><Turn/></Repeat>'
+    text = (
+        f'<root BTCPP_format="4"><BehaviorTree ID="Inner">{inner}</BehaviorTree>'
+        f'<BehaviorTree ID="Main">{body}</BehaviorTree></root>'
+    )
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+    report = explore(lambda: TreeSystem(library, TreeKey('main.xml', 'Main')), 'Main')
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
 def test_constants_of_one_key_are_not_tried_for_another_one_in_the_same_script() -> None:
     """Of outputs of no type: a text is beside no number, and what is compared has values in common."""
     script = "level &gt; 3 &amp;&amp; other == level &amp;&amp; kind == 'van; car'"
