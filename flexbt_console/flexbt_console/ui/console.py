@@ -348,7 +348,7 @@ def _access(line: CommandLine, access: Access) -> Access:
     from .web.users import Users
 
     users = Users(Path(line.value('--users'))) if line.has('--users') else None
-    certificate, file = None, line.value('--certificate')
+    certificate, file, key = None, line.value('--certificate'), line.value('--key')
 
     def no_passphrase() -> str:
         raise UsageError('the key has a passphrase; use one without, which only you can read')
@@ -356,10 +356,11 @@ def _access(line: CommandLine, access: Access) -> Access:
     if line.has('--certificate'):
         certificate = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         try:
-            certificate.load_cert_chain(file, line.value('--key') or None, no_passphrase)
+            certificate.load_cert_chain(file, key or None, no_passphrase)
             problem = certificate_problem(certificate, file)
         except (OSError, ValueError) as error:
-            raise UsageError(f'--certificate {file}: cannot be used: {error}') from None
+            both = f'--certificate {file} {f"with --key {key}" if key else "without --key"}'
+            raise UsageError(f'{both}: cannot be used: {getattr(error, "strerror", None) or error}') from None
         if problem:
             text = f'--certificate {file}: {problem}; browsers warn of it, and programs refuse it: renew it'
             print(coloured(Line(text, Tone.WARNING), has_colours(sys.stderr)), file=sys.stderr)

@@ -393,6 +393,7 @@ def test_a_certificate_that_cannot_be_used_is_told_at_the_start(site: Site, tmp_
         (tmp_path / 'none.pem', its_key, 'cannot be used'),
         (good, tmp_path, 'cannot be used'),
         (locked, locked_key, 'the key has a passphrase'),
+        (good, tmp_path / 'no.key', f'with --key {tmp_path}/no.key: cannot be used: No such file or directory'),
         (its_key, good, 'cannot be used'),
     ):
         words = ['web', '--users', str(site.users), '--certificate', str(certificate), '--key', str(key), '--port', '0']
