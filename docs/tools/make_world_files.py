@@ -33,7 +33,7 @@ from the declarations of the keys. See also [Create your own world](../how_to/ow
 
 - Lengths are in m, angles in rad, times in s of simulated time. A pose is `[x, y, yaw]` in the map, a point `[x, y]`.
 - A shape is a number, the radius of a circle; `[length, width]` of a box, along x and y; or the corners of a polygon in
-  order, `[[x, y], [x, y], [x, y], ...]`.
+  order, `[[x, y], [x, y], [x, y], ...]`. Each of its points is within 50 m of its origin, where its pose is.
 - A name has letters, digits and `_`, starts with a letter, and has at most 63 characters. Names are unique among all
   entities, because robots are namespaces. Names of places are separate.
 - Robots, places and stations are on the map; zones at least in part.

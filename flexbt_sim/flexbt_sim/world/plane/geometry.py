@@ -113,9 +113,12 @@ class Polygon:
 
     def __post_init__(self) -> None:
         sides = list(self.sides(Pose(0.0, 0.0, 0.0)))
-        if len(sides) < 3 or not all(math.hypot(x, y) <= LARGEST for x, y in self.corners):
+        if len(sides) < 3:
+            raise SimulationError('a polygon has 3 corners or more')
+        if far := [corner for corner in self.corners if not math.hypot(*corner) <= LARGEST]:
+            x, y = far[0]
             raise SimulationError(
-                f'a polygon has 3 corners or more, at most {LARGEST:g} m from its origin: a pose says where that is'
+                f'corner ({x:g}, {y:g}) is more than {LARGEST:g} m from the origin: a pose says where that is'
             )
         if any(math.hypot(x1 - x0, y1 - y0) < SMALLEST for x0, y0, x1, y1 in sides):
             raise SimulationError(f'a polygon with a side of less than {SMALLEST:g} m')
