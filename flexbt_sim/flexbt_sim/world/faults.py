@@ -230,14 +230,19 @@ class FaultTiming(ModelSpecification):
     duration: float = key('simulated time after which it ends; 0: never', 0.0, unit='s', low=0.0)
 
 
+def check_fault_name(fault: str) -> None:
+    """Raise SimulationError if no fault has this name."""
+    if fault not in FAULTS:
+        raise SimulationError(f"there is no fault '{fault}'{did_you_mean(fault, FAULTS)}")
+
+
 def fault_parameters(fault: str, values: Mapping[str, Any]) -> FaultModel:
     """Return the parameters of a fault from plain data.
 
     Raises:
         SimulationError: the fault does not exist, or a value is wrong.
     """
-    if fault not in FAULTS:
-        raise SimulationError(f"there is no fault '{fault}'{did_you_mean(fault, FAULTS)}")
+    check_fault_name(fault)
     problems: list[WorldProblem] = []
     parameters = read(FAULTS[fault], values, (), problems)
     if parameters is None:

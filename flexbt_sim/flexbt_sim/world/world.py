@@ -18,7 +18,7 @@ from flexbt_core.values.text import did_you_mean
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.device import Sensor
 from flexbt_sim.world.devices import Gripper
-from flexbt_sim.world.faults import Fault, fault_parameters
+from flexbt_sim.world.faults import Fault, check_fault_name, fault_parameters
 from flexbt_sim.world.models import (
     STEP,
     DoorModel,
@@ -393,9 +393,11 @@ class World:
         """End or unschedule a fault of an entity, or all if the name is empty; return their number.
 
         Raises:
-            SimulationError: the entity does not exist.
+            SimulationError: the entity or fault does not exist.
         """
         self._entity(entity)
+        if fault:
+            check_fault_name(fault)
         ended = [one for one in self._faults.get(entity, {}).values() if fault in ('', one.name)]
         for one in ended:
             self._end(one)

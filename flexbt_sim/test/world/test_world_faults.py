@@ -198,6 +198,8 @@ def test_faults_are_cleared_and_go_with_their_entity() -> None:
     world.set_fault('alpha', 'lidar_frozen', after=5.0)
     world.set_fault('alpha', 'stuck_wheel', {'side': 'right'})  # in place of the first
     assert [one.name for one in world.faults] == ['lidar_frozen', 'stuck_wheel']
+    with pytest.raises(SimulationError, match="there is no fault 'stuck_weel'; did you mean 'stuck_wheel'"):
+        world.clear_fault('alpha', 'stuck_weel')
     assert world.clear_fault('alpha', 'stuck_wheel') == 1
     assert world.clear_fault('alpha') == 1
     assert world.clear_fault('alpha') == 0
