@@ -406,6 +406,17 @@ def test_a_folder_that_the_editor_adds_is_the_project_of_its_files(folder: Path)
     with_editor(empty, story)
 
 
+def test_a_text_that_only_the_editor_can_decode_is_checked_as_it_is_shown(folder: Path) -> None:
+    text = TREE.replace('<Sequence>', '<Sequence name="é">')
+    (folder / 'main.xml').write_bytes(text.encode('latin-1'))
+
+    async def story(editor: Editor) -> None:
+        (found,) = await editor.show('main.xml', text)
+        assert 'wait_duration' in found.message
+
+    with_editor(folder, story)
+
+
 def test_files_of_other_programs_have_no_findings(folder: Path) -> None:
     async def story(editor: Editor) -> None:
         assert await editor.show('compose.yaml', 'services: {web: {image: x}}\n') == []

@@ -244,8 +244,10 @@ class Project:
         """Open a file with the text that an editor shows, or replace the text of an open file by it."""
         opened = self._open.get(file)
         if opened is None:
-            saved = self._read(file)[0] if self.path(file).exists() else ''
-            opened = self._open[file] = OpenFile(document_for(file, text), 0, self._disk(file), saved)
+            saved = disk = ''
+            with contextlib.suppress(StudioError):  # there is no such file, or no text that can be read here
+                saved, disk, _ = self._read(file)
+            opened = self._open[file] = OpenFile(document_for(file, text), 0, disk, saved)
         elif opened.document.text != text:
             opened.document = document_for(file, text)
         opened.version += 1
