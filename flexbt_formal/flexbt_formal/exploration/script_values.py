@@ -62,7 +62,8 @@ class _Reader:
         match expression:
             case Constant(offset, value):
                 is_truth = self._script.startswith(('true', 'false'), offset)
-                return _NOTHING if is_truth else Compared((), (value,))
+                constants = constants_of([value]) if isinstance(value, str) else (value,)
+                return _NOTHING if is_truth else Compared((), tuple(constants))
             case Name(_, name):
                 name = name.removeprefix('@')
                 return Compared((), (self._enums[name],)) if name in self._enums else Compared((name,))
@@ -132,7 +133,7 @@ def tested_values(compared: Iterable[Compared], copied: Iterable[Compared] = ())
 def _near(constant: Any) -> Iterator[Any]:
     """Yield a constant and its neighbors; of a number those of both kinds."""
     if isinstance(constant, str):
-        yield from (constant, '')
+        yield from (constant, '' if constant else 'text')
     elif math.isfinite(constant):
         is_whole = float(constant).is_integer()
         if not is_whole:

@@ -728,7 +728,13 @@ def test_constants_of_a_key_are_tried_for_what_it_is_copied_from_or_called_elsew
     assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
 
 
-@pytest.mark.parametrize('code', ['level == -1', 'level &lt; -3', '-2 * 3 == level', 'level == 0x1F', 'level == 5e2'])
+@pytest.mark.parametrize(
+    'code',
+    [
+        *('level == -1', 'level &lt; -3', '-2 * 3 == level', 'level == 0x1F', 'level == 5e2', "level == '7'"),
+        *("level != ''", "level .. '' != ''"),
+    ],
+)
 def test_the_constants_of_a_script_are_what_they_mean(code: str) -> None:
     body = f'<Fallback><Sequence><ScriptCondition code="{code}"/><Turn/></Sequence><Plan/></Fallback>'
     report = proved(f'<Sequence><Look level="{{level}}"/>{body}</Sequence>')
