@@ -49,6 +49,8 @@ class TreeMonitor:
     ) -> None:
         self.going_on: set[LeafNode] = set()
         """Leaves that were RUNNING in this tick."""
+        self.answered: dict[Control, None] = {}
+        """Controls of users that returned RUNNING in this tick; one that was skipped may still be RUNNING."""
         self._found = found
         self.requirements = Requirements(requirements, lambda: self._tree.context.clock.now(), found)
         self._has_requirements = bool(self.requirements.requirements)
@@ -72,9 +74,13 @@ class TreeMonitor:
         """Return the definition that replaces that of a node: see ``substitute`` of :class:`Tree`."""
         manifest = definition.manifest
         alias = self._alias(definition.tree_id or manifest.id, definition.name, path)
-        if definition.tree_id is not None or not issubclass(manifest.node_class, LeafNode):
+        if definition.tree_id is not None:
             return definition
-        if issubclass(manifest.node_class, StatefulAction):
+        if issubclass(manifest.node_class, Control) and self._is_woken_only:
+            made = _watched_control(manifest.node_class)
+        elif not issubclass(manifest.node_class, LeafNode):
+            return definition
+        elif issubclass(manifest.node_class, StatefulAction):
             made = _watched_action(manifest.node_class)
         elif not self._named.isdisjoint((path, alias)):
             made = _watched_leaf(manifest.node_class)
@@ -163,6 +169,7 @@ class TreeMonitor:
                 self._found(Violation(Property.HALTED, leaf.path, text))
         elif self._is_woken_only and not opened:
             self._check_wakes()
+        self.answered.clear()
 
     def paused(self, is_paused: bool) -> None:
         """Record that the tree is paused or resumed: the time of requirements stops in between."""
@@ -293,10 +300,9 @@ class TreeMonitor:
             return
         if any(node.status is RUNNING and isinstance(node, LeafNode) for node in tree.nodes):
             return  # such as a thread, which wakes the tree when it ends
-        for node in tree.nodes:
+        for node in self.answered:
             is_last = node.status is RUNNING and all(child.status is not RUNNING for child in node.attached)
-            # Controls of the engine are RUNNING without such a child only if they wake the tree, or were skipped.
-            if is_last and isinstance(node, Control) and not node.awaits_request:
+            if is_last and not node.awaits_request:
                 text = f'{node.path} is RUNNING with no child that is, and nothing wakes the tree'
                 self._found(Violation(Property.NO_DEADLOCK, node.path, text))
 
@@ -332,6 +338,17 @@ def _watched_leaf(plain: Any) -> type[Any]:
         before = self.stored_status
         status: NodeStatus = plain.execute(self)
         self.context.monitor.done(self, before, status)
+        return status
+
+    return _derived(plain, {'execute': execute})
+
+
+@kept_by_class
+def _watched_control(plain: Any) -> type[Any]:
+    def execute(self: Any) -> NodeStatus:
+        status: NodeStatus = plain.execute(self)
+        if status is RUNNING:
+            self.context.monitor.answered[self] = None
         return status
 
     return _derived(plain, {'execute': execute})

@@ -214,6 +214,14 @@ def test_a_control_that_nothing_wakes_is_found() -> None:
     assert Watched(f'<KeepRunningUntilFailure>{skipped}</KeepRunningUntilFailure>').tick() == []
 
 
+def test_a_control_that_is_skipped_while_it_is_running_is_not_stuck() -> None:
+    pipeline = '<PipelineSequence><Work _while="wanted"/></PipelineSequence>'
+    watched = Watched(f'<KeepRunningUntilFailure>{pipeline}</KeepRunningUntilFailure>')
+    for is_wanted in (True, False, False, True):
+        watched.tree.blackboard.set('wanted', is_wanted)
+        assert watched.tick() == []
+
+
 def test_a_control_that_is_paused_is_woken_by_a_request() -> None:
     watched = Watched('<PauseResumeController><Work/></PauseResumeController>')
     watched.tick()
