@@ -442,6 +442,15 @@ def test_without_a_home_the_editor_is_only_looked_for_where_python_is(monkeypatc
     assert found is None or found.is_relative_to(sys.prefix)
 
 
+def test_an_option_of_the_studio_that_is_misspelled_is_suggested(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, 'argv', ['studio', '--opearte'])
+    with pytest.raises(SystemExit):
+        studio()
+    assert "did you mean '--operate'?" in capsys.readouterr().err
+
+
 def test_an_editor_that_cannot_be_installed_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import argparse
 import secrets
 import shutil
 import subprocess
@@ -11,6 +10,7 @@ import sys
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from flexbt_common.command_line import SuggestingArgumentParser
 from flexbt_common.files import home_path
 from flexbt_console.errors import UsageError
 from flexbt_console.ui.console import main as console
@@ -25,7 +25,7 @@ from .web_server import StudioServer, editor_folder, workbench_for
 
 def main() -> int:
     """Run the command, and return its exit code: 0, or 2 if it cannot be done as written."""
-    parser = argparse.ArgumentParser('studio', description='Write, check, run and watch missions in a browser.')
+    parser = SuggestingArgumentParser(prog='studio', description='Write, check, run and watch missions in a browser.')
     parser.add_argument('folder', nargs='?', default='.', help='folder of the project (default: this one)')
     parser.add_argument('--port', type=int, default=0, help='port of the page; 0 chooses a free one (default)')
     parser.add_argument('--address', default='127.0.0.1', help='address to listen at (default: %(default)s)')
