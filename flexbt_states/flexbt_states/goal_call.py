@@ -19,7 +19,7 @@ from flexbt_onboard.behaviors.run_context import READY_SECONDS, StateServices, s
 from .parameter_checks import checked_timeout, checked_topic, checked_type
 
 SERVER_SECONDS: Final = 1.0
-"""Time to wait for a server when all running nodes are ready, s of wall time."""
+"""Time to wait for a server when no node is starting, s of wall time."""
 
 _ENDED: Final = frozenset(
     (GoalStatus.SUCCEEDED, GoalStatus.ABORTED, GoalStatus.CANCELED, GoalStatus.REJECTED, GoalStatus.NO_SERVER)
@@ -102,8 +102,7 @@ class GoalCall:
             self._clock = clock or self.services.runtime.steady
             self._deadline = self._clock.now() + timeout
             self._timer = self._clock.call_at(self._deadline, self._state.wake)
-        # A node that is not ready yet may still start the server.
-        patience = READY_SECONDS if self.services.unready() else SERVER_SECONDS
+        patience = READY_SECONDS if self.services.starting() else SERVER_SECONDS
         sent = self._sent = object()
 
         def hear(feedback: Any) -> None:

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -107,8 +106,7 @@ def test_without_a_server_the_state_fails_soon_and_says_so(bench: StateBench) ->
 
 
 def test_a_server_that_begins_is_waited_for(bench: StateBench) -> None:
-    at_start: Iterator[list[str]] = iter([[]])  # it is killed and started again after that
-    bench.services = replace(bench.services, unready=lambda: next(at_start, ['/bt_server']))
+    bench.services = replace(bench.services, starting=lambda: ['/bt_server'])
     link = bench.services.actions.link(BtExecute, 'bt_executor')
     call = ActionCall(link, BtExecute.Goal(), on_done=lambda _outcome: None)
     run = bench.run_state(execute)

@@ -123,8 +123,8 @@ class StateServices:
     - ``node_name`` is the fully qualified name of the node that runs the states. Activities on its behalf in other
       nodes end when it dies.
     - ``changed`` notifies the host that the activity of a state, which operators see, has changed. From any thread.
-    - ``unready`` returns the names of nodes that are alive but not ready yet. The servers that a state needs may be
-      among them.
+    - ``unready`` returns the names of nodes that are alive but not ready: they are starting, or late.
+    - ``starting`` returns those of them that are starting. The server that a state needs may be one of theirs.
     - ``goals`` are the goals that the states of the run have sent.
     """
 
@@ -134,6 +134,7 @@ class StateServices:
     node_name: str
     changed: Callable[[], None] = field(default=_nothing)
     unready: Callable[[], Sequence[str]] = field(default=tuple)
+    starting: Callable[[], Sequence[str]] = field(default=tuple)
     goals: RunGoals = field(default_factory=RunGoals)
 
     @classmethod

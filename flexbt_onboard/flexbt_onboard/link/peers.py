@@ -106,6 +106,11 @@ class PeersWatch:
         """Return the names of the nodes that are alive but not ready: starting, or late. From any thread."""
         return [peer.name for peer in self._peers if peer.alive and not peer.ready]
 
+    def starting(self) -> list[str]:
+        """Return the names of the nodes that are alive, not ready yet, and not late: their servers may appear at any
+        moment. From any thread."""
+        return [peer.name for peer in self._peers if peer.alive and not peer.ready and not peer.watch.late]
+
     def _alive_changed(self, peer: _Peer, alive: bool) -> None:
         if alive == peer.alive:
             return

@@ -194,6 +194,7 @@ class Executive(RunReader):
             services=ServiceLinks(runtime, parameters.peer_timeout),
             node_name=runtime.node.get_fully_qualified_name(),
             unready=peers.unready,
+            starting=peers.starting,
         )
         motion_stop = MotionStop(runtime, services.services, pose, parameters, peers)
         return RunSupervisor(

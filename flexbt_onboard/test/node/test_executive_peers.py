@@ -25,7 +25,9 @@ def test_a_node_that_is_late_is_told_once_in_a_spell_and_its_return_is_no_news()
         runtime, other = (stack.enter_context(NodeRuntime.open(name)) for name in ('watching', 'watched'))
         report: Any = SimpleNamespace(run_id='', log=lambda severity, text, run_id: told.append(text))
         watch = PeersWatch(runtime, ['watched'], report, 60.0)
-        other.call(lambda: LivelinessToken(other).set_ready(True))
+        token = other.call(lambda: LivelinessToken(other))
+        wait_until(lambda: watch.unready() == watch.starting() == ['/watched'], 'its start')
+        token.set_ready(True)
         wait_until(lambda: told == ['/watched is alive', '/watched is ready'], lambda: told)
         for spell in (1, 2):
             goes_on = threading.Event()
@@ -33,6 +35,7 @@ def test_a_node_that_is_late_is_told_once_in_a_spell_and_its_return_is_no_news()
             try:
                 wait_until(functools.partial(has_told, 2 + spell), lambda: told)
                 assert runtime.call(watch.statuses)[0].late
+                assert (watch.unready(), watch.starting()) == (['/watched'], [])
             finally:
                 goes_on.set()
             wait_until(lambda: runtime.call(watch.statuses)[0].ready, 'ready again')
