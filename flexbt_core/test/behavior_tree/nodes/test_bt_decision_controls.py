@@ -95,6 +95,11 @@ VECTORS: dict[str, list[tuple[str, str]]] = {
         (control('TryCatch', 'SF', 'RSF', 'RS'), 'R 0S 1R | S 1S | R 0F 2R | F 2S'),
         (control('TryCatch', 'F', 'RRS'), 'R 0F 1R | R 1R | F 1S'),
         (control('TryCatch', 'K', 'K', 'S'), 'K 0K 1K'),
+        # Nobody has reset it.
+        (
+            f'<IfThenElse><TryCatch>{step("F")}{step("S", 1)}</TryCatch>{step("S", 2)}</IfThenElse>',
+            'F 0F 1S | F 0F 1S',
+        ),
         (control('TryCatch', 'K', 'S', 'S'), 'S 0K 1S'),
         (f'<Sequence>{control("TryCatch", "F", "RS")}{step("S", 2)}</Sequence>', 'R 0F 1R | F 1S'),
         # A halt ticks the clean-up only when asked to, and not when it is at work already; once, if it would go on.

@@ -32,6 +32,8 @@ VECTORS: list[tuple[str, str]] = [
     (control('RecoveryNode', 'K', 'S'), 'K 0K'),
     # A skipped recovery: the attempts that were made still count afterwards.
     (control('RecoveryNode', 'F', 'KS'), 'F 0F 1K | F 0F 1S 0F'),
+    (control('RecoveryNode', 'F', 'SKS', number_of_retries='2'), 'F 0F 1S 0F 1K | F 0F 1S 0F'),
+    (control('RecoveryNode', 'F', 'SFS', number_of_retries='2'), 'F 0F 1S 0F 1F | F 0F 1S 0F 1S 0F'),
     # One that is skipped while it is RUNNING is halted.
     (control('RecoveryNode', 'F', 'RKS'), 'R 0F 1R | F 1K 1! | F 0F 1S 0F'),
     # A node whose children were skipped is IDLE: it asks its pre-conditions again.
