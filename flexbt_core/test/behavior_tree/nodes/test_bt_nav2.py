@@ -21,6 +21,7 @@ VECTORS: list[tuple[str, str]] = [
     *((f'<IfThenElse><{tag} _failureIf="x">{step("S")}</{tag}>{step("S", 1)}</IfThenElse>', 'x=1 F | x=0 S 0S 1S')
       for tag in ('RateController', 'SingleTrigger')),
     ('<InitialPoseReceived/>', "F | initial_pose_received='true' S | initial_pose_received='false' F"),
+    ('<InitialPoseReceived initial_pose_received="{there}"/>', "F | initial_pose_received='true' F | there='true' S"),
     # RecoveryNode
     (control('RecoveryNode', 'S', 'S'), 'S 0S'),
     (control('RecoveryNode', 'FS', 'S'), 'S 0F 1S 0S'),
