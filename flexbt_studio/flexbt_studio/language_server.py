@@ -7,6 +7,7 @@ server protocol. It stands on the same documents as the page of the studio.
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import functools
@@ -407,6 +408,10 @@ def _path(uri: str) -> Path:
 
 def main() -> int:
     """Serve the editor that started this process until it ends. Return 1 if the editor has not asked to end before."""
+    parser = argparse.ArgumentParser(NAME, description='Language server for trees, machines and behaviors.')
+    parser.add_argument('--version', action='version', version=VERSION)
+    parser.add_argument('--stdio', action='store_true', help='use standard input and output, as without this option')
+    parser.parse_known_args()  # editors add options of their own
     messages = os.fdopen(os.dup(1), 'wb')
     os.dup2(2, 1)  # what states and nodes print is no message
     server = FlexbtLanguageServer()

@@ -23,7 +23,12 @@ from flexbt_studio.documents.text import Lines, Span, TextEdit, applied
 from flexbt_studio.language_server import FlexbtLanguageServer
 from flexbt_testing.waiting import DEADLINE
 
-COMMAND = [sys.executable, '-c', 'from flexbt_studio.executables import language_server; language_server()']
+PROGRAM = [
+    sys.executable,
+    '-c',
+    'from flexbt_studio.executables import language_server; raise SystemExit(language_server())',
+]
+COMMAND = [*PROGRAM, '--stdio', '--clientProcessId=1']  # the options that editors add
 
 TREE = """\
 <root BTCPP_format="4">
@@ -463,8 +468,7 @@ def test_the_exit_code_tells_whether_the_editor_has_asked_to_end(is_asked: bool)
     ]
     texts = (json.dumps({'jsonrpc': '2.0', **one}) for one in told)
     written = ''.join(f'Content-Length: {len(text)}\r\n\r\n{text}' for text in texts)
-    command = [*COMMAND[:-1], COMMAND[-1].replace('language_server()', 'raise SystemExit(language_server())')]
-    done = subprocess.run(command, input=written.encode(), capture_output=True, timeout=DEADLINE)
+    done = subprocess.run(COMMAND, input=written.encode(), capture_output=True, timeout=DEADLINE)
     assert done.returncode == (0 if is_asked else 1), done.stderr
 
 
@@ -552,3 +556,9 @@ def test_many_places_in_a_text_read_its_lines_once(folder: Path, monkeypatch: py
     monkeypatch.setattr(language_server, 'Lines', lines)
     places = [server.range('main.xml', Span(start, start + 1)) for start in range(20)]
     assert len(read) == 1 and places[-1].end.character == 20
+
+
+def test_help_and_version_are_told_to_a_person() -> None:
+    for option, told in (('--help', 'usage: flexbt-ls'), ('--version', '0.1.0')):
+        done = subprocess.run([*PROGRAM, option], capture_output=True, text=True, timeout=DEADLINE)
+        assert (done.returncode, done.stdout.startswith(told)) == (0, True), done
