@@ -298,7 +298,7 @@ def test_a_request_that_is_never_answered_does_not_keep_its_caller(link: ActionS
         ScriptedActionServer(runtime, Wait, 'wait', server_class=DeafServer)
         kept = weakref.ref(call(link, done, accept_timeout=0.1))
         assert done.wait().status is GoalStatus.TIMEOUT
-        wait_until(lambda: gc.collect() >= 0 and kept() is None, 'the end of the caller')
+        wait_until(lambda: gc.collect() >= 0 and kept() is None, 'the end of the caller', every=0.25)
 
 
 def test_requests_that_are_never_answered_are_bounded(link: ActionServerLink, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -324,7 +324,7 @@ def test_a_result_that_never_arrives_does_not_keep_its_caller(
     running.cancel(timeout=0.1)
     del running
     assert done.wait().status is GoalStatus.TIMEOUT
-    wait_until(lambda: gc.collect() >= 0 and kept() is None, 'the end of the caller')
+    wait_until(lambda: gc.collect() >= 0 and kept() is None, 'the end of the caller', every=0.25)
 
 
 @pytest.mark.parametrize('server_class', [ForgetfulServer, DeafServer])

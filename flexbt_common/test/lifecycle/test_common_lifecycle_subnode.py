@@ -102,7 +102,7 @@ def test_what_a_part_has_told_is_freed_when_it_is_closed(closed: int) -> None:
         assert LifecycleClient(runtime, f'part{1 - closed}').state() == 'active'
         told = weakref.ref(owners.pop(closed))
         host.call(parts.pop(closed).close)
-        wait_until(lambda: gc.collect() >= 0 and told() is None, 'it is freed')
+        wait_until(lambda: gc.collect() >= 0 and told() is None, 'it is freed', every=0.25)
         assert LifecycleClient(runtime, f'part{1 - closed}').state() == 'active'
 
 

@@ -696,7 +696,7 @@ def test_newer_waypoints_take_over_and_a_cancel_stops_the_robot(driving: Front) 
     second = driving.waypoints(3.0, 4.0)
     ended(first, GoalStatus.ABORTED, 'newer goal', code=FollowWaypoints.Result.UNKNOWN)
     driving.drives_to(3.0)
-    wait_until(lambda: (gc.collect(), tour() is None)[1], 'nothing is kept of what was replaced')
+    wait_until(lambda: (gc.collect(), tour() is None)[1], 'nothing is kept of what was replaced', every=0.25)
     assert 'canceled' not in driving.follow.statuses.values()
     second.call.cancel(DEADLINE)
     assert second.wait().status is GoalStatus.CANCELED

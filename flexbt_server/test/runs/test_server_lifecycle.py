@@ -213,7 +213,7 @@ def test_each_configuration_has_publishers_of_its_own_and_is_freed() -> None:
             assert world.client.execute().result.code == Result.SUCCESS
             goals = weakref.ref(world.node._managed.goals)
             world.change('deactivate', 'cleanup')
-            wait_until(lambda: gc.collect() >= 0 and goals() is None, 'it is freed')  # noqa: B023
+            wait_until(lambda: gc.collect() >= 0 and goals() is None, 'it is freed', every=0.25)  # noqa: B023
 
 
 def test_what_is_broken_when_it_is_configured_can_be_mended(tmp_path: Path) -> None:
