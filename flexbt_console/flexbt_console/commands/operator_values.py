@@ -92,7 +92,7 @@ def parameter_value(parameter: BehaviorParameter, text: str) -> str:
             raise RefusedError(problem) from None
     if parameter.type in ('int', 'float'):
         number = _number(text, int if parameter.type == 'int' else float)
-        if math.isnan(number):
+        if isinstance(number, float) and math.isnan(number):  # which takes no int that is larger than any float
             expected = 'a whole number' if parameter.type == 'int' else 'a number'
             raise RefusedError(f'{where} is not a valid {parameter.type}; expected {expected}')
         if number < _number(parameter.minimum, float) or number > _number(parameter.maximum, float):  # NaN: no limit

@@ -199,6 +199,14 @@ def test_what_is_typed_for_a_list_or_mapping_is_checked(make: CommandBuilder) ->
             make.start(view(), 'Legs', [(name, text)])
 
 
+def test_a_whole_number_may_be_larger_than_any_float(make: CommandBuilder) -> None:
+    known = Behavior('Count', parameters=(BehaviorParameter('n', 'int', maximum='10'), BehaviorParameter('m', 'int')))
+    counting, huge = replace(view(), behaviors=(known,)), '1' * 400
+    assert make.start(counting, 'Count', [('m', huge)]).arguments == (('m', huge),)
+    with pytest.raises(RefusedError, match='is beyond its limits'):
+        make.start(counting, 'Count', [('n', huge)])
+
+
 def test_a_name_of_several_packages_is_refused_with_the_names_to_say(make: CommandBuilder) -> None:
     behaviors = (Behavior('a/Drive', package='a'), Behavior('b/Drive', package='b'), Behavior('Look', package='b'))
     of_two = replace(view(), behaviors=behaviors)

@@ -381,6 +381,29 @@ def test_a_line_that_waited_while_the_process_or_the_computer_stood_still_is_too
     asyncio.run(asyncio.wait_for(operate(), DEADLINE))
 
 
+def test_a_fault_in_a_command_is_shown_and_the_prompt_goes_on() -> None:
+    clock, screen = ManualClock(), io.StringIO()
+    mirror = Mirror(clock)
+    mirror.receive_snapshot(ExecutiveSnapshot('e', 1), Transit(0.0, 0.0))
+
+    def fail(command: OperatorCommand) -> ExecutiveSnapshot:
+        if command.kind is not CommandKind.STOP:
+            raise OverflowError('injected')
+        return ExecutiveSnapshot('e', 2, results=(CommandResult(command.id, ResultCode.APPLIED),))
+
+    link = Loopback(mirror, fail)
+
+    async def operate() -> None:
+        async with running_prompt(mirror, link, clock, screen) as (keys, until):
+            keys.send_text('autonomy high\r')
+            await until('fault in the console, which continues:')
+            keys.send_text('stop\r')
+            await until('stop: applied')
+
+    asyncio.run(asyncio.wait_for(operate(), DEADLINE))
+    assert 'OverflowError: injected' in screen.getvalue()
+
+
 def test_what_is_typed_before_the_link_is_up_waits_for_it_and_an_answer_comes_while_the_line_goes_on() -> None:
     clock = ManualClock()
     mirror = Mirror(clock)

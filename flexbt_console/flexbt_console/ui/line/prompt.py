@@ -223,6 +223,8 @@ class Prompt:
             self._print(_warned([told]))
         except ConsoleError as error:
             self._print(_warned(escape_lines(str(error))))
+        except Exception as error:
+            self._print(_fault_lines(error))
         else:
             if isinstance(done, Reading):
                 self._print(done.text)
