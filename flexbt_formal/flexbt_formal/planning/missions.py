@@ -113,9 +113,9 @@ def grounded_problem(
     alternatives = [[parse_literal(text, 'goal') for text in one] for one in parse_goal(goal)]
     initial = [parse_literal(text, 'start') for text in start]
     disturbing = [_disturbance([parse_literal(text) for text in one]) for one in disturbances]
-    known = library.skills.values()
+    skills = {one.name: one for one in (*library.skills.values(), *disturbing)}  # two equal disturbances are one
     extended = SkillLibrary.of(
-        [*known, *disturbing], library.predicates.values(), types=library.types, objects=library.objects
+        skills.values(), library.predicates.values(), types=library.types, objects=library.objects
     )
     grounded = ground(extended, initial, [literal for one in alternatives for literal in one])
     actions = [action for action in grounded.actions if not action.skill.startswith(_DISTURBANCE)]

@@ -129,5 +129,5 @@ def _constant(node: NodeDefinition, port: str) -> str | None:
 def _why_hopeless(library: SkillLibrary, mission: Mission, goal: str, registry: NodeRegistry) -> str:
     """Return why the goal is unreachable even if each measured fact can become true or false at any time."""
     measured = Measurement.of(library, goal, registry.__contains__).leaves
-    others = {(str(literal),) for atom in measured for literal in (atom, ~atom)} | set(mission.disturbances)
-    return hopeless(skill_problem(library, mission.start, goal, sorted(others)))
+    others = [[str(literal)] for atom in measured for literal in (atom, ~atom)]
+    return hopeless(skill_problem(library, mission.start, goal, [*others, *mission.disturbances]))
