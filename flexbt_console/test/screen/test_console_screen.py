@@ -93,7 +93,7 @@ from flexbt_console.ui.screen.dialogs import ChoiceList, MapImage, Overview
 from flexbt_console.ui.screen.lines import alarm_text, keys_text, status_text
 from flexbt_console.ui.screen.pane import Pane
 from flexbt_console.ui.screen.panes import Layout
-from flexbt_console.ui.screen.robot_panes import machine_lines
+from flexbt_console.ui.screen.robot_panes import LogPane, machine_lines
 from flexbt_console.ui.screen.textual_app import TerminalDriver
 from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.terminal import TerminalWatch
@@ -1832,6 +1832,25 @@ def test_log_and_machine_are_scrolled_and_stand_still_then() -> None:
         assert 'Patrol' in (await shown(*['pageup'] * 9)).splitlines()[1]
 
     on_screen(robot, steps, (80, 24))
+
+
+@pytest.mark.parametrize('executive', ['e', 'f'])
+def test_what_is_told_after_the_clock_was_set_back_is_the_latest(executive: str) -> None:
+    mirror, pane = Mirror(ManualClock()), LogPane('ann')
+
+    def say(executive: str, number: int, stamp: float) -> None:
+        mirror.receive_snapshot(ExecutiveSnapshot(executive, number, stamp=stamp))
+        mirror.receive_log(LogLine(executive, number, text=f'said {number}', stamp=stamp))
+        pane.tell(stamp, [f'told {number}'])
+
+    for number in range(1, 20):
+        say('e', number, 1000.0 + number)
+    mirror.receive_snapshot(ExecutiveSnapshot(executive, 20, stamp=3.0))
+    assert re.findall('told ..', pane.draw(mirror, 80, 4).plain) == ['told 18', 'told 19']
+    mirror.receive_log(LogLine(executive, 20, text='said 20', stamp=3.0))  # by a simulation that began anew
+    assert re.findall('[st][ao].. ..', pane.draw(mirror, 80, 3).plain) == ['said 19', 'told 19', 'said 20']
+    say(executive, 21, 4.0)
+    assert re.findall('[st][ao].. ..', pane.draw(mirror, 80, 4).plain) == ['told 19', 'said 20', 'said 21', 'told 21']
 
 
 def test_a_line_may_become_any_command_by_its_name_or_by_what_it_does() -> None:

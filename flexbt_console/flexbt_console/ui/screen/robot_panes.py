@@ -321,6 +321,9 @@ class MapPane:
 TOLD_LINES: Final = 200
 """Maximum number of lines of the console itself that are remembered."""
 
+SET_BACK_SECONDS: Final = 10.0
+"""Time by which a line is later than the next one, or than now, if the clock was set back in between, s."""
+
 _INDENT: Final = ' ' * 12
 
 
@@ -374,15 +377,29 @@ class LogPane:
 
     def _lines(self, mirror: Mirror, count: int) -> list[str]:
         """Return the latest lines, up to this many of each kind; results of one's own commands were shown already."""
-        known = mirror.events(max(1, count))
-        events = [event for event in known if event.operator != self._operator and not event.is_in_log]
-        merged: list[tuple[float, int, Sequence[str]]] = [
-            *((line.stamp, 0, log_lines(line, with_time=True)) for line in mirror.log(max(1, count))),
-            *((event.stamp, 0, [event_line(event, with_time=True)]) for event in events),
-            *((stamp, 1, [_with_time(stamp, line)]) for stamp, line in self._told),
+        events = [one for one in mirror.events(max(1, count)) if one.operator != self._operator and not one.is_in_log]
+        snapshot = mirror.view().snapshot
+        now = snapshot.stamp if snapshot is not None else math.inf
+        merged = [
+            *_in_order(((line.stamp, log_lines(line, with_time=True)) for line in mirror.log(max(1, count))), now, 0),
+            *_in_order(((event.stamp, [event_line(event, with_time=True)]) for event in events), now, 0),
+            *_in_order(((stamp, [_with_time(stamp, line)]) for stamp, line in self._told), now, 1),
         ]
-        merged.sort(key=lambda one: one[:2])
-        return [line for _, _, text in merged[-max(1, count) :] for line in text]
+        merged.sort(key=lambda one: one[0])
+        return [line for _, text in merged[-max(1, count) :] for line in text]
+
+
+def _in_order(
+    lines: Iterable[tuple[float, Sequence[str]]], now: float, kind: int
+) -> list[tuple[tuple[int, float, int], Sequence[str]]]:
+    """Return lines, which are in their order, with what they are sorted by: their time, of those before the clock was
+    set back (a simulation that began anew) below that of all later ones."""
+    found, clock, later = [], 0, now
+    for stamp, text in reversed([*lines]):
+        clock -= stamp > later + SET_BACK_SECONDS
+        later = stamp
+        found.append(((clock, stamp, kind), text))
+    return found[::-1]
 
 
 def _with_time(stamp: float, line: str) -> str:
