@@ -64,8 +64,10 @@ def smooth_path(
         check_time()
         if last - first + 1 >= LEAST_POSES:
             part = path[first : last + 1]
-            points = _smoothed(numpy.array([pose[:2] for pose in part]), costmap, smoothing.refinements, check_time)
-            smoothed[first:last] = _headed(points, part)[:-1]
+            points = numpy.array([pose[:2] for pose in part])
+            turn = math.pi if _is_backward(part) else 0.0
+            points = _smoothed(points, turn, costmap, smoothing.refinements, check_time)
+            smoothed[first:last] = _headed(points, turn, part)[:-1]
     return smoothed
 
 
@@ -80,7 +82,15 @@ def _reversals(path: Sequence[Pose]) -> list[int]:
     return turns
 
 
-def _smoothed(points: Points, costmap: Costmap, refinements: int, check_time: Callable[[], None]) -> Points:
+def _is_backward(path: Sequence[Pose]) -> bool:
+    """Return whether the robot is driven backward: most of the path leads away from its headings."""
+    return sum((b.x - a.x) * math.cos(a.yaw) + (b.y - a.y) * math.sin(a.yaw) for a, b in pairwise(path)) < 0.0
+
+
+def _smoothed(
+    points: Points, turn: float, costmap: Costmap, refinements: int, check_time: Callable[[], None]
+) -> Points:
+    """Return the smoothed points. ``turn`` is the angle from the direction of the path to the heading of the robot."""
     fixed = numpy.zeros(len(points), bool)
     fixed[[0, -1]] = True
     margin = 0
@@ -89,7 +99,7 @@ def _smoothed(points: Points, costmap: Costmap, refinements: int, check_time: Ca
         for _ in range(refinements + 1):
             check_time()
             smoothed = _drawn(smoothed, fixed)
-        blocked = _blocked(points, smoothed, costmap, check_time)
+        blocked = _blocked(points, smoothed, turn, costmap, check_time)
         if not blocked.any():
             return smoothed
         # Fix more points each time, so that this ends after a few passes: if all points are fixed, none moves.
@@ -112,7 +122,7 @@ def _drawn(points: Points, fixed: Flags) -> Points:
     return drawn
 
 
-def _blocked(points: Points, smoothed: Points, costmap: Costmap, check_time: Callable[[], None]) -> Flags:
+def _blocked(points: Points, smoothed: Points, turn: float, costmap: Costmap, check_time: Callable[[], None]) -> Flags:
     """Return, for each step between two points, whether it has moved and the robot would be in collision on it."""
     moved = (smoothed != points).any(axis=1)
     blocked = numpy.zeros(len(points) - 1, bool)
@@ -120,18 +130,15 @@ def _blocked(points: Points, smoothed: Points, costmap: Costmap, check_time: Cal
         check_time()
         (x, y), (dx, dy) = smoothed[index], smoothed[index + 1] - smoothed[index]
         count = max(1, math.ceil(2.0 * math.hypot(dx, dy) / costmap.world.resolution))
-        yaw = math.atan2(dy, dx)
+        yaw = math.atan2(dy, dx) + turn
         blocked[index] = any(
             costmap.in_collision(Pose(x + dx * part / count, y + dy * part / count, yaw)) for part in range(count + 1)
         )
     return blocked
 
 
-def _headed(points: Points, path: Sequence[Pose]) -> list[Pose]:
-    """Return poses that head to the next point, or away from it where the path is driven backward."""
-    start = path[1]
-    backward = abs(wrap(math.atan2(path[2].y - start.y, path[2].x - start.x) - start.yaw)) > math.pi / 2.0
-    turn = math.pi if backward else 0.0
+def _headed(points: Points, turn: float, path: Sequence[Pose]) -> list[Pose]:
+    """Return poses that head to the next point, turned by ``turn``."""
     heads = [
         wrap(math.atan2(dy, dx) + turn) if dx or dy else pose.yaw
         for (dx, dy), pose in zip(numpy.diff(points, axis=0).tolist(), path, strict=False)

@@ -15,7 +15,7 @@ from flexbt_navigation.costmaps.costmap import Costmap, Inflation
 from flexbt_navigation.errors import NavigationError
 from flexbt_navigation.planner.planners import GridPlanner
 from flexbt_navigation.planner.smoother import Smoothing, smooth_path
-from flexbt_sim.world import OccupancyMap, Pose
+from flexbt_sim.world import OccupancyMap, Polygon, Pose, wrap
 from flexbt_testing.worlds import drawn, free_places, rooms, worlds
 
 OPEN = Costmap(drawn(*['.' * 120] * 120), Inflation())
@@ -101,6 +101,27 @@ def test_where_the_robot_reverses_or_turns_on_the_spot_it_still_does() -> None:
     on_the_spot = [*along((1.0, 1.0), (2.0, 1.0)), *along((2.0, 1.0), (2.0, 2.0))]
     assert smooth_path(on_the_spot, OPEN, Smoothing(), ignore)[20][:2] == (2.0, 1.0)
     assert smooth_path(on_the_spot, OPEN, Smoothing(keeps_reversals=False), ignore)[20][:2] != (2.0, 1.0)
+
+
+def test_a_robot_that_is_driven_backward_touches_nothing_with_its_front() -> None:
+    """The front of the robot, 0.8 m from its centre, sweeps over an obstacle where the path no longer bends at once."""
+    forklift = Inflation.of(Polygon(((0.8, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.8, -0.2))))
+    cells = numpy.zeros((60, 80), numpy.int8)
+    cells[12, 26] = 100
+    costmap = Costmap(OccupancyMap(cells, 0.05, Pose(0.0, 0.0, 0.0)), forklift)
+    bend = along((1.0, 1.0), (2.0, 1.0), (2.0 + math.cos(1.0), 1.0 + math.sin(1.0)))
+    path = [pose._replace(yaw=wrap(pose.yaw + math.pi)) for pose in bend]
+    assert not any(map(costmap.in_collision, path))
+    smoothed = smooth_path(path, costmap, Smoothing(), ignore)
+    assert smoothed[19:22] == path[19:22]
+    assert not any(map(costmap.in_collision, smoothed))
+    assert smooth_path(path, OPEN, Smoothing(), ignore)[20] != path[20]
+
+
+def test_a_pose_that_is_given_twice_does_not_turn_the_robot_round() -> None:
+    west = along((4.0, 1.0), (2.0, 1.0))
+    smoothed = smooth_path([*west[:2], *west[1:]], OPEN, Smoothing(), ignore)
+    assert all(math.cos(pose.yaw) < -0.99 for pose in smoothed)
 
 
 def test_a_short_path_stays_as_it_is_and_none_is_invalid() -> None:
