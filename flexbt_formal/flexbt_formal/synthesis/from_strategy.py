@@ -111,8 +111,13 @@ class _Building:
         self._words = problem.vocabulary
         self._strategy = strategy
         self._nodes = strategy.nodes
-        outputs = (one.name for one in problem.specification.names(inputs=False))
-        self._memory = [name for name in outputs if not self._words.is_own(name)]
+        changed = set().union(*map(changed_by, problem.file.capabilities.values()))
+        # What is known: outputs, and what capabilities change of the world.
+        self._memory = [
+            name
+            for name, one in problem.specification.variables.items()
+            if not self._words.is_own(name) and (not one.is_input or name.removesuffix('_m') in changed)
+        ]
         self._places = [self._place(node) for node in strategy.nodes]
         self._outputs = [self._output(place) for place in self._places]
         self._notes = list(problem.notes)

@@ -129,8 +129,10 @@ def test_with_a_limit_on_retries_the_machine_gives_up_only_where_nothing_is_left
     assert {other.states[one].transitions['failed'] for one in ('tea',)} != {'failed'}
 
 
-def test_what_a_failure_changes_is_not_repeated_as_if_it_had_not() -> None:
+@pytest.mark.parametrize('owner', ['sys_props', 'env_props'])
+def test_what_a_failure_changes_is_not_repeated_as_if_it_had_not(owner: str) -> None:
     changes = (
+        ('capabilities:', f'memory: {{{owner}: {{grind: false}}}}\ncapabilities:'),
         ('failure: [grind]}', "failure: ['!grind']}"),  # a cup that was spilled cannot be brewed again
         ("preconditions: ['!press']", "preconditions: ['!press', '!grind']"),
     )
