@@ -183,15 +183,15 @@ class _Keys:
         for use in self._uses:
             for key in use.use.reads:
                 usage = self._of_key.get(key)
-                is_written = usage is not None and (usage.writers or usage.given)
-                if not is_written and key not in self._written and key not in self._given:
+                is_written = (usage is not None and usage.is_written) or key in self._written
+                if not is_written and key not in self._given:
                     yield Finding(UNWRITTEN_KEY, use.path, f'reads the key {key!r}, which nothing on {board} writes')
 
     def unwritten_for_trees(self, board: str) -> Iterator[Finding]:
         """Yield keys that a tree reads and nothing writes."""
         for usage in self._usages.values():
             key = self._names.get(usage.entry)
-            if not usage.readers or usage.writers or usage.given or key in self._written or key in self._given:
+            if not usage.readers or usage.is_written or key in self._written or key in self._given:
                 continue
             place = usage.readers[0]
             message = f'key [{place.use.key}] is read, and neither a state nor a tree on {board} writes it'

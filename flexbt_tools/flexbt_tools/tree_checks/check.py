@@ -18,7 +18,7 @@ from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.values.text import similar_names
 from flexbt_tools.errors import RefusedError
 from flexbt_tools.trees.files import read_library, references, roots, shown_name, sub_trees_first, used_trees
-from flexbt_tools.trees.key_usage import EntryUsage, KeyUsage, LostWrite, NodePlace, lost_writes, uses
+from flexbt_tools.trees.key_usage import EntryUsage, KeyUsage, LostWrite, lost_writes, uses
 
 from .diagnostics import (
     INCOMPLETE,
@@ -109,12 +109,12 @@ def _incomplete(library: TreeLibrary) -> Iterator[Diagnostic]:
 
 def _of_entries(board: _Board, lost: Mapping[Entry, Sequence[LostWrite]]) -> Iterator[Diagnostic]:
     """Yield the findings for the entries of a blackboard."""
-    written = {place.use.key for usage in board.usages for place in usage.writers}
+    written = {place.use.key for usage in board.usages if usage.is_written for place in usage.writers}
     for usage in board.usages:
         name = board.names.get(usage.entry)
-        if usage.readers and not usage.writers and not usage.given and name not in board.given:
+        if usage.readers and not usage.is_written and name not in board.given:
             rule = NEVER_WRITTEN if name is None or board.is_main else UNDECLARED
-            yield _never_written(rule, usage.readers[0], written, name)
+            yield _never_written(rule, usage, written, name)
         if usage.writers and not usage.is_read:
             place = usage.writers[0]
             is_for_others = name in board.given or place.use.key.startswith('@')
@@ -136,7 +136,8 @@ def lost_write(one: LostWrite) -> Diagnostic:
     return Diagnostic(LOST_WRITE, one.writer.error(message))
 
 
-def _never_written(rule: CheckRule, place: NodePlace, written: Collection[str], name: str | None) -> Diagnostic:
+def _never_written(rule: CheckRule, usage: EntryUsage, written: Collection[str], name: str | None) -> Diagnostic:
+    place = usage.readers[0]
     key = place.use.key
     similar = similar_names(key, written)
     if key in written and key.startswith('_'):
@@ -149,7 +150,8 @@ def _never_written(rule: CheckRule, place: NodePlace, written: Collection[str], 
         hint = f'if the tree is given it, declare it as an input_port in a TreeNodesModel, or say --input {name}'
     else:
         hint = 'hand it to the sub-tree'
-    return Diagnostic(rule, place.error(f'key [{key}] is read, and nothing writes it; {hint}'))
+    what = 'a first value to it' if usage.writers else 'it'
+    return Diagnostic(rule, place.error(f'key [{key}] is read, and nothing writes {what}; {hint}'))
 
 
 def _clashes(usage: EntryUsage) -> Iterator[Diagnostic]:

@@ -87,23 +87,38 @@ def _uses_of_script(attribute: str, script: ParsedScript, enums: Collection[str]
 
 
 def _uses_of_expression(attribute: str, expression: Expression) -> Iterator[KeyUse]:
-    inner: tuple[Expression, ...] = ()
     match expression:
         case Name(_, name):
             yield KeyUse(name, attribute, reads=True)
         case Assignment(_, operator, target, value):
-            yield KeyUse(target, attribute, reads=operator not in (':=', '='), writes=True)
-            inner = (value,)
-        case Unary(_, _, operand):
-            inner = (operand,)
-        case Binary(_, _, left, right):
-            inner = (left, right)
-        case Comparison(_, _, operands):
-            inner = operands
-        case Conditional(_, condition, then, otherwise):
-            inner = (condition, then, otherwise)
-    for part in inner:
+            is_changed = operator not in (':=', '=') or target in _always_read(value)
+            yield KeyUse(target, attribute, reads=is_changed, writes=True)
+    for part in _parts(expression):
         yield from _uses_of_expression(attribute, part)
+
+
+def _parts(expression: Expression) -> tuple[Expression, ...]:
+    match expression:
+        case Assignment(_, _, _, value):
+            return (value,)
+        case Unary(_, _, operand):
+            return (operand,)
+        case Binary(_, _, left, right):
+            return (left, right)
+        case Comparison(_, _, operands):
+            return operands
+        case Conditional(_, condition, then, otherwise):
+            return (condition, then, otherwise)
+    return ()
+
+
+def _always_read(expression: Expression) -> Iterator[str]:
+    """Yield the names that are read whatever a condition gives."""
+    if isinstance(expression, Name):
+        yield expression.name
+    parts = _parts(expression)
+    for part in parts[:1] if isinstance(expression, Conditional) else parts:
+        yield from _always_read(part)
 
 
 # Readers and writers of the blackboard entries of a tree, sub-trees included.
@@ -147,9 +162,14 @@ class EntryUsage:
         self.may_be_read |= place.use.may_read
 
     @property
-    def given(self) -> bool:
-        """True if it has a value from the start, from an attribute of a sub-tree or a model default."""
-        return self.entry.value is not EMPTY
+    def is_written(self) -> bool:
+        """True if it has a value from the start, from an attribute of a sub-tree or a model default, or if something
+        writes it. A script that changes a value, as ``n += 1``, needs one that is there."""
+        return self.entry.value is not EMPTY or not all(_is_changed(place.use) for place in self.writers)
+
+
+def _is_changed(use: KeyUse) -> bool:
+    return use.reads and use.port is None
 
 
 class _Inert(ControlNode):

@@ -210,6 +210,17 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
         ('Main: <Sequence ^_skipIf="never > 1"><ScriptCondition ^code="1 + (-other)"/></Sequence>',),
         ['never-written key [never]', 'never-written key [other]'],
     ),
+    (
+        'scripts that change what is not there',
+        (
+            'Main: <Sequence><Script ^code="a += 1"/><Script ^code="b := 2 * b + 1"/>'
+            '<Script code="c := true ? 1 : c; c += a"/></Sequence>',
+        ),
+        [
+            'never-written key [a] is read, and nothing writes a first value to it; if the tree is given it',
+            'never-written key [b] is read, and nothing writes a first value to it',
+        ],
+    ),
     ('conditions write', ('Main: <Sequence><AlwaysSuccess _onSuccess="a := 1"/><Use int="{a}"/></Sequence>',), []),
     (
         'a script of a sub-tree belongs to the caller',
