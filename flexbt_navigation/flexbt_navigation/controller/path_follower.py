@@ -215,8 +215,8 @@ class FollowerLimits:
 
     With a ``turning_radius`` the robot steers as a car does: no bend is narrower, and nothing is turned on the spot. A
     path that it can drive, as that of the planner for such a robot, is followed closely, backward where its poses head
-    away from where it leads, if the robot ``reverses``; on another path the point that it is directed to is at least
-    the radius away. A goal whose heading it does not have there is not reached.
+    away from where it leads; on another path the point that it is directed to is at least the radius away. A goal whose
+    heading it does not have there is not reached. Only if it ``reverses``, it is ever driven backward.
     """
 
     speed: float = parameter(
@@ -254,7 +254,9 @@ class FollowerLimits:
         100.0,
     )
     reverses: bool = parameter(
-        'allow_reversing', True, 'whether a car-like robot is driven backward where its path leads there'
+        'allow_reversing',
+        True,
+        'whether a car-like robot is driven backward, where its path leads there or to give way',
     )
 
     @property
@@ -649,14 +651,15 @@ class PathFollower(Motion):
 
     def _give_way(self, pose: Pose) -> Velocity:
         """Drive to where the gap to a body in the way grows most, if that leads away from it, or wait."""
-        costmap = self._costmap
+        costmap, limits = self._costmap, self._limits
+        may_reverse = limits.reverses or not limits.turning_radius
         ways = (pose.yaw, pose.yaw + math.pi, *ASIDE)
         places = [drive(pose._replace(yaw=way), PERSONAL_SPACE, 0.0, 1.0)._replace(yaw=pose.yaw) for way in ways]
         free = [place for place in places if not costmap.in_collision(place)]
         for place in sorted(free, key=lambda place: costmap.gap_seen(place, 2.0 * PERSONAL_SPACE), reverse=True):
             velocity = self._led(pose, place, abs(pose.bearing(place.x, place.y)) > math.pi / 2.0)
-            is_free = not self._collides(pose, velocity, self._limits.collision_time)
-            if is_free and self._apart.leaves(costmap, pose, velocity):
+            is_free = not self._collides(pose, velocity, limits.collision_time)
+            if (velocity.linear >= 0.0 or may_reverse) and is_free and self._apart.leaves(costmap, pose, velocity):
                 self._at_goal = False
                 return velocity
         return STOP

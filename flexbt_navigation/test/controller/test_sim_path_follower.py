@@ -591,6 +591,16 @@ def test_a_car_gets_there_with_the_heading_of_the_goal(goal: Pose, reverses: boo
     assert abs(wrap(there.yaw - goal.yaw)) <= limits.yaw_tolerance
 
 
+@pytest.mark.parametrize(('reverses', 'direction'), [(True, -1.0), (False, 0.0)])
+def test_a_car_backs_off_from_who_stands_at_its_bumper_if_it_may_reverse(reverses: bool, direction: float) -> None:
+    seen = FIELD.obstacles.copy()
+    seen[FIELD.cell(3.4, 0.1)] = True
+    costmap = Costmap(FIELD, Inflation.of(MODELS['car'].footprint), seen)
+    motion = PathFollower(line((0.0, 0.0), (20.0, 0.0)), costmap, replace(PARKED, reverses=reverses))
+    velocity = motion.step(Pose(0.0, 0.0, 0.0), 0.0)
+    assert velocity is not None and numpy.sign(velocity.linear) == direction
+
+
 ANYHOW = Steering()
 """Of paths that are planned for a robot that turns on the spot: what other planners may give a car."""
 
