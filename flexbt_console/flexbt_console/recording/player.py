@@ -26,7 +26,7 @@ from flexbt_console.mirror.mirror import Mirror, Transit
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.errors import FlexbtError
 
-from .run_file import DAMAGED, Recorded, read_run
+from .run_file import DAMAGED, Recorded, going_on, read_run
 from .topics import NOT_REPLAYED, TOPICS, check_definition, type_of
 
 MOMENT: Final = 0.02
@@ -64,7 +64,7 @@ class RunPlayer:
 
     def __init__(self, file: Path, most_memory: int = MOST_MEMORY) -> None:
         damaged: list[str] = []
-        messages = read_run(file, lambda: damaged.append(f'the recording {DAMAGED}'))
+        messages = going_on(read_run(file, lambda: damaged.append(f'the recording {DAMAGED}')))
         known = (one for one in messages if one.topic not in NOT_REPLAYED and one.topic in TOPICS)
         self._messages = sorted(_within_memory(file, known, most_memory), key=lambda one: one.time)
         if not self._messages:

@@ -27,7 +27,7 @@ from flexbt_core.values.json_data import finite_number
 from flexbt_core.values.text import one_line
 
 from .player import received
-from .run_file import DAMAGED, read_run, recover_run
+from .run_file import DAMAGED, going_on, read_run, recover_run
 from .topics import NOT_REPLAYED, TOPICS, check_definition
 
 DISCOVERY_SECONDS: Final = 1.0
@@ -93,7 +93,7 @@ def replay(file: Path, *, rate: float = 1.0, namespace: str = '', start: float =
         print(one_line(f'replay: {file}: {DAMAGED}'), file=sys.stderr)
 
     known = TOPICS.keys() - NOT_REPLAYED  # a black box records others, too
-    messages = (one for one in read_run(file, tell_damage) if one.topic in known)
+    messages = (one for one in going_on(read_run(file, tell_damage)) if one.topic in known)
     first = next(messages, None)
     if first is None:
         raise UsageError(f'{file}: has no messages of a run')

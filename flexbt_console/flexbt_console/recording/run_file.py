@@ -36,6 +36,9 @@ MOST_WAITING: Final = 16_000_000
 MOST_RECORD: Final = 64_000_000
 """Maximum bytes of a record, and of the decompressed content of a chunk."""
 
+SET_BACK: Final = 10 * 10**9
+"""Time by which a message is earlier than one before it in the file, if the clock was set back in between, ns."""
+
 _MAGIC: Final = b'\x89MCAP0\r\n'
 
 RECORDING: Final = 'recording.mcap'
@@ -224,6 +227,19 @@ def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iter
             yield from _messages(_sound(_unpacked(stream), at_damage))
     except OSError as error:
         raise UsageError(f'{file}: cannot be read: {error.strerror or error}') from error
+
+
+def going_on(messages: Iterable[Recorded]) -> Iterator[Recorded]:
+    """Yield messages with times that go on where the clock of the recorder was set back, also within a recording.
+
+    Of a busy recorder, a message may be in the file some seconds behind later ones.
+    """
+    latest = ahead = 0
+    for one in messages:
+        if one.time + ahead < latest - SET_BACK:
+            ahead = latest - one.time
+        latest = max(latest, one.time + ahead)
+        yield replace(one, time=one.time + ahead) if ahead else one
 
 
 def _messages(records: Iterator[object]) -> Iterator[Recorded]:

@@ -186,6 +186,23 @@ def test_what_is_searched_for_is_found_in_any_case_of_its_letters(tmp_path: Path
     assert player.time == pytest.approx(1.0, abs=0.1)
 
 
+def test_what_was_recorded_after_the_clock_was_set_back_comes_later(tmp_path: Path) -> None:
+    second, hour = 10**9, 3600 * 10**9
+    times = [hour, hour + second, hour - second, hour + 2 * second, 0, second, 3 * second, 2 * second]
+    log = [
+        (time, names.EXECUTIVE_LOG, ExecutiveLog(executive_id='e', sequence=number, text=f'said {number}'))
+        for number, time in enumerate(times)
+    ]
+    write_recording(tmp_path / 'run.mcap', log)
+    player = RunPlayer(tmp_path / 'run.mcap')
+    assert player.duration == 6.0  # what came late is in its place, and after the clock was set back it goes on
+    said = []
+    for time in range(7):
+        player.go_to(float(time))
+        said.append([line.sequence for line in player.mirror.log()])
+    assert said == [[2], [0, 2], [0, 1, 2], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 5], [0, 1, 2, 3, 4, 5, 7], [*range(8)]]
+
+
 def test_in_memory_messages_are_as_large_as_in_the_file(tmp_path: Path) -> None:
     """The definition of a type is some kilobytes, more than most of its messages."""
     lines = [(number, names.EXECUTIVE_LOG, ExecutiveLog(sequence=number, text='drives')) for number in range(1000)]
