@@ -146,6 +146,11 @@ def _bind(line: CommandLine, view: View, bound: Bound) -> CommandLine:
     decision = bound.decision(view)
     if answers.also_alone and decision.kind not in answers.kinds:
         return line  # meant for the state that asks: checked against the state itself
+    name = line.spec.name
+    if name in decision.choices and name != decision.outcome and not (line.words or line.options):
+        raise RefusedError(
+            f'{name!r} is an answer, and a command; write: {_verb(decision)} {name}, or {name} {decision.id}'
+        )
     return line.bound_to(decision.id)
 
 
@@ -157,8 +162,8 @@ def _answer(text: str, view: View, builder: CommandBuilder, decision: Decision) 
         is_number = len(text) < 6 and not text.startswith('0')
         counted = choices[int(text) - 1] if is_number and int(text) <= len(choices) else None
         if text in choices and counted not in (None, text):
-            verb = 'input' if decision.kind is DecisionKind.INPUT else 'force'
-            raise RefusedError(f'{text} is an answer, and the number of {short_repr(counted)}; write: {verb} {text}')
+            told = f'{text} is an answer, and the number of {short_repr(counted)}'
+            raise RefusedError(f'{told}; write: {_verb(decision)} {text}')
         if text not in choices and counted is None:
             raise RefusedError(f'{short_repr(text)} is not one of the choices 1 to {len(choices)}')
         chosen = text if counted is None else counted
@@ -166,6 +171,11 @@ def _answer(text: str, view: View, builder: CommandBuilder, decision: Decision) 
         # Any mistyped command would be a valid answer.
         raise RefusedError(f'{text!r} is not a command; to answer with text, use: input "..."')
     return choose(chosen, view, builder, decision)
+
+
+def _verb(decision: Decision) -> str:
+    """Return the command by which a decision is answered with any of its choices."""
+    return 'input' if decision.kind is DecisionKind.INPUT else 'force'
 
 
 def choose(chosen: str, view: View, builder: CommandBuilder, decision: Decision, *, unseen: bool = False) -> Meaning:

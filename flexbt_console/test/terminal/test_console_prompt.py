@@ -116,6 +116,21 @@ def test_a_number_picks_a_choice_and_asks_where_it_is_another_one_itself() -> No
             command(none, view(NUMBERS), 'i3')
 
 
+def test_a_name_that_is_a_command_and_another_answer_is_refused() -> None:
+    choice = Decision('c1', DecisionKind.CHOICE, '/Ask', 'reject', ('confirm', 'reject'))
+    request = Decision('i4', DecisionKind.INPUT, '/Ask', input_type='string', input_choices=('accept', 'decline'))
+    for decision, name, verb in ((choice, 'confirm', 'force'), (request, 'decline', 'input')):
+        known, told = view(decision), f"'{name}' is an answer, and a command; write: {verb} {name}, or {name} "
+        with pytest.raises(RefusedError, match=f'{told}{decision.id}$'):
+            command(name, known, decision.id)
+        answers = (f'{verb} {name}', f'{name} {decision.id}', f'{decision.choices.index(name) + 1}')
+        force, alone, number = (command(text, known, decision.id) for text in answers)
+        assert (force.kind, force.outcome, force.inputs) == (number.kind, number.outcome, number.inputs)
+        assert alone.kind.name.lower() == name and alone.decision_id == decision.id
+    wanted = dataclasses.replace(choice, outcome='confirm')
+    assert command('confirm', view(wanted), 'c1').kind is CommandKind.CONFIRM
+
+
 def test_a_mistyped_command_is_not_the_answer_to_a_request_for_text() -> None:
     with pytest.raises(RefusedError, match='input'):
         command('stpo', view(TEXT), 'i2')
