@@ -49,7 +49,7 @@ class CommandState(Enum):
 class TrackedCommand:
     """A command and its result; ``label`` is what the operator calls it, times are in seconds on the tracker's clock.
 
-    ``confirmed_by`` says who has applied it.
+    ``confirmed_by`` says who has applied it, ``run_id`` is the run that the status with the answer shows.
     """
 
     command: OperatorCommand
@@ -63,6 +63,7 @@ class TrackedCommand:
     is_passed_over: bool = False
     confirmed_by: Confirmation | None = None
     settled: float | None = None
+    run_id: str = ''
 
     @property
     def duration(self) -> float | None:
@@ -174,7 +175,8 @@ class CommandTracker:
             if tracked.state not in (CommandState.PENDING, CommandState.TIMEOUT) and not is_by_guard:
                 continue
             if answer.code is ResultCode.APPLIED:
-                settled.append(self._settle(tracked, CommandState.APPLIED, '', now, Confirmation.EXECUTIVE))
+                applied = replace(tracked, run_id=snapshot.run_id)
+                settled.append(self._settle(applied, CommandState.APPLIED, '', now, Confirmation.EXECUTIVE))
             elif is_by_guard:
                 continue  # the robot stands still anyway
             elif answer.code is ResultCode.REFUSED:

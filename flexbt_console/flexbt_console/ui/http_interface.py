@@ -138,7 +138,7 @@ class _Performance(LineMode):
             executive = snapshot.executive_id if snapshot and known.command.executive_id else ''
             again = replace(known.command, executive_id=executive)
             self._station.link.send(again, self._station.timeout, known.label)
-        return self._wait_for_answer(known.command, '')
+        return self._wait_for_answer(known.command)
 
     def tell(self, value: Any, text: list[str], prefix: str = '') -> None:
         """Keep the last answer."""
@@ -195,7 +195,10 @@ def line_of(spec: CommandSpec, given: Mapping[str, Any]) -> CommandLine:
             options += [option.name] * bool(value)
         elif value is not None:
             options += [word for text in _texts(value, option.repeated, option.name) for word in (option.name, text)]
-    return parse([*spec.name.split(), *options, '--', *words])
+    line = parse([*spec.name.split(), *options, '--', *words])
+    if line.ros_arguments:
+        raise UsageError(f'{line.ros_arguments[0]!r} is for the command line, and no value')
+    return line
 
 
 def _texts(value: Any, is_repeated: bool, name: str) -> list[str]:

@@ -31,7 +31,14 @@ from flexbt_console.errors import ExitCode, UsageError
 from flexbt_console.link.robot_link import RobotLink
 from flexbt_console.mirror.command_tracker import CommandState, TrackedCommand
 from flexbt_console.mirror.mirror import Mirror, Transit
-from flexbt_console.mirror.records import CommandKind, CommandResult, ExecutiveSnapshot, OperatorCommand, ResultCode
+from flexbt_console.mirror.records import (
+    CommandKind,
+    CommandResult,
+    ExecutiveSnapshot,
+    ExecutiveState,
+    OperatorCommand,
+    ResultCode,
+)
 from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import encode_json
 from flexbt_console.ui import http_interface
@@ -79,6 +86,40 @@ def test_what_waits_for_a_live_link_is_not_sent_after_a_stop() -> None:
     code, answer = perform(parse(['autonomy', 'high']), station, link)
     assert (code, mirror.due_commands(True)) == (ExitCode.REFUSED, [STOP]), answer
     assert 'a STOP was given while this waited' in answer['reason']
+
+
+def test_a_start_that_is_repeated_waits_for_the_run_that_it_has_started() -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+
+    def show(number: int, **parts: Any) -> None:
+        mirror.receive_snapshot(ExecutiveSnapshot('e', number, **parts), Transit(0.0, 0.0))
+
+    class Link(RobotLink):
+        def live_view(self, timeout: float) -> View:
+            return mirror.view()
+
+        def wait_for(self, inspect: Any, timeout: float, every: float | None = None) -> Any:
+            return inspect(mirror.view())  # it waits no longer
+
+        def send(self, command: OperatorCommand, timeout: float, label: str) -> None:
+            mirror.give(command, timeout, label)
+            applied = (CommandResult(command.id, ResultCode.APPLIED),)
+            show(2, state=ExecutiveState.RUNNING, run_id='r1', results=applied)
+
+        def settled(self, command_id: str, timeout: float) -> TrackedCommand | None:
+            return mirror.command(command_id)
+
+    show(1, run_id='r0', outcome='done')
+    station = Station(mirror, Link(), CommandBuilder('ann'), 5.0, Attention(clock), '')
+    start = partial(perform, parse(['start', 'Drive', '--unseen', '--wait', '--wait-timeout', '1']), station, Link())
+    assert start('c1')[0] is ExitCode.TIMEOUT
+    show(3, run_id='r1', outcome='failed')
+    code, answer = start('c1')
+    assert (code, answer['outcome']) == (ExitCode.OK, 'failed')
+    show(4, run_id='r2', outcome='done')  # of another operator
+    code, answer = start('c1')
+    assert code is ExitCode.REFUSED and 'another run was started meanwhile' in answer['reason']
 
 
 class ProgramRobot(WebRobot):
@@ -336,6 +377,7 @@ def test_what_is_refused_and_why(site: Site) -> None:
         (f'/robots/{ROBOT}/commands/start', b'[' * 100_000, 400, 'the body is not JSON'),
         (f'/robots/{ROBOT}/commands/start', [1], 400, 'the body has to be an object'),
         (f'/robots/{ROBOT}/commands/note', {'text': '--help'}, 503, ''),
+        (f'/robots/{ROBOT}/commands/note', {'text': ['a', '--ros-args', 'b']}, 400, "'--ros-args' is for the command"),
         (f'/robots/{ROBOT}/commands/start', b' ' * (BODY_BYTES + 10), 413, ''),
     ):
         code, answer = maintainer.ask('POST', path, body)

@@ -68,11 +68,10 @@ class LineMode:
         if isinstance(self._spec.action, Mode):
             return self._watch(self._line.seconds('--timeout'))
         view, is_heard = self._seen()
-        run_before = view.snapshot.run_id if view.snapshot else ''
         meaning = self.identified(meaning_of(self._line, view, self._station.builder, self._spec.name))
         done = self._station.carry_out(meaning, view)
         if isinstance(done, OperatorCommand):
-            return self._wait_for_answer(done, run_before)
+            return self._wait_for_answer(done)
         if isinstance(done, RobotRequest):
             done = done.ask(self._link, print_progress)
         assert done is not None
@@ -126,7 +125,7 @@ class LineMode:
         """Tell the user, during a ``with`` block that takes long, what is waited for."""
         return report_wait(self._clock, what, self._station.timeout)
 
-    def _wait_for_answer(self, command: OperatorCommand, run_before: str) -> ExitCode:
+    def _wait_for_answer(self, command: OperatorCommand) -> ExitCode:
         name, timeout = self._spec.name, self._station.timeout
         guard = ' or the stop guard' if command.kind is CommandKind.STOP else ''
         with self.waiting_for(lambda: f'the answer of the executive{guard}'):
@@ -137,19 +136,18 @@ class LineMode:
         if exit_code is ExitCode.TIMEOUT and self._mirror.view().link is LinkState.LOST:
             exit_code = ExitCode.NO_LINK
         if exit_code is ExitCode.OK and self._line.has('--wait'):
-            return self._wait_for_end(tracked, run_before)
+            return self._wait_for_end(tracked)
         self.tell(result_json(name, tracked, exit_code), command_result_lines(tracked))
         return exit_code
 
-    def _wait_for_end(self, tracked: TrackedCommand, run_before: str) -> ExitCode:
+    def _wait_for_end(self, tracked: TrackedCommand) -> ExitCode:
         if not self._as_json:
             self.tell(None, command_result_lines(tracked))
-        starting = self._spec.name == 'start'
         answer = self._mirror.view().snapshot
         if answer is None:
             raise NoLinkError('there is no executive whose run could be waited for')
         executive_id = tracked.command.executive_id or answer.executive_id  # a STOP names none
-        run: list[str] = [] if starting else [answer.run_id]
+        run_id = tracked.run_id or answer.run_id  # the stop guard shows none
         lost: list[float] = []  # since when: not by its age, as this computer or process may have stood still
 
         def end_of_run(view: View) -> ExecutiveSnapshot | None:
@@ -160,13 +158,10 @@ class LineMode:
             if snapshot is None:
                 return None
             if snapshot.executive_id != executive_id:
-                is_kept = snapshot.state is ExecutiveState.INTERRUPTED and snapshot.run_id in run
+                is_kept = snapshot.state is ExecutiveState.INTERRUPTED and snapshot.run_id == run_id
                 what = 'interrupted; "resume" continues it' if is_kept else 'gone'
                 raise RefusedError(f'the executive was restarted; the run is {what}')
-            if starting and snapshot.run_id == run_before:
-                return None
-            run[:] = run or [snapshot.run_id]
-            if snapshot.run_id != run[0]:
+            if snapshot.run_id != run_id:
                 raise RefusedError('another run was started meanwhile; how this one ended was not seen')
             return snapshot if snapshot.state is ExecutiveState.IDLE else None
 
@@ -174,7 +169,7 @@ class LineMode:
         if ended is None:
             raise NoAnswerError('the run did not end within --wait-timeout; it continues')
         by_itself = ended.outcome not in ('', 'preempted', 'error')
-        exit_code = ExitCode.OK if by_itself or not starting else ExitCode.REFUSED
+        exit_code = ExitCode.OK if by_itself or self._spec.name != 'start' else ExitCode.REFUSED
         result = result_json(self._spec.name, tracked, exit_code, outcome=ended.outcome, message=ended.message)
         self.tell(result, [behavior_line(self._mirror.view())])
         return exit_code
