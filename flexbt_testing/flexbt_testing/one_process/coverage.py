@@ -15,21 +15,19 @@ class Coverage:
     """What was taken, of all that the behaviors and trees have that were run."""
 
     def __init__(self) -> None:
-        self._behaviors: dict[str, dict[tuple[str, str], bool]] = {}
+        self._behaviors: dict[str, dict[tuple[str, str], None]] = {}
+        self._taken: set[tuple[str, str, str]] = set()
         self._trees: dict[str, dict[str, set[int]]] = {}
         self._leaves: set[tuple[str, str]] = set()
 
     def add_behavior(self, structure: Any) -> None:
         """Add the states of a behavior (BehaviorStructure)."""
-        taken = self._behaviors.setdefault(structure.behavior, {})
-        for state in structure.states:
-            for outcome in state.outcomes:
-                taken.setdefault((state.path, outcome), False)
+        known = self._behaviors.setdefault(structure.behavior, {})
+        known |= dict.fromkeys((state.path, outcome) for state in structure.states for outcome in state.outcomes)
 
     def add_transition(self, behavior: str, path: str, outcome: str) -> None:
-        """Note that a state was left by an outcome; '' if it was only entered again."""
-        if outcome:
-            self._behaviors.setdefault(behavior, {})[path, outcome] = True
+        """Note that a state was left by an outcome; one that it does not have, as of a stop, does not count."""
+        self._taken.add((behavior, path, outcome))
 
     def add_tree(self, structure: Any) -> None:
         """Add the nodes of a tree (TreeStructure)."""
@@ -45,11 +43,13 @@ class Coverage:
 
     def lines(self) -> Iterator[str]:
         """Yield the report: a line for each behavior and tree, with what was never taken."""
-        for behavior, taken in sorted(self._behaviors.items()):
+        for behavior, known in sorted(self._behaviors.items()):
             for what, is_of_root in (('transitions', False), ('outcomes', True)):
-                those = {key: is_taken for key, is_taken in taken.items() if (key[0] == '/') is is_of_root}
+                those = [key for key in known if (key[0] == '/') is is_of_root]
                 missed = [
-                    outcome if is_of_root else f'{path} {outcome}' for (path, outcome), it in those.items() if not it
+                    outcome if is_of_root else f'{path} {outcome}'
+                    for path, outcome in those
+                    if (behavior, path, outcome) not in self._taken
                 ]
                 yield _line(f'behavior {behavior}: {what}', len(those), missed)
         for tree, seen in sorted(self._trees.items()):

@@ -43,11 +43,13 @@ from flexbt_console.mirror.command_tracker import CommandState  # noqa: E402
 from flexbt_console.mirror.mirror import Change, Mirror  # noqa: E402
 from flexbt_console.mirror.records import AutonomyLevel, CommandKind, Decision, ExecutiveState  # noqa: E402
 from flexbt_console.mirror.view import View  # noqa: E402
+from flexbt_core.state_machine.model.definition import ROOT_PATH  # noqa: E402
 from flexbt_core.values.text import did_you_mean, one_line  # noqa: E402
 from flexbt_msgs.action import BtGetData, BtLoad  # noqa: E402
 from flexbt_msgs.msg import BehaviorStructure, TreeStatus, TreeStructure  # noqa: E402
 from flexbt_msgs.srv import SetFault  # noqa: E402
 from flexbt_onboard.behaviors import behavior_library  # noqa: E402
+from flexbt_onboard.behaviors.behavior import ParameterValue, parameter_text  # noqa: E402
 from flexbt_onboard.link.event_stream import EventStream  # noqa: E402
 from flexbt_onboard.node import executive  # noqa: E402
 from flexbt_sim.messages import pose_of  # noqa: E402
@@ -93,7 +95,7 @@ class Condition:
     def __bool__(self) -> bool:
         return self._holds(self._mission.view)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return self._what + self._hint()
 
 
@@ -246,20 +248,21 @@ class Mission:
 
     # -- the operator
 
-    def start(self, behavior: str, autonomy: str = 'High', **arguments: str) -> None:
-        """Start a behavior at a level of autonomy: Off, Low, High or Full."""
+    def start(self, behavior: str, autonomy: str = 'High', **arguments: ParameterValue) -> None:
+        """Start a behavior at a level of autonomy: Off, Low, High or Full. Arguments are values, or text."""
         levels = {one.name.title(): one for one in AutonomyLevel}
         assert autonomy.title() in levels, f'there is no level {autonomy!r}; there are {", ".join(levels)}'
         self.tell(f'operator: starts {behavior!r} at autonomy {autonomy}')
         before = self._run_id
-        self._give(self._make.start(self.view, behavior, list(arguments.items()), levels[autonomy.title()]))
+        given = [(name, parameter_text(value)) for name, value in arguments.items()]
+        self._give(self._make.start(self.view, behavior, given, levels[autonomy.title()]))
         self.run_until(lambda view: view.running or self._run_id != before, what=f'the start of {behavior}')
 
-    def answer(self, state: str, answer: str) -> None:
-        """Answer the question of a state, once it asks: with a place, an outcome, or a value as text."""
+    def answer(self, state: str, answer: ParameterValue) -> None:
+        """Answer the question of a state, once it asks: with a place, an outcome, or a value, also as text."""
         with self._asked(state) as decision:
             self.tell(f'operator: answers {state} with {answer}')
-            self._give(self._make.answer(self.view, decision.id, answer))
+            self._give(self._make.answer(self.view, decision.id, parameter_text(answer)))
 
     def decline(self, state: str) -> None:
         """Decline the question of a state, once it asks."""
@@ -368,13 +371,22 @@ class Mission:
             f'link {view.link.value}; {self.robot!r}; states: {self.states}'
         )
 
-    def is_ready(self, nodes: set[str]) -> bool:
-        """Return whether the robot is there, with these nodes."""
-        view = self.view
-        peers = view.snapshot.peers if view.snapshot else ()
-        ready = {peer.name.rpartition('/')[2] for peer in peers if peer.alive and peer.ready}
-        is_known = view.behaviors is not None and view.has_places and self.robot.pose is not None
-        return view.live and nodes <= ready and is_known
+    def ready(self, nodes: set[str]) -> Condition:
+        """Return the condition that the robot is there, with these nodes."""
+
+        def missing(view: View) -> list[str]:
+            if view.snapshot is None or not view.live:
+                return ['the executive']
+            there = {peer.name.rpartition('/')[2] for peer in view.snapshot.peers if peer.alive and peer.ready}
+            parts = {node: node in there for node in sorted(nodes)}
+            parts |= {'behaviors': view.behaviors is not None, 'places': view.has_places}
+            parts['the pose of the robot'] = self.robot.pose is not None
+            return [what for what, is_there in parts.items() if not is_there]
+
+        def hint() -> str:
+            return ''.join(f' (missing: {", ".join(those)})' for those in [missing(self.view)] if those)
+
+        return Condition(self, lambda view: not missing(view), f'{self.label}a robot that is ready', hint)
 
     def _on_change(self, change: Change) -> None:
         if change is not Change.STATUS:
@@ -526,7 +538,7 @@ class World(Mission):
         for name, mission in self.robots.items():
             own = {one.executable for one in self.programs.values() if one.namespace == name}
             here = {'navigation' if node in ('simulation', 'abstract_robot') else node for node in own & _NODES}
-            mission.run_until(lambda _view: mission.is_ready(here), READY_SECONDS)  # noqa: B023
+            mission.run_until(mission.ready(here), READY_SECONDS)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -844,6 +856,8 @@ class _ToldEvents(EventStream):
         mission.add_event(event, fields)
         if event == 'left':
             mission.add_transition(self._behavior, *(str(fields.get(key, '')) for key in ('path', 'outcome', 'reason')))
+        elif event == 'ended':
+            COVERAGE.add_transition(fields['behavior'], ROOT_PATH, fields['outcome'])
 
 
 setattr(executive, 'EventStream', _ToldEvents)  # noqa: B010 - a name that it has imported

@@ -33,6 +33,7 @@ from flexbt_console.errors import ConsoleError
 from flexbt_core.errors import FlexbtError
 from flexbt_msgs.srv import SetFault
 from flexbt_testing.one_process.boundary import BOUNDARY, OutsideWorldError
+from flexbt_testing.one_process.coverage import Coverage
 from flexbt_testing.one_process.graph import DOMAIN
 from flexbt_testing.one_process.programs import Program, named_programs
 from flexbt_testing.one_process.scheduler import COLLECTION, SCHEDULER, Process, StuckWorldError
@@ -59,6 +60,7 @@ def test_the_robot_gets_to_the_kitchen(world: World) -> None:
     world.decline('/AskGoal')
     world.run_until(lambda _view: world.ended())
     assert world.ended('finished')(world.view) and not world.ended('failed')(world.view)
+    assert repr(world.ended('failed')) == 'the end of the run by failed'
     assert world.outcome == 'finished'
 
 
@@ -202,6 +204,28 @@ def test_a_question_is_open_until_an_answer_is_accepted(world: World) -> None:
         assert str(told.value).startswith(problem)
 
 
+def test_the_coverage_has_the_outcomes_by_which_behaviors_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    coverage = Coverage()
+    monkeypatch.setattr('flexbt_testing.one_process.world.COVERAGE', coverage)
+    with World(0, named_programs('', tmp_path, tmp_path, motion='abstract')) as world:
+        world.start('Navigate')
+        world.stop()
+        world.run_until(world.ended('preempted'))
+        assert 'behavior Navigate: outcomes 0 of 2; never finished, failed' in coverage.lines()
+        world.start('Navigate')
+        world.decline('/AskGoal')
+        world.run_until(world.ended('finished'))
+        assert 'behavior Navigate: outcomes 1 of 2; never failed' in coverage.lines()
+
+
+@pytest.mark.world(motion='abstract')
+def test_an_argument_may_be_a_value(world: World) -> None:
+    world.start('Inspection', duration=3.0)
+    assert world.view.running
+
+
 @pytest.mark.world(motion='abstract')
 def test_what_happens_at_a_time_may_fail_the_test(world: World) -> None:
     world.at(world.now + 1.0, lambda: world.kill('nobody'))
@@ -213,7 +237,7 @@ def test_what_happens_at_a_time_may_fail_the_test(world: World) -> None:
 def test_a_world_that_does_not_get_ready_leaves_nothing_behind() -> None:
     before = dict(os.environ)
     world = World(0, [Program('', 'onboard_executive', main=lambda: time.sleep(1e6))])
-    with pytest.raises(AssertionError, match='not within 180 s'), world:
+    with pytest.raises(AssertionError, match=r'is ready \(missing: the executive\): not within 180 s'), world:
         pass
     assert os.environ == before
     assert not world.home.exists()
