@@ -72,7 +72,7 @@ class TrackedCommand:
 
 
 class CommandTracker:
-    """The commands of this operator, the latest ``remembered`` of them. Not thread-safe by itself."""
+    """The commands of this operator: the latest ``remembered`` of them, and all that wait. Not thread-safe by itself."""
 
     def __init__(self, remembered: int = 200) -> None:
         self._remembered = remembered
@@ -94,8 +94,10 @@ class CommandTracker:
         label = label or command.kind.name.lower()
         tracked = TrackedCommand(command, label, now, now + timeout, next_send=now)
         self._commands[command.id] = tracked
-        while len(self._commands) > self._remembered:
-            self._commands.popitem(last=False)
+        waiting = {one.command.id for one in self._sent()}
+        for known in list(self._commands)[: -self._remembered]:
+            if known not in waiting:
+                del self._commands[known]
         if command.kind is not CommandKind.STOP and command.stops is not None and command.stops < self.stops:
             reason = 'a STOP was given while this waited; nothing was sent'
             return self._settle(tracked, CommandState.REFUSED, reason, now)

@@ -147,6 +147,17 @@ def test_a_command_that_waits_for_hours_is_sent_all_the_time() -> None:
         clock.advance(LONGEST_RESEND)
 
 
+def test_a_stop_that_waits_is_not_forgotten_however_many_commands_follow() -> None:
+    clock, mirror = linked()
+    mirror.give(command('stop'), 60.0)
+    for number in range(1000):
+        mirror.give(command(f'n{number}', CommandKind.NOTE), 1.0)
+    clock.advance(2.0)
+    assert [one.id for one in mirror.due_commands(True)] == ['stop']
+    mirror.give(command('last', CommandKind.NOTE), 1.0)
+    assert mirror.command('n0') is None and state(mirror, 'n999') is CommandState.TIMEOUT
+
+
 def test_nothing_is_sent_to_nobody() -> None:
     clock, mirror = linked()
     mirror.give(command('a', CommandKind.PAUSE), 1.0)
