@@ -72,7 +72,7 @@ class TrackedCommand:
 
 
 class CommandTracker:
-    """The commands of this operator: the latest ``remembered`` of them, and all that wait. Not thread-safe by itself."""
+    """The commands of this operator: the latest ``remembered``, and all that wait. Not thread-safe by itself."""
 
     def __init__(self, remembered: int = 200) -> None:
         self._remembered = remembered
