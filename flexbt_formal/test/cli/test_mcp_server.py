@@ -337,6 +337,21 @@ def test_an_answer_that_is_too_long_is_refused(tmp_path: Path) -> None:
     run(test())
 
 
+def test_the_way_to_what_is_wrong_is_told_also_if_it_is_long(tmp_path: Path) -> None:
+    """The steps of it, which a page plays and no model reads, do not count."""
+    waits = ''.join(f'<Wait name="{"w" * 250}_{number}" wait_duration="1"/>' for number in range(60))
+    (tmp_path / 'long.xml').write_text(
+        document(f'Main: <Sequence>{waits}<Wait name="last" wait_duration="1"/></Sequence>')
+    )
+
+    async def test() -> None:
+        async with serving(tmp_path) as server:
+            proved = await server.call('prove_tree', files=['long.xml'], require=['never last'])
+            assert len(proved['proofs'][0]['wrong'][0]['way']) > 100 and 'left_out' not in proved
+
+    run(test())
+
+
 def test_no_process_survives_the_server(tmp_path: Path) -> None:
     (tmp_path / 'deliver.xml').write_text(DELIVER)
 

@@ -360,7 +360,7 @@ class MissionTools:
     # Running the commands.
 
     async def _prove(self, tool: str, words: Sequence[str], what: Sequence[str]) -> Answer:
-        answer = await self._answer(
+        answer = await self._found(
             tool, ['prove', '--json', '--anew', '--quiet', f'--seconds={self._inner()}', *words, *what]
         )
         shown = ('name', 'bounds', 'complete', 'stopped_by', 'configurations', 'wrong', 'notes', 'ends', 'never')
@@ -370,12 +370,15 @@ class MissionTools:
         return _fitting(answer)
 
     async def _answer(self, tool: str, words: Sequence[str]) -> Answer:
+        return _fitting(await self._found(tool, words))
+
+    async def _found(self, tool: str, words: Sequence[str]) -> Answer:
         code, out, err = await self._run(tool, words)
         try:
             found = json.loads(out)
         except ValueError:
             raise RefusedCall(_text(err) or f'{tool} {words[0]} ended with {code} and printed no answer') from None
-        return _fitting({'verdict': _verdict(code), **found, 'notes': _text(err)})
+        return {'verdict': _verdict(code), **found, 'notes': _text(err)}
 
     async def _text(self, tool: str, words: Sequence[str]) -> str:
         code, out, err = await self._run(tool, words)
