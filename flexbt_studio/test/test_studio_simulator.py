@@ -187,7 +187,8 @@ def test_open_files_run_in_a_world_of_the_project_and_faults_happen(
         assert 'Go has ended: SUCCESS' in (await page.event('note'))['message']
         with pytest.raises(Refused, match='the simulator refuses'):
             await page.ask('simulator_what_if', fault='no_such_fault', entity='', parameters={}, clear=False)
-        await page.ask('simulator_what_if', fault='door_jammed', entity='gate', parameters={}, clear=False)
+        shut = {'where': 'closed'}
+        await page.ask('simulator_what_if', fault='door_jammed', entity='gate', parameters=shut, clear=False)
         await page.ask('simulator_run', file='go.xml', tree='Go', goal='1 2 0')
         assert 'FAILURE' in (await page.event('note'))['message'], 'the way back is shut'
 

@@ -64,7 +64,7 @@ class DoorServices:
         with self._simulator.lock:
             door = self._simulator.world.doors[name]
             door.command(bool(request.data))
-            response.success = not door.is_jammed
+            response.success = door.jammed is None
         response.message = f'{name} is jammed' if not response.success else ''
         return response
 

@@ -37,10 +37,11 @@ class LocalizationLost(FaultModel):
 
 @dataclass(frozen=True)
 class DoorJammed(FaultModel):
-    """The door ignores commands and stays where it is."""
+    """The door ignores commands and stays where it is, or closes or opens first."""
 
     name: ClassVar[str] = 'door_jammed'
     entities: ClassVar[tuple[str, ...]] = ('door',)
+    where: str = key('where it stays', 'anywhere', choices=('anywhere', 'closed', 'open'))
 
 
 SENSORS: Final = tuple(one for one in DEVICES if issubclass(one, Sensor))

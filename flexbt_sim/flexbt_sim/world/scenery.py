@@ -112,6 +112,8 @@ class Door(Body):
     """A sliding door. ``opening`` is 0 when it is closed and 1 when it is open.
 
     ``wants_open`` is the last command, or, for an automatic door, what it has detected as needed.
+    ``jammed`` is None, or where it stays while it is jammed: ``anywhere``, or ``closed`` or ``open``, to where it goes
+    first.
     """
 
     def __init__(self, name: str, model: DoorModel) -> None:
@@ -120,7 +122,7 @@ class Door(Body):
         super().__init__(name, self._leaf(float(model.open)), Pose(x, y, math.atan2(to_y - y, to_x - x)))
         self.radius = math.hypot(model.length + EDGE, model.thickness / 2.0)
         self.top_speed = model.length / model.opening_time
-        self.is_jammed = False
+        self.jammed: str | None = None
         self._start_model = model
         self.reset()
 
@@ -138,7 +140,7 @@ class Door(Body):
 
     def command(self, open_it: bool) -> None:
         """Command it to open or to close. An automatic door closes again by itself; a jammed one ignores it."""
-        if not self.is_jammed:
+        if self.jammed is None:
             self.wants_open, self._is_commanded = open_it, True
 
     def tick(self, surroundings: WorldView, duration: float) -> None:
@@ -153,10 +155,12 @@ class Door(Body):
                 self.wants_open = True
             elif surroundings.time - self._nobody_since >= model.hold:
                 self.wants_open = False
+        if self.jammed is not None:
+            self.wants_open = {'closed': False, 'open': True}.get(self.jammed, self.wants_open)
         before = self.opening
         step = duration / model.opening_time
         after = min(1.0, before + step) if self.wants_open else max(0.0, before - step)
-        if after == before or self.is_jammed:
+        if after == before or self.jammed == 'anywhere':
             return
         self._set(after)
         if after < before and surroundings.gap_to_bodies(self, self.pose) < -ROUNDING:

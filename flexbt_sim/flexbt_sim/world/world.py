@@ -18,7 +18,7 @@ from flexbt_core.values.text import did_you_mean
 from flexbt_sim.errors import SimulationError
 from flexbt_sim.world.device import Sensor
 from flexbt_sim.world.devices import Gripper
-from flexbt_sim.world.faults import Fault, check_fault_name, fault_parameters
+from flexbt_sim.world.faults import DoorJammed, Fault, check_fault_name, fault_parameters
 from flexbt_sim.world.models import (
     STEP,
     DoorModel,
@@ -411,8 +411,8 @@ class World:
             self._begun.add(one)
             if isinstance(entity, Robot):
                 entity.begin(one.parameters.slot, one.parameters)
-            elif isinstance(entity, Door):
-                entity.is_jammed = True
+            elif isinstance(entity, Door) and isinstance(one.parameters, DoorJammed):
+                entity.jammed = one.parameters.where
         if one.ends <= now:
             self._end(one)
 
@@ -427,7 +427,7 @@ class World:
             if isinstance(entity, Robot):
                 entity.end(one.parameters.slot)
             elif isinstance(entity, Door):
-                entity.is_jammed = False
+                entity.jammed = None
 
     # -- time --------------------------------------------------------------------------------------------------------
 

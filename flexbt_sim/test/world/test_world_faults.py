@@ -192,6 +192,24 @@ def test_a_jammed_door_stays_as_it_is() -> None:
     assert door.opening == 1.0
 
 
+@pytest.mark.parametrize('automatic', [False, True])
+def test_a_door_goes_where_it_jams_and_stays_there_until_that_ends(automatic: bool) -> None:
+    world = World()
+    door = world.add('gate', DoorModel(from_=(0.0, 0.0), to=(1.0, 0.0), automatic=automatic, open=True))
+    world.add('alpha', RobotModel(), Pose(0.5, 1.0, 0.0))  # near: an automatic door is to be open
+    world.set_fault('gate', 'door_jammed', {'where': 'closed'}, duration=10.0)
+    world.step(5.0)
+    assert door.opening == 0.0
+    door.command(True)
+    world.step(4.0)
+    assert door.opening == 0.0
+    world.step(5.0)
+    assert door.opening == automatic
+    world.set_fault('gate', 'door_jammed', {'where': 'open'})
+    world.step(5.0)
+    assert door.opening == 1.0
+
+
 def test_faults_are_cleared_and_go_with_their_entity() -> None:
     world, robot = alone()
     world.set_fault('alpha', 'stuck_wheel')

@@ -9,7 +9,7 @@ export const SIMULATION = 'simulation';
 const SERVERS = ['follow_path', 'compute_path_to_pose', 'compute_path_through_poses', 'smooth_path', 'spin', 'backup', 'drive_on_heading', 'wait', 'assisted_teleop', 'dock_robot', 'undock_robot', 'compute_route'];
 // What may go wrong: {text, of: what is chosen, level: what is typed, fault(chosen, level): [fault, entity, parameters]}.
 const FAULTS = [
-  {text: 'door is shut and jams', of: ({doors}) => doors, fault: (door) => ['door_jammed', door, {}]},
+  {text: 'door is shut and jams', of: ({doors}) => doors, fault: (door) => ['door_jammed', door, {where: 'closed'}]},
   {text: 'battery drops to a level, %', level: 10, fault: (_, level) => ['battery_low', '', {level: level / 100}]},
   {text: 'server fails', of: () => SERVERS, fault: (server) => ['server_fails', '', {server, error_msg: 'a fault of the simulation'}]},
   {text: 'server hangs', of: () => SERVERS, fault: (server) => ['server_hangs', '', {server}]},

@@ -453,25 +453,14 @@ class Simulation:
         return shlex.quote(found)
 
     async def what_if(self, fault: str, entity: str, parameters: Mapping[str, Any], *, clear: bool = False) -> None:
-        """Let a fault of the simulator begin, or end. A door that jams is shut before. Raises StudioError."""
-        from std_srvs.srv import SetBool
-
+        """Let a fault of the simulator begin, or end. Raises StudioError."""
+        from flexbt_common.calls.service_call import ServiceLinks, service_outcome
         from flexbt_msgs.srv import SetFault
 
         self._there()
-        if fault == 'door_jammed' and not clear:
-            doors = self._state['doors']
-            if entity not in doors:
-                raise StudioError(f'this world has no door {short_repr(entity)}{did_you_mean(entity, doors)}')
-            await self._call(SetBool, f'/simulator/doors/{entity}', SetBool.Request(data=False))
         request = SetFault.Request(entity=entity, fault=fault, parameters=json.dumps(parameters), clear=clear)
-        await self._call(SetFault, '/simulator/set_fault', request)
-
-    async def _call(self, type: Any, name: str, request: Any) -> None:
-        from flexbt_common.calls.service_call import ServiceLinks, service_outcome
-
         assert self._runtime is not None
-        link = await asyncio.to_thread(ServiceLinks(self._runtime).link, type, name)
+        link = await asyncio.to_thread(ServiceLinks(self._runtime).link, SetFault, '/simulator/set_fault')
         outcome = await asyncio.to_thread(service_outcome, link, request, ANSWER_SECONDS)
         if outcome.response is None or not outcome.response.success:
             why = outcome.reason if outcome.response is None else outcome.response.message
