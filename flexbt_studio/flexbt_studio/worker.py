@@ -23,26 +23,31 @@ class Worker:
     def __init__(self, module: str) -> None:
         self._module = module
         self._process: subprocess.Popen[str] | None = None
+        self._is_closed = False
+        self._lock = threading.Lock()
 
     def close(self) -> None:
-        """End the process. From any thread."""
-        process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.communicate()
+        """End the process for good. From any thread, also while another one starts it."""
+        with self._lock:
+            self._is_closed = True
+        self._end()
 
     def start(self) -> None:
         """Start the process, so that the first answer is quick. Raises OSError."""
-        if self._process is None or self._process.poll() is not None:
+        with self._lock:
+            if self._is_closed:
+                raise OSError('the studio ends')
+            if self._process is not None and self._process.poll() is None:
+                return
             call = f'from {self._module} import main; main()'
-            self._process = subprocess.Popen(  # noqa: S603
+            self._process = process = subprocess.Popen(  # noqa: S603
                 [sys.executable, '-P', '-c', call],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
                 start_new_session=True,  # a Ctrl-C in the terminal is for its owner, which ends it
             )
-            _line(self._process, START_SECONDS)
+        _line(process, START_SECONDS)
 
     def ask(self, question: dict[str, Any], seconds: float) -> dict[str, Any]:
         """Return the answer to a question. After this many ``seconds`` the process is ended. Raises OSError."""
@@ -55,8 +60,14 @@ class Worker:
             process.stdin.flush()
             return dict(json.loads(_line(process, seconds)))
         except (OSError, ValueError):
-            self.close()
+            self._end()
             raise
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.communicate()
 
 
 def _line(process: subprocess.Popen[str], seconds: float) -> str:

@@ -26,7 +26,7 @@ def layouts() -> Iterator[Layouts]:
     made.close()
 
 
-def test_ctrl_c_in_the_terminal_is_not_for_the_worker() -> None:
+def test_ctrl_c_in_the_terminal_is_not_for_the_worker_and_what_is_closed_starts_no_more() -> None:
     program = """
 import os, signal
 from flexbt_studio.worker import Worker
@@ -36,10 +36,14 @@ worker.start()
 os.killpg(0, signal.SIGINT)
 print(*worker.ask({'dot': 'digraph {}'}, 60.0))
 worker.close()
+try:
+    worker.start()  # as another thread that was about to
+except OSError as error:
+    print(error)
 """
     command = [sys.executable, '-c', program]
     ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120, start_new_session=True)
-    assert (ran.stdout, ran.stderr) == ('layout\n', '')
+    assert (ran.stdout, ran.stderr) == ('layout\nthe studio ends\n', '')
 
 
 @pytest.mark.parametrize(
