@@ -105,6 +105,13 @@ def test_a_decorator_that_ends_while_its_child_runs_halts_it() -> None:
     assert all(node.status is NodeStatus.IDLE for node in tree.nodes)
 
 
+def test_a_decorator_that_runs_with_its_child_leaves_it_alone() -> None:
+    own = named('Own', simple_decorator(lambda status, node: status))
+    tree, calls = make_steps(f'<Own>{step("RRS")}</Own>', extra=(own,))
+    assert [tree.tick_once() for _ in range(3)] == [RUNNING, RUNNING, SUCCESS]
+    assert calls == ['0R', '0R', '0S']
+
+
 def test_why_a_decorator_of_a_function_failed() -> None:
     for script, path in (('S', 'own'), ('F', 'F_0')):
         tree = make(

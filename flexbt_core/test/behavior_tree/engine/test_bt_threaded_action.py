@@ -108,6 +108,12 @@ def test_a_thread_says_why_it_failed() -> None:
     assert tree.tick_once() is FAILURE
     assert tree.failure is not None
     assert (tree.failure.path, tree.failure.reason) == ('w', 'the door is locked')
+    tree.take_wake()
+    tree.tick_once()
+    leaf.orders.put(FAILURE)
+    woken.wait()
+    assert tree.tick_once() is FAILURE
+    assert tree.failure.reason == 'Worker returned FAILURE', 'the reason was that of the run before'
 
 
 def test_an_exception_in_a_thread_is_raised_by_the_next_tick_and_the_next_run_is_a_new_one() -> None:

@@ -523,6 +523,7 @@ def test_settings_of_what_both_machines_have_stay() -> None:
     bench.lock('/S1/A')
     bench.lock('/S0')
     bench.set_breakpoint('/S1')
+    bench.set_breakpoint('/S1/A')
     bench.set_autonomy(Autonomy.Low, '/S1')
     assert bench.switch(line(Scripted(), nested(Scripted(), 'B'))) is None
     assert (bench.run.locked, bench.run.breakpoints) == (['/S0'], ['/S1'])
