@@ -108,7 +108,7 @@ class BehaviorParameter:
             return self.checked(_CONVERTERS[self.type](text))
         except ValueError as error:
             raise ParameterError(
-                f'parameter {self.name!r}: {text!r} is not a value of type {self.type}: {error}'
+                f'parameter {self.name!r}: {short_repr(text)} is not a value of type {self.type}: {error}'
             ) from None
 
     def checked(self, value: ParameterValue) -> ParameterValue:
@@ -132,7 +132,7 @@ class BehaviorParameter:
             low, high = self.minimum, self.maximum
             if (low is not None and value < low) or (high is not None and value > high):
                 limits = f'{-math.inf if low is None else low:g} to {math.inf if high is None else high:g}'
-                raise ParameterError(f'parameter {self.name!r}: {value:g} is outside of its limits {limits}')
+                raise ParameterError(f'parameter {self.name!r}: {short_repr(value)} is outside of its limits {limits}')
         return value
 
 

@@ -26,11 +26,13 @@ waiting         a decision waits for the operator: ``run``, ``decision``, ``path
 decided         a decision no longer waits, for any reason: ``run``, ``decision``
 switched        the run continues with another behavior: ``run``, ``behavior``, ``arguments``, ``by``
 fault           ``run``, ``path``, ``text``
+violation       a monitor has found one: ``run``, ``property``, ``path`` (of a state or a node of a tree), ``text``
 stopping        a stop of a run was requested: ``run``, ``why``
 ended           a run ended: ``run``, ``behavior``, ``outcome``, ``message``
 command         a command or note of an operator: the fields of ExecutiveCommand that are set (at most 1,000
                 characters of a value), ``effect`` 'applied', 'refused' or 'ignored', ``why``
 queue           the mission queue is held or released, or an entry has ended: ``entry`` (0 for all), ``text``
+synthesis       a synthesis has ended: ``name``, ``goals``, ``operator``, ``outcome``, ``message``, ``seconds``
 authority       ``holder``, ``requests``, ``text``
 operator        ``text``: consoles connected or disconnected, and the reaction of the executive
 lost            ``number`` of events that are missing at this place

@@ -100,6 +100,11 @@ def test_a_value_survives_the_way_through_its_text(value: ParameterValue) -> Non
     assert type(back) is type(value)
 
 
+def test_a_number_larger_than_any_float_is_outside_of_limits() -> None:
+    with pytest.raises(ParameterError, match=r"^parameter 'rounds': 9+\.\.\.9+ is outside of its limits 1 to 5$"):
+        BehaviorParameter('rounds', 1, minimum=1, maximum=5).from_text('9' * 400)
+
+
 def test_set_parameter_takes_an_int_for_a_float_and_nothing_else() -> None:
     patrol = Patrol()
     patrol.set_parameter('speed', 2)
