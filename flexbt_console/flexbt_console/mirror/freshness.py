@@ -56,9 +56,10 @@ class Freshness:
     kept for late subscribers.
 
     Messages are sent one after another. If a transit exceeds the one before by more than the time between the two
-    arrivals, a clock was set in between, and also if it is shorter than all others after a gap, unless it is at most a
-    heartbeat period: then the others have waited. The message counts as having taken as long as the one before, and
-    after a gap longer by all of it: it may have waited. An echo shows if it has not.
+    arrivals, a clock was set in between. So it was if the message had arrived before it was sent, by the echoes; and if
+    its transit is shorter than all others after a gap, unless it is at most a heartbeat period: then the others have
+    waited. The message counts as having taken as long as the one before, and after a gap longer by all of it: it may
+    have waited. An echo shows if it has not.
     """
 
     def __init__(self, lost_after: float = LOST_SECONDS) -> None:
@@ -96,6 +97,7 @@ class Freshness:
         is_young = -SKEW_TOLERANCE <= self._transit <= self._period
         if before is not None and (
             self._transit - before > since + SKEW_TOLERANCE
+            or (self._ahead and self._longest_delay(self._transit) < -SKEW_TOLERANCE)
             or (gap and not is_young and self._transit < min(self._transits, default=-math.inf) - SKEW_TOLERANCE)
         ):
             step = self._transit - before - gap

@@ -239,6 +239,24 @@ def test_a_clock_that_is_set_does_not_make_the_picture_old(step: float, is_echoe
         assert mirror.view().live, sequence
 
 
+@given(step=st.floats(2.0, 5000.0), delay=st.floats(3.0, 50.0))
+def test_a_clock_that_was_set_forward_hides_no_delay_that_comes_later(step: float, delay: float) -> None:
+    clock = ManualClock()
+    mirror = Mirror(clock)
+
+    def receive(sequence: int, sent: float, ahead: float, by: float) -> None:
+        clock.set(sent + by)
+        mirror.receive_snapshot(snapshot('e', sequence), Transit(sent + ahead, clock.now()))
+        if mirror.wants_ping():
+            mirror.receive_pong(ahead + by)
+
+    for sequence in range(1, 60):
+        by = min(delay, max(0.0, 0.5 * (sequence - 20)))  # the link gets slower and slower
+        receive(sequence, float(sequence), step * (sequence > 10), by)
+        assert mirror.view().live or by >= 1.0, sequence
+        assert not mirror.view().live or by <= 2.5, sequence
+
+
 @pytest.mark.parametrize('is_echoed', [False, True])
 @given(step=st.floats(-500.0, -16.0) | st.floats(0.0, 500.0), gap=st.integers(2, 15), waited=st.booleans())
 def test_what_has_waited_while_a_clock_was_set_is_not_live(
