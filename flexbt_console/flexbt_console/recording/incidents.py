@@ -197,7 +197,7 @@ def make(request: Request) -> Path:
         folder = target / request.name
         if not folder.exists():
             _fill(request, target, folder)
-            _remove_old(target, request)
+            _remove_old(target, request, folder)
     return folder
 
 
@@ -294,10 +294,11 @@ def _versions() -> Iterator[str]:
     yield from (f'{name} {version}' for name, version in sorted(known.items()) if 'flexbt' in name or name == 'rclpy')
 
 
-def _remove_old(target: Path, request: Request) -> None:
-    """Remove the oldest incidents until those that stay are few and small enough. The newest one always stays."""
+def _remove_old(target: Path, request: Request, made: Path) -> None:
+    """Remove the oldest incidents until those that stay are few and small enough. That which was made now always stays,
+    whatever the clock was before."""
     left = request.size
-    for number, one in enumerate(incidents_in(target)):
+    for number, one in enumerate(sorted(incidents_in(target), key=lambda one: one.folder != made)):
         left -= sum(file.stat().st_size for file in one.folder.rglob('*') if file.is_file())
         if number and (number >= request.keep or left < 0):
             shutil.rmtree(one.folder, ignore_errors=True)

@@ -730,6 +730,10 @@ def test_only_the_newest_incidents_stay(tmp_path: Path) -> None:
     assert incident_named(Path(request.target), '').first.text == 'number 4'
     with pytest.raises(UsageError, match="3 incidents begin with '2001'"):
         incident_named(Path(request.target), '2001')
+    first = Occurrence(5e8, 'key', 'after the clock was set back')
+    assert make(Request(**{**vars(request), 'occurrences': (first,)})).exists()
+    left = incidents_in(Path(request.target))
+    assert [one.first.text for one in left] == ['number 4', 'number 3', first.text]
 
 
 def test_an_incident_is_found_by_its_name_though_that_of_another_begins_so(tmp_path: Path) -> None:
