@@ -28,7 +28,18 @@ from flexbt_tools.tree_checks.resources import NO_SKILLS, tree_resources
 from flexbt_tools.trees.key_usage import EntryUsage, KeyUsage, NodePlace, lost_writes
 
 from .built_behavior import BuiltBehavior, TreeUse, UsedTrees, used_trees
-from .findings import KEY_CLASH, LOST_WRITE, OTHER_TREE, REFUSED, RULES, SKILL, UNREAD_KEY, UNWRITTEN_KEY, Finding
+from .findings import (
+    BROKEN_TREE,
+    KEY_CLASH,
+    LOST_WRITE,
+    OTHER_TREE,
+    REFUSED,
+    RULES,
+    SKILL,
+    UNREAD_KEY,
+    UNWRITTEN_KEY,
+    Finding,
+)
 from .machine_rules import machine_findings
 
 _ORDER = {rule.name: index for index, rule in enumerate(RULES)}
@@ -114,11 +125,15 @@ def _of_blackboard(name: str, uses: Sequence[TreeUse], usage: KeyUsage, given: C
     board = Blackboard()
     usages: dict[Entry, EntryUsage] = {}
     runners = {use.key: use.path for use in uses if use.key is not None}
-    for key in runners:
+    errors: list[Finding] = []
+    for key, path in runners.items():
         try:
             usage.add(key, board, usages)
-        except TreeLoadError:
-            return  # the file was rejected, or clashes with another on this blackboard, and is reported as such
+        except TreeLoadError as error:
+            errors += (Finding(BROKEN_TREE, path, one.message, Diagnostic(BROKEN_TREE, one)) for one in error.errors)
+    if errors:
+        yield from errors
+        return
     board_name = f'blackboard {name!r}' if name else 'the shared blackboard'
     keys = _Keys(board, usages, uses, runners, given)
     yield from keys.clashes()

@@ -64,6 +64,16 @@ def test_states_and_trees_that_agree() -> None:
             id='unknown node',
         ),
         pytest.param(
+            [
+                BtLoaderState(xml=xml(PLAN, 'Plan')),
+                BtLoaderState(xml=xml('<FollowPath path="{goal}"/>', 'Follow')),
+                BtExecuteGoalState(bt_file='Plan'),
+                BtExecuteState(bt_file='Follow'),
+            ],
+            [('broken-tree', '/S3')],
+            id='two trees that use a key for different things',
+        ),
+        pytest.param(
             [BtLoaderState(xml=xml(PLAN)), BtExecuteGoalState(bt_file='Main', inputs={'gaol': POSE})],
             [('unread-key', '/S1')],
             id='a key that the tree does not read',
