@@ -216,7 +216,8 @@ class KeyReader:
         key = pointer_key(text, name)
         if key is None:
             return None
-        writes = port is None or port.writable
+        is_name = port is not None and port.literal in (KEY, KEYS)  # what the entry holds says which key is written
+        writes = port is None or (port.writable and not is_name)
         if text.strip(' {}') == '=':
             return self._part(element, name, 'same', 0, len(text), port, writes)._replace(key=name)
         start = text.index('{') + 1

@@ -73,7 +73,8 @@ def _uses_of_ports(node: NodeDefinition, enums: Collection[str]) -> Iterator[Key
         elif isinstance(value.literal, CompiledScript):
             yield from _uses_of_script(name, value.literal, enums)
         elif value.key is not None:
-            yield KeyUse(value.key, name, reads=port.readable, writes=port.writable, port=port)
+            is_name = port.literal in (KEY, KEYS)  # what the entry holds says which key is written
+            yield KeyUse(value.key, name, reads=port.readable, writes=port.writable and not is_name, port=port)
         elif port.literal in (KEY, KEYS):
             for key in separated(value.text) if port.literal is KEYS else [value.text]:
                 yield KeyUse(key, name, reads=not port.writable, writes=port.writable)

@@ -233,6 +233,14 @@ LINTS: list[tuple[str, tuple[str, ...], list[str]]] = [
         [],
     ),
     (
+        'a key whose name is in an entry',
+        (
+            'Main: <Sequence><SetBlackboard value="1" ^output_key="{a}"/><Script code="b := \'c\'"/>'
+            '<SetBlackboard value="1" output_key="{b}"/></Sequence>',
+        ),
+        ['never-written key [a] is read, and nothing writes it'],
+    ),
+    (
         'keys that a behavior takes and gives',
         (
             'Main: <Sequence><Make int="{a}"/><Script code="list := \'e\'"/>'
