@@ -371,8 +371,12 @@ class BlackBox:
         return [one for one in incidents_in(self._settings.incidents) if one.robot == self._robot]
 
     def _tell_incidents(self) -> None:
-        """Publish the newest incidents of the last day. On the thread that makes them: the disk may be slow."""
+        """Publish the newest incidents of the last day. On the thread that makes them: the disk may be slow.
+
+        Those that are nearest to now: some may be ahead of it, since the clock may have been set back.
+        """
         now = time.time()
+        ages = {one: abs(now - one.first.time) for one in self._incidents()}
         statuses = [
             DiagnosticStatus(
                 level=DiagnosticStatus.ERROR,
@@ -381,8 +385,8 @@ class BlackBox:
                 hardware_id=one.robot,
                 values=[KeyValue(key='folder', value=str(one.folder))],
             )
-            for one in self._incidents()[:MOST_TOLD]
-            if now - one.first.time < TOLD_SECONDS
+            for one in sorted(ages, key=ages.__getitem__)[:MOST_TOLD]
+            if ages[one] < TOLD_SECONDS
         ]
         self._runtime.post(partial(self._reports.publish, DiagnosticArray(status=statuses)))
 

@@ -23,6 +23,7 @@ from typing import Any, cast
 
 import pytest
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nav2_msgs.action import Wait
@@ -42,7 +43,7 @@ from flexbt_common.middleware.received_messages import Received
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_console.errors import UsageError
 from flexbt_console.recording import black_box
-from flexbt_console.recording.black_box import COMES_SECONDS, SAME_SECONDS, BlackBox, Detector, Settings
+from flexbt_console.recording.black_box import COMES_SECONDS, MOST_TOLD, SAME_SECONDS, BlackBox, Detector, Settings
 from flexbt_console.recording.incidents import (
     FACTS,
     PAGE,
@@ -683,6 +684,20 @@ def test_a_clock_that_was_set_back_hides_nothing(tmp_path: Path) -> None:
         later = runtime.steady.now() + 2.0 * SAME_SECONDS
         runtime.call(lambda: made.report('stop', 'STOP by bob', later))
         wait_until(lambda: len(incidents_in(tmp_path / 'incidents')) == 2, 'another incident')
+        for number in range(MOST_TOLD):
+            folder = tmp_path / 'incidents' / f'ahead{number}'
+            folder.mkdir()
+            (folder / FACTS).write_text(json.dumps({'robot': robot, 'occurrences': [before]}))
+        told: list[str] = []
+        qos = names.transient_local_qos()
+
+        def on_incidents(message: DiagnosticArray) -> None:
+            told[:] = [one.message for one in message.status]
+
+        runtime.call(lambda: runtime.node.create_subscription(DiagnosticArray, names.INCIDENTS, on_incidents, qos))
+        runtime.call(lambda: made.report('stop', 'STOP by eve', runtime.steady.now()))
+        wait_until(lambda: 'STOP by eve' in told, 'the report of the new one')
+        assert told[0] == 'STOP by eve' and len(told) == MOST_TOLD
 
 
 SLOW_MAKER = """
