@@ -235,15 +235,18 @@ class Measurement:
         return cls(leaves)
 
     def tree_xml(self, name: str) -> str:
-        """Return a tree of this ID that succeeds once every sensor has answered; :meth:`start` reads the answers."""
+        """Return a tree of this ID that succeeds once every sensor has answered; :meth:`start` reads the answers.
+
+        Raises:
+            PlanningError: XML cannot contain the type or a port of a leaf.
+        """
         root = ElementTree.Element('root', BTCPP_format='4', main_tree_to_execute=name)
         tree = ElementTree.SubElement(root, 'BehaviorTree', ID=name)
         asked = ElementTree.SubElement(tree, 'Sequence', name='how the world is')
         for number, (atom, leaf) in enumerate(self.leaves.items()):
             answered = ElementTree.SubElement(asked, 'ForceSuccess')
             said = {'_onSuccess': f'{_entry(number)} := true', '_onFailure': f'{_entry(number)} := false'}
-            attributes = {'name': str(atom), **leaf.ports, **said}
-            ElementTree.SubElement(answered, leaf.type, attributes)
+            ElementTree.SubElement(answered, leaf.type, {**leaf.attributes(str(atom)), **said})
         ElementTree.SubElement(asked, 'AlwaysSuccess')  # for a goal without sensors
         return ElementTree.tostring(root, encoding='unicode')
 

@@ -125,6 +125,10 @@ def bits(mask: int) -> Iterator[int]:
 # The problem in words: actions, initial state, goal, disturbances, and the leaves that act and test.
 
 _NOT: Final = 'not '
+_TYPE: Final = re.compile(r'[^\W\d][\w-]*')
+"""Pattern of the names of types: BehaviorTree.CPP 4.8 accepts leaves only as tags of their types."""
+_PORT: Final = re.compile(r'(?!(?:name|ID)\Z)[A-Za-z][\w-]*')
+"""Pattern of the names of ports: each node has attributes of the others."""
 _CALL: Final = re.compile(r'(not )?\s*([^()]+?)\s*(?:\((.*)\))?')
 
 
@@ -149,6 +153,20 @@ class Leaf:
         arguments = [one.strip() for one in (found[3] or '').split(',') if one.strip()]
         ports = {f'argument{number}': one for number, one in enumerate(arguments, 1)}
         return cls(found[2], ports, inverted=found[1] is not None)
+
+    def attributes(self, name: str) -> dict[str, str]:
+        """Return the attributes of this leaf in XML, as a node of this name.
+
+        Raises:
+            PlanningError: XML cannot contain its type or one of its ports.
+        """
+        for pattern, word in ((_TYPE, self.type), *((_PORT, port) for port in self.ports)):
+            if not pattern.fullmatch(word):
+                raise PlanningError(
+                    f'{name}: {short_repr(word)} cannot be a type or port of a leaf; call it by letters, digits, _ and '
+                    '-, and a port neither name nor ID'
+                )
+        return {'name': name, **self.ports}
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,11 +53,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 from xml.etree import ElementTree
 
-from flexbt_core.values.text import short_repr
-
 from .planner import Plan
 from .policy import WAITS, BranchRule, Policy, RuleGroup, actions_of
-from .problem import Leaf, PlanningError, PlanningProblem, bits
+from .problem import Leaf, PlanningProblem, bits
 from .team import TeamPlan, entry
 
 FAILURE_ENTRY: Final = 'plan_failure'
@@ -78,8 +76,6 @@ _NOTHING_DONE: Final = f"{_COUNT_ENTRY} := 0; {_LAST_ENTRY} := ''; {_AGAIN_ENTRY
 _FAILED: Final = 'failed'
 _IN_VAIN: Final = 'succeeded without its effects'
 _MARGIN: Final = 3
-_NAME: Final = re.compile(r'[^\W\d][\w-]*')
-"""Pattern of the names of types and ports: BehaviorTree.CPP 4.8 accepts leaves only as tags of their types."""
 _LONGEST_LINE: Final = 120
 _ATTRIBUTE: Final = re.compile(r' (?=[\w:-]+="[^"]*")')
 _BUILTIN: Final = ('ScriptCondition', 'Script')
@@ -225,15 +221,10 @@ class _Writer:
         self._leaf(retry, 'Action', name, leaf)
 
     def _leaf(self, parent: ElementTree.Element, kind: str, name: str, leaf: Leaf) -> None:
-        for word in (leaf.type, *leaf.ports):
-            if not _NAME.fullmatch(word):
-                raise PlanningError(
-                    f'{name}: {short_repr(word)} cannot be a type or port of a leaf; '
-                    'call it by letters, digits, _ and -'
-                )
+        attributes = leaf.attributes(name)
         if leaf.type not in _BUILTIN:
             self._types.setdefault((kind, leaf.type), set()).update(leaf.ports)
-        _add(parent, leaf.type, **{'name': name, **leaf.ports})
+        _add(parent, leaf.type, **attributes)
 
 
 class _RobotWriter(_Writer):
