@@ -173,7 +173,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, Any, Any]
     live = pyfuncitem.config.getoption('--live')
     if made is not None and live is not None:
         return (yield from _live(pyfuncitem, made, live))
-    if made is None or not change:
+    if made is None or change is None:
         return (yield)
     try:
         time, act = read_change(change, made)
@@ -195,7 +195,8 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> Generator[None, Any, Any]
         if isinstance(branch.side, Fork):
             changed, is_over = branch.side.result()
             unmade = f'the test has ended at {changed.end:.2f} s, and the change was not made: it still waits'
-            told = str(compare(course, changed)) if is_over else unmade
+            found = compare(course, changed)
+            told = str(found) if is_over or found.difference else unmade  # its effect may have ended the test
         _tell(pyfuncitem, f'what if {change}', told)
 
 

@@ -158,7 +158,7 @@ def read_change(text: str, world: Any) -> tuple[float, Callable[[], object]]:
         time, name, *arguments = words if len(words) > 1 else [*words, '']
         robot, _, method = name.rpartition('.')
         if robot and robot not in world.robots:
-            raise ValueError(f'there is no robot {robot!r}{did_you_mean(robot, world.robots)}')
+            raise ValueError(f'there is no robot {robot!r}{did_you_mean(robot, [*filter(None, world.robots)])}')
         owner, kind = (world.robots[robot], 'robot') if robot else (world, 'world')
         known = [one for one in dir(type(owner)) if one[0] != '_' and callable(getattr(type(owner), one))]
         if method not in known:

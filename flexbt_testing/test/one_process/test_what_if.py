@@ -16,6 +16,7 @@ import pytest
 
 from flexbt_common.errors import ResourceError
 from flexbt_common.files import resolve_file
+from flexbt_msgs.msg import BehaviorStructure, StateStructure
 from flexbt_testing.one_process.coverage import Coverage
 from flexbt_testing.one_process.forks import Fork, ForkError, Leaf
 from flexbt_testing.one_process.live import RealTime
@@ -203,7 +204,8 @@ def test_a_state_that_is_entered_again_has_taken_no_transition() -> None:
     coverage = Coverage()
     coverage.add_transition('B', '/S', 'done')
     coverage.add_transition('B', '/S', '')
-    assert next(coverage.lines()) == 'behavior B: transitions 1 of 1'
+    coverage.add_behavior(BehaviorStructure(behavior='B', states=[StateStructure(path='/S', outcomes=['done', 'no'])]))
+    assert next(coverage.lines()) == 'behavior B: transitions 1 of 2; never /S no'
 
 
 MISSION = """
@@ -244,12 +246,21 @@ def test_what_was_to_happen_after_the_end_of_a_test_is_told(tmp_path: Path) -> N
         assert len(re.findall(r'=+ 1 passed', ran.stdout)) == 1, 'a child of its tear-down would tell it, too'
 
 
-def test_a_change_that_waits_until_the_end_of_the_test_is_not_taken_for_one_without_effect(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ('state', 'told'),
+    [
+        ('/Drve', r'the test has ended at 32\.\d\d s, and the change was not made: it still waits'),
+        # The test has ended before the operator saw that the command was applied.
+        ('/Drive', r'first difference at 10\.00 s, executive\n.*\n  changed: +FORCE applied at 10\.00 s'),
+    ],
+)
+def test_a_change_that_waits_at_the_end_of_the_test_is_told_by_its_effect(
+    tmp_path: Path, state: str, told: str
+) -> None:
     (tmp_path / 'test_it.py').write_text(MISSION)
-    words = ['-m', 'pytest', '-p', 'flexbt_testing.world', 'test_it.py', '--what-if', '10 force /Drve failed']
+    words = ['-m', 'pytest', '-p', 'flexbt_testing.world', 'test_it.py', '--what-if', f'10 force {state} failed']
     ran = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
-    told = r'test_kitchen\[0\]: the test has ended at 32\.\d\d s, and the change was not made: it still waits'
-    assert re.search(told, ran.stdout) and 'no difference' not in ran.stdout, ran.stdout
+    assert re.search(rf'test_kitchen\[0\]: {told}', ran.stdout) and 'no difference' not in ran.stdout, ran.stdout
 
 
 @pytest.mark.world(motion='abstract')
