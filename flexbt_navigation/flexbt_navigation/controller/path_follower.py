@@ -643,11 +643,14 @@ class PathFollower(Motion):
             velocity = Velocity(velocity.linear * share, velocity.angular * share)
 
     def _collides_braking(self, pose: Pose, velocity: Velocity) -> bool:
-        """Return whether the robot collides if it brakes after this command: it turns less then, and leaves the arc."""
+        """Return whether the robot collides if it brakes after this command: it leaves the arc then, and may turn on
+        after it has come to rest."""
         coming, inertia = self._drive.foreseen(pose)
         (there,) = inertia.poses(coming, velocity, LATENCY, 1)
         inertia = inertia.after(velocity, LATENCY)
-        return collides(self._costmap, there, STOP, abs(inertia.velocity.linear) / inertia.linear, inertia)
+        linear, angular = map(abs, inertia.velocity)
+        braking = max(linear / inertia.linear, angular / inertia.angular)
+        return self._collides(pose, velocity, LATENCY) or collides(self._costmap, there, STOP, braking, inertia)
 
     def _give_way(self, pose: Pose) -> Velocity:
         """Drive to where the gap to a body in the way grows most, if that leads away from it, or wait."""

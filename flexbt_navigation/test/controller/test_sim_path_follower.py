@@ -273,6 +273,23 @@ def test_a_robot_that_brakes_its_turn_slowly_does_not_swing_into_a_wall() -> Non
     assert (done.code, done.touched) == ('PATIENCE_EXCEEDED', False)
 
 
+@pytest.mark.parametrize(('acceleration', 'turn', 'speed'), [(0.3, 84.0, 0.5), (0.5, 65.0, 0.3)])
+def test_a_long_robot_whose_turn_lasts_longer_than_its_way_does_not_swing_into_a_wall_beside_a_bend(
+    acceleration: float, turn: float, speed: float
+) -> None:
+    """It stops at once, and turns on."""
+    cells = numpy.zeros((100, 100), numpy.int8)
+    cells[38] = 100
+    grid = OccupancyMap(cells, 0.05, Pose(0.0, 0.0, 0.0))
+    drive = DriveModel(linear_speed=1.0, linear_acceleration=2.5, angular_acceleration=acceleration)
+    model = RobotModel(footprint=box(0.9, 0.4), lidar=None, drive=drive)
+    angle = -math.radians(turn)
+    path = line((1.0, 1.5), (2.5, 1.5), (2.5 + 1.5 * math.cos(angle), 1.5 + 1.5 * math.sin(angle)))
+    limits = replace(FollowerLimits.of(drive), speed=speed)
+    done = Run(grid, path[0], model).go(PathFollower(path, Costmap(grid, Inflation.of(model.footprint)), limits))
+    assert (done.code in ('', 'PATIENCE_EXCEEDED'), done.touched) == (True, False)
+
+
 def test_patience_does_not_begin_anew_with_each_path() -> None:
     path = line((1.0, 3.0), (6.0, 3.0))
     costmap, limits = Costmap(WALL, Inflation()), replace(FOLLOWER, patience=1.0)
