@@ -153,7 +153,7 @@ def policy_of(
 def hopeless(problem: PlanningProblem) -> str:
     """Return why the goal is unreachable even in the delete relaxation with all disturbances; '' if it is reachable
     there."""
-    others = tuple(replace(one, cost=0.0) for one in problem.disturbances)
+    others = tuple(replace(one, name=f'others: {one.name}', cost=0.0) for one in problem.disturbances)
     domain, _, goals = compiled(replace(problem, actions=(*problem.actions, *others), disturbances=()))
     reachability = Reachability(domain, domain.state(problem.initial))
     reached = [all(reachability.costs[literal] < math.inf for literal in bits(goal)) for goal in goals]

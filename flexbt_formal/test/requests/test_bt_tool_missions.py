@@ -88,6 +88,13 @@ def test_missions_are_read_and_weighed(tmp_path: Path, wrong: str, right: str, g
         )
 
 
+def test_a_skill_may_have_the_name_of_a_predicate(tmp_path: Path) -> None:
+    skill = '  robot_at: {parameters: {where: room}, outcomes: {SUCCESS: [robot_at(where)]}}\n'
+    (tmp_path / 'skills.yaml').write_text(SKILLS + skill)
+    (tmp_path / 'cup.yaml').write_text(CUP)
+    assert found(tmp_path, f'mission="{tmp_path}/cup.yaml"') == []
+
+
 def test_a_mission_that_is_not_there(tmp_path: Path) -> None:
     assert found(tmp_path, 'mission="{which}"') == []
     assert found(tmp_path, f'mission="{tmp_path}/no.yaml"') == [
