@@ -344,11 +344,11 @@ def _pause() -> None:
     SCHEDULER.block('a signal')
 
 
-def _keep_for_test(real: Callable[..., Any], *arguments: Any) -> Any:
-    """Stand-in for functions whose signals would come to the test."""
+def _keep_for_test(real: Callable[..., Any], instead: str, *arguments: Any, **named: Any) -> Any:
+    """Stand-in for functions whose signals would come to the test, or for whose sockets the whole world would wait."""
     if BOUNDARY.is_inside:
-        BOUNDARY.stop(f'calls signal.{real.__name__}', 'threading.Timer, or a timer of a node')
-    return real(*arguments)
+        BOUNDARY.stop(f'calls {real.__module__.lstrip("_")}.{real.__name__}', instead)
+    return real(*arguments, **named)
 
 
 class _Policy(asyncio.DefaultEventLoopPolicy):
@@ -358,5 +358,8 @@ class _Policy(asyncio.DefaultEventLoopPolicy):
 def install() -> None:
     """Let ``asyncio.run`` and its like take the loop here, and let programs handle the signals of their process."""
     signal.signal, signal.pause = _set_handler, _pause
-    signal.alarm, signal.setitimer = partial(_keep_for_test, signal.alarm), partial(_keep_for_test, signal.setitimer)
+    timer = 'threading.Timer, or a timer of a node'
+    signal.alarm = partial(_keep_for_test, signal.alarm, timer)
+    signal.setitimer = partial(_keep_for_test, signal.setitimer, timer)
+    socket.socketpair = partial(_keep_for_test, socket.socketpair, 'queue.Queue between threads')
     asyncio.set_event_loop_policy(_Policy())

@@ -398,6 +398,7 @@ LEAVING: dict[str, Callable[[], object]] = {
     'socket.getaddrinfo': lambda: urllib.request.urlopen('http://weather.invalid'),
     'socket.bind': lambda: socket.create_server(('127.0.0.1', 0)),
     'socket.sendto': lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b'x', ('127.0.0.1', 9)),
+    'socket.socketpair': socket.socketpair,
     'subprocess.Popen': lambda: subprocess.run(['true'], check=True),
     'os.kill': lambda: os.kill(os.getpid(), signal.SIGTERM),
     'signal.alarm': lambda: signal.alarm(1),
