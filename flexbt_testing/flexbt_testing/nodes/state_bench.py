@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -58,9 +59,9 @@ class Run(RunReader):
     def read(self, event: RunEvent) -> None:
         match event:
             case Logged(severity, path, text):
-                self.lines.append((severity.value, path, text))
+                self._say(severity.value, path, text)
             case Faulted(path, text):
-                self.lines.append((ExecutiveLog.ERROR, path, text))
+                self._say(ExecutiveLog.ERROR, path, text)
             case CommandDecided():
                 self.answers.append(event.refusal)
             case RunBuilt():
@@ -72,6 +73,11 @@ class Run(RunReader):
                 self.message, self.outputs, self.outcome = event.message, event.outputs, event.outcome
             case RunMoved() | RunShown() | RunReady() | RunAnnounced() | StopRequested() | StopAwaited():
                 self.told.append(self.behavior_run.snapshot)
+
+    def _say(self, severity: int, path: str, text: str) -> None:
+        self.lines.append((severity, path, text))
+        if severity >= ExecutiveLog.WARN:  # for the report of a failed test
+            print(f'{path or "the run"}: {text}', file=sys.stderr)
 
     def active(self) -> Sequence[ActiveLeaf]:
         """Return the active states. Each call asks them for their activity again."""
@@ -103,7 +109,10 @@ class Run(RunReader):
 
     def wait(self) -> str:
         """Wait until the run has ended, and return the outcome."""
-        wait_until(lambda: self.outcome is not None or self.refusal is not None, f'end of the run; said: {self.lines}')
+        wait_until(
+            lambda: self.outcome is not None or self.refusal is not None,
+            lambda: f'end of the run, in {", ".join(one.path for one in self.active())}; said: {self.lines}',
+        )
         assert self.refusal is None, self.refusal
         assert self.outcome is not None
         return self.outcome
