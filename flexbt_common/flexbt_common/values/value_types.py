@@ -232,7 +232,8 @@ _ARRAY_CODES = {
 }  # fmt: skip
 _NUMPY_TYPES = {'float': 'float32', 'double': 'float64', 'char': 'uint8'}
 _FLOAT32_MAX = struct.unpack('<f', b'\xff\xff\x7f\x7f')[0]
-_NAMED_FLOATS = {'nan': math.nan, '.nan': math.nan, 'inf': math.inf, '.inf': math.inf, 'infinity': math.inf}
+_NAMED_FLOATS = {'.nan': math.nan, '.inf': math.inf, '+.inf': math.inf, '-.inf': -math.inf}
+"""Names of YAML that Python's ``float`` does not know."""
 
 
 MAX_YAML: Final = 100_000
@@ -529,9 +530,9 @@ def _integer_range(kind: str) -> tuple[int, int]:
 
 def _checked_float(value: Any, kind: str, path: str) -> float:
     if isinstance(value, str):  # YAML reads 1e5 as a string, and JSON has no not-a-number
-        sign, name = (-1.0, value[1:]) if value.startswith('-') else (1.0, value)
+        name = value.lower()
         try:
-            value = sign * (_NAMED_FLOATS[name.lower()] if name.lower() in _NAMED_FLOATS else float(name))
+            value = _NAMED_FLOATS[name] if name in _NAMED_FLOATS else float(name)
         except ValueError:
             raise FieldError(path, f'expected a number, got {short_repr(value)}') from None
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -188,6 +188,7 @@ def test_yaml_as_people_write_it() -> None:
     assert text_to_value('17', 'string') == '17'
     assert math.isnan(text_to_value('.nan', 'float64'))
     assert text_to_value('-inf', 'float32') == -math.inf
+    assert text_to_value('"-.INF"', 'float32') == -math.inf
     assert text_to_value('[1, 2]', 'float64[]') == [1.0, 2.0]
     assert text_to_value('7', 'int') == 7
 
@@ -205,6 +206,8 @@ def test_yaml_as_people_write_it() -> None:
         ('[1, x]', 'int32[]', ['[1]', 'integer']),
         ('300', 'uint8', ['300', '0 to 255']),
         ('1.5', 'int32', ['integer', '1.5']),
+        ('--5', 'float64', ['number', "'--5'"]),
+        ('-+1e5', 'float64', ['number', "'-+1e5'"]),
         ('yes please', 'bool', ['true or false']),
         ('1e39', 'float32', ['float32']),
         ('{covariance: [1.0]}', 'geometry_msgs/msg/PoseWithCovariance', ['covariance', 'exactly 36']),
