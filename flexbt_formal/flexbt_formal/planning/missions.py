@@ -207,13 +207,17 @@ class Measurement:
     @classmethod
     def of(cls, library: SkillLibrary, goal: str, is_type: Callable[[str], bool]) -> Self:
         """Return the facts about a library's objects that matter for a goal (see :func:`parse_goal`) and that leaves
-        can measure. ``is_type`` returns whether a leaf type exists.
-
+        can measure without acting. ``is_type`` returns whether a leaf type exists.
 
         Raises:
             PlanningError, SkillError: the goal is invalid, or the facts are more than MOST_FACTS.
         """
         leaves: dict[Literal, Leaf] = {}
+        acting = {
+            skill.name
+            for skill in library.skills.values()
+            if any(one.effects and one.kind is not OutcomeClass.ANSWERED for one in skill.outcomes.values())
+        }
         wanted = {parse_literal(text).predicate for alternative in parse_goal(goal) for text in alternative}
         for predicate in map(library.predicates.get, sorted(_that_matter(library, wanted))):
             if predicate is None:
@@ -222,7 +226,7 @@ class Measurement:
             for arguments in islice(product(*objects), MOST_FACTS + 1):
                 atom = Literal(predicate.name, arguments)
                 leaf = sensor_leaf(library, atom)
-                if leaf is None or not is_type(leaf.type):
+                if leaf is None or not is_type(leaf.type) or leaf.type in acting:
                     break
                 leaves[atom] = leaf
             if len(leaves) > MOST_FACTS:

@@ -55,7 +55,7 @@ from xml.etree import ElementTree
 
 from .planner import Plan
 from .policy import WAITS, BranchRule, Policy, RuleGroup, actions_of
-from .problem import Leaf, PlanningProblem, bits
+from .problem import Leaf, PlanningError, PlanningProblem, bits
 from .team import TeamPlan, entry
 
 FAILURE_ENTRY: Final = 'plan_failure'
@@ -87,7 +87,7 @@ def tree_xml(plan: Plan, name: str = 'Plan') -> str:
 
     Raises:
         ValueError: the search found no plan.
-        PlanningError: XML cannot contain the type or a port of a leaf.
+        PlanningError: XML cannot contain the type or a port of a leaf, or a leaf acts and tests.
     """
     if plan.policy is None or plan.coverage is None:
         raise ValueError('there is no plan, and so no tree')
@@ -223,6 +223,11 @@ class _Writer:
     def _leaf(self, parent: ElementTree.Element, kind: str, name: str, leaf: Leaf) -> None:
         attributes = leaf.attributes(name)
         if leaf.type not in _BUILTIN:
+            if ({'Action': 'Condition', 'Condition': 'Action'}[kind], leaf.type) in self._types:
+                raise PlanningError(
+                    f'{leaf.type} is a leaf that acts, and would test a literal, too; give the predicate a sensor, or '
+                    'another name'
+                )
             self._types.setdefault((kind, leaf.type), set()).update(leaf.ports)
         _add(parent, leaf.type, **attributes)
 

@@ -287,3 +287,11 @@ def test_what_cannot_be_a_leaf_in_xml_is_refused(leaf: Leaf) -> None:
     problem = PlanningProblem(given_.actions, given_.initial, given_.goal, leaves={'put_hall': leaf})
     with pytest.raises(PlanningError, match=r'put_hall: .* cannot be a type or port of a leaf'):
         tree_xml(plan(problem))
+
+
+def test_no_action_is_done_to_test_a_literal() -> None:
+    given_ = errand()
+    leaves = {'put_hall': Leaf('Put'), 'cup_hall': Leaf('Put')}
+    problem = PlanningProblem(given_.actions, given_.initial, given_.goal, leaves=leaves)
+    with pytest.raises(PlanningError, match='Put is a leaf that acts, and would test a literal, too'):
+        tree_xml(plan(problem))

@@ -326,6 +326,16 @@ def test_what_cannot_be_planned_is_a_failure_with_the_reason(
     assert not tree.unfinished
 
 
+def test_nothing_is_done_to_measure(bench: Bench) -> None:
+    """A predicate without a sensor is tested by the leaf of its name, and here that is one that acts."""
+    sensor = ', sensor: {condition: IsDoorOpen, ports: {door: $what}}'
+    names = [text.replace(' open(', ' OpenDoor(').replace('[open(', '[OpenDoor(') for text in (MISSION, SKILLS)]
+    bench.write(names[0], names[1].replace(sensor, '').replace('  open: {param', '  OpenDoor: {param'))
+    tree = bench.tree()
+    assert bench.run(tree) is FAILURE and bench.world.done == []
+    assert tree.failure is not None and 'OpenDoor is a leaf that acts, and would test' in tree.failure.reason
+
+
 def test_a_halt_ends_the_search_and_the_tree_can_begin_again(bench: Bench) -> None:
     tree = bench.tree()
     for ticks in range(12):  # in each of its phases
