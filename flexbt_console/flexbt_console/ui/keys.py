@@ -93,7 +93,9 @@ def _is_switchable(view: View) -> str:
 
 
 def _has_behaviors(view: View) -> str:
-    return '' if view.behaviors else 'the robot has not sent its list of behaviors'
+    if view.behaviors is None:
+        return 'the robot has not sent its list of behaviors'
+    return '' if view.behaviors else 'no behaviors are installed on the robot'
 
 
 def _waits(view: View) -> str:

@@ -1687,11 +1687,15 @@ def test_a_key_of_the_page_in_the_browser_means_the_same_on_the_screen() -> None
     assert {text.split()[0] for text in told.split(', ')} == actions.keys() - {'!', '/'} | {'1-9'}
 
 
-def test_a_lock_has_a_refusal_of_its_own() -> None:
+def test_lock_and_start_have_refusals_of_their_own() -> None:
     robot = Robot()
-    lock = next(key for key in KEYS if key.action == 'lock')
+    lock, start = (next(key for key in KEYS if key.action == action) for action in ('lock', 'start'))
     robot.show(active_states=(ActiveState('/'),))
     assert lock.blocked(robot.mirror.view()) == 'no active state can be locked'
+    robot.mirror.receive_snapshot(ExecutiveSnapshot('new', 1))
+    assert start.blocked(robot.mirror.view()) == 'the robot has not sent its list of behaviors'
+    robot.mirror.receive_behaviors(BehaviorList('new'))
+    assert start.blocked(robot.mirror.view()) == 'no behaviors are installed on the robot'
 
 
 def test_of_many_that_wait_any_can_be_answered_and_then_the_oldest_is_in_the_bar_again() -> None:
