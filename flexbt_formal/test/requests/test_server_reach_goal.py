@@ -330,7 +330,9 @@ def test_nothing_is_done_to_measure(bench: Bench) -> None:
     """A predicate without a sensor is tested by the leaf of its name, and here that is one that acts."""
     sensor = ', sensor: {condition: IsDoorOpen, ports: {door: $what}}'
     names = [text.replace(' open(', ' OpenDoor(').replace('[open(', '[OpenDoor(') for text in (MISSION, SKILLS)]
-    bench.write(names[0], names[1].replace(sensor, '').replace('  open: {param', '  OpenDoor: {param'))
+    bench.write(
+        names[0], names[1].replace(sensor, '').replace('  open: {parameters: {what:', '  OpenDoor: {parameters: {door:')
+    )
     tree = bench.tree()
     assert bench.run(tree) is FAILURE and bench.world.done == []
     assert tree.failure is not None and 'OpenDoor is a leaf that acts, and would test' in tree.failure.reason
