@@ -190,7 +190,7 @@ def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, in
         if not world.contains(*world.cell(ahead.x, ahead.y)):
             return True
         before, overlap = overlap, costmap.overlap(ahead)
-        if overlap > 0.0 and overlap > (costmap.overlap(pose) if before is None else before):
+        if overlap > 0.0 and overlap > (costmap.overlap(pose) if before is None else before) + SAME_GAP:
             return True
     return False
 

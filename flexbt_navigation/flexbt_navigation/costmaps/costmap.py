@@ -148,19 +148,23 @@ class Costmap:
         """Return how much the robot would overlap obstacles there: 0 if it does not; otherwise the depth, m, to compare
         with.
 
-        For a circle exactly. For a polygon it is the depth of its inscribed circle and the area of the cells that it
-        touches, square m; some that it misses by up to a fifth of a cell count, too.
+        For a circle exactly. For a polygon it is the depth of its inscribed circle, that of the cell deepest in it, and
+        the area of the cells that it touches, square m; some that it misses by up to a fifth of a cell count, too.
         """
         radius = self.inflation.robot_radius
         if self.is_free(pose.x, pose.y, self.inflation.outer_radius):
             return 0.0
         depth = max(0.0, radius - self.clearance(pose.x, pose.y, radius))
-        return depth + self._touched(pose) * self.world.resolution**2 if self.inflation.corners else depth
+        if not self.inflation.corners:
+            return depth
+        depths = self._depths(pose)
+        return depth + float(depths.max(initial=0.0)) + len(depths) * self.world.resolution**2
 
-    def _touched(self, pose: Pose, on_map: bool | None = None) -> int:
-        """Return how many obstacle cells the polygon touches; of those that are ``on_map``, or are not."""
-        gaps = self._outline_gaps(pose, self.inflation.outer_radius, on_map)
-        return int(numpy.count_nonzero(gaps < self.world.resolution * math.sqrt(0.5)))
+    def _depths(self, pose: Pose, on_map: bool | None = None) -> NDArray[numpy.float64]:
+        """Return how deep, m, the obstacle cells are that the polygon touches; of those that are ``on_map``, or are
+        not."""
+        depths = self.world.resolution * math.sqrt(0.5) - self._outline_gaps(pose, self.inflation.outer_radius, on_map)
+        return depths[depths > 0.0]
 
     def gap_seen(self, pose: Pose, within: float) -> float:
         """Distance, m, from the robot to the nearest obstacle that was seen and is not on the map: it may move.
@@ -222,7 +226,7 @@ class Costmap:
         radius = self.inflation.robot_radius
         if self._distance(pose.x, pose.y, radius, on_map=True) < radius:
             return True
-        return bool(self.inflation.corners) and self._touched(pose, on_map=True) > 0
+        return bool(self.inflation.corners) and len(self._depths(pose, on_map=True)) > 0
 
     def _distance(self, x: float, y: float, within: float, on_map: bool | None = None) -> float:
         world = self.world

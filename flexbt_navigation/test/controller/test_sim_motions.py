@@ -254,6 +254,20 @@ def test_a_robot_that_overlaps_a_wall_of_its_map_can_back_out_of_it_but_not_on_t
     assert run(OPEN, inside, DriveMotion(0.3, 0.15, 10.0, costs(WALL))).code == 'COLLISION_AHEAD'
 
 
+@pytest.mark.parametrize('rows', [slice(60, 61), slice(0, 120)])
+def test_a_box_at_a_pole_or_a_thin_wall_of_its_map_can_back_away_from_it_but_not_drive_over_it(rows: slice) -> None:
+    """It misses them by 7 mm, which is no distance on a grid."""
+    cells = numpy.zeros((120, 160), numpy.int8)
+    cells[rows, 80] = 100
+    world, model = OccupancyMap(cells, 0.05, Pose(0.0, 0.0, 0.0)), RobotModel(footprint=box(0.9, 0.4), lidar=None)
+    costmap, at = Costmap(world, Inflation.of(box(0.9, 0.4))), Pose(3.543, 3.02, 0.0)
+    assert costmap.in_collision(at)
+    on = Run(world, at, model).go(DriveMotion(0.15, 0.15, 10.0, costmap))
+    assert (on.code, on.touched) == ('COLLISION_AHEAD', False)
+    away = Run(world, at, model).go(DriveMotion(-0.3, -0.15, 10.0, costmap))
+    assert (away.code, away.touched) == ('', False)
+
+
 def test_a_robot_that_leaves_one_obstacle_does_not_get_to_drive_into_another() -> None:
     world = drawn(*['.' * 60 + '#' + '.' * 20 + '#' + '.' * 38] * 120)
     assert run(OPEN, Pose(3.06, 3.0, 0.0), DriveMotion(0.95, 0.2, 0.0, costs(world))).code == 'COLLISION_AHEAD'
