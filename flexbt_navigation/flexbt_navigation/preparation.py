@@ -31,9 +31,9 @@ def prepare_navigation(
     cells[0] = 100
     robot = Pose(1.0, 1.0, 0.0)
     layers = LayeredCostmap(Costmap(OccupancyMap(cells, 0.1, Pose(0.0, 0.0, 0.0)), Inflation()))
-    layers.observe(Observation(robot, numpy.array([0.0]), numpy.array([0.5])), robot)
+    layers.observe(Observation(robot, numpy.array([math.pi]), numpy.array([0.5])), robot)  # behind it
     layers.costmap.clearance(robot.x, robot.y, 1.0)
-    planner_for(layers.costmap, steering).plan(robot, Pose(0.6, 1.0, 0.0))
+    planner_for(layers.costmap, steering).plan(robot, Pose(1.4, 1.0, 0.0))  # straight ahead, as any robot can drive
     if inflation.corners and not steering.turning_radius:
         # A corridor in which a long robot cannot turn, and a room in which it can.
         cells = numpy.zeros((20, 30), numpy.int8)

@@ -21,6 +21,7 @@ from flexbt_navigation.navigator import Navigator
 from flexbt_navigation.planner import hybrid_kernels, planners
 from flexbt_navigation.planner.hybrid_kernels import curves, hybrid_search, ways_to
 from flexbt_navigation.planner.planners import STEERING_RESERVE, HybridPlanner, StopFlag
+from flexbt_navigation.preparation import prepare_navigation
 from flexbt_sim.world import MODELS, OccupancyMap, Polygon, Pose, World, wrap
 
 CAR = MODELS['car']
@@ -125,6 +126,13 @@ def test_a_car_that_may_not_reverse_is_told_that_there_is_no_way() -> None:
     check(narrow, HybridPlanner(narrow, Steering(RADIUS)).plan(goal, start), goal, start)
     lane, back = yard(LANE), Pose(-5.0, 0.0, math.pi)
     check(lane, HybridPlanner(lane, Steering(RADIUS)).plan(start, back), start, back)
+
+
+@pytest.mark.parametrize('reverses', [True, False])
+@pytest.mark.parametrize('radius', [0.3, 5.0, 100.0])
+def test_every_car_is_prepared_for(radius: float, reverses: bool) -> None:
+    """Otherwise its node does not start."""
+    prepare_navigation(Steering(radius, reverses), Inflation.of(CAR.footprint))
 
 
 def test_a_start_or_goal_that_only_another_heading_fits_has_a_code() -> None:
