@@ -134,6 +134,8 @@ class ReachGoal(ExpandingAction):
         try:
             return self._next()
         except _NoWayError as error:
+            if self._hopeless is None:
+                self._sensors_by = self.clock.now() + self._timeout
             self._hopeless = self._start
             self._why = str(error)
             self._next = self._await_measured

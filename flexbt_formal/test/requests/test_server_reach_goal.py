@@ -220,6 +220,18 @@ def test_sensors_may_tell_at_different_moments(bench: Bench) -> None:
     assert tree.failure is not None and 'there is no plan' in tree.failure.reason
 
 
+def test_it_measures_again_also_after_a_long_search(bench: Bench) -> None:
+    bench.world.cup = ''
+    tree = bench.tree()
+    while (status := tree.tick_once()) is RUNNING and tree.next_wake is None:
+        assert bench.bell.wait(DEADLINE)
+        bench.bell.clear()
+        bench.clock.advance(10.0)
+    assert status is RUNNING
+    bench.world.held = True
+    assert bench.run(tree) is SUCCESS and bench.world.cup == 'office'
+
+
 class Flapping(World):
     """Whoever looks at the door sees it otherwise than the one before."""
 
