@@ -320,6 +320,11 @@ class _Operator:
         run = view.snapshot.run_id if view.snapshot else ''
         return next((one for one in view.decisions if (run, one.id) not in self._answered), None)
 
+    def refusal(self) -> str:
+        """Return why the executive has refused the first command; '' if it has not."""
+        tracked = self.mirror.command(next(iter(self.commands), ''))
+        return tracked.reason if tracked is not None and tracked.state.name == 'REFUSED' else ''
+
     def results(self) -> dict[str, int | None]:
         """Return the result of each command, None if it is not known."""
         codes = {'APPLIED': 1, 'REFUSED': 2}
@@ -492,7 +497,10 @@ class Run:
         self._mend()
         world.run(plan.settle)
         for name, mission in world.robots.items():
-            self._check_usable(mission, self._operators[named(name, 'engineer')])
+            engineer = self._operators[named(name, 'engineer')]
+            refusal = engineer.refusal() if plan.behavior and not plan.steps else ''  # which no fault explains
+            assert not refusal, f'{plan.behavior!r} cannot be started: {refusal}'
+            self._check_usable(mission, engineer)
 
     def _await(self, step: Step, begin: float) -> None:
         """Do a step at its time after ``begin``, or after its moment."""

@@ -143,13 +143,17 @@ def test_a_behavior_with_parameters_in_another_world(world: str, robots: list[st
     assert run_one(Job(plan)).violations == []
 
 
-def test_a_behavior_that_there_is_not_is_told_once(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ('behavior', 'why'),
+    [('Navigat', "there is no behavior 'Navigat'"), ('Inspect Site', "input 'site' is needed and has no default")],
+)
+def test_a_behavior_that_cannot_be_started_is_told_once(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], behavior: str, why: str
 ) -> None:
-    monkeypatch.setattr(sys, 'argv', ['nemesis', '--behavior', 'Navigat', '--seeds', '9', '--motion', 'abstract'])
+    monkeypatch.setattr(sys, 'argv', ['nemesis', '--behavior', behavior, '--seeds', '9', '--motion', 'abstract'])
     assert nemesis.main() == 2
     told = capfd.readouterr().out
-    assert told.startswith('without any fault:\n') and told.count("there is no behavior 'Navigat'") == 1
+    assert told.startswith('without any fault:\n') and told.count(f'cannot be started: {why}') == 1
 
 
 @pytest.mark.parametrize(
