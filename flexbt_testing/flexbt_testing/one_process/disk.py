@@ -41,6 +41,8 @@ class Disk:
     disk once the file was synced, and a new name, another file of that name, or none, once the directory was.
     """
 
+    __slots__ = ('_files', '_goes', '_on_disk', '_space', '_users', 'delay')
+
     def begin(self) -> None:
         """Begin with a disk that is fast and large, and on which everything is."""
         self.delay = 0.0

@@ -22,7 +22,7 @@ _REUNION: Final = SECOND // 20
 """Longest time from the end of a cut until messages that waited arrive, ns."""
 
 
-@dataclass
+@dataclass(slots=True)
 class Link:
     """The link between two hosts, in both directions.
 
@@ -39,7 +39,7 @@ class Link:
             raise ValueError(f'loss {value:g}: expected a probability from 0 to below 1; cut() lets nothing pass')
         if not 0.0 <= value < math.inf:
             raise ValueError(f'{name} {value:g}: expected a number from 0')
-        super().__setattr__(name, value)
+        object.__setattr__(self, name, value)
 
 
 class Network:
@@ -63,13 +63,21 @@ class Network:
         return self.hosts.get(process.name) or (OPERATOR if process.name.startswith(OPERATOR) else ROBOT)
 
     def link(self, one: str = ROBOT, other: str = OPERATOR) -> Link:
-        """Return the link between two hosts, to be changed at any time."""
-        return self._links.setdefault(frozenset((one, other)), Link())
+        """Return the link between two hosts, to be changed at any time. Raises ValueError if a host is unknown."""
+        return self._links.setdefault(self._ends(one, other), Link())
 
     def cut(self, seconds: float, one: str = ROBOT, other: str = OPERATOR) -> None:
-        """Let nothing pass between two hosts for this time, s."""
-        ends = frozenset((one, other))
+        """Let nothing pass between two hosts for this time, s. Raises ValueError if a host is unknown."""
+        ends = self._ends(one, other)
         self._cut_until[ends] = max(SCHEDULER.after(seconds), self._cut_until.get(ends, 0))
+
+    def _ends(self, *hosts: str) -> frozenset[str]:
+        known = {ROBOT, OPERATOR, *self.hosts.values()}
+        for host in hosts:
+            if host not in known:
+                there = ', '.join(sorted(known))
+                raise ValueError(f'there is no host {host!r}; there are {there}. First give it processes in hosts')
+        return frozenset(hosts)
 
     def cut_off(self, name: str, seconds: float) -> None:
         """Let nothing pass between the processes of a name and others, except the test, for this time, s."""

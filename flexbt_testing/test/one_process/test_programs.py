@@ -430,6 +430,17 @@ def test_a_loss_is_a_probability() -> None:
     assert link == Link(loss=0.9)
 
 
+def test_a_misspelled_link_or_disk_is_told(bare: World) -> None:
+    for wrong in (bare.network.link(), bare.disk):
+        with pytest.raises(AttributeError, match='dely'):
+            wrong.dely = 0.1  # type: ignore[union-attr]
+    bare.network.hosts['idle'] = 'base'
+    bare.network.link('robot', 'base').delay = 0.1
+    for act in (bare.network.link, partial(bare.network.cut, 1.0)):
+        with pytest.raises(ValueError, match=r"no host 'robto'; there are base, operator, robot\. First give"):
+            act('robto', 'operator')
+
+
 def test_processes_that_are_cut_off_reach_nobody_and_keep_their_links(bare: World) -> None:
     one, other, operator = (SCHEDULER.process(name) for name in ('one', 'other', 'operator'))
     network = bare.network
