@@ -159,7 +159,10 @@ class _Writer:
         if len(self._policy.goals) > 1:
             parent = _add(parent, 'ReactiveFallback', name='one of the goals')
         for goal in self._policy.goals:
-            self._conditions(_add(parent, 'ReactiveSequence', name='the goal'), goal)
+            sequence = _add(parent, 'ReactiveSequence', name='the goal')
+            self._conditions(sequence, goal)
+            if not goal:  # it holds, and nothing changes that
+                _add(sequence, 'AlwaysSuccess')
 
     def _conditions(self, parent: ElementTree.Element, condition: int) -> None:
         """Add a leaf for each literal of a condition."""

@@ -311,9 +311,10 @@ def test_an_action_without_effects_is_done_as_often_as_it_may_be_tried(bench: Be
     assert tree.failure.reason == f'gave up after 1 attempt: {named} succeeded without its effects 2 times'
 
 
-def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench) -> None:
+@pytest.mark.parametrize('goal', ['cup_at(office)', '!joined(kitchen, office)', 'cup_at(hall) | kitchen != office'])
+def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench, goal: str) -> None:
     bench.world.cup = 'office'
-    assert bench.run(bench.tree()) is SUCCESS and bench.world.done == []
+    assert bench.run(bench.tree(f'goal="{goal}"')) is SUCCESS and bench.world.done == []
 
 
 @pytest.mark.parametrize(
