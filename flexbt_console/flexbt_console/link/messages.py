@@ -184,7 +184,7 @@ def _subject_value(entry: msg.BlackboardEntry) -> records.SubjectValue:
     text."""
     try:
         if entry.type == 'nav_msgs/msg/Path' and entry.data:  # the same, and quicker
-            return _path_value(entry, path_points(bytes(entry.data), len(entry.data))[1])
+            return _path_value(entry, *path_points(bytes(entry.data), len(entry.data)))
         value = from_entry(entry)
     except (FlexbtError, ValueError) as error:
         return records.SubjectValue(entry.key, entry.type, entry.text or str(error))
@@ -192,16 +192,19 @@ def _subject_value(entry: msg.BlackboardEntry) -> records.SubjectValue:
     if isinstance(listed, list) and (listed or listed is not value):
         poses = [one.pose if isinstance(one, PoseStamped) else one for one in listed]
         if all(isinstance(pose, Pose) for pose in poses):
-            return _path_value(entry, [(pose.position.x, pose.position.y) for pose in poses])
+            frames = [one.header.frame_id for one in (value, *listed) if hasattr(one, 'header')]
+            points = [(pose.position.x, pose.position.y) for pose in poses]
+            return _path_value(entry, next(iter(frames), ''), points)
     if isinstance(value, Pose):
         value = PoseStamped(header=Header(frame_id='map'), pose=value)
     found = _pose(value) if isinstance(value, PoseStamped) else None
     return records.SubjectValue(entry.key, entry.type, entry.text or short_repr(value), pose=found)
 
 
-def _path_value(entry: msg.BlackboardEntry, points: Sequence[tuple[float, float]]) -> records.SubjectValue:
+def _path_value(entry: msg.BlackboardEntry, frame: str, points: Sequence[tuple[float, float]]) -> records.SubjectValue:
     if all(is_length(x) and is_length(y) for x, y in points):
-        return records.SubjectValue(entry.key, entry.type, '' if points else 'no poses', tuple(points))
+        text = '' if points else 'no poses'
+        return records.SubjectValue(entry.key, entry.type, text, tuple(points), frame or 'map')
     return records.SubjectValue(entry.key, entry.type, 'it has a point that is nowhere')
 
 

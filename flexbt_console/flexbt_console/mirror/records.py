@@ -241,12 +241,14 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class SubjectValue:
-    """One of the values that a decision is about: as text, and as the points of a path or as a pose if it is one."""
+    """One of the values that a decision is about: as text, and as the points of a path in a ``frame`` or as a pose if
+    it is one."""
 
     key: str
     type: str = ''
     text: str = ''
     points: tuple[tuple[float, float], ...] = ()
+    frame: str = 'map'
     pose: FramedPose | None = None
 
 

@@ -137,6 +137,11 @@ class View:
             return ''
         return ', '.join(decision.subject) or 'what it is about'
 
+    def is_on_map(self, frame: str) -> bool:
+        """Return whether a frame is that of the map: of the robot's pose or a place, as far as any is known."""
+        known = {pose.frame for pose in (self.robot_pose, *self.places.values()) if pose is not None}
+        return not known or frame in known
+
     @property
     def drawn(self) -> Surroundings:
         """The surroundings of the robot to draw for the first decision; see :meth:`drawn_for`."""
@@ -144,7 +149,7 @@ class View:
 
     def drawn_for(self, decision: Decision | None) -> Surroundings:
         """Return the surroundings of the robot to draw for a decision. If its subject has a path or a goal, these
-        replace the plan.
+        replace the plan; one in another frame than the map is not drawn.
 
         An operator could mistake another plan for the subject of the decision. So no plan is returned while a decision
         without such a subject waits, unless the robot is driving and the subject has arrived.
@@ -156,9 +161,11 @@ class View:
         values = subject.values if subject is not None else ()
         paths = [value for value in values if value.points or plain_type(value.type) == 'nav_msgs/Path']
         poses = [value for value in values if value.pose is not None]
-        goal = next((value.pose for value in sorted(poses, key=lambda value: value.key != 'goal')), None)
-        if paths or goal is not None:
-            return replace(around, plan=paths[0].points if paths else (), at=None if goal is None else (goal.x, goal.y))
+        if paths or poses:
+            plan = next((value.points for value in paths[:1] if self.is_on_map(value.frame)), ())
+            goals = [value.pose for value in sorted(poses, key=lambda value: value.key != 'goal')[:1]]
+            at = next(((goal.x, goal.y) for goal in goals if goal is not None and self.is_on_map(goal.frame)), None)
+            return replace(around, plan=plan, at=at)
         return around if self.drives and not self.lacks(decision) else replace(around, plan=())
 
     def turned_to(self, decision_id: str) -> View:

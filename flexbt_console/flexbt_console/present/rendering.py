@@ -247,7 +247,7 @@ def subject_lines(pending: Decision, view: View) -> list[str]:
 def _subject_text(value: SubjectValue, view: View) -> str:
     if value.points:
         length = sum(math.dist(a, b) for a, b in pairwise(value.points))
-        return f'{length:.1f} m to {place_text(FramedPose(*value.points[-1]), view.places)}'
+        return f'{length:.1f} m to {place_text(FramedPose(*value.points[-1], frame=value.frame), view.places)}'
     if value.pose is not None:
         return place_text(value.pose, view.places)
     return one_line(value.text, SUBJECT_LENGTH)
@@ -483,8 +483,9 @@ def progress_text(progress: DriveProgress, places: Mapping[str, FramedPose]) -> 
 
 
 def place_text(pose: FramedPose, places: Mapping[str, FramedPose]) -> str:
-    """Return the name of the place at a pose; where there is none, its x and y."""
-    return one_line(pose.place(places)) or f'x {pose.x:.2f} y {pose.y:.2f}'
+    """Return the name of the place at a pose; where there is none, its x and y, and the frame if it is not a map's."""
+    frame = '' if pose.frame in ('map', *(place.frame for place in places.values())) else f' in {one_line(pose.frame)}'
+    return one_line(pose.place(places)) or f'x {pose.x:.2f} y {pose.y:.2f}{frame}'
 
 
 def stamp_text(stamp: float) -> str:

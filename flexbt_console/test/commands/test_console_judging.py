@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
+from std_msgs.msg import Header
 
 from flexbt_common.values.decision_subject import subject_message
 from flexbt_console.commands.command_builder import CommandBuilder
@@ -55,9 +56,9 @@ WHERE = Decision('i-2', DecisionKind.INPUT, '/AskGoal', input_type='geometry_msg
 PLAN = ((0.0, 0.0), (9.0, 9.0))
 
 
-def pose_at(x: float, y: float) -> PoseStamped:
+def pose_at(x: float, y: float, frame: str = 'map') -> PoseStamped:
     pose = PoseStamped()
-    pose.header.frame_id, pose.pose.position.x, pose.pose.position.y = 'map', x, y
+    pose.header.frame_id, pose.pose.position.x, pose.pose.position.y = frame, x, y
     return pose
 
 
@@ -118,6 +119,20 @@ def test_what_has_come_is_drawn_in_the_place_of_the_plan(mirror: Mirror) -> None
     assert page['drawn'] == {'plan': [[0.0, 0.0], [3.0, 4.0]], 'goal': (5.0, 4.0)} and page['lacks'] == ''
     show(mirror)  # it is answered: the robot drives
     assert mirror.view().drawn.plan == PLAN
+
+
+@pytest.mark.parametrize('frame', ['base_link', 'odom'])
+def test_what_is_in_another_frame_is_told_with_it_and_not_drawn(mirror: Mirror, frame: str) -> None:
+    goal = pose_at(3.0, 4.0, frame)
+    path = Path(header=Header(frame_id=frame), poses=[pose_at(0.0, 0.0), pose_at(3.0, 4.0)])
+    told = f'path: 5.0 m to x 3.00 y 4.00 in {frame}; goal: x 3.00 y 4.00 in {frame}'
+    for one in (path, [pose_at(0.0, 0.0, frame), goal]):
+        mirror.receive_subjects(subjects(path=one, goal=goal))
+        view = mirror.view()
+        assert (view.drawn.plan, view.drawn.goal) == ((), None)
+        assert told in '\n'.join(status_lines(view))
+    show(mirror, JUDGE, robot_pose=FramedPose(0.0, 0.0, frame=frame))  # of a robot without a map
+    assert (mirror.view().drawn.plan, mirror.view().drawn.goal) == (((0.0, 0.0), (3.0, 4.0)), (3.0, 4.0))
 
 
 @pytest.mark.parametrize(
