@@ -210,7 +210,8 @@ class SurroundingsFeed:
         points = tuple(zip(message.x.tolist(), message.y.tolist(), strict=True))
         if not all(is_length(x) and is_length(y) for x, y in points):
             raise ValueError('a plan with a point that is nowhere')
-        self._mirror.receive_plan(points)
+        is_drawn = self._mirror.view().is_on_map(message.frame_id)
+        self._mirror.receive_plan(points if is_drawn else ())
 
 
 def upright(map: GridMap, yaw: float) -> GridMap:

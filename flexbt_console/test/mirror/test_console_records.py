@@ -297,6 +297,15 @@ def _pose(x: float, y: float) -> PoseStamped:
     return pose
 
 
+def test_a_plan_in_another_frame_than_the_robot_is_not_drawn() -> None:
+    known = mirror.Mirror(ManualClock())
+    known.receive_snapshot(record_of(msg.ExecutiveStatus(sequence=1, robot_pose=_pose(1.0, 2.0))))
+    receive = SurroundingsFeed(known).receivers[names.EXECUTIVE_PLAN]
+    for frame, plan in (('map', ((0.0, 1.0), (2.0, 3.0))), ('odom', ())):
+        receive(msg.RobotPlan(frame_id=frame, x=[0.0, 2.0], y=[1.0, 3.0]))
+        assert known.view().drawn.plan == plan
+
+
 @pytest.mark.parametrize('has_map', [True, False])
 @pytest.mark.parametrize('number', [math.nan, math.inf, -math.inf, 1e308, -1e308])
 def test_what_is_nowhere_is_not_on_the_map(number: float, has_map: bool) -> None:
