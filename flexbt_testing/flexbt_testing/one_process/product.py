@@ -270,7 +270,8 @@ def install() -> None:
     early = [name for name in sys.modules if name.startswith(('rclpy.node', 'flexbt_common.', 'flexbt_core.'))]
     early = [name for name in early if name != 'flexbt_common.executables']  # which only starts executables
     if early:
-        raise RuntimeError(f'{early[0]} is imported already: install the world before what shall run in it')
+        text = 'install the world before what shall run in it, for pytest by the option -p flexbt_testing.world'
+        raise RuntimeError(f'{early[0]} is imported already: {text}')
     standard_library.install()
     event_loop.install()
     disk.install()

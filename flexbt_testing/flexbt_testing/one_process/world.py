@@ -707,9 +707,12 @@ class World(Mission):
 
     # -- processes
 
-    def launch(self, program: str | Callable[[], Any]) -> Process:
-        """Start a program of the world, or a further one: ``package/executable``, or a function."""
-        if callable(program):
+    def launch(self, program: str | Program | Callable[[], Any]) -> Process:
+        """Start a program of the world, or a further one: ``package/executable``, a Program with parameters of its
+        node, or a function."""
+        if isinstance(program, Program):
+            made = program
+        elif callable(program):
             made = Program('', self._free_name(program), main=program)
         elif program in self.programs:
             made = self.programs[program]

@@ -328,6 +328,17 @@ def test_the_log_of_a_process_is_told_by_itself(bare: World) -> None:
     assert [process for process, topic in told if topic == '/rosout'] == [first] * 3 + [second] * 3
 
 
+def test_a_further_program_may_have_parameters(bare: World) -> None:
+    process = bare.launch(Program('flexbt_onboard', 'stop_guard', {'motion_actions': ['spin']}, 'base'))
+    bare.run(1.0)
+    assert bare.processes['base/stop_guard'] is process and process.is_alive
+    with pytest.raises(AssertionError, match='base/stop_guard runs already'):
+        bare.launch(Program('flexbt_onboard', 'stop_guard', namespace='base'))
+    bare.launch(Program('flexbt_onboard', 'stop_guard', {'motion_actions': ['a b']}))
+    bare.run(1.0)
+    assert bare.processes['stop_guard'].exit_code == 1, 'it has got the parameter'
+
+
 @pytest.mark.world('night_watch', motion='abstract', speed=2.0)
 def test_a_demonstration_with_two_robots(world: World) -> None:
     for name, mission in world.robots.items():
