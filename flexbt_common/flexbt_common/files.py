@@ -12,9 +12,11 @@ sources.)
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -178,6 +180,21 @@ def home_path(path: str) -> Path:
         import tempfile  # imported here, since it would slow down the start of every program
 
         return Path(tempfile.gettempdir(), *Path(path).parts[1:])
+
+
+@contextlib.contextmanager
+def alone_in(directory: Path) -> Iterator[None]:
+    """Wait until no other process is in such a ``with`` block for this directory, whose files several may change.
+
+    Raises OSError if the directory cannot be opened.
+    """
+    opened = os.open(directory, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(opened, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(opened)
 
 
 def node_file(directory: str, node_name: str, suffix: str) -> Path | None:

@@ -28,6 +28,7 @@ from typing import Any, Final
 
 from rcl_interfaces.msg import Log
 
+from flexbt_common.files import alone_in
 from flexbt_common.middleware.received_messages import Received
 from flexbt_common.pictures.time_line import Bar, Look, time_line
 from flexbt_console.errors import UsageError
@@ -192,7 +193,7 @@ def make(request: Request) -> Path:
     """
     target = Path(request.target)
     target.mkdir(mode=0o700, parents=True, exist_ok=True)
-    with _alone_in(target):
+    with alone_in(target):  # several black boxes may share it
         request = request.unless(partial(_is_of_another, target))
         folder = target / request.name
         if not folder.exists():
@@ -206,18 +207,6 @@ def _is_of_another(target: Path, request: Request) -> bool:
     folder = target / request.name
     there = _incident_in(folder)
     return folder.exists() and (there is None or there.first != request.occurrences[0])
-
-
-@contextlib.contextmanager
-def _alone_in(target: Path) -> Iterator[None]:
-    """Wait until nobody else makes an incident in a directory, which several black boxes may share."""
-    directory = os.open(target, os.O_RDONLY)
-    try:
-        with contextlib.suppress(OSError):  # a file system without locks
-            fcntl.flock(directory, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(directory)
 
 
 def _fill(request: Request, target: Path, folder: Path) -> None:

@@ -23,7 +23,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from flexbt_common.command_line import abandon_stdout, is_full, keep_stdout_for_python, run_program
-from flexbt_common.files import ALERTS, INCIDENTS, home_path
+from flexbt_common.files import ALERTS, INCIDENTS, alone_in, home_path
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import check, command_help, overview, parse
 from flexbt_console.commands.completion import ShellLine, as_typed, completion_script, read_line, shell_words
@@ -373,18 +373,18 @@ def _run_users(line: CommandLine) -> ExitCode:
     from .web.users import NAME, User, read_users, role_of, token_hash, write_users
 
     file, new, gone = Path(line.first_word), line.value('--add'), line.value('--remove')
-    users = list(read_users(file).values()) if file.exists() or not new else []
+    token = secrets.token_urlsafe(24)
     if new and not NAME.fullmatch(new):
         raise UsageError(f'--add {new!r}: a name has letters, digits, and . _ @ -, at most 64')
-    if gone and gone not in {user.name for user in users}:
-        raise UsageError(f'{file}: has no user {gone!r}')
-    if new or gone:
+    with alone_in(file.parent) if new or gone else contextlib.nullcontext():
+        users = list(read_users(file).values()) if file.exists() or not new else []
+        if gone and gone not in {user.name for user in users}:
+            raise UsageError(f'{file}: has no user {gone!r}')
         users = [user for user in users if user.name not in (new, gone)]
-    if new:
-        token = secrets.token_urlsafe(24)
-        users.append(User(new, role_of(line.value('--role') or 'operator', '--role'), token_hash(token)))
-    if new or gone:
-        write_users(file, users)
+        if new:
+            users.append(User(new, role_of(line.value('--role') or 'operator', '--role'), token_hash(token)))
+        if new or gone:
+            write_users(file, users)
     if new:
         print(f'token of {new}, which is shown only now: {token}\nIn a browser, add it to the address: #token={token}')
     else:

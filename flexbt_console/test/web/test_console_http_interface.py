@@ -7,6 +7,7 @@ import asyncio
 import contextlib
 import importlib
 import json
+import re
 import ssl
 import subprocess
 import sys
@@ -24,6 +25,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from web_support import PLAN, WebRobot, WebRobots
 
+from flexbt_common.files import alone_in
 from flexbt_console.commands.command_builder import CommandBuilder
 from flexbt_console.commands.command_line import parse
 from flexbt_console.commands.spec import Role
@@ -53,7 +55,7 @@ from flexbt_console.ui.http_interface import (
 )
 from flexbt_console.ui.station import Attention, Station
 from flexbt_console.ui.web.access import Access
-from flexbt_console.ui.web.users import read_users, token_hash
+from flexbt_console.ui.web.users import User, read_users, token_hash, write_users
 from flexbt_core.clock.clock import ManualClock
 from flexbt_core.values.json_data import load_json
 from flexbt_testing.waiting import DEADLINE, wait_until
@@ -420,6 +422,21 @@ def test_what_the_schema_allows_is_a_line_and_nothing_else_is_in_it(data: st.Dat
         for one in value if isinstance(value, list) else [value]:
             assert str(one) in told, 'no text is an option, or lost'
     assert not line.options and line.spec.name.startswith(spec.name)
+
+
+def test_of_users_that_are_added_at_the_same_time_none_is_lost(tmp_path: Path) -> None:
+    file = tmp_path / 'users.yaml'
+    command = [sys.executable, '-m', 'flexbt_console', 'users', str(file), '--add', 'bob']
+    with contextlib.ExitStack() as stack:
+        with alone_in(tmp_path):
+            adding = stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE))
+            waits = re.compile(rf'-> FLOCK .* {adding.pid} ')
+            wait_until(
+                lambda: waits.search(Path('/proc/locks').read_text()) or adding.poll() is not None, 'one that waits'
+            )
+            write_users(file, [User('ann', Role.OPERATOR, token_hash('t'))])
+        assert adding.wait(DEADLINE) == 0
+    assert sorted(one.name for one in read_users(file).values()) == ['ann', 'bob']
 
 
 def test_a_file_of_users_that_is_not_right_is_refused(tmp_path: Path) -> None:
