@@ -176,9 +176,8 @@ def _text(form: str, machine: SynthesizedMachine, interfaces: StateInterfaces) -
 
 def _refused(options: argparse.Namespace, answer: Synthesis, explanation: Explanation, seconds: float) -> ExitCode:
     if options.draw:
-        draw_diagram(
-            options.draw, counterstrategy_diagram(f'No machine can do that: {", ".join(options.goal)}', explanation)
-        )
+        asked = ', '.join(answer.problem.request.goals) or 'the specification'
+        draw_diagram(options.draw, counterstrategy_diagram(f'No machine can do that: {asked}', explanation))
     if options.json:
         fix = '; '.join(explanation.remedies)
         findings = [finding_record('unrealizable', 'error', demand, fix=fix) for demand in explanation.conflict]

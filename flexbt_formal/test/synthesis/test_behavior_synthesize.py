@@ -209,3 +209,8 @@ def test_how_the_world_prevents_a_goal_is_drawn(coffee: str, tmp_path: Path) -> 
     head, *told = picture.read_text(encoding='utf-8').splitlines()
     assert (head, '  participant p1 as the world' in told) == ('sequenceDiagram', True)
     assert 'precondition' in told[-2] and 'No machine can do that' in told[-1]
+    request = tmp_path / 'request.yaml'
+    request.write_text('goals: [brew, "!grind"]', encoding='utf-8')
+    picture = picture.with_suffix('.svg')
+    assert tool('synthesize', coffee, '--request', str(request), '--draw', str(picture)).code == 1
+    assert 'No machine can do that: brew, !grind</text>' in picture.read_text(encoding='utf-8')
