@@ -120,7 +120,8 @@ def senders_problem(node: Any, topic: str, senders: int) -> str:
     publishers = node.get_publishers_info_by_topic(resolved)
     names = [node_of(one) for one in publishers if one.node_name != UNKNOWN_NODE]
     who = f' ({", ".join(sorted(names))})' if names else ''
-    return f'{senders} executives publish on {resolved}{who}; end all but one, or give each a namespace of its own'
+    remedy = 'end all but one (a killed one leaves within 30 s), or give each a namespace of its own'
+    return f'{senders} executives publish on {resolved}{who}; {remedy}'
 
 
 def _is_of(node: Any, endpoint: Any) -> bool:

@@ -22,4 +22,5 @@ def test_executives_are_named_as_far_as_their_names_are_known(nodes: list[tuple[
     publishers = [SimpleNamespace(node_namespace=namespace, node_name=name) for namespace, name in nodes]
     node = SimpleNamespace(resolve_topic_name=lambda t: f'/{t}', get_publishers_info_by_topic=lambda t: publishers)
     assert told in senders_problem(node, 'status', 2)
+    assert 'end all but one (a killed one leaves within 30 s)' in senders_problem(node, 'status', 2)
     assert not senders_problem(node, 'status', 1)
