@@ -75,18 +75,20 @@ def explore_states(
     """
     coverage = Coverage(times)
     runs = _Runs(policy)
+    tested: set[int] = set()
     before: dict[int, tuple[int, str] | None] = {initial: None}
     for state, _, steps in visits(policy.domain, initial, runs.actions, disturbances, times):
-        if coverage.states and (len(before) > MOST_STATES or clock() >= deadline):
+        if tested and (len(before) > MOST_STATES or clock() >= deadline):
             coverage.complete = False
             break
-        coverage.states += 1
+        tested.add(state)
         if runs.actions(state):
             coverage.longest = max(coverage.longest, runs.longest(state))
         elif not policy.is_reached(state):
             coverage.uncovered[state] = _way(before, state)
         for after, _, name in steps:
             before.setdefault(after, (state, name))
+    coverage.states = len(tested)
     return coverage
 
 

@@ -10,14 +10,17 @@ import json
 import math
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from flexbt_formal.planning.coverage import Disturbance, visits
 from flexbt_formal.planning.goal import parse_goal
 from flexbt_formal.planning.planner import plan
+from flexbt_formal.planning.policy import Policy
 from flexbt_formal.planning.problem import Action, Condition, Domain, PlanningError, PlanningProblem, read_scene
 from flexbt_formal.planning.relaxation import Reachability
 from flexbt_formal.planning.search import SearchOutcome, SearchProgress, search
@@ -131,13 +134,21 @@ def test_from_each_state_in_which_a_branch_holds_the_goal_is_reached_at_no_more_
         assert first is None or spent <= first.left[1]
 
 
+def chosen(policy: Policy, state: int) -> tuple[int, ...]:
+    return () if policy.is_reached(state) else policy.actions(state)
+
+
 @given(problems)
 def test_all_that_may_come_has_a_branch_or_no_way(problem: PlanningProblem) -> None:
     assume(speaks_of_goal(problem))
-    found = plan(problem, disturbed=1)
-    if found.coverage is None:
+    found = plan(problem, disturbed=2)
+    if found.coverage is None or found.policy is None:
         return
     assert found.coverage.complete
+    policy, domain = found.policy, found.policy.domain
+    others = [Disturbance.of(domain, one) for one in problem.disturbances]
+    came = visits(domain, domain.state(problem.initial), partial(chosen, policy), others, 2)
+    assert found.coverage.states == len({state for state, _, _ in came})
     assert set(found.coverage.uncovered.values()) <= set(found.hopeless)
     by_name = {one.name: one for one in (*problem.actions, *problem.disturbances)}
     for way in found.hopeless:
