@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 from pathlib import Path
 
@@ -10,6 +11,9 @@ import pytest
 from test_studio_server import TREE, Page, Refused, with_pages
 
 from flexbt_studio.documents.project import Project
+
+FAR = '<root BTCPP_format="4"><BehaviorTree ID="Far"><AlwaysSuccess/></BehaviorTree></root>\n'
+USER = '<root BTCPP_format="4"><BehaviorTree ID="Main"><SubTree ID="Far"/></BehaviorTree></root>\n'
 
 
 @pytest.fixture
@@ -53,6 +57,57 @@ def test_pages_are_told_when_files_appear_and_vanish(file: Path) -> None:
         assert [one['file'] for one in await page.ask('files')] == ['added.xml']
 
     with_pages(file.parent, story)
+
+
+def test_pages_are_told_of_files_that_are_not_open_and_what_uses_their_trees_is_checked_again(file: Path) -> None:
+    far = file.with_name('far.xml')
+    far.write_text(FAR)
+    file.write_text(USER)
+
+    async def story(page: Page) -> None:
+        await page.ask('open', file='main.xml')
+        assert (await page.event('findings', file='main.xml'))['findings'] == []
+        far.write_text(FAR + '\n')
+        await page.event('disk', file='far.xml')
+        assert (await page.event('findings', file='main.xml'))['findings'] == []
+        await page.ask('trees', file='main.xml')
+        far.unlink()
+        await page.ask('files')  # whoever looks first
+        await page.event('disk', file='far.xml')
+        (found,) = (await page.event('findings', file='main.xml'))['findings']
+        assert 'there is no tree [Far]' in found['message']
+
+    with_pages(file.parent, story)
+
+
+def test_what_no_page_has_open_is_as_on_disk_unless_it_is_edited(file: Path) -> None:
+    far, edited = file.with_name('far.xml'), file.with_name('edited.xml')
+    for one in (far, edited):
+        one.write_text(FAR)
+
+    async def story(page: Page, other: Page) -> None:
+        async def opened() -> list[str]:
+            return [one['file'] for one in await page.ask('files') if one['open']]
+
+        await page.ask('run_nodes', file='far.xml', tree='Far')  # this opens nothing
+        assert await opened() == []
+        for one in (page, other):
+            await one.ask('open', file='far.xml')
+        await page.ask('open', file='edited.xml')
+        await page.ask('edit', file='edited.xml', version=1, edits=[[0, 0, ' ']])
+        for name in ('far.xml', 'edited.xml'):
+            await page.ask('leave', file=name)
+        file.write_text(TREE.replace('Spin', 'Wait'))
+        await page.event('disk', file='main.xml')  # since then it was looked
+        assert await opened() == ['edited.xml', 'far.xml']
+        await other.socket.close()
+        while await opened() != ['edited.xml']:
+            await asyncio.sleep(0.1)
+        far.write_text(FAR.replace('Far', 'Near'))
+        await page.event('disk', file='far.xml')
+        assert (await page.ask('trees', file='main.xml')).keys() >= {'Near'}
+
+    with_pages(file.parent, story, 2)
 
 
 def test_a_page_that_opens_a_file_is_told_what_was_told_before(file: Path) -> None:

@@ -12,7 +12,7 @@ import hashlib
 import itertools
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -114,6 +114,8 @@ class Project:
         """Documents of files that are not open, with the version on disk of each when it was read."""
         self._kinds: dict[Path, tuple[tuple[int, ...], Kind | None]] = {}
         """Kinds of the files on disk, with the version of each when it was looked into."""
+        self._written: set[Path] = set()
+        """Files that were written or removed since the last call of :meth:`written`, as far as that was seen."""
         self._last: dict[str, tuple[str, int]] = {}
         """The last version of each file that is not open, and the identity of its text on disk; '' if it was edited."""
 
@@ -121,11 +123,17 @@ class Project:
         """Return name and kind of each file that the studio opens, in order of names."""
         found: list[dict[str, str]] = []
         suffixes = {suffix for kind in KINDS for suffix in kind.suffixes}
-        for count, path in enumerate(self.walk(suffixes)):
-            if count == MOST_FILES:
-                break
+        paths = list(itertools.islice(self.walk(suffixes), MOST_FILES))
+        for path in self._kinds.keys() - set(paths):
+            del self._kinds[path]
+            self._written.add(path)
+        for path in paths:
             name = path.relative_to(self.root).as_posix()
-            kind = kind_of(name, self._open[name].document.text) if name in self._open else self._kind_on_disk(path)
+            if name in self._open:
+                self._kinds.pop(path, None)
+                kind = kind_of(name, self._open[name].document.text)
+            else:
+                kind = self._kind_on_disk(path)
             if kind is not None:
                 found.append({'file': name, 'kind': kind.name})
         for name, opened in self._open.items():
@@ -138,8 +146,17 @@ class Project:
         stamp = version_of(path)
         known = self._kinds.get(path)
         if known is None or known[0] != stamp:
+            if known is not None:
+                self._written.add(path)
             known = self._kinds[path] = stamp, kind_of(path.name, _beginning(path))
         return known[1]
+
+    def written(self) -> list[str]:
+        """Return the files that were written or removed between the calls of :meth:`files` since the last call of this.
+        Those that are open are left out, see :meth:`disk_changes`."""
+        found = [path.relative_to(self.root).as_posix() for path in sorted(self._written)]
+        self._written.clear()
+        return [file for file in found if file not in self._open]
 
     def document(self, file: str) -> Document:
         """Return the document of a file, which is not opened: as edited, else as on disk. Raises StudioError."""
@@ -201,7 +218,7 @@ class Project:
     def unedited(self) -> Project:
         """Return the project as it is on disk, without what is edited here."""
         project = Project(self.root)
-        project._closed, project._kinds = self._closed, self._kinds
+        project._closed, project._kinds, project._written = self._closed, self._kinds, self._written
         return project
 
     # Open files.
@@ -263,6 +280,13 @@ class Project:
         """Forget an open file with its unsaved edits. A text from elsewhere stays."""
         if file in self._open and not self._open[file].is_shown_only:
             self.forget(file)
+
+    def leave(self, used: Collection[str]) -> None:
+        """Forget the open files without unsaved edits that are not used: they are again as on disk. A text from
+        elsewhere stays."""
+        for file, opened in list(self._open.items()):
+            if file not in used and not opened.is_changed:
+                self.close(file)
 
     def forget(self, file: str) -> None:
         """Forget an open file, or a text from elsewhere."""

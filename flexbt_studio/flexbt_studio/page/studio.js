@@ -94,8 +94,8 @@ class Studio {
     if (event.event === 'welcome') await this.welcome(event);
     else if (event.event === 'model' && file) { file.takeModel(event); this.showHead(); }
     else if (event.event === 'findings' && file) file.takeFindings(event.version, event.findings);
-    else if (event.event === 'edited' && file) { file.takeEdited(event.version, event.edits); this.told(`${event.file} was edited in another page`); }
-    else if (event.event === 'edited') this.jobs.edited(event.file);
+    else if (event.event === 'edited' && file) { file.takeEdited(event.version, event.edits, event.key); this.told(`${event.file} was edited in another page`); }
+    else if (event.event === 'edited' || (event.event === 'disk' && !file)) this.jobs.edited(event.file);
     else if (event.event === 'files_changed') this.filesChanged(event, file);
     else if (event.event === 'disk' && file) this.diskChanged(file);
     else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';
@@ -145,6 +145,7 @@ class Studio {
 
   // Another program has written a file. Take its text, or tell it if there are changes here.
   async diskChanged(file) {
+    this.jobs.edited(file.name, true);
     file.isOld = file.isChanged;
     this.showHead();
     if (file.isOld) { this.told(`${file.name} was changed on disk by another program`, 'warning'); return; }
@@ -217,6 +218,7 @@ class Studio {
     if (!this.link.isOpen && (file.sent || file.pending)) { this.told(`${name} has edits that the studio has not got yet; close it when it is connected again`, 'warning'); return; }
     if (file.isChanged && await sheet(`${name} has unsaved changes`, [html('p', {}, 'If you close it, this page forgets it; the studio keeps the changes until they are saved or discarded.')], [['Close', true, 'primary'], ['Cancel', null, '']]) === null) return;
     this.open.delete(name);
+    this.link.request('leave', {file: name}).catch(() => {});  // a new connection has only what is opened on it
     if (file !== this.file) { this.showHead(); return; }
     this.file = null;
     const [next] = [...this.open.values()].slice(-1);

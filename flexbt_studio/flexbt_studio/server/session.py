@@ -146,6 +146,10 @@ class Sessions:
             if message.type is not WSMsgType.TEXT or not page.admitted():
                 break
             number, method, arguments = _asked(message.data)
+            if method in ('open', 'create', 'import_models'):  # before it is done: until then nobody uses the file
+                page.files.add(str(arguments.get('file')))
+            elif method == 'leave':
+                page.files.discard(str(arguments.get('file')))
             if len(waiting) >= MOST_WAITING:
                 told = f'{MOST_WAITING} requests of this page are waiting for their answers; ask again later'
                 await page.send({'id': number, 'error': {'kind': 'busy', 'message': told}})
@@ -202,6 +206,8 @@ class Sessions:
                 started = await self._start_job(page, arguments)
                 page.jobs.append(started['number'])
                 return started
+            case 'leave', _:
+                return None
             case 'cancel_job', _:
                 return self._jobs.cancel(arguments.get('number', 0))
             case 'allow_code', _:
@@ -386,11 +392,16 @@ class Sessions:
             await asyncio.sleep(WATCH_SECONDS)
             for page in [one for one in self._pages if not one.admitted()]:
                 page.end(WSCloseCode.POLICY_VIOLATION, b'the user was removed')
+            used = {file for page in self._pages for file in page.files}
+            await self._work(self._workbench.project.leave, used)
             for file in await self._work(self._workbench.project.disk_changes):
                 self.tell({'event': 'disk', 'file': file})
             if self._pages and (began := clock()) >= due:
                 files = await self._work(self._workbench.project.files)
                 due = clock() + LIST_RESTS * (clock() - began)
+                for file in await self._work(self._workbench.project.written):
+                    self.tell({'event': 'disk', 'file': file})
+                    self._check_users_soon(file)
                 if files != known:
                     self.tell({'event': 'files_changed', 'file': '', 'what': 'disk', 'by': 0})
                 known = files
@@ -424,9 +435,7 @@ class Sessions:
                 found = await self._work(of_open, self._workbench.checked)
             self.tell({'event': 'findings', 'file': file, **found})
             if question['language'] == 'xml':
-                if self._checking_users is not None:
-                    self._checking_users.cancel()
-                self._checking_users = asyncio.create_task(self._check_users(file))
+                self._check_users_soon(file)
         except ConflictError:
             pass  # it was closed, or a check of the new text follows
         except StudioError as error:
@@ -436,6 +445,11 @@ class Sessions:
             self.tell(
                 {'event': 'note', 'file': file, 'message': f'internal fault of the checker: {one_line(str(error))}'}
             )
+
+    def _check_users_soon(self, file: str) -> None:
+        if self._checking_users is not None:
+            self._checking_users.cancel()
+        self._checking_users = asyncio.create_task(self._check_users(file))
 
     async def _check_users(self, file: str) -> None:
         """Check the open files that may use the trees of a file, after a pause, and send their findings."""
@@ -475,6 +489,8 @@ class Page:
         """The simulated robot that it has started; it ends with the page."""
         self.jobs: list[int] = []
         """Numbers of the jobs that it has started; they end with it."""
+        self.files: set[str] = set()
+        """Files that it has open; what no page has open and is not edited is forgotten."""
         self.logs: set[str] = set()
         """Trees of logs that it has opened; each is forgotten with the last page that has."""
         self._sending = asyncio.Lock()

@@ -260,18 +260,15 @@ class Workbench:
     @request
     def run_nodes(self, file: str, tree: str = '') -> dict[str, list[str]]:
         """Return the file and the path in its view of each node of a tree, by the path of the node in a run."""
-        self.project.open(file)
         return {path: list(place) for path, place in self._checker.nodes(file, tree).items()}
 
     @request
     def mocks(self, file: str, tree: str = '') -> list[dict[str, Any]]:
         """Return what needs a mock in a dry run of a tree, see :meth:`.Checker.mocks`."""
-        self.project.open(file)
         return self._checker.mocks(file, tree)
 
     def tree_texts(self, file: str) -> dict[str, str]:
         """Return the texts of a file of trees and of the files that have its sub-trees, by their names."""
-        self.project.open(file)
         return {one: self.project.text(one) for one in self._checker.files(file)}
 
     def question(self, file: str) -> dict[str, Any]:

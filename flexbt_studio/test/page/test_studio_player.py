@@ -218,7 +218,7 @@ def test_who_looks_at_an_earlier_moment_goes_on_to_do_so(page: StudioPage, folde
         assert page.run(MOMENTS) == [8, 306], 'of a moment that is gone, the first that is kept'
 
 
-def test_an_edit_of_another_file_that_a_proof_has_read_makes_it_old(
+def test_a_change_of_another_file_that_a_proof_has_read_makes_it_old(
     page: StudioPage, other: StudioPage, folder: Path
 ) -> None:
     tree = '<root BTCPP_format="4" main_tree_to_execute="{0}"><BehaviorTree ID="{0}">{1}</BehaviorTree>{2}</root>'
@@ -228,8 +228,16 @@ def test_an_edit_of_another_file_that_a_proof_has_read_makes_it_old(
     (folder / 'two.xml').write_text(tree.format('Two', '<AlwaysSuccess/>', more))
     with served(folder, None) as port:
         page.open(port, 'two.xml')
+        set_field(page, 'requirements', 'never =FAILURE')
         page.press(F9)
         page.until_text('proof', 'proved: nothing wrong (')
+        fresh = folder / 'fresh'
+        for text, verdict in ((far.replace('Success', 'Failure'), 'not proven'), (far, 'proved: nothing wrong (')):
+            fresh.write_text(text)  # another program
+            fresh.replace(folder / 'far.xml')
+            page.until_text('proof', 'not proved since the change')
+            page.press(F9)
+            page.until_text('proof', verdict)
         other.open(port, 'far.xml')  # which this page has not opened
         rewrite(other, far := far.replace('</root>', '<!-- other --></root>'))
         page.until_text('proof', 'not proved since the change')
@@ -418,6 +426,12 @@ def test_a_comparison_tells_what_a_change_does_until_it_is_saved(
         page.chord(SHIFT, F9)
         page.until_text('compare-told', 'behaves the same')
         page.chord(CONTROL, 's')
+        page.until_text('compare-told', 'that on disk, has changed')
+        rewrite(page, f'{page.shown_text}<!-- unsaved -->')
+        page.until(page.has_changes)
+        page.chord(SHIFT, F9)
+        page.until_text('compare-told', 'behaves the same')
+        (folder / 'inspect.xml').write_text(MENDED)
         page.until_text('compare-told', 'that on disk, has changed')
 
 
