@@ -3,6 +3,9 @@
 
 import {Connection} from './server_link.js';
 
+const SILENT_MS = 10000;
+const MOST_BYTES = 8e6;  // of a request: at a longer one the server ends the connection
+
 export class Refusal extends Error {
   // kind: gesture, conflict, refused, fault or busy as the server says, or lost: there is no connection.
   constructor({kind, message}) { super(message); this.kind = kind; }
@@ -11,7 +14,7 @@ export class Refusal extends Error {
 export class SessionLink extends Connection {
   // on.event(event), on.state(isOpen, text).
   constructor(on) {
-    super('session');
+    super('session', undefined, undefined, SILENT_MS);
     Object.assign(this, {on, asked: new Map(), number: 0, isOpen: false});
     this.open();
   }
@@ -52,8 +55,9 @@ export class SessionLink extends Connection {
   request(method, args = {}) {
     if (!this.isOpen) return Promise.reject(new Refusal({kind: 'lost', message: 'not connected to the studio: this was not done; what you write in the text is sent when it is back'}));
     this.number += 1;
-    const id = this.number;
-    this.socket.send(JSON.stringify({id, method, arguments: args}));
+    const id = this.number, text = JSON.stringify({id, method, arguments: args});
+    if (3 * text.length > MOST_BYTES && new Blob([text]).size > MOST_BYTES) return Promise.reject(new Refusal({kind: 'refused', message: `${args.file ?? method}: the studio takes at most ${MOST_BYTES / 1e6} MB at once; nothing of this was done`}));
+    this.socket.send(text);
     return new Promise((answer, refuse) => this.asked.set(id, {answer, refuse}));
   }
 }

@@ -53,6 +53,8 @@ MOST_PROGRAMS: Final = 8
 """Maximum number of programs that are watched by Groot2's protocol."""
 WATCH_SECONDS: Final = 1.0
 """Time between two looks at the files, and at the users of the pages, s."""
+ALIVE_SECONDS: Final = 2.0
+"""Time between two events that tell pages that the server is there, s; a page takes longer silence for its end."""
 LIST_RESTS: Final = 20.0
 """Times as long as the list of files took, until it is made again: a great folder is looked through less often."""
 CHECK_SECONDS: Final = 0.08
@@ -102,10 +104,11 @@ class Sessions:
         """What tells pages that the server, and with it what is not saved, is another one."""
         self._jobs = Jobs(self.tell)
         self._watching: asyncio.Task[None] | None = None
+        self._beating: asyncio.Task[None] | None = None
 
     async def close(self) -> None:
         """Cancel what is waiting, and end all jobs."""
-        waiting = [*self._checks.values(), *filter(None, (self._watching, self._checking_users))]
+        waiting = [*self._checks.values(), *filter(None, (self._watching, self._beating, self._checking_users))]
         for one in waiting:
             one.cancel()
         await asyncio.gather(*waiting, return_exceptions=True)
@@ -122,6 +125,7 @@ class Sessions:
     async def serve(self, socket: web.WebSocketResponse, admitted: Callable[[], bool]) -> None:
         """Answer the requests of a page, which has sent the token, until it ends or its user is not ``admitted``."""
         self._watching = self._watching or asyncio.create_task(self._look_about())
+        self._beating = self._beating or asyncio.create_task(self._beat())
         page = Page(socket, next(self._numbers), admitted)
         self._pages.add(page)
         try:
@@ -383,6 +387,12 @@ class Sessions:
             event = {'event': 'files_changed', 'file': file, 'what': method, 'by': page.number}
             more = {'save': {'version': arguments.get('version')}, 'take_disk': {'saved': result}}
             self.tell({**event, **more.get(method, {})})
+
+    async def _beat(self) -> None:
+        """Tell the pages that the server is there, also while the workbench is busy."""
+        while True:
+            await asyncio.sleep(ALIVE_SECONDS)
+            self.tell({'event': 'alive'})
 
     async def _look_about(self) -> None:
         """Tell the pages about files that other programs write, and end those whose users were removed."""

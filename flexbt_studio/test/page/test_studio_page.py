@@ -667,6 +667,43 @@ def test_a_file_that_is_asked_for_twice_is_opened_once(
         page.until(lambda: page.shown_text == TREE)
 
 
+def test_what_is_too_long_for_the_server_is_taken_back_and_told(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        for length, told in ((9_000_000, 'main.xml: the studio takes at most 8 MB'), (5_000_000, 'split it')):
+            page.run(
+                'const field = document.querySelector("#text textarea"); field.value += "x".repeat(arguments[0]);'
+                'field.dispatchEvent(new Event("input"))',
+                length,
+            )
+            page.until_told(told)
+            assert page.shown_text == TREE and page.text('link') == 'CONNECTED'
+
+
+def test_a_server_that_is_silent_is_taken_for_lost(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page hears of its server also when nothing happens."""
+    monkeypatch.setattr(session, 'ALIVE_SECONDS', 0.2)
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        states = page.run("""
+            const {SessionLink} = await import('./session_link.js'), states = [];
+            const state = (isOpen, text) => states.push(text || isOpen);
+            const link = new SessionLink({event() {}, state});
+            link.silent = 2000;
+            const wait = async (done) => { while (!done()) await new Promise((go) => setTimeout(go, 50)); };
+            await wait(() => states.length);
+            const begun = performance.now();
+            await wait(() => performance.now() - begun > 3000);
+            link.socket.onmessage = () => {};
+            await wait(() => states.length > 1);
+            link.close();
+            return states;
+        """)
+        assert states[:2] == [True, 'the server of this page is silent']
+
+
 def test_what_was_not_saved_does_not_go_into_another_project(page: StudioPage, folder: Path, tmp_path: Path) -> None:
     other = tmp_path / 'other'
     other.mkdir()

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: BSD-3-Clause
 // Connections to the server, on both pages: opened again whenever they are lost.
 
-const SILENT_MS = 3500, LOOK_MS = 500;
+const SILENT_MS = 3500, LOOK_MS = 500;  // of the operator's page; how often it is looked whether a server is silent
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
 const REFUSED_WAIT_MS = 1000;  // the server is there: what it waits for is shown soon when it comes
@@ -18,10 +18,12 @@ remember('guest', guest);
 export const operator = () => remembered('operator', '') || guest;
 
 // A connection to a WebSocket of the server at a path, until close(). Who extends it has take(data) and lost(reason), which may call
-// retry(). hello() returns what goes with the token in the first message.
+// retry(). hello() returns what goes with the token in the first message. It is taken for lost when nothing comes for silent ms.
 export class Connection {
-  constructor(path, search = () => '', hello = () => ({})) {
-    Object.assign(this, {path, search, hello, socket: null, wait: FIRST_WAIT_MS, over: new AbortController()});
+  constructor(path, search = () => '', hello = () => ({}), silent = Infinity) {
+    Object.assign(this, {path, search, hello, silent, socket: null, wait: FIRST_WAIT_MS, heard: 0, looked: 0, stood: false, over: new AbortController()});
+    const looking = silent < Infinity && setInterval(() => this.look(), LOOK_MS);
+    this.over.signal.addEventListener('abort', () => clearInterval(looking));
     const on = (event, act) => addEventListener(event, act, {signal: this.over.signal});
     on('pagehide', () => this.drop());  // a page that the browser keeps for "back" is not connected
     on('pageshow', (event) => { if (event.persisted) this.open(); });
@@ -30,11 +32,12 @@ export class Connection {
 
   open() {
     this.rest();  // one connection, whoever opens it
+    this.heard = performance.now();
     const address = Object.assign(new URL(this.path, location.href), {protocol: location.protocol === 'https:' ? 'wss:' : 'ws:', search: this.search(), hash: ''});
     const socket = this.socket = new WebSocket(address), token = new URLSearchParams(location.hash.slice(1)).get('token');
     socket.binaryType = 'arraybuffer';
     socket.onopen = () => { socket.send(JSON.stringify({hello: token, ...this.hello()})); this.opened?.(); };
-    socket.onmessage = ({data}) => { if (this.socket === socket) { this.wait = FIRST_WAIT_MS; this.take(data); } };
+    socket.onmessage = ({data}) => { if (this.socket === socket) { this.wait = FIRST_WAIT_MS; this.heard = performance.now(); this.take(data); } };
     socket.onclose = ({code, reason}) => {
       if (this.socket !== socket) return;
       if (code === FORBIDDEN) this.wait = FORBIDDEN_WAIT_MS;
@@ -45,6 +48,18 @@ export class Connection {
   rest() { clearTimeout(this.again); this.again = null; }
   drop() { const before = this.socket; this.rest(); this.socket = null; before?.close(); }
   close() { this.over.abort(); this.drop(); }
+
+  look() {
+    const now = performance.now();
+    this.stood = !this.stood && now - this.looked > this.silent;
+    this.looked = now;
+    if (this.stood) return;  // the page did not run: what came meanwhile is taken first
+    if (this.socket && now - this.heard > this.silent) {
+      const {socket} = this;
+      this.lost('the server of this page is silent');
+      socket.close();
+    }
+  }
 
   // Open it again after a while, which grows each time that nothing has come.
   retry(wait = this.wait) {
@@ -60,27 +75,23 @@ export function mapOf(data) {
   return [JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length))), new Uint8Array(data, 4 + length)];
 }
 
-// The link of the operator's page, which is taken for lost when it is silent.
+// The link of the operator's page.
 export class ServerLink extends Connection {
   // on.parts(parts), on.message(message), on.map(head, cells), on.state(isOpen, word, text): while it is not open, what
   // is wrong, in a word and in a line.
   // search() names the robot, path is that of the server's link for the page.
   constructor(on, search = () => location.search, path = 'link') {
-    super(path, search, () => ({operator: operator()}));
-    Object.assign(this, {on, heard: 0, looked: 0, stood: false, welcome: false, refused: null});
-    const looking = setInterval(() => this.look(), LOOK_MS);
-    this.over.signal.addEventListener('abort', () => clearInterval(looking));
+    super(path, search, () => ({operator: operator()}), SILENT_MS);
+    Object.assign(this, {on, welcome: false, refused: null});
     this.open();
   }
 
   open() {
     this.welcome = false;
-    this.heard = performance.now();
     super.open();
   }
 
   take(data) {
-    this.heard = performance.now();
     if (data instanceof ArrayBuffer) { this.on.map(...mapOf(data)); return; }
     const message = JSON.parse(data);
     if (message.hello) {
@@ -99,18 +110,6 @@ export class ServerLink extends Connection {
 
   // Begin again, as who uses the page now.
   renew() { this.drop(); this.open(); }
-
-  look() {
-    const now = performance.now();
-    this.stood = !this.stood && now - this.looked > SILENT_MS;
-    this.looked = now;
-    if (this.stood) return;  // the page did not run: what came meanwhile is taken first
-    if (this.socket && now - this.heard > SILENT_MS) {
-      const silent = this.socket;
-      this.lost('the server of this page is silent');
-      silent.close();
-    }
-  }
 
   lost(reason) {
     this.welcome = false;
