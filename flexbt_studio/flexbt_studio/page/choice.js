@@ -53,7 +53,8 @@ export function choose(title, options, {free = () => null, text = '', note = ''}
     found = search(options, field.value).slice(0, MOST_SHOWN);
     if (own && !found.some((one) => one.label === own.label)) found.push(own);
     at = 0;
-    list.replaceChildren(...found.map((one, index) => html('li', {role: 'option', id: `choice-${index}`, onclick: () => finish(one)},
+    // A press of the mouse leaves the focus in the field.
+    list.replaceChildren(...found.map((one, index) => html('li', {role: 'option', id: `choice-${index}`, onmousedown: (event) => event.preventDefault(), onclick: () => finish(one)},
       html('span', {}, one.label), html('span', {class: 'hint'}, one.detail ?? ''), ...(one.keys ? [html('kbd', {}, one.keys)] : []))));
     if (!found.length) list.append(html('li', {class: 'hint', role: 'option', 'aria-disabled': 'true'}, 'Nothing matches.'));
     mark();

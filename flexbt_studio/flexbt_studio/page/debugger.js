@@ -4,7 +4,7 @@
 import {ask, choose} from './choice.js';
 import {word} from './commands.js';
 import {REACTION_MS} from './decision.js';
-import {byId, html, pressedOnce, svg} from './elements.js';
+import {byId, html, svg} from './elements.js';
 import {widthOf} from './graph.js';
 import {isSame, ProgramLink} from './live.js';
 import {placeOf} from './player.js';
@@ -42,7 +42,6 @@ export class Debugger {
     this.log = html('ol', {id: 'debug-log', class: 'list', 'aria-label': 'answers of the robot'});
     this.pane = html('details', {id: 'debug', open: true, hidden: true}, html('summary', {}, 'Debugger'), this.who, this.buttons,
       html('div', {class: 'buttons'}, act('why', 'Why Not Running', 'q', () => this.why()), act('board', 'Blackboard', '', () => this.board()), act('userdata', 'Userdata', '', () => this.do('userdata', null, true)), act('switch', 'Use This Version…', '', () => this.offer())), this.set, this.data, this.log);
-    pressedOnce('#held button, #debug button', (...words) => studio.told(...words));
     byId('alarm').after(this.bar);
     byId('runs').prepend(this.pane);
     addEventListener('keydown', (event) => {  // in a dialog, too

@@ -2,7 +2,7 @@
 // The form of the selected node, tree or state. Each field is an edit of the text, made when it is left or at Enter.
 
 import {ask, choose} from './choice.js';
-import {byId, html} from './elements.js';
+import {byId, html, replace} from './elements.js';
 import {portHelp} from './palette.js';
 
 const CONDITIONS = {_skipIf: 'skip the node if true', _successIf: 'succeed without a tick if true', _failureIf: 'fail without a tick if true', _while: 'tick only while true', _onSuccess: 'run after success', _onFailure: 'run after failure', _onHalted: 'run after a halt', _post: 'run after every end'};
@@ -62,7 +62,8 @@ export class Form {
     if (typed) active.dataset.was = active.value;  // a browser tells a change also of what is removed
     Object.assign(this, {key, part: part?.part ?? null, setters: new Map(), words: new Map()});
     byId('form-hint').textContent = part?.title ?? '';
-    this.root.replaceChildren(...(!part ? [html('p', {class: 'empty'}, 'Select a node or a state.')] : {tree: () => this.tree(part), node: () => this.node(part), state: () => this.state(part), outcome: () => this.outcome(part)}[part.kind]()));
+    const put = isSame ? replace : (root, ...parts) => root.replaceChildren(...parts);
+    put(this.root, ...(!part ? [html('p', {class: 'empty'}, 'Select a node or a state.')] : {tree: () => this.tree(part), node: () => this.node(part), state: () => this.state(part), outcome: () => this.outcome(part)}[part.kind]()));
     if (!typed || !isSame) return;
     const field = this.root.querySelector(`[data-field="${CSS.escape(typed.field)}"]`);
     field?.focus();

@@ -5,7 +5,7 @@ import {Actions} from './actions.js';
 import {mapOffset} from './changes.js';
 import {choose} from './choice.js';
 import {Debugger} from './debugger.js';
-import {byId, html} from './elements.js';
+import {byId, html, pressedOnce, replace} from './elements.js';
 import {Flow} from './flow.js';
 import {Form} from './form.js';
 import {Graph} from './graph.js';
@@ -162,15 +162,14 @@ class Studio {
   showFiles(files) {
     this.files = files;
     const wanted = byId('files-filter').value.toLowerCase(), shown = files.filter((one) => one.file.toLowerCase().includes(wanted));
-    byId('files').replaceChildren(...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', title: one.file, onclick: () => this.go(one.file)}, this.open.get(one.file)?.isChanged ?? one.changed ? '● ' : '', html('span', {class: 'folder dim'}, one.file.slice(0, one.file.lastIndexOf('/') + 1)), html('span', {}, ...one.file.split('/').at(-1).split(/(?<=_)/).flatMap((part) => [html('wbr'), part]))), html('span', {class: 'hint'}, one.kind))));
+    replace(byId('files'), ...shown.map((one) => html('li', {'aria-current': one.file === this.file?.name ? 'true' : null}, html('button', {type: 'button', title: one.file, onclick: () => this.go(one.file)}, this.open.get(one.file)?.isChanged ?? one.changed ? '● ' : '', html('span', {class: 'folder dim'}, one.file.slice(0, one.file.lastIndexOf('/') + 1)), html('span', {}, ...one.file.split('/').at(-1).split(/(?<=_)/).flatMap((part) => [html('wbr'), part]))), html('span', {class: 'hint'}, one.kind))));
     byId('files-count').textContent = shown.length === files.length ? `${files.length}` : `${shown.length} of ${files.length}`;
     if (!files.length) byId('files').append(html('li', {class: 'empty'}, 'No trees or machines are in this folder yet. Make one with New.'));
   }
 
   // Open a file if need be, show it, and select what find(view) returns, a path.
   async go(name, find = null, {isJump = false} = {}) {
-    let file = this.open.get(name);
-    if (!file) file = this.added(await this.link.request('open', {file: name}));
+    const file = this.open.get(name) ?? await this.asked('open', name);
     if (isJump) this.back.push([this.file.name, this.file.selected]);
     this.show(file);
     const path = find?.(file.view) ?? null;
@@ -190,13 +189,22 @@ class Studio {
     return file;
   }
 
+  // A file as the server answers, to be shown; refused if another one was asked for or shown since.
+  async asked(method, name, more = {}) {
+    this.wanted = name;
+    const file = this.added(await this.link.request(method, {file: name, ...more}));
+    if (this.wanted !== name) throw new Refusal({kind: 'refused', message: `${name} is open now; another file was shown or asked for since`});
+    return file;
+  }
+
   async create(name, text) {
-    this.show(this.added(await this.link.request('create', {file: name, text})));
+    this.show(await this.asked('create', name, {text}));
     this.file.saved = '';
     this.showHead();
   }
 
   show(file) {
+    this.wanted = file.name;
     if (this.file !== file) {
       if (byId('runs').contains(document.activeElement)) document.activeElement.blur();  // what is typed there is of the file before
       this.file = file;
@@ -424,7 +432,7 @@ class Studio {
     this.showSelection();
     const list = file.findings, errors = list.filter((one) => one.severity === 'error').length, others = list.length - errors;
     byId('problems-count').textContent = [errors && counted(errors, 'error'), others && counted(others, 'note')].filter(Boolean).join(', ') || 'none';
-    byId('problems').replaceChildren(...list.map((one) => html('li', {}, html('button', {type: 'button', class: {error: 'error', warning: 'warning'}[one.severity] ?? 'dim', onclick: () => this.goProblem(one)}, `${one.message}${one.line ? ` (${one.line}:${one.column})` : ''}`), ...one.fixes.map((fix) => html('button', {type: 'button', class: 'fix', onclick: () => this.fix(one, fix)}, fix.title)), ...(one.rule === 'not-run' ? [html('button', {type: 'button', class: 'fix', id: 'allow-code', onclick: () => this.allowCode()}, 'Run Its Code…')] : []))));
+    replace(byId('problems'), ...list.map((one) => html('li', {}, html('button', {type: 'button', class: {error: 'error', warning: 'warning'}[one.severity] ?? 'dim', onclick: () => this.goProblem(one)}, `${one.message}${one.line ? ` (${one.line}:${one.column})` : ''}`), ...one.fixes.map((fix) => html('button', {type: 'button', class: 'fix', onclick: () => this.fix(one, fix)}, fix.title)), ...(one.rule === 'not-run' ? [html('button', {type: 'button', class: 'fix', id: 'allow-code', onclick: () => this.allowCode()}, 'Run Its Code…')] : []))));
     if (!list.length) byId('problems').append(html('li', {class: 'empty'}, 'No problems found.'));
   }
 
@@ -483,7 +491,7 @@ class Studio {
     byId('difference').disabled = !isChanged;
     byId('difference').textContent = isChanged ? 'Unsaved changes' : 'No changes';
     byId('difference').classList.toggle('changed', isChanged);
-    byId('tabs').replaceChildren(...[...this.open.values()].map((one) => html('span', {class: 'tab'},
+    replace(byId('tabs'), ...[...this.open.values()].map((one) => html('span', {class: 'tab'},
       html('button', {type: 'button', 'aria-current': one === file ? 'page' : null, title: one.name, onclick: () => this.show(one)}, `${one.isChanged ? '● ' : ''}${one.name.split('/').at(-1)}`),
       html('button', {type: 'button', 'aria-label': `Close ${one.name}`, onclick: () => this.close(one.name)}, '×'))));
     byId('tabs').querySelector('[aria-current]')?.scrollIntoView({block: 'nearest', inline: 'nearest'});
@@ -600,7 +608,8 @@ class Studio {
     addEventListener('keydown', (event) => {
       if (document.querySelector('dialog[open]') || event.defaultPrevented) return;
       const inGraph = this.graph.hasFocus, isField = event.target.closest?.('input, textarea, select') || this.pane.hasFocus();
-      const name = `${event.ctrlKey || event.metaKey ? 'Ctrl+' : ''}${event.altKey ? 'Alt+' : ''}${event.shiftKey && (event.key.length > 1 || event.ctrlKey || event.metaKey) ? 'Shift+' : ''}${event.key}`;
+      const key = event.key.length > 1 ? event.key : event.shiftKey ? event.key.toUpperCase() : event.key.toLowerCase();  // whatever caps lock makes of it
+      const name = `${event.ctrlKey || event.metaKey ? 'Ctrl+' : ''}${event.altKey ? 'Alt+' : ''}${event.shiftKey && (event.key.length > 1 || event.ctrlKey || event.metaKey) ? 'Shift+' : ''}${key}`;
       const isLetter = event.key.length === 1 && !event.ctrlKey && !event.altKey && !event.metaKey;
       if (isLetter && isField) return;
       if (inGraph && isLetter && (this.graph.isFinding || !this.letters) && /[\p{L}\p{N}_]/u.test(event.key)) { event.preventDefault(); this.graph.find(event.key); return; }
@@ -613,6 +622,7 @@ class Studio {
     for (const [kind, act] of [['copy', () => this.actions.copy()], ['cut', () => this.actions.cut()], ['paste', (event) => this.actions.paste('after', event.clipboardData.getData('text/plain') || this.clipboard)]]) {
       document.addEventListener(kind, (event) => { if (this.graph.hasFocus && this.file) { event.preventDefault(); act(event); } });
     }
+    pressedOnce('#held button, #debug button, #simulator button, #choice-list li, #choice-field, #sheet-buttons button', (...words) => this.told(...words));
     document.querySelector('.skip').addEventListener('click', (event) => { event.preventDefault(); this.graph.focus(); });  // the address keeps token and file
     byId('merge').addEventListener('click', () => this.resolve(this.file));
     byId('files-filter').addEventListener('input', () => this.showFiles(this.files));

@@ -667,6 +667,67 @@ def test_a_file_that_is_asked_for_twice_is_opened_once(
         page.until(lambda: page.shown_text == TREE)
 
 
+def test_a_file_that_comes_late_takes_the_place_of_no_other(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.go('machine.yaml')
+        page.until_selected('/')
+        with held(monkeypatch, 'open') as asked:
+            page.go('more/recover.xml')
+            assert asked.wait(DEADLINE)
+            page.tab('main.xml')
+            page.until_selected('Main')
+            page.write()
+        page.until_told('more/recover.xml is open now; another file was shown')
+        page.press('x')  # in the text, and in no other place
+        page.until(page.has_changes)
+        assert 'file=main.xml' in page.driver.current_url and len(page.shown_text) == len(TREE) + 1
+
+
+def test_a_double_click_answers_one_question(page: StudioPage, folder: Path) -> None:
+    chains = pytest.importorskip('selenium.webdriver.common.action_chains')
+    with served(folder, None) as port:
+        page.open(port, 'machine.yaml')
+        page.click('/Rest')
+        buttons = '[...document.querySelectorAll("#form button")]'
+        page.run(f'{buttons}.find((one) => one.textContent === "Add a Transition…").click()')
+        page.until(lambda: page.focused == 'choice-field')
+        page.press('late')
+        row = page.driver.find_element('css selector', '#choice-list li')
+        chains.ActionChains(page.driver).double_click(row).perform()
+        page.until_told('A double click presses once')
+        assert page.text('choice-title') == 'Rest: target of late' and page.focused == 'choice-field'
+        held = '{key: "Enter", repeat: true, bubbles: true}'
+        page.run(f'document.activeElement.dispatchEvent(new KeyboardEvent("keydown", {held}))')
+        assert page.run('return document.getElementById("choice").open')
+        page.press('Ask', Keys.ENTER)
+        page.until_told('late leads to Ask')
+
+
+def test_a_button_of_a_list_keeps_the_focus_when_the_list_changes(page: StudioPage, folder: Path) -> None:
+    (folder / 'main.xml').write_text(TREE.replace('wait_duration', 'wait_durations'))
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.until_text('problems', 'wait_durations')
+        page.click('Main/0/1')
+        for selector in ('#files li:last-child button', '#tabs .tab button', '#problems .fix', '#form button'):
+            page.run('document.querySelector(arguments[0]).focus(); window.before = document.activeElement', selector)
+            seen = page.run('return window.before.textContent')
+            if selector.startswith('#files'):
+                (folder / 'added.xml').write_text(TREE)
+            else:
+                page.run(
+                    'const field = document.querySelector("#text textarea"), [from, to] = arguments;'
+                    'field.value = field.value.replace(from, to); field.dispatchEvent(new Event("input"))',
+                    *(('_durations', '_duration') if selector == '#form button' else ('\n</root>', '\n\n</root>')),
+                )
+            page.until(lambda: not page.run('return window.before.isConnected'))
+            text = page.run('return document.activeElement.textContent')
+            assert text.removeprefix('● ') == seen.removeprefix('● '), selector
+
+
 def test_what_is_too_long_for_the_server_is_taken_back_and_told(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml')

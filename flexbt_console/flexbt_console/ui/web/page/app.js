@@ -4,7 +4,7 @@
 import {ACTIONS, Commands} from './commands.js';
 import {DecisionBar, element, plain} from './decision.js';
 import {LEAST, drawTree, has, keep, mark, offer, part, press, show, spread, statuses} from './drawing.js';
-import {byId, pressedOnce, svg as svgElement} from './elements.js';
+import {byId, pressedOnce, replace, svg as svgElement} from './elements.js';
 import {RobotMap} from './map.js';
 import {panels} from './panels.js';
 import {operator, remember, remembered, ServerLink} from './server_link.js';
@@ -191,8 +191,7 @@ function drawQueue() {
   queueShown = text;
   byId('queue-held').textContent = queue?.held ? `HELD: ${queue.held}` : '';
   byId('queue-hold').textContent = queue?.hold ? 'Release' : 'Hold';
-  const focused = byId('queue').contains(document.activeElement) && document.activeElement.title;
-  byId('queue').replaceChildren(...(queue?.entries ?? []).map((entry, row) => {
+  replace(byId('queue'), ...(queue?.entries ?? []).map((entry, row) => {
     const buttons = [['↑', 'Move up', entry.up], ['↓', 'Move down', entry.down], ['✕', 'Remove', `queue remove ${entry.number}`]].map(([sign, what, line]) => {
       const place = `queue ${row} ${sign}`;
       commands.means(place, line);
@@ -201,7 +200,6 @@ function drawQueue() {
     const state = element('span', {class: entry.running ? 'running' : 'dim'}, entry.state);
     return element('li', {}, element('div', {}, element('strong', {}, `${entry.number}  ${entry.text}`), ' ', state, element('div', {class: 'hint'}, entry.details)), ...buttons);
   }));
-  if (focused) [...byId('queue').querySelectorAll('button')].find(({title}) => title === focused)?.focus();
 }
 byId('queue-hold').addEventListener('click', () => commands.toggle('queue-hold'));
 byId('queue-add').addEventListener('click', () => commands.start('queue add'));
@@ -335,7 +333,7 @@ const robotLine = (name) => element('li', {}, element('button', {type: 'button',
 
 function drawObstacles() {
   byId('drop').hidden = !known.simulator;
-  byId('obstacles').replaceChildren(...known.obstacles.map(([name]) => element('button', {type: 'button', onclick: () => send({remove_obstacle: name})}, `remove ${name}`)));
+  replace(byId('obstacles'), ...known.obstacles.map(([name]) => element('button', {type: 'button', onclick: () => send({remove_obstacle: name})}, `remove ${name}`)));
   if (!known.simulator) dropping = false;
 }
 

@@ -15,6 +15,13 @@ function filled(made, attributes, parts) {
 export const html = (name, attributes = {}, ...parts) => filled(document.createElement(name), attributes, parts);
 export const svg = (name, attributes = {}, ...parts) => filled(document.createElementNS(NAMESPACE, name), attributes, parts);
 
+// Put other parts into an element. If one of its buttons has the focus, that of this name gets it.
+export function replace(root, ...parts) {
+  const name = (one) => one.title || one.ariaLabel || one.textContent, focused = root.contains(document.activeElement) && document.activeElement.matches('button') ? name(document.activeElement) : null;
+  root.replaceChildren(...parts);
+  if (focused !== null) [...root.querySelectorAll('button')].find((one) => name(one) === focused)?.focus();
+}
+
 // A double click and a key that is held down press what a selector names once: it may mean something else when it has been pressed.
 // tell(text, tone): who presses again on purpose, but soon, is told.
 export function pressedOnce(selector, tell) {
