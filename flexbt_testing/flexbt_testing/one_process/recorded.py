@@ -235,7 +235,7 @@ class RecordedRobot(AbstractRobot):
         if hasattr(result, 'path') and answer.path is not None:
             result.path = answer.path
         if not answer.is_success and hasattr(result, 'error_code'):
-            unknown = getattr(goal.request, 'UNKNOWN', result.UNKNOWN)
+            unknown = getattr(goal.request, 'UNKNOWN', getattr(result, 'UNKNOWN', 0))  # Wait has no codes
             result.error_code = unknown + (0 if answer.recovery_helps else _LATER_CODE)
 
         def end() -> None:

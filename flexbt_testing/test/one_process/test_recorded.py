@@ -117,6 +117,21 @@ def test_a_drive_that_was_paused_ends_when_it_did(tmp_path: Path) -> None:
     assert found.after.ends == ['finished']
 
 
+def test_a_recovery_that_was_stopped_as_it_waited_is_so_again(tmp_path: Path) -> None:
+    """The action Wait of Nav2 has no codes of errors."""
+
+    def stop_a_wait(world: World) -> None:
+        world.start('Navigate Split')
+        world.answer('/AskGoal', 'corridor')
+        world.choose('/JudgePath', 'failed')
+        world.run(2.0)
+        world.stop()
+
+    found = decide_again(recorded(tmp_path, stop_a_wait))
+    assert found.after.events[-2].what == 'Wait RUNNING'
+    assert found.difference is None, str(found)
+
+
 def test_a_recording_of_no_use_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(tmp_path / 'missing.mcap')]) == 2
     assert 'missing.mcap: cannot be read' in capsys.readouterr().err
