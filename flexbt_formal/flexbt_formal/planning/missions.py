@@ -122,19 +122,25 @@ def grounded_problem(
     others = [action for action in grounded.actions if action.skill.startswith(_DISTURBANCE)]
     if not actions:
         raise PlanningError('no skill can be done with these objects; name objects of the types that the skills have')
+    # Goal literals that hold and that no action changes are left out, unless they can be measured.
+    asked = grounded.goal | {str(literal) for one in alternatives for literal in one if _is_measured(library, literal)}
     leaves = {action.name: _action_leaf(library.skills[action.skill], action) for action in actions}
-    texts = {text for action in grounded.actions for text in action.pre | action.add | action.delete} | grounded.goal
+    texts = {text for action in grounded.actions for text in action.pre | action.add | action.delete} | asked
     leaves |= {text: leaf for text in texts if (leaf := sensor_leaf(library, parse_literal(text))) is not None}
     problem = PlanningProblem(
         tuple(map(_action, actions)),
-        grounded.start,
-        # Remove goal literals that hold and that no action changes.
-        tuple(frozenset(map(str, one)) & grounded.goal for one in alternatives),
+        grounded.start | (asked - grounded.goal),
+        tuple(frozenset(map(str, one)) & asked for one in alternatives),
         tuple(map(_action, others)),
         leaves,
         _remedies(extended),
     )
     return problem, tuple(actions)
+
+
+def _is_measured(library: SkillLibrary, literal: Literal) -> bool:
+    predicate = library.predicates.get(literal.predicate)
+    return predicate is not None and isinstance(predicate.sensor, ConditionSensor | BlackboardSensor)
 
 
 def _remedies(library: SkillLibrary) -> dict[str, str]:

@@ -345,6 +345,20 @@ def test_what_cannot_be_planned_is_a_failure_with_the_reason(
     assert not tree.unfinished
 
 
+def test_what_no_action_changes_is_measured_to_the_end(bench: Bench) -> None:
+    skills, _, others = SKILLS.partition('  OpenDoor:')
+    bench.write(UNFORESEEN, skills + others[others.index('  PickUpCup:') :])
+    bench.world.open = False
+
+    def opened(world: World) -> None:
+        world.open = True
+
+    bench.world.meanwhile = once(0, opened)
+    tree = bench.tree('goal="robot_at(hall) &amp; !open(kitchen_door)"')
+    assert bench.run(tree) is FAILURE and bench.world.robot == 'hall'
+    assert tree.failure is not None and 'not open(kitchen_door) does not hold' in tree.failure.reason
+
+
 def test_nothing_is_done_to_measure(bench: Bench) -> None:
     """A predicate without a sensor is tested by the leaf of its name, and here that is one that acts."""
     sensor = ', sensor: {condition: IsDoorOpen, ports: {door: $what}}'
