@@ -20,7 +20,7 @@ LOOK_AHEAD: Final = 2.0
 """Time for which collisions are looked for ahead, s."""
 
 LOOK_AHEAD_STEP: Final = 0.1
-"""Time, s, from one collision check to the next, where that is less than a cell of driving."""
+"""Time, s, from one collision check to the next, where that is less than a cell of driving, half a cell for a box."""
 
 
 LATENCY: Final = 0.05
@@ -184,7 +184,8 @@ def collides(costmap: Costmap, pose: Pose, command: Velocity, seconds: float, in
     way = (linear + angular * (inflation.outer_radius if inflation.corners else 0.0)) * seconds
     if costmap.has_room(pose, inflation.outer_radius + way):
         return False
-    steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(way / world.resolution))
+    looks = 2.0 if inflation.corners else 1.0  # in a cell: a corner would pass that of a cell between two looks
+    steps = max(1, math.ceil(seconds / LOOK_AHEAD_STEP), math.ceil(looks * way / world.resolution))
     overlap: float | None = None
     for ahead in inertia.poses(pose, command, seconds, steps):
         if not world.contains(*world.cell(ahead.x, ahead.y)):

@@ -349,6 +349,14 @@ def test_a_robot_changes_its_velocity_as_foreseen(before: float, turning: float,
         assert abs(wrap(robot.pose.yaw - pose.yaw)) < 0.06
 
 
+def test_the_corner_of_a_box_does_not_pass_that_of_a_pole_between_two_looks() -> None:
+    """It would clip it by 5 mm."""
+    cells = numpy.zeros((80, 80), numpy.int8)
+    cells[40, 40] = 100
+    costmap = Costmap(OccupancyMap(cells, 0.05, Pose(0.0, 0.0, 0.0)), Inflation.of(box(0.9, 0.4)))
+    assert collides(costmap, Pose(2.35854, 2.42463, -2.1), Velocity(0.0, 1.0024), 1.0)
+
+
 def test_a_turn_does_not_end_at_once() -> None:
     """A box that stands along a wall and turns towards it hits it, though it is told to drive on."""
     costmap = Costmap(WALL, Inflation.of(box(0.9, 0.4)))
