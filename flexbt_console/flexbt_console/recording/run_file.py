@@ -37,7 +37,7 @@ MOST_RECORD: Final = 64_000_000
 """Maximum bytes of a record, and of the decompressed content of a chunk."""
 
 SET_BACK: Final = 10 * 10**9
-"""Time by which a message is earlier than one before it in the file, if the clock was set back in between, ns."""
+"""Time by which a message is earlier than one of its topic before it, if the clock was set back in between, ns."""
 
 _MAGIC: Final = b'\x89MCAP0\r\n'
 
@@ -230,16 +230,32 @@ def read_run(file: Path, at_damage: Callable[[], object] = lambda: None) -> Iter
 
 
 def going_on(messages: Iterable[Recorded]) -> Iterator[Recorded]:
-    """Yield messages with times that go on where the clock of the recorder was set back, also within a recording.
+    """Yield messages with times that go on where the clock of the recorder was set back.
 
-    Of a busy recorder, a message may be in the file some seconds behind later ones.
+    Those of one topic are in their order. Others may be far behind in the file, because the recorder or its disk stood
+    still; so one that is early waits for a further one, which shows whether the clock was set.
     """
-    latest = ahead = 0
+    latest: dict[str, int] = {}  # by topic
+    newest = ahead = 0
+    waiting: list[Recorded] = []
     for one in messages:
-        if one.time + ahead < latest - SET_BACK:
-            ahead = latest - one.time
-        latest = max(latest, one.time + ahead)
-        yield replace(one, time=one.time + ahead) if ahead else one
+        waiting.append(one)
+        time = one.time + ahead
+        if time < latest.get(one.topic, 0) - SET_BACK:
+            ahead = newest - waiting[0].time
+        elif time < newest - SET_BACK:
+            continue
+        for known in waiting:
+            latest[known.topic] = known.time + ahead
+            newest = max(newest, latest[known.topic])
+            yield _ahead_by(ahead, known)
+        waiting.clear()
+    yield from (_ahead_by(ahead, known) for known in waiting)
+
+
+def _ahead_by(shift: int, one: Recorded) -> Recorded:
+    """Return a message as of a later time, ns. A sender has the same clock, or another one, which is then off."""
+    return replace(one, time=one.time + shift, sent=one.sent + shift * (one.sent > 0)) if shift else one
 
 
 def _messages(records: Iterator[object]) -> Iterator[Recorded]:

@@ -10,6 +10,7 @@ import resource
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -42,7 +43,14 @@ from flexbt_console.present.rendering import behavior_line
 from flexbt_console.recording import replay
 from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.recorder import Recorder
-from flexbt_console.recording.run_file import RELATIVE_NAME, Recorded, RunWriter, read_run, write_recording
+from flexbt_console.recording.run_file import (
+    RELATIVE_NAME,
+    Recorded,
+    RunWriter,
+    going_on,
+    read_run,
+    write_recording,
+)
 from flexbt_console.recording.topics import TOPICS, full_definition
 from flexbt_msgs.msg import ExecutiveLog, ExecutiveStatus, PlaceList
 from flexbt_testing.system.fork_server import ForkedProcess
@@ -186,21 +194,36 @@ def test_what_is_searched_for_is_found_in_any_case_of_its_letters(tmp_path: Path
     assert player.time == pytest.approx(1.0, abs=0.1)
 
 
-def test_what_was_recorded_after_the_clock_was_set_back_comes_later(tmp_path: Path) -> None:
-    second, hour = 10**9, 3600 * 10**9
-    times = [hour, hour + second, hour - second, hour + 2 * second, 0, second, 3 * second, 2 * second]
-    log = [
-        (time, names.EXECUTIVE_LOG, ExecutiveLog(executive_id='e', sequence=number, text=f'said {number}'))
-        for number, time in enumerate(times)
-    ]
-    write_recording(tmp_path / 'run.mcap', log)
-    player = RunPlayer(tmp_path / 'run.mcap')
-    assert player.duration == 6.0  # what came late is in its place, and after the clock was set back it goes on
-    said = []
-    for time in range(7):
-        player.go_to(float(time))
-        said.append([line.sequence for line in player.mirror.log()])
-    assert said == [[2], [0, 2], [0, 1, 2], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 5], [0, 1, 2, 3, 4, 5, 7], [*range(8)]]
+def replayed(file: Path, *messages: tuple[str, float]) -> list[tuple[str, float]]:
+    """Record messages of topics at times, s, in this order; return what is read of it, by the time."""
+    types = {names.EXECUTIVE_LOG: ExecutiveLog, names.EXECUTIVE_STATUS: ExecutiveStatus, names.PLACES: PlaceList}
+    write_recording(file, [(int(time * 1e9), topic, types[topic]()) for topic, time in messages])
+    known = sorted(going_on(read_run(file)), key=lambda one: one.time)
+    return [(one.topic, one.time / 1e9) for one in known]
+
+
+@given(back=st.floats(13.0, 1e6), between=st.sampled_from([(), (names.PLACES,), (names.PLACES, names.EXECUTIVE_LOG)]))
+def test_what_was_recorded_after_the_clock_was_set_back_comes_later(back: float, between: tuple[str, ...]) -> None:
+    status, begin = names.EXECUTIVE_STATUS, 1.7e9
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / 'run.mcap'
+        before = [(names.EXECUTIVE_LOG, begin), (status, begin + 1.0), (status, begin + 2.0)]
+        after = [*((topic, 3.0) for topic in between), *((status, 4.0 + number) for number in range(3))]
+        read = replayed(file, *before, *((topic, begin + time - back) for topic, time in after))
+    assert [topic for topic, _ in read[:3]] == [topic for topic, _ in before]
+    assert [topic for topic, _ in read if topic == status] == [status] * 5
+    assert sorted(topic for topic, _ in read[3:]) == sorted(topic for topic, _ in after)
+    assert 0.0 <= read[-1][1] - read[2][1] < 5.0
+
+
+def test_what_waited_while_the_recorder_stood_still_is_in_its_place(tmp_path: Path) -> None:
+    """It takes the messages of one topic after those of another."""
+    topics = names.EXECUTIVE_STATUS, names.EXECUTIVE_LOG, names.PLACES
+    backlog = [(topic, 100.0 + second) for topic in topics for second in range(60)]
+    for first in ([], [(topic, 99.0) for topic in topics]):
+        messages = [*first, *backlog, (names.EXECUTIVE_STATUS, 161.0)]
+        read = replayed(tmp_path / f'{len(first)}.mcap', *messages)
+        assert read == sorted(messages, key=lambda one: one[1])
 
 
 def test_in_memory_messages_are_as_large_as_in_the_file(tmp_path: Path) -> None:
