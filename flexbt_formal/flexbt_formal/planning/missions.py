@@ -28,7 +28,7 @@ from flexbt_core.values.text import truncate_middle
 from flexbt_core.values.yaml_data import YamlParts, line_of
 
 from .goal import parse_goal
-from .problem import Action, Leaf, PlanningError, PlanningProblem
+from .problem import Action, Condition, Leaf, PlanningError, PlanningProblem
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +87,7 @@ def read_mission(text: str, source: str = '<text>') -> Mission:
 
 _DISTURBANCE: Final = 'disturbance: '
 _DEFAULT_ATTEMPTS: Final = 3
+_NO_BINDING: Final[Mapping[str, str]] = {}
 
 
 def skill_problem(
@@ -122,25 +123,37 @@ def grounded_problem(
     others = [action for action in grounded.actions if action.skill.startswith(_DISTURBANCE)]
     if not actions:
         raise PlanningError('no skill can be done with these objects; name objects of the types that the skills have')
-    # Goal literals that hold and that no action changes are left out, unless they can be measured.
-    asked = grounded.goal | {str(literal) for one in alternatives for literal in one if _is_measured(library, literal)}
+    # Literals that hold and that no action changes are left out, unless they can be measured.
+    asked = grounded.goal.union(*(_measured(library, one) for one in alternatives))
+    needs = {
+        one.name: one.pre | _measured(library, extended.skills[one.skill].preconditions, one.binding)
+        for one in grounded.actions
+    }
+    held = (asked - grounded.goal).union(*(needs[one.name] - one.pre for one in grounded.actions))
     leaves = {action.name: _action_leaf(library.skills[action.skill], action) for action in actions}
-    texts = {text for action in grounded.actions for text in action.pre | action.add | action.delete} | asked
+    texts = {text for action in grounded.actions for text in action.add | action.delete}.union(asked, *needs.values())
     leaves |= {text: leaf for text in texts if (leaf := sensor_leaf(library, parse_literal(text))) is not None}
     problem = PlanningProblem(
-        tuple(map(_action, actions)),
-        grounded.start | (asked - grounded.goal),
+        tuple(_action(one, needs[one.name]) for one in actions),
+        grounded.start | held,
         tuple(frozenset(map(str, one)) & asked for one in alternatives),
-        tuple(map(_action, others)),
+        tuple(_action(one, one.pre) for one in others),
         leaves,
         _remedies(extended),
     )
     return problem, tuple(actions)
 
 
-def _is_measured(library: SkillLibrary, literal: Literal) -> bool:
-    predicate = library.predicates.get(literal.predicate)
-    return predicate is not None and isinstance(predicate.sensor, ConditionSensor | BlackboardSensor)
+def _measured(
+    library: SkillLibrary, literals: Iterable[Literal], binding: Mapping[str, str] = _NO_BINDING
+) -> Condition:
+    """Return those of the literals, bound to objects, whose predicates have a sensor that leaves can ask."""
+    sensors = ((one, library.predicates.get(one.predicate)) for one in literals)
+    return frozenset(
+        str(one.bound(binding))
+        for one, predicate in sensors
+        if predicate is not None and isinstance(predicate.sensor, ConditionSensor | BlackboardSensor)
+    )
 
 
 def _remedies(library: SkillLibrary) -> dict[str, str]:
@@ -171,9 +184,9 @@ def _disturbance(effects: list[Literal]) -> Skill:
     return Skill(name, outcomes={'SUCCESS': Outcome(OutcomeClass.COMPLETED, tuple(effects))})
 
 
-def _action(action: GroundAction) -> Action:
+def _action(action: GroundAction, needs: Condition) -> Action:
     name = action.name.removesuffix('()') if action.skill.startswith(_DISTURBANCE) else action.name
-    return Action(name.removeprefix(_DISTURBANCE), action.pre, action.add, action.delete, action.cost)
+    return Action(name.removeprefix(_DISTURBANCE), needs, action.add, action.delete, action.cost)
 
 
 def _action_leaf(skill: Skill, action: GroundAction) -> Leaf:
