@@ -318,6 +318,35 @@ def test_a_time_line_of_decades_has_few_ticks(browser: Browser) -> None:
 
 
 @NEEDS_BROWSER
+def test_a_great_time_line_keeps_the_page_from_nothing(browser: Browser) -> None:
+    with served({'robot': WebRobot().station()}) as port:
+        browser.driver.get(f'http://127.0.0.1:{port}/')
+        browser.until_live()
+        drawn, later = browser.run("""
+            const {Timeline} = await import('./timeline.js'), place = document.getElementById('timeline');
+            const line = new Timeline(place.appendChild(document.createElement('div')), {moment() {}}), drawn = [];
+            const frame = () => new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+            const lanes = {revision: 1, begin: 0, wall: 0, live: true}, at = {begin: 0, end: 1, count: 1};
+            const one = {...at, lane: 'states', key: '/A', label: '', word: '', tone: '', text: ''};
+            line.body.style.height = '100px';
+            const take = (number) => line.take({...lanes, entries: [{...one, number}], end: number});
+            line.draw = () => {  // of very many entries
+              drawn.push(performance.now());
+              while (performance.now() - drawn.at(-1) < 200);
+              Timeline.prototype.draw.call(line);
+            };
+            const begin = performance.now();
+            for (let number = 1; performance.now() - begin < 2000; number += 1) { take(number); await frame(); }
+            const count = drawn.length;
+            while (line.isOld) await frame();  // in the end all of it is seen
+            line.zoom(2);  // what somebody does is seen at once
+            await frame();
+            return [count, drawn.length - count];
+        """)
+        assert 1 <= drawn <= 4 and later >= 1
+
+
+@NEEDS_BROWSER
 def test_who_moves_along_the_time_line_asks_for_no_more_moments_than_the_server_takes(browser: Browser) -> None:
     robot = WebRobot()
     script = (

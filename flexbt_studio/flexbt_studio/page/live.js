@@ -15,8 +15,9 @@ export class Live {
     byId('live').addEventListener('click', () => this.toggle());
   }
 
-  welcome(hasRobots) {
+  welcome(hasRobots, isNewServer) {
     byId('live').hidden = !hasRobots;
+    if (isNewServer && this.isOn && !this.isRecording) this.player.forget();
     if (this.isOn && (hasRobots || this.isRecording)) this.watch();
   }
 

@@ -120,6 +120,13 @@ export class Player {
     if (wasAtEnd || isGone) this.go(wasAtEnd ? Infinity : 0); else this.showLine();
   }
 
+  // The past of the robot is gone with the server that has kept it.
+  forget() {
+    Object.assign(this, {past: null, wanted: null});
+    this.timeline.clear();
+    this.go(Infinity);
+  }
+
   end() {
     if (!this.isOpen) return;
     this.stop();

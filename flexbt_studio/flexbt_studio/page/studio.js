@@ -111,7 +111,7 @@ class Studio {
       byId('alarm').textContent = `Another project, ${folder}, is at this address now. What was not saved is still in this page: copy what you need, then load the page again.`;
       return;
     }
-    this.live.welcome(robots);
+    this.live.welcome(robots, Boolean(this.instance) && instance !== this.instance);
     this.simulator.welcome();
     Object.assign(this, {page, instance});
     const recovered = Promise.all([...this.open.values()].map((file) => file.recover(instance)));  // at once: until then nothing of them is sent

@@ -546,6 +546,12 @@ def test_a_robot_is_watched_and_its_past_is_kept(
         page.until(lambda: page.run('return document.getElementById("live").getAttribute("aria-pressed")') == 'false')
 
 
+def lanes(page: StudioPage) -> list[str]:
+    """Return what is on the lanes."""
+    script = 'return [...document.querySelectorAll("#player-lanes .entry title")].map((one) => one.textContent)'
+    return [title.split()[1] for title in page.run(script)]
+
+
 def test_a_robot_that_a_new_server_has_not_found_yet_is_shown_as_old(
     page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -557,14 +563,18 @@ def test_a_robot_that_a_new_server_has_not_found_yet_is_shown_as_old(
         page.until_text('player-title', 'Robot base')
         robots.show({'Sequence::1': 1}, active='/Drive/Go')
         page.until(lambda: shown(page).get('/Drive/Go') == 'running')
+        page.until(lambda: 'Go' in lanes(page))
     page.until_text('player-told', 'NO LINK')
-    robots.fleet = Fleet()
+    again = Robots()
+    again.fleet = Fleet()
+    monkeypatch.setattr('studio_page.StudioServer', partial(StudioServer, robots=cast(Any, again)))
     with served(folder, None, port):
         page.until_text('player-told', "NO LINK, last known state (no robot 'base' was found")
-        robots.fleet.add('base', robots.mirror)
-        robots.show({'Sequence::1': 1}, active='/Drive')
+        again.fleet.add('base', again.mirror)
+        again.show({'Sequence::1': 1}, active='/Drive')
         page.until(lambda: shown(page) == {'/': 'running', '/Drive': 'running'})
         assert 'NO LINK' not in page.text('player-told')
+        page.until(lambda: 'Sequence::1' in lanes(page) and 'Go' not in lanes(page))  # of the new server
 
 
 def test_what_was_asked_about_one_recording_is_not_shown_of_the_next(page: StudioPage, folder: Path) -> None:

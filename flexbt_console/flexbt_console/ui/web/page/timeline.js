@@ -9,6 +9,7 @@ const ROW = 19, AXIS = 20, CHARACTER = 6.7, LEAST_TEXT = 26;
 const USUAL_SPAN = 60, FIRST_SPAN = 5, LEAST_SPAN = 0.5, ZOOM = 1.5, SLOP = 4;
 const MOST_ROWS = 200;
 const MOST_ENTRIES = 3000;  // of a lane, as on the server
+const RESTS = 3;            // times as long as a picture took, until what has come with time is drawn again
 const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400];
 
 const cut = (text, width) => { const most = Math.floor(width / CHARACTER); return text.length <= most ? text : most > 2 ? `${text.slice(0, most - 1)}…` : ''; };
@@ -37,7 +38,8 @@ export class Timeline {
     this.pointers = new Map();
     for (const [kind, act] of [['down', 'press'], ['move', 'drag'], ['up', 'release'], ['cancel', 'release']]) this.svg.addEventListener(`pointer${kind}`, (event) => this[act](event));
     new ResizeObserver(() => this.redraw()).observe(this.body);
-    setInterval(() => { if (this.isLive && this.isShown) this.redraw(); }, 1000);
+    this.rested = 0;
+    setInterval(() => { if (this.isLive && this.isShown && (this.now - this.drawn) * this.scale >= 1) this.isOld = true; this.refresh(); }, 1000);
     this.clear();
   }
 
@@ -55,7 +57,8 @@ export class Timeline {
       const of = [...this.entries.values()].filter((one) => one.lane === lane);
       for (const {number} of of.slice(0, Math.max(0, of.length - MOST_ENTRIES))) this.entries.delete(number);
     }
-    this.redraw();
+    this.isOld = true;
+    this.refresh();
   }
 
   get isShown() { return this.body.clientWidth > 0 && this.body.clientHeight > 0; }
@@ -184,7 +187,14 @@ export class Timeline {
     if (entry) this.tell(`${this.clock(entry.begin)}  ${this.name(entry)}  ${entry.end === null ? '' : ago(entry.end - entry.begin)}  ${entry.text}`);
   }
 
-  redraw() { if (!this.isPlanned) { this.isPlanned = true; requestAnimationFrame(() => { this.isPlanned = false; this.draw(); }); } }
+  redraw() {
+    if (this.isPlanned) return;
+    this.isPlanned = true;
+    requestAnimationFrame((began) => { this.isPlanned = false; this.draw(); requestAnimationFrame((now) => { this.rested = now + RESTS * (now - began); }); });
+  }
+
+  // Draw what has come with time, which a great picture must not keep the page from all else for.
+  refresh() { if (this.isOld && performance.now() >= this.rested) this.redraw(); }
 
   // Entries of one lane without overlaps, as few rows as it takes; each has its width with its text.
   pack(entries, x) {
@@ -206,6 +216,7 @@ export class Timeline {
 
   draw() {
     const width = this.body.clientWidth;
+    Object.assign(this, {isOld: false, drawn: this.now});
     this.range.min = this.begin;
     this.range.max = this.now;
     this.range.value = this.at ?? this.now;
