@@ -308,7 +308,7 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
         robot.show(locked=('/Drive',))
         browser.until_text('active', '/Drive (locked)')
         browser.run('document.activeElement.blur()')
-        browser.press('b', Keys.ENTER, 'l', Keys.ENTER)  # each shows its line first
+        browser.press('b', Keys.ENTER, 'L', Keys.ENTER)  # each shows its line first; also with caps lock
         sent = [(one.kind, one.path) for one in robot.wait_sent(6)[4:]]
         assert sent == [(CommandKind.BREAKPOINT, '/Drive'), (CommandKind.UNLOCK, '/Drive')]
         # Tab reaches every control, and each has a name.
@@ -743,6 +743,7 @@ def test_what_is_filled_in_stays_when_an_answer_of_the_robot_comes_late(
         browser.press('Patrol', Keys.ENTER)
         browser.until_text('dialog-title', 'start Patrol')
         browser.press('7')
+        browser.run('document.getElementById("recordings").click()')
         answers.set()
         browser.until_text('told', 'userdata:')
         browser.until_text('dialog-title', 'start Patrol')

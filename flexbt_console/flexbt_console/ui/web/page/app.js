@@ -495,7 +495,7 @@ function takeMessage(message) {
   else if (message.read && byId('dialog').matches('[open]:has(input, select)')) tell(`${message.read.title}:\n${message.read.text}`, 'plain');  // what is filled in stays
   else if (message.read) commands.read(message.read.title, message.read.text);
   else if (message.past) takeMoment(message.past);
-  else if (message.recordings) chooseRecording(message.recordings);
+  else if (message.recordings) { if (!byId('dialog').open) chooseRecording(message.recordings); }  // something else is read by now
   else if (message.lanes) {
     lanesAsked = 0;
     if (message.lanes.problem) takeMoment(message.lanes);

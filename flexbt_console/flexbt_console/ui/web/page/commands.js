@@ -306,7 +306,7 @@ export class Commands {
       n: () => this.type('note '), ':': () => this.type(''), '/': () => this.type(''), '?': () => this.help(), g: () => byId('map').focus(), j: () => this.timeline(),
       Enter: isPressed ? null : () => this.bar.confirm(),
     };
-    const action = /^[1-9]$/.test(event.key) ? () => this.bar.pick(Number(event.key)) : actions[event.key];
+    const action = /^[1-9]$/.test(event.key) ? () => this.bar.pick(Number(event.key)) : actions[event.key] ?? actions[event.key.toLowerCase()];  // also with caps lock
     if (!action) return;
     event.preventDefault();
     action();
