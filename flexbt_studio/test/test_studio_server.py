@@ -151,6 +151,24 @@ def test_what_a_page_has_sent_is_done_and_told_though_it_ends_at_once(folder: Pa
     with_pages(folder, story, 2)
 
 
+def test_a_page_that_was_not_connected_gets_the_edits_since(folder: Path) -> None:
+    async def story(one: Page, other: Page) -> None:
+        for page in (one, other):
+            assert (await page.ask('open', file='main.xml'))['since'] is None
+        made = []
+        for version, key in ((1, 'a'), (2, 'b')):
+            edits = [[0, 0, key]]
+            await one.ask('edit', file='main.xml', version=version, edits=edits, key=key)
+            assert (await other.event('edited', version=version + 1))['key'] == key
+            made.append([version + 1, edits, key])
+        for version, since in ((1, made), (2, made[1:]), (3, []), (0, None), (4, None)):
+            assert (await other.ask('open', file='main.xml', version=version))['since'] == since
+        await one.ask('close', file='main.xml')
+        assert (await other.ask('open', file='main.xml', version=2))['since'] is None
+
+    with_pages(folder, story, 2)
+
+
 def test_a_file_that_is_closed_before_its_check_stays_closed(folder: Path) -> None:
     async def story(page: Page) -> None:
         await page.ask('open', file='main.xml')

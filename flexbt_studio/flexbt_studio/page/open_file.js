@@ -61,14 +61,13 @@ export class OpenFile {
     if (this.sent || !this.pending || !this.link.isOpen || this.isRecovering) return;
     this.sent = this.pending;
     this.pending = null;
-    const {version, begun} = this;
+    this.key = `${Math.random()}`;
+    const {version, begun, key} = this;
     try {
-      await this.link.request('edit', {file: this.name, version, edits: toEdits(this.sent)});
+      await this.link.request('edit', {file: this.name, version, edits: toEdits(this.sent), key});
       if (this.begun !== begun) return;
-      this.base = apply(this.base, this.sent);
-      this.version = version + 1;
-      this.sent = null;
       this.restored = null;
+      this.arrived();
       this.takeOthers();
       this.send();
       this.settle();
@@ -101,15 +100,25 @@ export class OpenFile {
     this.send();
   }
 
-  takeEdited(version, edits) {
+  // The edit that was sent has made the next version.
+  arrived() {
+    this.base = apply(this.base, this.sent);
+    this.version += 1;
+    this.sent = null;
+  }
+
+  // key is what the page that has made an edit calls it.
+  takeEdited(version, edits, key) {
     if (this.restored) { this.leaveToOther(); return; }
-    this.others.set(version, fromEdits(edits));
+    this.others.set(version, [fromEdits(edits), key]);
     this.takeOthers();
   }
 
   takeOthers() {
-    for (let change; (change = this.others.get(this.version + 1)); ) {
+    for (let next; (next = this.others.get(this.version + 1)); ) {
       this.others.delete(this.version + 1);
+      let [change, key] = next;
+      if (this.sent && key === this.key) { this.arrived(); continue; }  // its answer was lost with the connection
       this.version += 1;
       this.base = apply(this.base, change);
       if (this.sent) this.sentIsMapped = true;  // it was for an older version, so it is refused
@@ -121,13 +130,14 @@ export class OpenFile {
     this.settle();
   }
 
-  // After a lost connection or an edit that is missing: compare with the server's text. What only this page has is sent again.
+  // After a lost connection or an edit that is missing: take the edits since then, or else compare with the server's text. What only
+  // this page has is sent again.
   // instance identifies the server: a new one has what is on disk, and nothing of what was not saved there.
   async recover(instance = this.instance) {
     const isNewServer = instance !== this.instance;
     this.isRecovering = true;
     try {
-      const open = () => this.link.request('open', {file: this.name});
+      const open = () => this.link.request('open', {file: this.name, version: this.version});
       const model = await (isNewServer && this.isChanged ? open().catch(() => this.createAgain()).catch(open) : open()), unsent = this.pending ?? [];
       let remote, local;
       if (isNewServer && model.version === 1) {  // it has read the file again: what is not saved is only in the pages
@@ -139,6 +149,12 @@ export class OpenFile {
         this.saved = model.text;
         if (restore.length || local.length) this.restored = {base: apply(model.text, restore), unsent: local};
         local = compose(restore, local);
+      } else if (!isNewServer && !this.restored && model.since) {
+        for (const [version, edits, key] of model.since) this.others.set(version, [fromEdits(edits), key]);
+        this.takeOthers();
+        this.pending = this.sent && this.pending ? compose(this.sent, this.pending) : this.sent ?? this.pending;
+        Object.assign(this, {sent: null, begun: {}, isRefused: false, sentIsMapped: false});
+        [remote, local] = [[], this.pending ?? []];
       } else {
         // An edit whose answer was lost has arrived if the server's text is nearer to that with it.
         const without = difference(this.base, model.text), withSent = this.sent && difference(apply(this.base, this.sent), model.text);
@@ -168,7 +184,7 @@ export class OpenFile {
 
   // Another page has brought the text back to a new server: what it has brought is the same text, and no edit of another one.
   leaveToOther() {
-    Object.assign(this, {base: this.restored.base, sent: null, pending: this.restored.unsent, restored: null, begun: {}});
+    Object.assign(this, {base: this.restored.base, version: 0, sent: null, pending: this.restored.unsent, restored: null, begun: {}});
     this.recover();
   }
 

@@ -380,7 +380,7 @@ class Sessions:
             page.logs.add(file)
         if method == 'edit':
             event = {'event': 'edited', 'file': file, 'version': result, 'edits': arguments['edits'], 'by': page.number}
-            self.tell(event, but=page)
+            self.tell({**event, 'key': arguments.get('key', '')}, but=page)
         if method in ('edit', 'open', 'create', 'save'):
             self._check_soon(file)
         if method in ('create', 'save', 'close') or (method == 'take_disk' and result is not None):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import os
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -52,6 +53,8 @@ from .proposals import (
 _Request = TypeVar('_Request', bound=Callable[..., Any])
 _MARK: Final = '_is_request'
 _PLAN: Final = 'mocks.yaml'
+MOST_EDITS: Final = 1000
+"""Maximum number of edits that are kept of a file, for pages that were not connected meanwhile."""
 
 
 def request(method: _Request) -> _Request:
@@ -78,6 +81,8 @@ class Workbench:
         self._names = Names(self.project, self._registry, self._checker, self._states)
         self._help = TreeHelp(self.project, self._registry)
         self._machine_help = MachineHelp(self.project, self._states)
+        self._edits: dict[str, deque[tuple[int, list[Any], str]]] = {}
+        """The last edits of each file: the version that each has made, its edits, and its key."""
 
     def job_copy(
         self,
@@ -209,10 +214,13 @@ class Workbench:
         ]
 
     @request
-    def open(self, file: str) -> dict[str, Any]:
-        """Open a file and return its text and graph."""
-        self.project.open(file).stamp = None  # so that the page is told if it was changed on disk
-        return self.model(file)
+    def open(self, file: str, version: int = 0) -> dict[str, Any]:
+        """Open a file and return its text and graph, and the edits ``since`` a version; None if they are not known."""
+        opened = self.project.open(file)
+        opened.stamp = None  # so that the page is told if it was changed on disk
+        since = [one for one in self._edits.get(file, ()) if one[0] > version]
+        is_known = 0 < version <= opened.version and len(since) == opened.version - version
+        return {**self.model(file), 'since': since if is_known else None}
 
     @request
     def create(self, file: str, text: str) -> dict[str, Any]:
@@ -298,10 +306,15 @@ class Workbench:
         return [shown_finding(asdict(one), page) for one in found]
 
     @request
-    def edit(self, file: str, version: int, edits: list[Any]) -> int:
-        """Apply edits to a version of an open file, and return the new version. Raises ConflictError."""
+    def edit(self, file: str, version: int, edits: list[Any], key: str = '') -> int:
+        """Apply edits to a version of an open file, and return the new version. Raises ConflictError.
+
+        By the ``key`` a page that has lost the answer finds them again, see :meth:`open`.
+        """
         page = PageText(self.project.open(file).document.text)
-        return self.project.edit(file, version, page.edits_from_page(edits)).version
+        opened = self.project.edit(file, version, page.edits_from_page(edits))
+        self._edits.setdefault(file, deque(maxlen=MOST_EDITS)).append((opened.version, edits, key))
+        return opened.version
 
     @request
     def gesture(self, file: str, version: int, name: str, arguments: dict[str, Any]) -> list[Any]:

@@ -890,6 +890,39 @@ def test_an_edit_that_a_busy_server_refuses_is_sent_again(page: StudioPage, fold
         assert (sent, text) == (2 * ['[[2,2,"c"]]'], 'abc')
 
 
+def test_an_edit_whose_answer_was_lost_is_known_by_its_key(page: StudioPage, folder: Path) -> None:
+    """Another page has removed what it had inserted, so that the text does not tell whether it has arrived."""
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        for has_arrived, expected in ((True, ['bxy', 1, 'bxy']), (False, ['bxyaaaa', 2, 'bxy'])):
+            assert expected == page.run(
+                """
+                const [hasArrived] = arguments, {OpenFile} = await import('./open_file.js');
+                const {plainPane} = await import('./plain_text.js');
+                const buffer = plainPane(document.createElement('div'), {}).buffer('xy', 'a'), sent = [];
+                const model = {file: 'a', changed: false, view: {}, problems: [], gestures: []};
+                const on = Object.fromEntries(['changed', 'viewed', 'found', 'told'].map((kind) => [kind, () => {}]));
+                const request = async (method, words) => {
+                  if (method === 'edit') sent.push(words);
+                  if (method === 'edit' && sent.length === 1) throw Object.assign(new Error('lost'), {kind: 'lost'});
+                  if (method === 'edit') return words.version + 1;
+                  const others = [[hasArrived ? 3 : 2, [[0, hasArrived ? 4 : 0, 'b']], 'other']];
+                  const own = hasArrived ? [[2, sent[0].edits, sent[0].key]] : [];
+                  return {...model, text: 'bxy', version: others[0][0], since: [...own, ...others]};
+                };
+                const file = new OpenFile({request, isOpen: true}, {...model, text: 'xy', version: 1}, buffer, on);
+                file.apply([hasArrived ? [0, 0, 'aaaa'] : [2, 2, 'aaaa']], 'typed');
+                await new Promise((done) => setTimeout(done));
+                await file.recover();
+                await file.synced();
+                const {text} = file;
+                buffer.undo();
+                return [text, sent.length, file.text];
+                """,
+                has_arrived,
+            )
+
+
 def test_a_fix_is_for_the_text_that_was_checked(
     page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
