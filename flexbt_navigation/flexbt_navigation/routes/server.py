@@ -379,6 +379,7 @@ class RouteServer:
         self.parameters = parameters
         self.robot = robot
         self._graph: RouteGraph | None = None
+        self._read = self._used = 0  # numbers of the newest graph that was read, and of the one that is used
         self._edges = DynamicEdges()
         scorers = {**SCORERS, DYNAMIC_EDGES: self._edges}
         self._score = edge_scorer(scorers[name] for name in parameters.edge_scorers)
@@ -427,7 +428,8 @@ class RouteServer:
         return response
 
     async def _use_graph(self, graph: RouteGraph) -> None:
-        """Use a graph once all its frames can be transformed to the map frame."""
+        """Use a graph once all its frames can be transformed to the map frame, unless a newer one is used by then."""
+        self._read = number = self._read + 1
         frame = self.robot.parameters.map_frame
         frames = sorted(graph.frames - {frame})
         origins = [PoseStamped() for _ in frames]
@@ -435,6 +437,11 @@ class RouteServer:
             origin.header.frame_id = name
         asked = [asked_pose(origin, 'the graph', 'TF_ERROR') for origin in origins]
         poses: list[Pose] = await Later(partial(self.robot.map_frame.poses, asked, timeout=GRAPH_TIMEOUT))
+        if number < self._used:
+            raise NavigationError(
+                'NO_VALID_GRAPH', 'a newer one is used since before the frames of this one were known'
+            )
+        self._used = number
         self._graph = graph.moved(frame, dict(zip(frames, poses, strict=True)))
         # On the other thread: many markers take longer than the robot drives without a command.
         markers = partial(graph_markers, self._graph, frame, self.runtime.clock.stamp())

@@ -11,17 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import TransformStamped
 from nav2_msgs.action import ComputeAndTrackRoute, ComputeRoute
 from nav2_msgs.msg import EdgeCost, SpeedLimit
 from nav2_msgs.srv import DynamicEdges, SetRouteGraph
 from rclpy.duration import Duration
 from route_graphs import edge, node, write
 from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from flexbt_common import names
 from flexbt_common.calls.action_call import GoalStatus
 from flexbt_navigation.routes import server
+from flexbt_navigation.routes.graph import RouteGraph, load_graph
 from flexbt_navigation.routes.server import graph_markers
 from flexbt_sim.messages import pose_of
 from flexbt_testing.nodes.clients import SentGoal
@@ -240,6 +243,39 @@ def test_another_graph_replaces_the_one_before_and_is_shown_and_a_broken_one_doe
     assert len(markers('route_graph_edges')[0].points) == 2
     assert [marker.text for marker in markers('route_graph_node_ids')] == ['7', '8']
     runtime.call(lambda: runtime.node.destroy_subscription(subscription))
+
+
+def test_a_graph_whose_frame_is_told_late_does_not_replace_a_newer_one(
+    world: RobotProbe, graph_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As that of the parameter, which is loaded before anybody tells the frames."""
+    begun = threading.Event()
+
+    def load(file: Path) -> RouteGraph:
+        begun.set()
+        return load_graph(file)
+
+    monkeypatch.setattr(server, 'load_graph', load)
+    late = write(graph_file.parent / 'late', [node(7, 0.0, 0.0, frame='annexe'), node(8, 1.0, 0.0), edge(1, 7, 8)])
+    runtime, loaded = world.runtime, list[bool]()
+    world.set_speed_factor(1.0)
+    loading = threading.Thread(target=lambda: loaded.append(set_graph(world, late)))
+    loading.start()
+    world.wait(begun.is_set, 'a graph that is read')
+    assert set_graph(world, graph_file)
+    annexe = TransformStamped(child_frame_id='annexe')
+    annexe.header.frame_id = 'map'
+    publisher = runtime.call(
+        lambda: runtime.node.create_publisher(TFMessage, names.TF_STATIC, names.transient_local_qos())
+    )
+    publisher.publish(TFMessage(transforms=[annexe]))
+    loading.join(DEADLINE)
+    assert loaded == [False]
+    assert by_ids(world, 1, 2).wait().status is GoalStatus.SUCCEEDED
+    assert set_graph(world, late)
+    assert by_ids(world, 7, 8).wait().status is GoalStatus.SUCCEEDED
+    world.set_speed_factor(FAST['speed_factor'])
+    runtime.call(lambda: runtime.node.destroy_publisher(publisher))
 
 
 @pytest.fixture(scope='module')
