@@ -95,7 +95,8 @@ class Studio {
     else if (event.event === 'model' && file) { file.takeModel(event); this.showHead(); }
     else if (event.event === 'findings' && file) file.takeFindings(event.version, event.findings);
     else if (event.event === 'edited' && file) { file.takeEdited(event.version, event.edits, event.key); this.told(`${event.file} was edited in another page`); }
-    else if (event.event === 'edited' || (event.event === 'disk' && !file)) this.jobs.edited(event.file);
+    else if (event.event === 'edited') this.jobs.edited(event.file);
+    else if (event.event === 'disk' && !file) { this.jobs.edited(event.file); this.learnTrees(true); }
     else if (event.event === 'files_changed') this.filesChanged(event, file);
     else if (event.event === 'disk' && file) this.diskChanged(file);
     else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';
@@ -140,6 +141,7 @@ class Studio {
       if (what === 'close') { file.instance = null; file.recover(this.instance); }  // with its unsaved edits, as by a new server
       if (what === 'save') { file.takeSaved(version); this.showHead(); this.told(`${file.name} was saved in another page`); }
     }
+    if (!name) this.learnTrees(true);
     try { this.showFiles(await this.link.request('files')); } catch { /* it comes with the next welcome */ }
   }
 
@@ -258,11 +260,12 @@ class Studio {
     this.flow.update();
   }
 
-  // The trees of the project and what else can be added: asked for when a file is shown, and when an open file has others.
-  async learnTrees() {
+  // The trees of the project and what else can be added: asked for when a file is shown, when an open file has others, and when
+  // another program may have made others (isAgain).
+  async learnTrees(isAgain = false) {
     const {file} = this, own = ({view: {trees = [], models = [], states = []}}) => [...[...trees, ...models].map((one) => one.id), ...states.map((one) => one.type)];
     const known = [file?.name, ...[...this.open.values()].flatMap(own)].join('\n');
-    if (!file || known === this.learnt) return;
+    if (!file || (known === this.learnt && !isAgain)) return;
     this.learnt = known;
     this.treeFiles = await this.link.request('trees', {file: file.name}).catch(() => { this.learnt = null; return this.treeFiles; });
     this.palette.show(this.entries());

@@ -790,6 +790,10 @@ def test_trees_that_were_asked_for_as_the_server_ended_are_asked_for_again(
     page.until_text('link', 'NO SERVER')
     with served(folder, None, port):
         page.until(lambda: page.run(script) == 2)
+        (folder / 'more.xml').write_text(RECOVER.replace('"Recover"', '"More"'))  # another program
+        page.until(lambda: page.run(script) == 3)
+        (folder / 'more' / 'recover.xml').write_text('<root BTCPP_format="4"/>')
+        page.until(lambda: page.run(script) == 2)
 
 
 def test_an_answer_that_comes_late_is_of_its_file_or_robot(page: StudioPage, folder: Path) -> None:
