@@ -10,6 +10,7 @@ import os
 import random
 import shutil
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -31,11 +32,14 @@ import numpy  # noqa: E402 - in the world, as all that follows
 import yaml  # noqa: E402
 from ament_index_python.packages import get_package_share_directory  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
+from rclpy.node import Node  # noqa: E402
 from simulation_interfaces.srv import DeleteEntity, SpawnEntity  # noqa: E402
 
 from flexbt_common import names  # noqa: E402
 from flexbt_common.files import resolve_file  # noqa: E402
+from flexbt_common.runtime import node_runtime  # noqa: E402
 from flexbt_common.runtime.node_runtime import NodeRuntime  # noqa: E402
+from flexbt_common.runtime.parameters import unknown_parameters  # noqa: E402
 from flexbt_common.values.message_fields import seconds_of  # noqa: E402
 from flexbt_console.commands.command_builder import CommandBuilder  # noqa: E402
 from flexbt_console.link.operator_link import ExecutiveLink  # noqa: E402
@@ -874,6 +878,16 @@ def _machine_file(point: EntryPoint) -> Traversable:
 
 
 setattr(behavior_library, 'machine_file', _machine_file)  # noqa: B010 - as above
+
+
+def _unknown_parameters(nodes: Sequence[Node]) -> Iterator[str]:
+    """Yield what a node logs of misspelled parameters, and warn the test, which shows no logs."""
+    for line in unknown_parameters(nodes):
+        warnings.warn(f'{SCHEDULER.current.process.name}: {line}', stacklevel=2)
+        yield line
+
+
+setattr(node_runtime, 'unknown_parameters', _unknown_parameters)  # noqa: B010 - as above
 
 
 @contextmanager

@@ -334,6 +334,10 @@ def test_a_further_program_may_have_parameters(bare: World) -> None:
     assert bare.processes['base/stop_guard'] is process and process.is_alive
     with pytest.raises(AssertionError, match='base/stop_guard runs already'):
         bare.launch(Program('flexbt_onboard', 'stop_guard', namespace='base'))
+    told = r"^home/stop_guard: there is no parameter 'motion_action', .*did you mean 'motion_actions'"
+    with pytest.warns(UserWarning, match=told):
+        bare.launch(Program('flexbt_onboard', 'stop_guard', {'motion_action': ['spin']}, 'home'))
+        bare.run(1.0)
     bare.launch(Program('flexbt_onboard', 'stop_guard', {'motion_actions': ['a b']}))
     bare.run(1.0)
     assert bare.processes['stop_guard'].exit_code == 1, 'it has got the parameter'
