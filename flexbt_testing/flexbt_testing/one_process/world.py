@@ -255,11 +255,12 @@ class Mission:
     def start(self, behavior: str, autonomy: str = 'High', **arguments: ParameterValue) -> None:
         """Start a behavior at a level of autonomy: Off, Low, High or Full. Arguments are values, or text."""
         levels = {one.name.title(): one for one in AutonomyLevel}
-        assert autonomy.title() in levels, f'there is no level {autonomy!r}; there are {", ".join(levels)}'
+        level = str(autonomy).title()
+        assert level in levels, f'there is no level {autonomy!r}; there are {", ".join(levels)}'
         self.tell(f'operator: starts {behavior!r} at autonomy {autonomy}')
         before = self._run_id
         given = [(name, parameter_text(value)) for name, value in arguments.items()]
-        self._give(self._make.start(self.view, behavior, given, levels[autonomy.title()]))
+        self._give(self._make.start(self.view, behavior, given, levels[level]))
         self.run_until(lambda view: view.running or self._run_id != before, what=f'the start of {behavior}')
 
     def answer(self, state: str, answer: ParameterValue) -> None:

@@ -222,6 +222,8 @@ def test_the_coverage_has_the_outcomes_by_which_behaviors_ended(
 
 @pytest.mark.world(motion='abstract')
 def test_an_argument_may_be_a_value(world: World) -> None:
+    with pytest.raises(AssertionError, match='there is no level 2; there are Off, Low, High, Full'):
+        world.start('Inspection', 2)  # type: ignore[arg-type]
     world.start('Inspection', duration=3.0)
     assert world.view.running
 
