@@ -235,11 +235,12 @@ def upright(map: GridMap, yaw: float) -> GridMap:
     given = numpy.frombuffer(map.cells, numpy.uint8).reshape(height, width)
     cells = numpy.full((rows, columns), 255, numpy.uint8)
     x = left + 0.5 + numpy.arange(columns)
-    for row in range(rows):
-        y = bottom + 0.5 + row
+    block = max(1, 100_000 // columns)  # rows at once: a map may have a million of them
+    for row in range(0, rows, block):
+        y = bottom + 0.5 + numpy.arange(row, min(row + block, rows))[:, None]
         column, line = numpy.floor((cos * x + sin * y, cos * y - sin * x)).astype(int)
         inside = (column >= 0) & (column < width) & (line >= 0) & (line < height)
-        cells[row, inside] = given[line[inside], column[inside]]
+        cells[row : row + block][inside] = given[line[inside], column[inside]]
     line, column = numpy.nonzero((given >= OCCUPIED) & (given <= 100))  # a wall of one cell would have gaps
     x, y = column + 0.5, line + 0.5
     cells[(sin * x + cos * y - bottom).astype(int), (cos * x - sin * y - left).astype(int)] = given[line, column]
