@@ -41,10 +41,11 @@ def pytest_load_initial_conftests() -> None:
     skip_message_generator()
     lock_order.watch_locks()
     gc.disable()
+    _set_examples()
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Describe the marks of the middleware, and set how hypothesis draws examples.
+def _set_examples() -> None:
+    """Set how hypothesis draws examples, unless a conftest or the option ``--hypothesis-profile`` sets it later.
 
     By default the examples are the same in each run, and few, so that a failing test was broken by a change. With
     FLEXBT_FUZZ (`make fuzz`) they are new, and more. One example may take long on a busy machine; tests of speed check
@@ -52,16 +53,20 @@ def pytest_configure(config: pytest.Config) -> None:
     """
     from hypothesis import settings
 
-    for mark in (
-        'dds(reason): needs the real middleware, processes or streams, so it never runs in one process',
-        'one_process: runs in one process, though other tests of its package need the middleware or processes',
-    ):
-        config.addinivalue_line('markers', mark)
     is_fuzzing = 'FLEXBT_FUZZ' in os.environ
     settings.register_profile(
         'flexbt', deadline=None, derandomize=not is_fuzzing, max_examples=200 if is_fuzzing else 50
     )
     settings.load_profile('flexbt')
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Describe the marks of the middleware."""
+    for mark in (
+        'dds(reason): needs the real middleware, processes or streams, so it never runs in one process',
+        'one_process: runs in one process, though other tests of its package need the middleware or processes',
+    ):
+        config.addinivalue_line('markers', mark)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -125,3 +125,25 @@ def test_a_test_fails_that_takes_locks_in_both_orders(tmp_path: Path) -> None:
     assert '3 passed, 1 error' in done.stdout, done.stdout
     assert 'ERROR at teardown of test_two' in done.stdout
     assert done.stdout.count('is taken while') == 2
+
+
+@pytest.mark.parametrize(('words', 'examples'), [([], 7), (['--hypothesis-profile=few'], 3)])
+def test_the_plugin_leaves_the_number_of_examples_to_a_package(tmp_path: Path, words: list[str], examples: int) -> None:
+    (tmp_path / 'conftest.py').write_text(
+        'from hypothesis import settings\n'
+        "settings.register_profile('own', max_examples=7)\n"
+        "settings.register_profile('few', max_examples=3)\n"
+        "settings.load_profile('own')\n"
+    )
+    (tmp_path / 'test_it.py').write_text(
+        f'from hypothesis import settings\ndef test_it():\n    assert settings().max_examples == {examples}\n'
+    )
+    plugins = ['-p', 'flexbt_testing.pytest_plugin', '-p', 'no:cacheprovider']
+    ran = subprocess.run(
+        [sys.executable, '-m', 'pytest', *plugins, *words, 'test_it.py'],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ran.returncode == 0, ran.stdout + ran.stderr
