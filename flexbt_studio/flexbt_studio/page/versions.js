@@ -23,6 +23,7 @@ async function changePicture(link, file, before, after, show) {
   try {
     if (before.length + after.length > MOST) throw new Error(`both texts have more than ${MOST} characters`);
     found = await link.request('compared', {file, before, after});
+    if (found.view.states && !found.layout) throw new Error(found.problems[0] ?? 'no state is in either text');
   } catch (refusal) {
     told.textContent = `No picture: ${refusal.message}`;
     return {element: told, step() {}};

@@ -624,6 +624,10 @@ def test_without_a_file_or_a_machine_nothing_is_written_or_added(page: StudioPag
         page.chord(Keys.CONTROL, 'k')
         page.press('Add after', Keys.ENTER)
         page.until_told('The file has no tree or machine')
+        page.chord(Keys.ALT, Keys.F9)
+        page.until(lambda: page.focused == 'choice-field')
+        page.press(Keys.ENTER)
+        page.until_sheet('No picture: the text is not a mapping')
 
 
 def test_keys_are_for_the_file_that_is_seen(page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
