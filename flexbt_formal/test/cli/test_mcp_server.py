@@ -130,7 +130,9 @@ def test_each_tool(tmp_path: Path) -> None:
             board = (await call('run_tree', files=['a/deliver.xml'], blackboard=given))['blackboard']['']
             assert {key: board[key] for key in given} == given
             ran = await call(
-                'run_tree', files=['a/deliver.xml'], mocks={'FollowPath': ['FAILURE'], 'Wait': ['FAILURE']}
+                'run_tree',
+                files=['a/deliver.xml'],
+                mocks={'*': ['SUCCESS'], 'Follow*': ['FAILURE'], 'Wait': ['FAILURE']},
             )
             assert (ran['verdict'], ran['result']) == ('negative', 'FAILURE') and 'Wait' in ran['reasons'][0]
             proved = await call('prove_tree', files=['a/deliver.xml'], given=['goal'])

@@ -230,9 +230,10 @@ class MissionTools:
         """Run a tree once with mocks in place of all leaves that need a robot, on a simulated clock. Returns the
         result, the reasons of a failure, the blackboard and the status changes (the last 200). One run shows one case;
         prove_tree covers all."""
-        given: dict[str, Sequence[str]] = {'*': ['SUCCESS'], **mocks}
+        # Of patterns that match a leaf the first one counts, so the one for all others is the last.
+        given = [*(one for one in mocks.items() if one[0] != '*'), ('*', mocks.get('*', ['SUCCESS']))]
         words = ['run', '--json', f'--timeout={timeout}', *self._options('--models', models)]
-        words += _options('--mock', (f'{name}={",".join(steps)}' for name, steps in given.items()))
+        words += _options('--mock', (f'{name}={",".join(steps)}' for name, steps in given))
         words += _options('--set', (f'{name}={_yaml(value)}' for name, value in blackboard.items()))
         words += _options('--tree', [tree] if tree else [])
         code, out, err = await self._run('bt_tool', [*words, *self._files(files)])
