@@ -645,7 +645,7 @@ COMMANDS: Final = (
         'note',
         'write a remark into the event log and the log of every console',
         effects.NOTE,
-        (Argument('TEXT', repeated=True),),
+        (Argument('TEXT', repeated=True, as_typed=True),),
         details=(
             f'TEXT is everything after "note", at most {NOTE_LENGTH} characters. It becomes part of the report and the '
             'recording of the run. It needs neither a run nor the authority.',

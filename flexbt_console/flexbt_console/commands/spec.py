@@ -39,13 +39,15 @@ Read = Callable[[str], object]
 class Argument(NamedTuple):
     """A positional argument; a ``repeated`` one takes any number of words, at least one if ``required``.
 
-    A ``spaced`` one is the first: its value is the text before the first word with ``=``, spaces included.
+    A ``spaced`` one is the first: its value is the text before the first word with ``=``, spaces included. One that is
+    ``as_typed`` is the rest of a line at the prompt, quotes included.
     """
 
     name: str
     required: bool = True
     repeated: bool = False
     spaced: bool = False
+    as_typed: bool = False
     values: Values | None = None
     read: Read | None = None
 

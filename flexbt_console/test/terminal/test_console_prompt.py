@@ -169,6 +169,13 @@ def test_without_a_live_link_only_stop_is_sent(link: LinkState) -> None:
     assert command('stop', view(TRANSITION, link=link), 't1').kind is CommandKind.STOP
 
 
+@pytest.mark.parametrize(
+    'text', ["the robot's arm isn't ok", 'a  "word" -x', '--sim or --ros-args', "isn't", 'C:\\ #1']
+)
+def test_a_note_is_what_was_typed(text: str) -> None:
+    assert command(f' note  {text} ', view(), '').text == text
+
+
 def test_local_lines() -> None:
     for text, local in (
         ('', Local.NOTHING), ('  ', Local.NOTHING), ('quit', Local.QUIT), ('exit', Local.QUIT),
@@ -181,7 +188,7 @@ def test_local_lines() -> None:
             interpret(text, view(), MAKE, Bound(None))
     with pytest.raises(UsageError, match='for the command line: console watch'):
         interpret('watch', view(INPUT), MAKE, Bound('i1'))
-    for text in ('stop --wait', 'note started with --ros-args -r __ns:=/a'):
+    for text in ('stop --wait', 'stop --ros-args -r __ns:=/a'):
         with pytest.raises(UsageError, match='not for the prompt'):
             interpret(text, view(), MAKE, Bound(None))
     with pytest.raises(RefusedError, match='no decision is pending'):

@@ -301,8 +301,8 @@ def test_everything_can_be_done_by_keys(browser: Browser) -> None:
         browser.until_text('decision-line', 'No pending decision')
         browser.run('document.activeElement.blur()')
         browser.press(':')
-        browser.press('note a "word"', Keys.ENTER)
-        assert robot.wait_sent(3)[2].text == 'a word'
+        browser.press('note a "word" isn\'t lost', Keys.ENTER)
+        assert robot.wait_sent(3)[2].text == 'a "word" isn\'t lost'
         browser.press(Keys.F8)  # also while a line is typed
         assert robot.wait_sent(4)[3].kind is CommandKind.STOP
         robot.show(locked=('/Drive',))
