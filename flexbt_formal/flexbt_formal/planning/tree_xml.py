@@ -220,7 +220,7 @@ class _Writer:
             _onHalted=f'{again} := 0',  # it was running, so the previous actions had their effects
         )
         if leaf.deadline is not None:
-            retry = _add(retry, 'Timeout', msec=str(round(1000 * leaf.deadline)))
+            retry = _add(retry, 'Timeout', msec=str(max(1, round(1000 * leaf.deadline))))
         self._leaf(retry, 'Action', name, leaf)
 
     def _leaf(self, parent: ElementTree.Element, kind: str, name: str, leaf: Leaf) -> None:

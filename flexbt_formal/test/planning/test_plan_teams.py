@@ -107,9 +107,13 @@ def test_a_robot_whose_action_has_no_effects_is_lost_too() -> None:
 def test_nobody_waits_for_a_robot_longer_than_until_the_deadline_of_its_action() -> None:
     team = fetching()
     assert plan_team(team).unlimited == ('Do',)
-    leaves = {name: replace(leaf, deadline=5.0) for name, leaf in team.problem.leaves.items()}
-    team = replace(team, problem=replace(team.problem, leaves=leaves))
-    found = plan_team(team)
+
+    def limited(seconds: float) -> TeamPlan:
+        leaves = {name: replace(leaf, deadline=seconds) for name, leaf in team.problem.leaves.items()}
+        return plan_team(replace(team, problem=replace(team.problem, leaves=leaves)))
+
+    assert 'msec="1"' in tree_xml(limited(1e-4)), '0 is no limit'
+    found = limited(5.0)
     assert found.unlimited == ()
     world = world_of(team, lasts=lambda name: 1000 if name.startswith('red') else 2)
     assert world.run(tree_xml(found)) is NodeStatus.SUCCESS
