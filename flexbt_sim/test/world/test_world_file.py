@@ -120,6 +120,7 @@ def test_everything_that_a_file_says_is_in_the_world(tmp_path: Path) -> None:
         ('pose: [1, 2, 0]', 'pose: [0, 2, 0]', 'beta', 'from an obstacle'),
         ('pose: [1, 2, 0]', 'pose: [1, 1.1, 0]', 'beta', "would overlap 'alpha'"),
         ('shape: [0.5, 0.4]', 'shape: [[0, 0], [1, 1], [1, 0], [0, 1]]', 'shape', 'sides that cross'),
+        ('shape: [0.5, 0.4]', 'shape: [-0.5, -0.4]', 'shape', 'a box of -0.5 x -0.4 m; give positive sides'),
         ('shape: [0.5, 0.4]', 'shape: [200, 0.4]', 'shape', 'corner (100, 0.2) is more than 50 m from the origin'),
         ('kind: slow', 'kind: slo', 'kind', "zones.mud.kind: 'slo' is none of no_go, slow, sensor_shadow"),
         ('  kitchen:', '  kit chen:', 'kit chen', 'places.kit chen: cannot be a name'),

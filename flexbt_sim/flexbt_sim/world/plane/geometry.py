@@ -153,7 +153,9 @@ Shape = Circle | Polygon
 
 
 def box(length: float, width: float) -> Polygon:
-    """Return a rectangle centred on the origin; ``length`` along x, m."""
+    """Return a rectangle centred on the origin; ``length`` along x, m. Raises SimulationError for a negative side."""
+    if min(length, width) < 0.0:
+        raise SimulationError(f'a box of {length:g} x {width:g} m; give positive sides')
     x, y = length / 2.0, width / 2.0
     return Polygon(((x, y), (-x, y), (-x, -y), (x, -y)))
 
