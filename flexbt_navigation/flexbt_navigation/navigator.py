@@ -20,7 +20,7 @@ from flexbt_navigation.behaviors.motions import SPIN_LIMITS, DriveMotion, SpinMo
 from flexbt_navigation.controller.motions import STOP, Motion, Velocity
 from flexbt_navigation.controller.path_follower import FollowerLimits, PathFollower
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
-from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation, local_size
+from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation, known_tolerance, local_size
 from flexbt_navigation.planner.planners import planner_for
 from flexbt_sim.world.plane.geometry import Pose, compose
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
@@ -86,13 +86,14 @@ class Navigator:
         self._robot = world.robots[robot]
         self._limits = limits or FollowerLimits.of(self._robot.model.drive)
         costmap = known if isinstance(known, Costmap) else Costmap(known, Inflation.of(self._robot.model.footprint))
-        self._global = LayeredCostmap(costmap)
-        self._local = LayeredCostmap(costmap, window=local_size(costmap.inflation))
+        lidar = self._robot.model.lidar
+        tolerance = known_tolerance(0.0 if lidar is None else lidar.noise)
+        self._global = LayeredCostmap(costmap, tolerance=tolerance)
+        self._local = LayeredCostmap(costmap, local_size(costmap.inflation), tolerance)
         self._observed = {LOCAL_PERIOD: -math.inf, GLOBAL_PERIOD: -math.inf}
         self._plan_seconds = plan_seconds
         self._path: list[Pose] = []
         self._under_way = deque([STOP] * latency)
-        lidar = self._robot.model.lidar
         if lidar is not None:
             self._angles = lidar.angle_min + lidar.angle_increment * numpy.arange(lidar.beams, dtype=numpy.float64)
         self._steps: Steps[None] | None = None

@@ -18,6 +18,7 @@ from flexbt_navigation.common.requests import RobotParameters
 from flexbt_navigation.controller.path_follower import MOST_ROBOT_SPEED, FollowerLimits
 from flexbt_navigation.controller.server import ControllerParameters
 from flexbt_navigation.costmaps.costmap import Inflation
+from flexbt_navigation.costmaps.layers import KNOWN_TOLERANCE, known_tolerance
 from flexbt_navigation.costmaps.server import CostmapParameters, declare_inflation
 from flexbt_navigation.docking.server import DockingParameters, declare_docking_parameters
 from flexbt_navigation.planner.server import PlannerParameters
@@ -58,7 +59,7 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
         UnfitParameterError: a value is not usable.
     """
     declare = ParameterDeclarer(node)
-    inflation, limits = _of_robot(
+    inflation, limits, tolerance = _of_robot(
         declare.text('world', '', 'world file; its robot is known by its footprint, turning radius and speed'),
         declare.text('robot', '', 'its name there; empty for the last name of the namespace, or the only robot'),
         node.get_namespace().rpartition('/')[2],
@@ -73,7 +74,7 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
     return declare.fields(
         NavigationParameters(
             robot=RobotParameters(allowed_directories=allowed),
-            costmaps=CostmapParameters(declare_inflation(declare, inflation)),
+            costmaps=CostmapParameters(declare_inflation(declare, inflation), tolerance=tolerance),
             controller=controller,
             routes=routes,
             docking=docking,
@@ -81,12 +82,13 @@ def declare_navigation_parameters(node: Node) -> NavigationParameters:
     )
 
 
-def _of_robot(world: str, name: str, namespace: str) -> tuple[Inflation, FollowerLimits]:
-    """Return the defaults for the robot of the parameters ``world`` and ``robot``. Raises UnfitParameterError."""
+def _of_robot(world: str, name: str, namespace: str) -> tuple[Inflation, FollowerLimits, float]:
+    """Return the defaults for the robot of the parameters ``world`` and ``robot``, and the tolerance for its lidar.
+    Raises UnfitParameterError."""
     if not world:
         if name:
             raise UnfitParameterError('robot', f"{name}: there is no parameter 'world', whose robot it could be")
-        return Inflation(), FollowerLimits()
+        return Inflation(), FollowerLimits(), KNOWN_TOLERANCE
     try:
         models = {entity: model for _, entity, model, _ in WorldFile(Path(world)).entities}
     except SimulationError as error:
@@ -101,6 +103,7 @@ def _of_robot(world: str, name: str, namespace: str) -> tuple[Inflation, Followe
     model = robots[wanted]
     try:
         follower = FollowerLimits.of(model.drive)
-        return Inflation.of(model.footprint), replace(follower, speed=min(follower.speed, MOST_ROBOT_SPEED))
+        tolerance = known_tolerance(0.0 if model.lidar is None else model.lidar.noise)
+        return Inflation.of(model.footprint), replace(follower, speed=min(follower.speed, MOST_ROBOT_SPEED)), tolerance
     except SimulationError as error:
         raise UnfitParameterError('world', f'robot {wanted!r}: {error}') from None

@@ -18,10 +18,14 @@ from .costmap import CellBox, Costmap, Inflation
 from .kernels import Bools, trace
 
 KNOWN_TOLERANCE: Final = 0.05
-"""Maximum distance from an obstacle of the static map, m, of the end of a beam that was reflected by it: five standard
-deviations of the noise of a lidar. With three, one beam in 700 would mark a cell in front of a wall, and robots brake
-for obstacles that appear near them. Nav2 marks such points; they would make each passage a cell narrower on both
-sides."""
+DEVIATIONS: Final = 5.0
+"""Maximum distance from an obstacle of the static map of the end of a beam that was reflected by it: m at least, and
+standard deviations of the noise of the lidar. With three, one beam in 700 would mark a cell in front of a wall, and
+robots brake for obstacles that appear near them. Nav2 marks such points; they would make each passage a cell narrower
+on both sides."""
+
+MOST_TOLERANCE: Final = 0.5
+"""Maximum of this distance, m: a robot has to see what stands before a wall."""
 
 LOCAL_SIZE: Final = 3.0
 ROUND_ROBOT: Final = 1.0
@@ -38,6 +42,11 @@ def local_size(inflation: Inflation) -> float:
     """Width of the local costmap of a robot, m."""
     outer = inflation.outer_radius
     return max(LOCAL_SIZE, 2.0 * (outer + max(ROUND_ROBOT, outer)))
+
+
+def known_tolerance(noise: float) -> float:
+    """Return the tolerance of a :class:`LayeredCostmap` for a lidar whose noise has this standard deviation, m."""
+    return min(MOST_TOLERANCE, max(KNOWN_TOLERANCE, DEVIATIONS * noise))
 
 
 def mark_range(inflation: Inflation) -> float:
@@ -68,11 +77,12 @@ class LayeredCostmap:
     ``costmap`` is changed in place; another thread uses a copy of it.
     """
 
-    def __init__(self, static: Costmap, window: float = math.inf) -> None:
+    def __init__(self, static: Costmap, window: float = math.inf, tolerance: float = KNOWN_TOLERANCE) -> None:
         """Make the layers. ``static`` is the map without anything seen. Obstacles outside a square round the robot,
         ``window`` m
         wide, are forgotten: the rolling window of a local costmap. Since robots drive on that one, it is never without
-        what was seen last, which is marked again at once when it is cleared.
+        what was seen last, which is marked again at once when it is cleared. Within ``tolerance`` m of an obstacle of
+        the map nothing is marked.
         """
         self.costmap = static.copy()
         self._static: Bools = static.obstacles
@@ -80,6 +90,7 @@ class LayeredCostmap:
         self._mark = mark_range(static.inflation)
         self._clear = self._mark + CLEAR_BEYOND
         self._window_size = window
+        self._tolerance = tolerance
         self._window = CellBox(0, 0, 0, 0)
         self._newest: tuple[Observation, Pose] | None = None
         self.changes = 0
@@ -150,7 +161,7 @@ class LayeredCostmap:
         cleared = numpy.where(ranges < 0.0, 0.0, seen) / world.resolution
         struck = numpy.where((ranges >= 0.0) & (ranges <= self._mark), ranges, -1.0) / world.resolution
         directions = numpy.stack([numpy.sin(angles), numpy.cos(angles)], axis=1)
-        tolerance = KNOWN_TOLERANCE / world.resolution
+        tolerance = self._tolerance / world.resolution
         trace(self._marks, self._static, row, column, directions, cleared, struck, tolerance)
 
     def _clear_disc(self, robot: Pose) -> None:

@@ -59,7 +59,7 @@ from flexbt_sim.world.plane.geometry import Circle, Polygon, Pose, compose, driv
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
 from .costmap import LETHAL, CellBox, Costmap, Inflation
-from .layers import LayeredCostmap, Observation, local_size
+from .layers import KNOWN_TOLERANCE, MOST_TOLERANCE, LayeredCostmap, Observation, local_size
 
 MOST_RADIUS: Final = 50.0
 """Maximum radius of a robot, m, as in a world file."""
@@ -76,6 +76,13 @@ class CostmapParameters:
         'topic that names the mask of areas to keep out of, nav2_msgs/CostmapFilterInfo',
     )
     scan_topic: str = parameter('scan_topic', names.SCAN, 'topic of the lidar, sensor_msgs/LaserScan')
+    tolerance: float = parameter(
+        'known_obstacle_tolerance',
+        KNOWN_TOLERANCE,
+        'how near to a wall of the map what the lidar sees is the wall, m: five standard deviations of its noise',
+        0.0,
+        MOST_TOLERANCE,
+    )
 
 
 def declare_inflation(declare: ParameterDeclarer, inflation: Inflation) -> Inflation:
@@ -231,7 +238,8 @@ class CostmapServer:
         before = self._kept
         # The local one keeps obstacles in a square around the robot: a rolling window as in Nav2.
         windows = {GLOBAL: math.inf, LOCAL: local_size(static.inflation)}
-        self._kept = {name: _Kept(LayeredCostmap(static, window=windows[name])) for name in names.COSTMAPS}
+        tolerance = self._parameters.tolerance
+        self._kept = {name: _Kept(LayeredCostmap(static, windows[name], tolerance)) for name in names.COSTMAPS}
         for name, kept in before.items():
             self._kept[name].layers.continue_from(kept.layers)
         for name in names.COSTMAPS:

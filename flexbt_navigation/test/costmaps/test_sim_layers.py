@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from flexbt_navigation.costmaps import kernels
 from flexbt_navigation.costmaps.costmap import Costmap, Inflation
-from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation, local_size
+from flexbt_navigation.costmaps.layers import LayeredCostmap, Observation, known_tolerance, local_size
 from flexbt_sim.world import MODELS, OCCUPIED, LidarModel, OccupancyMap, Pose, compose, drive
 from flexbt_testing.worlds import Scanner, drawn, worlds
 
@@ -38,8 +38,8 @@ def seen(world: OccupancyMap, robot: Pose, model: LidarModel = MODEL, seed: int 
     return Observation(robot, angles, Scanner(world, model, seed).scan(robot).astype(numpy.float64), model.range_max)
 
 
-def layered(world: OccupancyMap = EMPTY, window: float = math.inf) -> LayeredCostmap:
-    return LayeredCostmap(Costmap(world, INFLATION), window=window)
+def layered(world: OccupancyMap = EMPTY, window: float = math.inf, noise: float = 0.0) -> LayeredCostmap:
+    return LayeredCostmap(Costmap(world, INFLATION), window, known_tolerance(noise))
 
 
 def marks(layers: LayeredCostmap) -> set[tuple[int, int]]:
@@ -87,10 +87,11 @@ def test_what_is_not_measured_changes_nothing() -> None:
         assert marks(layers) == known
 
 
-def test_the_walls_of_the_map_are_not_marked_again_by_a_noisy_lidar() -> None:
+@pytest.mark.parametrize('noise', [0.01, 0.03])
+def test_the_walls_of_the_map_are_not_marked_again_by_a_noisy_lidar(noise: float) -> None:
     """A robot that drives along a wall brakes for what appears there."""
     walls = with_block(with_block(EMPTY, 4.4, 3.0, 0.8), 3.0, 1.6, 1.2)
-    layers, lidar = layered(walls), LidarModel()
+    layers, lidar = layered(walls, noise=noise), LidarModel(noise=noise)
     for seed in range(50):
         layers.observe(seen(walls, ROBOT, lidar, seed), ROBOT)
         assert not marks(layers), seed
