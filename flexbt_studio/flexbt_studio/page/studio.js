@@ -226,6 +226,7 @@ class Studio {
   async close(name) {
     const file = this.open.get(name);
     if (!this.link.isOpen && (file.sent || file.pending)) { this.told(`${name} has edits that the studio has not got yet; close it when it is connected again`, 'warning'); return; }
+    if (this.open.size === 1 && this.simulator.state.state !== 'ended') { this.told(`The simulated robot would end with ${name}, the last open file; stop it first, or open another file`, 'warning'); return; }
     if (file.isChanged && await sheet(`${name} has unsaved changes`, [html('p', {}, 'If you close it, this page forgets it; the studio keeps the changes until they are saved or discarded.')], [['Close', true, 'primary'], ['Cancel', null, '']]) === null) return;
     this.open.delete(name);
     this.link.request('leave', {file: name}).catch(() => {});  // a new connection has only what is opened on it

@@ -859,6 +859,28 @@ def test_an_answer_that_comes_late_is_of_its_file_or_robot(page: StudioPage, fol
         assert (keys, watched, sheets, job) == ('last', robots, [True] * 4, True)
 
 
+def test_the_last_file_is_not_closed_while_a_robot_is_simulated(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a file the page is loaded again, and the robot ends with the page."""
+    answered = Sessions._result
+
+    async def simulated(self: Sessions, asking: Page, method: str, arguments: dict[str, Any]) -> Any:
+        if method == 'simulator_state':
+            return {'state': 'starting', 'message': '', 'doors': [], 'robots': []}
+        return await answered(self, asking, method, arguments)
+
+    monkeypatch.setattr(Sessions, '_result', simulated)
+    with served(folder, None) as port:
+        page.open(port, 'main.xml')
+        page.go('machine.yaml')
+        page.until_selected('/')
+        for file in ('machine.yaml', 'main.xml'):
+            page.run('document.querySelector(`[aria-label="Close ${arguments[0]}"]`).click()', file)
+        page.until_told('The simulated robot would end with main.xml')
+        assert page.run('return document.querySelectorAll("#tabs .tab").length') == 1
+
+
 def test_a_dialog_gives_the_focus_back_once(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'main.xml')
