@@ -210,8 +210,7 @@ class SurroundingsFeed:
         points = tuple(zip(message.x.tolist(), message.y.tolist(), strict=True))
         if not all(is_length(x) and is_length(y) for x, y in points):
             raise ValueError('a plan with a point that is nowhere')
-        is_drawn = self._mirror.view().is_on_map(message.frame_id)
-        self._mirror.receive_plan(points if is_drawn else ())
+        self._mirror.receive_plan(points, message.frame_id)
 
 
 def upright(map: GridMap, yaw: float) -> GridMap:

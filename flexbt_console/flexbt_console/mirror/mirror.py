@@ -304,9 +304,9 @@ class Mirror:
         """Process the map."""
         self._surround('receive_map', map, map=map)
 
-    def receive_plan(self, plan: Points) -> None:
+    def receive_plan(self, plan: Points, frame: str = '') -> None:
         """Process the path that the robot follows, or the latest one that was requested."""
-        self._surround('receive_plan', plan, plan=plan)
+        self._surround('receive_plan', plan, frame, plan=plan, plan_frame=frame)
 
     def receive_scan(self, scan: Points, seconds: float) -> None:
         """Process the points of the lidar, valid for this many seconds. They may be the same as before."""

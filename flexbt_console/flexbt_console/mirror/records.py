@@ -735,11 +735,13 @@ class GridMap:
 class Surroundings:
     """The newest of each, in the frame of the map; ``None`` or empty while it is not known.
 
-    ``scan`` is what the lidar meets; ``at`` the goal where it is known by itself.
+    ``scan`` is what the lidar meets; ``at`` the goal where it is known by itself. ``plan_frame`` is the frame of the
+    plan, which :attr:`View.drawn` lacks if it is another one than that of the map; '' is that of the map.
     """
 
     map: GridMap | None = None
     plan: Points = ()
+    plan_frame: str = ''
     driven: Points = ()
     scan: Points = ()
     at: tuple[float, float] | None = None

@@ -138,9 +138,9 @@ class View:
         return ', '.join(decision.subject) or 'what it is about'
 
     def is_on_map(self, frame: str) -> bool:
-        """Return whether a frame is that of the map: of the robot's pose or a place, as far as any is known."""
+        """Return whether a frame is that of the map: '', or that of the robot's pose or of a place, if any is known."""
         known = {pose.frame for pose in (self.robot_pose, *self.places.values()) if pose is not None}
-        return not known or frame in known
+        return not known or frame in ('', *known)
 
     @property
     def drawn(self) -> Surroundings:
@@ -149,12 +149,14 @@ class View:
 
     def drawn_for(self, decision: Decision | None) -> Surroundings:
         """Return the surroundings of the robot to draw for a decision. If its subject has a path or a goal, these
-        replace the plan; one in another frame than the map is not drawn.
+        replace the plan; what is in another frame than the map is not drawn.
 
         An operator could mistake another plan for the subject of the decision. So no plan is returned while a decision
         without such a subject waits, unless the robot is driving and the subject has arrived.
         """
         around = self.surroundings
+        if not self.is_on_map(around.plan_frame):
+            around = replace(around, plan=())
         if decision is None:
             return around
         subject = self.subject(decision)

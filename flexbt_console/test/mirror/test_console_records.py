@@ -297,13 +297,18 @@ def _pose(x: float, y: float) -> PoseStamped:
     return pose
 
 
-def test_a_plan_in_another_frame_than_the_robot_is_not_drawn() -> None:
+@pytest.mark.parametrize('is_first', [False, True])  # it is latched, and may come before the pose
+@pytest.mark.parametrize(('frame', 'is_drawn'), [('map', True), ('', True), ('odom', False)])
+def test_a_plan_in_another_frame_than_the_robot_is_not_drawn(frame: str, is_drawn: bool, is_first: bool) -> None:
     known = mirror.Mirror(ManualClock())
-    known.receive_snapshot(record_of(msg.ExecutiveStatus(sequence=1, robot_pose=_pose(1.0, 2.0))))
     receive = SurroundingsFeed(known).receivers[names.EXECUTIVE_PLAN]
-    for frame, plan in (('map', ((0.0, 1.0), (2.0, 3.0))), ('odom', ())):
-        receive(msg.RobotPlan(frame_id=frame, x=[0.0, 2.0], y=[1.0, 3.0]))
-        assert known.view().drawn.plan == plan
+    plan = msg.RobotPlan(frame_id=frame, x=[0.0, 2.0], y=[1.0, 3.0])
+    if is_first:
+        receive(plan)
+    known.receive_snapshot(record_of(msg.ExecutiveStatus(sequence=1, robot_pose=_pose(1.0, 2.0))))
+    if not is_first:
+        receive(plan)
+    assert known.view().drawn.plan == (((0.0, 1.0), (2.0, 3.0)) if is_drawn else ())
 
 
 @pytest.mark.parametrize('has_map', [True, False])

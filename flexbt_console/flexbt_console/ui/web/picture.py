@@ -123,7 +123,7 @@ def parts_of(view: View, operator: str | None) -> dict[str, Any]:
         'left_out': left_out_lines(view),
         'pose': _pose(view),
         'where': '  '.join(where_lines(view.snapshot)) if view.snapshot else '',
-        'plan': [[round(x, 3), round(y, 3)] for x, y in view.surroundings.plan],
+        'plan': [[round(x, 3), round(y, 3)] for x, y in view.drawn_for(None).plan],
         'scan': [[round(x, 2), round(y, 2)] for x, y in view.surroundings.scan],
         'places': {name: [pose.x, pose.y] for name, pose in [*view.places.items()][:MOST_LISTED]},
         'behaviors': _behaviors(view),
