@@ -1136,6 +1136,7 @@ def test_a_link_opens_the_node_and_an_idle_page_asks_nothing(page: StudioPage, f
 
 def test_all_nodes_in_the_pane_have_their_texts(page: StudioPage, folder: Path) -> None:
     wide = '\n'.join(f'<Wait name="n{number}" wait_duration="{number}.5"/>' for number in range(60))
+    wide = wide.replace('"n59"', '"\u202elive"')  # read from the right it is "evil"
     (folder / 'wide.xml').write_text(
         f'<root BTCPP_format="4"><BehaviorTree ID="Wide"><Sequence>{wide}</Sequence></BehaviorTree></root>'
     )
@@ -1150,7 +1151,11 @@ def test_all_nodes_in_the_pane_have_their_texts(page: StudioPage, folder: Path) 
             assert 0 < len(names) < 40
         assert {'Wide/0/0', 'Wide/0/59'} <= shown
         texts = 'document.querySelectorAll(`[data-path="Wide/0/59"] text`)'
-        assert page.run(f'return [...{texts}].map((one) => one.textContent)') == ['n59', ' Wait', ' wait_duration=59.5']
+        assert page.run(f'return [...{texts}].map((one) => one.textContent)') == [
+            '\\u{202e}live',
+            ' Wait',
+            ' wait_duration=59.5',
+        ]
         page.run('document.querySelector(".zoom > button:nth-child(2)").click()')  # all of it
         page.until(lambda: page.run(TEXTS)[0] == [] and len(page.run(TEXTS)[1]) == 62)
 

@@ -3,13 +3,16 @@
 // undefined or false are left out, and those that begin with "on" are listeners.
 
 const NAMESPACE = 'http://www.w3.org/2000/svg';
+// Signs that turn the direction of what follows: with them a name can be read as another one, so they are written out.
+const TURNS = /[\u202a-\u202e\u2066-\u2069]/g;
+const seen = (part) => typeof part === 'string' ? part.replace(TURNS, (sign) => `\\u{${sign.codePointAt(0).toString(16)}}`) : part;
 
 function filled(made, attributes, parts) {
   for (const [key, value] of Object.entries(attributes)) {
     if (key.startsWith('on')) made.addEventListener(key.slice(2), value);
     else if (value !== null && value !== undefined && value !== false) made.setAttribute(key, value === true ? '' : value);
   }
-  made.append(...parts);
+  made.append(...parts.map(seen));
   return made;
 }
 export const html = (name, attributes = {}, ...parts) => filled(document.createElement(name), attributes, parts);
