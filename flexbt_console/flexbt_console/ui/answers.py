@@ -208,10 +208,10 @@ def _no_command(word: str) -> str:
 
 
 def _words(text: str) -> list[str]:
-    first, *rest = text.split(maxsplit=1)[:2] or ['']
+    first, *rest = text.strip().split(maxsplit=1) or ['']
     spec, _ = begun([first.lower()])
     if spec is not None and any(one.as_typed for one in spec.arguments) and rest[:1] != ['--help']:
-        return [first, '--', *(one.strip() for one in rest)]
+        return [first, '--', *rest]
     try:
         return shlex.split(text)
     except ValueError:

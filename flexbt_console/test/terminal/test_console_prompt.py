@@ -180,7 +180,7 @@ def test_local_lines() -> None:
     for text, local in (
         ('', Local.NOTHING), ('  ', Local.NOTHING), ('quit', Local.QUIT), ('exit', Local.QUIT),
         ('help', Local.HELP), ('?', Local.HELP), ('help force', Local.HELP), ('status', Local.READ),
-        ('userdata / goal', Local.READ),
+        ('userdata / goal', Local.READ), ('note --help', Local.HELP), ('note --help ', Local.HELP),
     ):  # fmt: skip
         assert interpret(text, view(), MAKE, Bound(None)).local is local
     for text in ('stpo', 'help stpo'):
