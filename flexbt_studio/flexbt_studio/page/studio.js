@@ -95,8 +95,7 @@ class Studio {
     else if (event.event === 'model' && file) { file.takeModel(event); this.showHead(); }
     else if (event.event === 'findings' && file) file.takeFindings(event.version, event.findings);
     else if (event.event === 'edited' && file) { file.takeEdited(event.version, event.edits, event.key); this.told(`${event.file} was edited in another page`); }
-    else if (event.event === 'edited') this.jobs.edited(event.file);
-    else if (event.event === 'disk' && !file) { this.jobs.edited(event.file); this.learnTrees(true); }
+    else if (event.event === 'edited' || (event.event === 'disk' && !file)) this.jobs.edited(event.file);
     else if (event.event === 'files_changed') this.filesChanged(event, file);
     else if (event.event === 'disk' && file) this.diskChanged(file);
     else if (event.event === 'pages') byId('pages').textContent = event.count > 1 ? `${event.count} pages open` : '';

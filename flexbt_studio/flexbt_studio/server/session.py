@@ -409,10 +409,11 @@ class Sessions:
             if self._pages and (began := clock()) >= due:
                 files = await self._work(self._workbench.project.files)
                 due = clock() + LIST_RESTS * (clock() - began)
-                for file in await self._work(self._workbench.project.written):
+                written = await self._work(self._workbench.project.written)
+                for file in written:
                     self.tell({'event': 'disk', 'file': file})
                     self._check_users_soon(file)
-                if files != known:
+                if written or files != known:
                     self.tell({'event': 'files_changed', 'file': '', 'what': 'disk', 'by': 0})
                 known = files
 

@@ -798,6 +798,15 @@ def test_trees_that_were_asked_for_as_the_server_ended_are_asked_for_again(
         page.until(lambda: page.run(script) == 3)
         (folder / 'more' / 'recover.xml').write_text('<root BTCPP_format="4"/>')
         page.until(lambda: page.run(script) == 2)
+        many = 12
+        with held(monkeypatch, 'trees', passing=many) as too_often:  # once for each look, however many are written
+            for number in range(many):
+                (folder / f'{number}.xml').write_text('<root BTCPP_format="4"/>')
+            page.until(lambda: page.run('return document.querySelectorAll("#files li").length') > many)
+            for number in range(many):
+                (folder / f'{number}.xml').write_text(RECOVER.replace('"Recover"', f'"More{number}"'))
+            page.until(lambda: page.run(script) == 2 + many)
+            assert not too_often.is_set()
 
 
 def test_an_answer_that_comes_late_is_of_its_file_or_robot(page: StudioPage, folder: Path) -> None:
