@@ -761,12 +761,13 @@ def test_a_server_that_is_silent_is_taken_for_lost(
             await wait(() => states.length);
             const begun = performance.now();
             await wait(() => performance.now() - begun > 3000);
+            states.push('nothing has happened');
             link.socket.onmessage = () => {};
-            await wait(() => states.length > 1);
+            await wait(() => states.length > 2);
             link.close();
             return states;
         """)
-        assert states[:2] == [True, 'the server of this page is silent']
+        assert states[:3] == [True, 'nothing has happened', 'the server of this page is silent']
 
 
 def test_what_was_not_saved_does_not_go_into_another_project(page: StudioPage, folder: Path, tmp_path: Path) -> None:
