@@ -163,6 +163,9 @@ def test_a_page_that_was_not_connected_gets_the_edits_since(folder: Path) -> Non
             made.append([version + 1, edits, key])
         for version, since in ((1, made), (2, made[1:]), (3, []), (0, None), (4, None)):
             assert (await other.ask('open', file='main.xml', version=version))['since'] == since
+        await one.ask('edit', file='main.xml', version=3, edits=[[0, 0, ' ' * 100_000]], key='c')  # too much to be kept
+        for version, since in ((4, []), (3, None), (1, None)):
+            assert (await other.ask('open', file='main.xml', version=version))['since'] == since
         await one.ask('close', file='main.xml')
         assert (await other.ask('open', file='main.xml', version=2))['since'] is None
 

@@ -55,6 +55,8 @@ _MARK: Final = '_is_request'
 _PLAN: Final = 'mocks.yaml'
 MOST_EDITS: Final = 1000
 """Maximum number of edits that are kept of a file, for pages that were not connected meanwhile."""
+MOST_KEPT: Final = 100_000
+"""Length of an edit, characters, from which on neither it nor those before it are kept."""
 
 
 def request(method: _Request) -> _Request:
@@ -313,7 +315,11 @@ class Workbench:
         """
         page = PageText(self.project.open(file).document.text)
         opened = self.project.edit(file, version, page.edits_from_page(edits))
-        self._edits.setdefault(file, deque(maxlen=MOST_EDITS)).append((opened.version, edits, key))
+        kept = self._edits.setdefault(file, deque(maxlen=MOST_EDITS))
+        if sum(len(text) for _, _, text in edits) < MOST_KEPT:
+            kept.append((opened.version, edits, key))
+        else:
+            kept.clear()
         return opened.version
 
     @request
