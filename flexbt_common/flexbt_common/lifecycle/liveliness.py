@@ -533,7 +533,7 @@ class _SeenToken:
 
     def _matched(self, event: Any) -> None:
         if event.current_count > 0:
-            if event.current_count_change > 0 and not self.alive:
+            if event.total_count_change > 0 and not self.alive:
                 self._unheard, self._heard_at = True, self._runtime.steady.now()
                 self._await_first_word()
                 self._review()

@@ -465,7 +465,7 @@ class ExecutiveLink(RobotLink):
         self._find_problems()
 
     def _on_stop_matched(self, status: Any) -> None:
-        if status.current_count_change > 0:
+        if status.total_count_change > 0:
             self.mirror.send_stops_again()
             self._send_due()
 

@@ -137,7 +137,7 @@ class SurroundingsLink:
         return self._servers[writer]
 
     def _trees_matched(self, event: Any) -> None:
-        if event.current_count_change < 0:
+        if event.total_count_change > event.current_count_change:  # as many have come as have left, it may be
             self._tell_departure(self._publishers() if event.current_count > 0 else [])
 
     def _publishers(self) -> list[Any]:

@@ -157,12 +157,10 @@ def test_of_a_tree_that_is_too_large_the_first_nodes_are_kept_and_how_many_are_l
     assert f'{more} more nodes left out' in tree_lines(run, 80, 10, ASCII)[0]
 
 
-def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves() -> None:
+def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves_as_another_comes() -> None:
     with station('wood') as operator, NodeRuntime.open('other', namespace='wood') as other:
         operator.link.open_surroundings()
-        other.call(
-            lambda: other.node.create_publisher(TreeStatus, names.TREE_STATUS, names.transient_local_qos())
-        )  # it stays
+        node, held, free = operator.runtime.node, threading.Event(), threading.Event()
         with NodeRuntime.open('my_server', namespace='wood') as server:
             status = TreeStatus(run_id='t', structure=1, statuses=[TreeStatus.RUNNING])
 
@@ -183,6 +181,15 @@ def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves() -> 
                 return [run.server for run in operator.mirror.view().running_trees] == ['/wood/my_server']
 
             wait_until(is_known, 'the run and the node that has it')
+            operator.runtime.post(held.set)
+            operator.runtime.post(lambda: free.wait(DEADLINE))  # so that it hears of both at once
+            assert held.wait(DEADLINE)
+        try:
+            other.call(lambda: other.node.create_publisher(TreeStatus, names.TREE_STATUS, names.transient_local_qos()))
+            found = partial(node.get_publishers_info_by_topic, f'/wood/{names.TREE_STATUS}')
+            wait_until(lambda: [names.node_of(one) for one in found()] == ['/wood/other'], found)
+        finally:
+            free.set()
         operator.wait(lambda view: not view.running_trees and [run.server_gone for run in view.drawn_trees] == [True])
 
 
@@ -376,6 +383,7 @@ class Station:
     """A console without a user interface."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
+        self.runtime = runtime
         self.mirror = Mirror(runtime.steady)
         self.link = ExecutiveLink(runtime, self.mirror)
         self.requests = CommandBuilder('ann')

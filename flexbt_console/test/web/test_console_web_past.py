@@ -24,6 +24,7 @@ from flexbt_console.mirror.records import ActiveState, CommandKind, FramedPose, 
 from flexbt_console.recording.run_file import write_recording
 from flexbt_console.ui.web.past import RecordedPast, Recordings
 from flexbt_console.ui.web.requests import RATE, is_harmless
+from flexbt_core.values.text import short_repr
 from flexbt_msgs.msg import ActiveState as ActiveStateMessage
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_testing.browser import NEEDS_BROWSER, Browser
@@ -196,7 +197,7 @@ def test_recordings_are_those_of_the_folder_and_a_name_leads_nowhere_else(tmp_pa
     ):
         with pytest.raises(UsageError, match='has no recording') as refused:
             known.past(name)
-        assert 'secret' not in str(refused.value).replace(repr(name), '')
+        assert 'secret' not in str(refused.value).replace(short_repr(name), '')
     with pytest.raises(UsageError, match='is not an MCAP file'):
         known.past('broken.mcap')
     past = known.past('run.mcap')

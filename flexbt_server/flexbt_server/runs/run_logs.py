@@ -253,7 +253,7 @@ class TreeDocuments:
 
     def _matched(self, event: Any) -> None:
         tree = next(reversed(tuple(self._trees)), None)
-        if event.current_count_change > 0 and tree is not None:
+        if event.total_count_change > 0 and tree is not None:
             self._publish(tree)
 
     def _publish(self, tree: Tree) -> None:

@@ -83,7 +83,7 @@ class TreeStream:
 
     def _publisher(self, message_type: type[Any], topic: str, show: Callable[[RunStream], None]) -> Any:
         def matched(event: Any) -> None:
-            if event.current_count_change > 0:
+            if event.total_count_change > 0:
                 with self._lock:
                     runs = tuple(self._open)
                 for run in runs:

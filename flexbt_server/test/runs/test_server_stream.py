@@ -11,6 +11,7 @@ import time
 import tracemalloc
 from array import array
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import pytest
@@ -77,13 +78,19 @@ class Subscriber:
     def __init__(self, runtime: NodeRuntime, depth: int = 5000) -> None:
         self._received: dict[Any, list[Any]] = {TreeStructure: [], TreeStatus: []}
 
-        def subscribe() -> None:
-            for kind, name in ((TreeStructure, names.TREE_STRUCTURE), (TreeStatus, names.TREE_STATUS)):
+        def subscribe() -> list[Any]:
+            return [
                 runtime.node.create_subscription(
                     kind, name, self._received[kind].append, names.transient_local_qos(depth), raw=True
                 )
+                for kind, name in ((TreeStructure, names.TREE_STRUCTURE), (TreeStatus, names.TREE_STATUS))
+            ]
 
-        runtime.call(subscribe)
+        self._runtime, self._subscriptions = runtime, runtime.call(subscribe)
+
+    def leave(self) -> None:
+        for one in self._subscriptions:
+            self._runtime.call(partial(self._runtime.node.destroy_subscription, one))
 
     def _objects(self, kind: Any) -> list[Any]:
         received = self._received[kind]
@@ -232,6 +239,31 @@ def test_who_comes_late_sees_every_open_run_at_once(server: NodeRuntime, monitor
     subscriber.await_end('quiet')
     assert changes_of(subscriber.of('quiet')) == quiet.heard[-3:]
     assert len(subscriber.of(f'other {MESSAGES_KEPT}')) >= 1  # what the middleware had kept
+
+
+def test_who_comes_as_another_leaves_sees_every_open_run(server: NodeRuntime, monitor: NodeRuntime) -> None:
+    """Also if the server hears of both at once, since it was busy."""
+    stream, first = TreeStream(server), Subscriber(monitor)
+    quiet = Watched(stream, 'quiet', SLEEP)
+    quiet.tree.tick_once()
+    quiet.run.read(RunPaused(True))
+    for number in range(MESSAGES_KEPT + 1):
+        other = Watched(stream, f'other {number}', SLEEP)
+        other.tree.tick_once()
+        other.end()
+    first.await_end(f'other {MESSAGES_KEPT}')
+    held, free = threading.Event(), threading.Event()
+    server.post(held.set)
+    server.post(lambda: free.wait(DEADLINE))
+    assert held.wait(DEADLINE)
+    try:
+        first.leave()
+        wait_until(lambda: server.node.count_subscribers(names.TREE_STATUS) == 0, 'the first one has left')
+        second = Subscriber(monitor)
+        wait_until(lambda: server.node.count_subscribers(names.TREE_STATUS) == 1, 'the second one')
+    finally:
+        free.set()
+    wait_until(lambda: second.of('quiet'), 'the quiet run')
 
 
 def test_nothing_is_sent_while_nothing_happens(server: NodeRuntime, monitor: NodeRuntime) -> None:
