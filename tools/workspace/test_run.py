@@ -36,7 +36,7 @@ LONGEST = (
 )
 """The packages whose tests take longest, in the order in which they begin: first those that mostly wait (for processes,
 deadlines, other nodes), last those that only compute, so that the processors are busy up to the end."""
-SPREAD = LONGEST[:2]  # take far longer than all others, and mostly wait: a worker of pytest for each processor
+SPREAD = LONGEST[:3]  # take far longer than all others, and mostly wait: a worker of pytest for each processor
 MOST_UNSTEADY = 8
 """Maximum number of failed tests that get a second try, one package at a time: on a busy machine even a generous
 deadline may pass, but not those of many tests. One that passes then is told as UNSTEADY, with its first failure."""
