@@ -643,14 +643,18 @@ class PathFollower(Motion):
             velocity = Velocity(velocity.linear * share, velocity.angular * share)
 
     def _collides_braking(self, pose: Pose, velocity: Velocity) -> bool:
-        """Return whether the robot collides if it brakes after this command: it leaves the arc then, and may turn on
-        after it has come to rest."""
+        """Return whether the robot collides if it brakes after this command: it leaves the arc then. One that is no
+        circle may collide before, too, and while it turns on after it has come to rest."""
         coming, inertia = self._drive.foreseen(pose)
         (there,) = inertia.poses(coming, velocity, LATENCY, 1)
         inertia = inertia.after(velocity, LATENCY)
         linear, angular = map(abs, inertia.velocity)
-        braking = max(linear / inertia.linear, angular / inertia.angular)
-        return self._collides(pose, velocity, LATENCY) or collides(self._costmap, there, STOP, braking, inertia)
+        braking = linear / inertia.linear
+        if self._costmap.inflation.corners:
+            if self._collides(pose, velocity, LATENCY):
+                return True
+            braking = max(braking, angular / inertia.angular)
+        return collides(self._costmap, there, STOP, braking, inertia)
 
     def _give_way(self, pose: Pose) -> Velocity:
         """Drive to where the gap to a body in the way grows most, if that leads away from it, or wait."""
