@@ -6,8 +6,8 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -53,6 +53,19 @@ def wait_until(
         waited = now - start
         assert waited < deadline, f'not within {deadline:g} s: {what() if callable(what) else what}'
         pause.wait(max(min(max(0.01 * waited, _SHORTEST_PAUSE), _LONGEST_PAUSE), now - asked, every))
+
+
+@contextmanager
+def held(runtime: Any) -> Iterator[None]:
+    """Hold the executor of a NodeRuntime during a ``with`` block, as a callback that takes long does."""
+    reached, free = threading.Event(), threading.Event()
+    runtime.post(reached.set)
+    runtime.post(lambda: free.wait(DEADLINE))
+    assert reached.wait(DEADLINE), 'the executor does not get to it'
+    try:
+        yield
+    finally:
+        free.set()
 
 
 def uncontended_time() -> float:

@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -64,7 +64,7 @@ from flexbt_msgs.msg import (
 from flexbt_testing.lock_order import unwatched_locks
 from flexbt_testing.nodes.oversized import oversized
 from flexbt_testing.nodes.scripted_executive import Faults, ScriptedExecutive
-from flexbt_testing.waiting import DEADLINE, uncontended_time, wait_until
+from flexbt_testing.waiting import DEADLINE, held, uncontended_time, wait_until
 
 
 def test_a_process_with_many_names_keeps_no_other_robot_out_and_is_forgotten(
@@ -158,9 +158,9 @@ def test_of_a_tree_that_is_too_large_the_first_nodes_are_kept_and_how_many_are_l
 
 
 def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves_as_another_comes() -> None:
-    with station('wood') as operator, NodeRuntime.open('other', namespace='wood') as other:
+    with station('wood') as operator, NodeRuntime.open('other', namespace='wood') as other, ExitStack() as busy:
         operator.link.open_surroundings()
-        node, held, free = operator.runtime.node, threading.Event(), threading.Event()
+        node = operator.runtime.node
         with NodeRuntime.open('my_server', namespace='wood') as server:
             status = TreeStatus(run_id='t', structure=1, statuses=[TreeStatus.RUNNING])
 
@@ -181,15 +181,11 @@ def test_who_tells_of_trees_is_known_by_its_name_and_missed_when_it_leaves_as_an
                 return [run.server for run in operator.mirror.view().running_trees] == ['/wood/my_server']
 
             wait_until(is_known, 'the run and the node that has it')
-            operator.runtime.post(held.set)
-            operator.runtime.post(lambda: free.wait(DEADLINE))  # so that it hears of both at once
-            assert held.wait(DEADLINE)
-        try:
-            other.call(lambda: other.node.create_publisher(TreeStatus, names.TREE_STATUS, names.transient_local_qos()))
-            found = partial(node.get_publishers_info_by_topic, f'/wood/{names.TREE_STATUS}')
-            wait_until(lambda: [names.node_of(one) for one in found()] == ['/wood/other'], found)
-        finally:
-            free.set()
+            busy.enter_context(held(operator.runtime))  # so that it hears of both at once
+        other.call(lambda: other.node.create_publisher(TreeStatus, names.TREE_STATUS, names.transient_local_qos()))
+        found = partial(node.get_publishers_info_by_topic, f'/wood/{names.TREE_STATUS}')
+        wait_until(lambda: [names.node_of(one) for one in found()] == ['/wood/other'], found)
+        busy.close()
         operator.wait(lambda view: not view.running_trees and [run.server_gone for run in view.drawn_trees] == [True])
 
 

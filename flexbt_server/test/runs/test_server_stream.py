@@ -44,7 +44,7 @@ from flexbt_server.runs.tree_stream import (
 )
 from flexbt_testing.behavior_trees.user_node_trees import make, random_body, run_some
 from flexbt_testing.nodes.server_world import open_server_world
-from flexbt_testing.waiting import DEADLINE, wait_until
+from flexbt_testing.waiting import DEADLINE, held, wait_until
 
 Changes = list[tuple[int, int, int]]
 SLEEP = '<Sleep msec="1000000"/>'
@@ -220,16 +220,21 @@ def test_whoever_loses_messages_has_the_whole_picture_with_the_next(
     assert whole == [0] * len(watched.tree.nodes)
 
 
-def test_who_comes_late_sees_every_open_run_at_once(server: NodeRuntime, monitor: NodeRuntime) -> None:
-    """Also those that have been quiet for so long that the middleware has forgotten them."""
-    stream = TreeStream(server)
-    quiet = Watched(stream, 'quiet', f'<Sequence><AlwaysSuccess/>{SLEEP}</Sequence>')
+def quiet_for_long(stream: TreeStream, body: str) -> Watched:
+    """Return a run that has been paused for so long that the middleware keeps only messages of others."""
+    quiet = Watched(stream, 'quiet', body)
     quiet.tree.tick_once()
     quiet.run.read(RunPaused(True))
     for number in range(MESSAGES_KEPT + 1):
         other = Watched(stream, f'other {number}', SLEEP)
         other.tree.tick_once()
         other.end()
+    return quiet
+
+
+def test_who_comes_late_sees_every_open_run_at_once(server: NodeRuntime, monitor: NodeRuntime) -> None:
+    """Also those that have been quiet for so long that the middleware has forgotten them."""
+    quiet = quiet_for_long(TreeStream(server), f'<Sequence><AlwaysSuccess/>{SLEEP}</Sequence>')
     subscriber = Subscriber(monitor)
     wait_until(lambda: subscriber.of('quiet') and [each for each in subscriber.structures if each.run_id == 'quiet'])
     (message,) = subscriber.of('quiet')
@@ -244,25 +249,13 @@ def test_who_comes_late_sees_every_open_run_at_once(server: NodeRuntime, monitor
 def test_who_comes_as_another_leaves_sees_every_open_run(server: NodeRuntime, monitor: NodeRuntime) -> None:
     """Also if the server hears of both at once, since it was busy."""
     stream, first = TreeStream(server), Subscriber(monitor)
-    quiet = Watched(stream, 'quiet', SLEEP)
-    quiet.tree.tick_once()
-    quiet.run.read(RunPaused(True))
-    for number in range(MESSAGES_KEPT + 1):
-        other = Watched(stream, f'other {number}', SLEEP)
-        other.tree.tick_once()
-        other.end()
+    quiet_for_long(stream, SLEEP)
     first.await_end(f'other {MESSAGES_KEPT}')
-    held, free = threading.Event(), threading.Event()
-    server.post(held.set)
-    server.post(lambda: free.wait(DEADLINE))
-    assert held.wait(DEADLINE)
-    try:
+    with held(server):
         first.leave()
         wait_until(lambda: server.node.count_subscribers(names.TREE_STATUS) == 0, 'the first one has left')
         second = Subscriber(monitor)
         wait_until(lambda: server.node.count_subscribers(names.TREE_STATUS) == 1, 'the second one')
-    finally:
-        free.set()
     wait_until(lambda: second.of('quiet'), 'the quiet run')
 
 
