@@ -87,7 +87,7 @@ class Navigator:
         self._limits = limits or FollowerLimits.of(self._robot.model.drive)
         costmap = known if isinstance(known, Costmap) else Costmap(known, Inflation.of(self._robot.model.footprint))
         lidar = self._robot.model.lidar
-        tolerance = known_tolerance(0.0 if lidar is None else lidar.noise)
+        tolerance = known_tolerance(lidar)
         self._global = LayeredCostmap(costmap, tolerance=tolerance)
         self._local = LayeredCostmap(costmap, local_size(costmap.inflation), tolerance)
         self._observed = {LOCAL_PERIOD: -math.inf, GLOBAL_PERIOD: -math.inf}

@@ -103,7 +103,7 @@ def _of_robot(world: str, name: str, namespace: str) -> tuple[Inflation, Followe
     model = robots[wanted]
     try:
         follower = FollowerLimits.of(model.drive)
-        tolerance = known_tolerance(0.0 if model.lidar is None else model.lidar.noise)
-        return Inflation.of(model.footprint), replace(follower, speed=min(follower.speed, MOST_ROBOT_SPEED)), tolerance
+        limits = replace(follower, speed=min(follower.speed, MOST_ROBOT_SPEED))
+        return Inflation.of(model.footprint), limits, known_tolerance(model.lidar)
     except SimulationError as error:
         raise UnfitParameterError('world', f'robot {wanted!r}: {error}') from None

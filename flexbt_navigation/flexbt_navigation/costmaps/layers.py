@@ -11,6 +11,7 @@ from typing import Final
 import numpy
 from numpy.typing import NDArray
 
+from flexbt_sim.world.devices import LidarModel
 from flexbt_sim.world.plane.geometry import Pose
 from flexbt_sim.world.plane.occupancy_map import OccupancyMap
 
@@ -18,14 +19,15 @@ from .costmap import CellBox, Costmap, Inflation
 from .kernels import Bools, trace
 
 KNOWN_TOLERANCE: Final = 0.05
-DEVIATIONS: Final = 5.0
-"""Maximum distance from an obstacle of the static map of the end of a beam that was reflected by it: m at least, and
-standard deviations of the noise of the lidar. With three, one beam in 700 would mark a cell in front of a wall, and
-robots brake for obstacles that appear near them. Nav2 marks such points; they would make each passage a cell narrower
-on both sides."""
+"""Least distance, m, within which the end of a beam counts as that of an obstacle of the static map. Nav2 marks such
+points; they would make each passage a cell narrower on both sides."""
 
 MOST_TOLERANCE: Final = 0.5
 """Maximum of this distance, m: a robot has to see what stands before a wall."""
+
+DEVIATIONS: Final = 5.0
+"""This distance in standard deviations of the noise of the lidar. With three, one beam in 700 would mark a cell in
+front of a wall, and robots brake for obstacles that appear near them."""
 
 LOCAL_SIZE: Final = 3.0
 ROUND_ROBOT: Final = 1.0
@@ -44,8 +46,9 @@ def local_size(inflation: Inflation) -> float:
     return max(LOCAL_SIZE, 2.0 * (outer + max(ROUND_ROBOT, outer)))
 
 
-def known_tolerance(noise: float) -> float:
-    """Return the tolerance of a :class:`LayeredCostmap` for a lidar whose noise has this standard deviation, m."""
+def known_tolerance(lidar: LidarModel | None) -> float:
+    """Return the tolerance of a :class:`LayeredCostmap`, m, for what a robot has as its lidar."""
+    noise = 0.0 if lidar is None else lidar.noise
     return min(MOST_TOLERANCE, max(KNOWN_TOLERANCE, DEVIATIONS * noise))
 
 

@@ -39,7 +39,7 @@ def seen(world: OccupancyMap, robot: Pose, model: LidarModel = MODEL, seed: int 
 
 
 def layered(world: OccupancyMap = EMPTY, window: float = math.inf, noise: float = 0.0) -> LayeredCostmap:
-    return LayeredCostmap(Costmap(world, INFLATION), window, known_tolerance(noise))
+    return LayeredCostmap(Costmap(world, INFLATION), window, known_tolerance(LidarModel(noise=noise)))
 
 
 def marks(layers: LayeredCostmap) -> set[tuple[int, int]]:
