@@ -51,7 +51,8 @@ let dropping = false;
 for (const [id, by] of [['map-out', 0.8], ['map-in', 1.25], ['map-fit', 0]]) byId(id).addEventListener('click', () => map.zoomBy(by));
 const commands = new Commands({send, tell, bar, now: () => known});
 pressedOnce('button:not(.stop, .zoom *, .timeline *), .choice', tell);
-byId('dialog').addEventListener('close', () => bar.uncovered());
+// What is pressed right after the dialog has closed was meant for it. Its 'close' can come after a second click.
+for (const kind of ['click', 'keydown', 'close']) byId('dialog').addEventListener(kind, () => bar.uncovered());
 byId('waiting').addEventListener('change', () => drawPlan());
 byId('drop').addEventListener('click', () => { dropping = !dropping; choose(); });
 // What the operator deals with, for the wait times of the report: from the first key or click while it is on the page.
