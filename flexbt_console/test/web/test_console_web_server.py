@@ -529,6 +529,17 @@ def test_a_server_that_ends_while_a_drawing_is_made_leaves_nothing_of_its_proces
     gc.collect()  # destroys what is left
 
 
+def test_a_server_that_ends_tells_its_pages() -> None:
+    async def run(servers: contextlib.ExitStack, port: int) -> None:
+        async with page(port) as opened:
+            await opened.until(lambda: 'link' in opened.parts)
+            code, _ = await asyncio.gather(opened.closed(), asyncio.to_thread(servers.close))
+            assert code == WSCloseCode.GOING_AWAY
+
+    with contextlib.ExitStack() as servers:
+        asyncio.run(run(servers, servers.enter_context(served({'robot': WebRobot().station()}))))
+
+
 def test_a_fault_of_the_server_is_told_and_is_in_its_log(caplog: pytest.LogCaptureFixture) -> None:
     robot = WebRobot()
 

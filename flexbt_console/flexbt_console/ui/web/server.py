@@ -17,6 +17,7 @@ from dataclasses import replace
 from functools import partial
 from importlib.resources import files
 from typing import TYPE_CHECKING, Final
+from weakref import WeakSet
 
 from aiohttp import WSCloseCode, web
 from aiohttp.http import HttpProcessingError
@@ -294,6 +295,8 @@ async def serving(
     """
     connections = _Connections()
     application.middlewares.insert(0, connections.in_hand)
+    application.on_response_prepare.append(connections.opened)
+    application.on_shutdown.append(connections.close_sockets)
     runner = web.AppRunner(
         application,
         access_log=None,
@@ -330,6 +333,22 @@ class _Connections:
     def __init__(self) -> None:
         self._in_hand: set[object] = set()
         self._silent: set[object] = set()
+        self._sockets: WeakSet[web.WebSocketResponse] = WeakSet()
+
+    async def opened(self, request: web.Request, response: web.StreamResponse) -> None:
+        """Note a WebSocket that is opened now."""
+        if isinstance(response, web.WebSocketResponse):
+            self._sockets.add(response)
+
+    async def close_sockets(self, application: web.Application) -> None:
+        """Tell all open pages that the server ends, and wait for their answers, at most SHUTDOWN_SECONDS.
+
+        Without this, aiohttp waits twice as long for the pages to close.
+        """
+        closing = [one.close(code=WSCloseCode.GOING_AWAY, message=b'the server ends') for one in self._sockets]
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(SHUTDOWN_SECONDS):
+                await asyncio.gather(*closing, return_exceptions=True)
 
     @web.middleware
     async def in_hand(self, request: web.Request, handler: Handler) -> web.StreamResponse:
