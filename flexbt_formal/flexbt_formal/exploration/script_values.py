@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from flexbt_core.behavior_tree.model.errors import ConversionError, ScriptError
@@ -105,12 +106,12 @@ def _together(parts: Iterable[Compared]) -> Compared:
 
 
 def tested_values(compared: Iterable[Compared], copied: Iterable[Compared] = ()) -> dict[str, tuple[Any, ...]]:
-    """Return the values that affect comparisons, by key: each constant that the key is compared with, and its
-    neighbors.
+    """Return the values that affect comparisons, by key: each constant that the key is compared with, its neighbors,
+    and what is between two constants.
 
     Keys that are compared share their values: ``a`` and ``b`` in ``a > 3 && b == a``, also if another script has the
-    constant. ``copied`` are keys and constants of one value, as in a sub-tree and outside of it. A copy alone compares
-    nothing.
+    constant. Each of them can be above the others there: in ``a > b && b > 3`` also. ``copied`` are keys and constants
+    of one value, as in a sub-tree and outside of it. A copy alone compares nothing.
     """
     given = [*compared]
     names = {key for one in given for key in one.keys}
@@ -123,24 +124,34 @@ def tested_values(compared: Iterable[Compared], copied: Iterable[Compared] = ())
         groups.append((keys, values, meant))
     found: dict[str, tuple[Any, ...]] = {}
     for keys, values, meant in groups:
-        near = [] if names.isdisjoint(keys) else [other for value in values for other in _near(value)]
+        rivals = {key for one in given if not keys.isdisjoint(one.keys) for key in one.keys if len({*one.keys}) > 1}
+        near = [] if names.isdisjoint(keys) else _near(values, max(1, len(rivals)))
         # 1, 1.0 and True are equal, but must stay distinct here.
         distinct = dict.fromkeys((type(value), value) for value in (*meant, True, False, *near))
         found |= dict.fromkeys(sorted(keys), tuple(value for _, value in distinct))
     return found
 
 
-def _near(constant: Any) -> Iterator[Any]:
-    """Yield a constant and its neighbors; of a number those of both kinds."""
-    if isinstance(constant, str):
-        yield from (constant, '' if constant else 'text')
-    elif math.isfinite(constant):
-        is_whole = float(constant).is_integer()
-        if not is_whole:
-            yield from (constant, constant - 1.0, constant + 1.0)
-        for whole in dict.fromkeys((math.floor(constant), math.ceil(constant))):
-            for one in (whole, whole - 1, whole + 1):
-                yield from (one, float(one)) if is_whole else (one,)
+def _near(constants: Iterable[Any], rivals: int) -> list[Any]:
+    """Return constants and their neighbors, of numbers those of both kinds, so many on each side and between two of
+    them that each of ``rivals`` keys can have one of its own."""
+    found: list[Any] = []
+    numbers: list[float] = []
+    steps = sorted(range(-rivals, rivals + 1), key=abs)
+    for constant in constants:
+        if isinstance(constant, str):
+            found += [constant, '' if constant else 'text']
+        elif math.isfinite(constant):
+            numbers.append(float(constant))
+            if float(constant).is_integer():
+                found += [one for step in steps for one in (int(constant) + step, float(constant) + step)]
+            else:
+                found += [constant + step for step in steps]
+                found += [whole(constant) + step for whole in (math.floor, math.ceil) for step in steps]
+    for low, high in pairwise(sorted({*numbers})):
+        if len({one for one in found if type(one) is float and low < one < high}) < rivals:
+            found += [low + (high - low) * place / (rivals + 1) for place in range(1, rivals + 1)]
+    return found if numbers or rivals <= 2 else [*found, *range(rivals)]  # true and false are enough for two
 
 
 def constants_of(texts: Iterable[str]) -> Iterator[float | str]:

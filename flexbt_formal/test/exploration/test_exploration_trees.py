@@ -111,6 +111,17 @@ class Choose(StandIn):
     ports = {'door': output_port(STRING)}
 
 
+class Measure(StandIn):
+    ports = {
+        'level': output_port(DOUBLE),
+        'other': output_port(DOUBLE),
+        'third': output_port(DOUBLE),
+        'count': output_port(UINT16),
+        'kind': output_port(STRING),
+        'mode': output_port(STRING),
+    }
+
+
 class Look(StandIn):
     """Tells things of no type."""
 
@@ -214,7 +225,9 @@ def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
     leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Dock, Choose, Lift, IsAt, Go, Serve, Leave, Look)
-    found.register_classes([*leaves, AskSoon, Take, PauseResumeController, Forgetful, Stalled, Alternating, ThreeTimes])
+    found.register_classes(
+        [*leaves, AskSoon, Measure, Take, PauseResumeController, Forgetful, Stalled, Alternating, ThreeTimes]
+    )
     return found
 
 
@@ -738,6 +751,26 @@ def test_constants_of_a_key_are_tried_for_what_it_is_copied_from_or_called_elsew
 def test_the_constants_of_a_script_are_what_they_mean(code: str) -> None:
     body = f'<Fallback><Sequence><ScriptCondition code="{code}"/><Turn/></Sequence><Plan/></Fallback>'
     report = proved(f'<Sequence><Look level="{{level}}"/>{body}</Sequence>')
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
+@pytest.mark.parametrize(
+    'code',
+    [
+        *(
+            'level &gt; 0.2 &amp;&amp; level &lt; 0.8',
+            'level &gt; 1 &amp;&amp; level &lt; 2',
+            'level &lt; other',
+            'count',
+        ),
+        *('level &gt; other &amp;&amp; other &gt; 5', 'other &lt; level &amp;&amp; level &lt; third', 'kind != mode'),
+        'other &lt; level &amp;&amp; level &lt; third &amp;&amp; other &gt; 1 &amp;&amp; third &lt; 2',
+    ],
+)
+def test_what_is_of_a_type_has_values_between_constants_and_above_each_other(code: str) -> None:
+    ports = ' '.join(f'{key}="{{{key}}}"' for key in Measure.ports)
+    body = f'<Fallback><Sequence><ScriptCondition code="{code}"/><Turn/></Sequence><Plan/></Fallback>'
+    report = proved(f'<Sequence><Measure {ports}/>{body}</Sequence>')
     assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
 
 
