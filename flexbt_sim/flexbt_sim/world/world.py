@@ -254,6 +254,7 @@ class World:
                 self._let_go(robot)
             entity.place(pose)
             self._space.changed(entity)
+            self._carry()
         else:
             self._check_marking(entity, pose)
             entity.place(pose)
@@ -296,6 +297,7 @@ class World:
         thing = min(near, key=lambda one: (one.pose.distance(pose), one.name))
         self._take_away(thing)
         self._held[robot] = thing
+        self._carry()
         gripper.holds = thing.name
         return thing.name
 
@@ -321,6 +323,11 @@ class World:
         if not isinstance(one, Robot) or (gripper := one.device(Gripper)) is None:
             raise SimulationError(f'{robot} has no gripper')
         return gripper
+
+    def _carry(self) -> None:
+        """Put each obstacle that a robot holds at the robot's position."""
+        for robot, thing in self._held.items():
+            thing.pose = self.robots[robot].pose
 
     def _let_go(self, robot: str) -> None:
         """Put the obstacle that a robot holds back into the world, at the robot's position."""
@@ -451,11 +458,10 @@ class World:
         for one in self.faults:
             self._run(one)
         duration = nanoseconds * 1e-9
-        self._space.begin(self.time)
+        self._space.begin(self.time, duration)
         for body in self._movers:
             body.tick(self._space, duration)
-        for robot, thing in self._held.items():
-            thing.pose = self.robots[robot].pose
+        self._carry()
         self._nanoseconds += nanoseconds
         if self.zones:
             self._find_zones()

@@ -82,6 +82,14 @@ def test_it_can_be_taken_from_the_gripper_and_goes_back_at_a_reset(world: World)
     assert not world.held and 'cup' in world.obstacles
 
 
+def test_what_a_robot_holds_is_moved_with_it_and_left_there_if_it_is_removed(world: World) -> None:
+    world.grip('arm')
+    world.move('arm', Pose(5.0, 5.0, 0.0))
+    world.add('other', RobotModel(), CUP.pose)
+    world.remove('arm')
+    assert world.obstacles['cup'].pose == Pose(5.0, 5.0, 0.0)
+
+
 class Observer:
     """A node that commands a gripper, and sees the scene."""
 

@@ -464,6 +464,16 @@ def test_an_obstacle_that_stands_in_a_wall_stops_at_a_robot_all_the_same() -> No
     assert robot.pose.distance(obstacle.pose) == pytest.approx(0.47, abs=0.003)
 
 
+@pytest.mark.parametrize('step', [0.02, 1.0])
+def test_an_obstacle_with_several_points_within_a_step_stops_at_what_is_in_its_way(step: float) -> None:
+    world, way = World(step=step), 30.0 * step
+    route = RouteModel(waypoints=tuple((0.35 * way * n, 0.0) for n in (1, 2, 3)), speed=30.0, order='once')
+    cart = world.add('cart', ObstacleModel(pose=Pose(0.0, 0.0, 0.0), shape=Circle(0.2), route=route))
+    world.add('post', ObstacleModel(pose=Pose(0.4 + 0.75 * way, 0.0, 0.0), shape=Circle(0.2)))
+    world.step()
+    assert cart.pose.x == pytest.approx(0.75 * way, abs=0.003)
+
+
 def test_an_obstacle_waits_for_what_is_in_its_way() -> None:
     world = World()
     robot = world.add('alpha', RobotModel(lidar=None), Pose(1.0, 0.0, 0.0))

@@ -173,14 +173,15 @@ ROUNDING: Final = 1e-9
 
 
 class Space:
-    """The solid bodies on a map, or on a plane without one. ``time``, s, is that at the start of the tick."""
+    """The solid bodies on a map, or on a plane without one. ``time`` and ``until``, s, are those of the tick: its start
+    and its end."""
 
     def __init__(self, world: OccupancyMap | None, step: float) -> None:
         """``step`` is the longest tick, s."""
         self.map = world
         self._step = step
         self._reach = _REACH
-        self.time = 0.0
+        self.time = self.until = 0.0
         self._bodies: dict[str, Body] = {}
         self._mobile: dict[str, Body] = {}
         self._fastest = 0.0
@@ -215,9 +216,9 @@ class Space:
         for body in placed:
             self._places.moved(body)
 
-    def begin(self, time: float) -> None:
-        """Begin a tick, in which the bodies move."""
-        self.time = time
+    def begin(self, time: float, duration: float) -> None:
+        """Begin a tick, in which the bodies move, by its time and duration, s."""
+        self.time, self.until = time, time + duration
         self._have_moved = True
         if self._is_changed:
             self._is_changed = False
@@ -327,7 +328,7 @@ class Space:
 
         A body that already overlaps something may move if no overlap grows: one that starts in a wall stops at others.
         """
-        if reach == 0.0 or self.time + duration <= body.clear_until:
+        if reach == 0.0 or self.until <= body.clear_until:
             body.pose = at(duration)
             return duration
         gone = 0.0
