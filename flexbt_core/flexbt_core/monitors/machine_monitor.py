@@ -118,7 +118,7 @@ class MachineMonitor(RunReader):
             self.requirements.event(path)
 
     def _left(self, event: StateLeft) -> None:
-        path, target = event.path, event.target
+        path = event.path
         if (wrong := self._visits.passed_on(path)) is not None:
             self._found(wrong)
         self._holders.discard(path)
@@ -126,10 +126,8 @@ class MachineMonitor(RunReader):
             return
         if event.outcome:
             left = f'{path} > {event.outcome}'
-            self.requirements.follows(left, target)
+            self.requirements.follows(left, event.target)
             self.requirements.event(left)
-            if target.startswith('=') and path.count('/') == 1:
-                self.requirements.event(target)
 
     def _exited(self, event: StateExited) -> None:
         if (wrong := self._visits.exited(event.path)) is not None:
@@ -156,6 +154,8 @@ class MachineMonitor(RunReader):
 
     def _ends(self, _event: RunEnding) -> None:
         if not self._is_ending:
+            if (outcome := self._run.root.outcome) is not None:  # else it was stopped, or has failed
+                self.requirements.event(f'={outcome}')
             self.requirements.rests(self._run.is_paused)  # a callback may have taken longer than a deadline
         self._is_ending = True
 

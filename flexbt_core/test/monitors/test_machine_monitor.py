@@ -194,6 +194,26 @@ def test_a_requirement_is_watched(required: Requirement, way: list[tuple[str, st
     assert [one.text.partition(';')[0][: len(text)] for one in watched.found] == [text]
 
 
+@pytest.mark.parametrize('is_stopped', [False, True])
+def test_a_machine_that_is_stopped_while_its_last_states_halt_does_not_end_by_its_outcome(is_stopped: bool) -> None:
+    is_halting = True
+    slow = Scripted(do={'halting': lambda state, _: 'it rolls on' if is_halting else None})
+    made = machine(
+        Child('Quick', Scripted()),
+        Child('Slow', slow),
+        conditions=[('ended', [('Quick', 'done')]), ('ended', [('Slow', 'done')])],
+    )
+    watched = Watched(made, [Never('=ended')])
+    watched.end('/Quick', 'done')
+    assert not watched.found
+    if is_stopped:
+        watched.run.preempt('test')
+    is_halting = False
+    watched.run.step()
+    assert watched.run.outcome == ('preempted' if is_stopped else 'ended')
+    assert [one.text.partition(';')[0] for one in watched.found] == ([] if is_stopped else ['=ended happens'])
+
+
 def test_each_entry_of_a_machine_is_an_event() -> None:
     """Also of one that is entered as a part of another, beside others, or again."""
     first = machine(Child('B', machine(Child('C', Scripted(), {'done': 'ended'})), {'ended': 'ended'}))
