@@ -234,7 +234,10 @@ class Robot(Carrier):
         if moved < duration:
             self.contacts += not was_in_contact
             self.linear = self._linear = 0.0
-            self._turn_on(surroundings, angular, duration - moved)
+            if self.model.drive.turning_radius:  # a car turns only while it drives
+                self.angular = self._angular = 0.0
+            else:
+                self._turn_on(surroundings, angular, duration - moved)
 
     def _turn_on(self, surroundings: WorldView, angular: float, duration: float) -> None:
         """Turn a blocked robot as far as possible."""

@@ -176,6 +176,23 @@ def test_a_car_takes_no_sharper_bend_than_it_can() -> None:
     assert (car.linear, car.angular) == pytest.approx((0.5, 0.05))
 
 
+def test_a_blocked_car_does_not_turn() -> None:
+    world = World()
+    car = world.add('car', MODELS['car'], Pose(0.0, 0.0, 0.0))
+    world.add('wall', ObstacleModel(pose=Pose(8.0, 0.0, 0.0), shape=box(1.0, 40.0)))
+    while not car.in_contact:
+        car.command(8.0, 0.2, world.time)
+        world.step()
+    yaw = car.pose.yaw
+    for _ in range(200):
+        car.command(8.0, 0.2, world.time)
+        world.step()
+    assert (car.pose.yaw, car.twist) == (pytest.approx(yaw, abs=1e-3), (0.0, 0.0))
+    car.command(-1.0, 0.2, world.time)
+    world.step(0.4)
+    assert not car.in_contact and car.pose.yaw > yaw
+
+
 def walk(world: World, steps: int = 150) -> list[WorldSnapshot]:
     snapshots = []
     for step in range(steps):
