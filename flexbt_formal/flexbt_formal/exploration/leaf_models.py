@@ -142,6 +142,8 @@ class Environment:
         self.found = found
         self.most_counted = 0
         """Attempts up to which a node without a limit counts, since a script may give it one."""
+        self.removed: frozenset[str] | None = frozenset()
+        """Keys that nodes may remove, in any scope; None: any."""
 
     def asks(self) -> None:
         """Begin a step: clear the answers and the measured facts, which may have changed."""

@@ -28,6 +28,7 @@ from flexbt_core.behavior_tree.model.ports import (
     PortValue,
 )
 from flexbt_core.behavior_tree.model.status import IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.nodes.blackboard import UpdateDecorator, WasEntryUpdated
 from flexbt_core.behavior_tree.nodes.loops import Loop
 from flexbt_core.behavior_tree.nodes.nav2.decorators import RateController
 from flexbt_core.behavior_tree.nodes.timing import Delay, Sleep, Timeout
@@ -137,7 +138,10 @@ TREE_LAYOUT: Final = Layout(
         Blackboard: frozenset(('lock', '_parent', '_root', '_remaps')),
         UnfinishedWork: frozenset(('_context',)),
         Environment: frozenset(
-            ('values', 'choices', 'events', 'begun', 'asked', 'described', 'answers', 'found', 'most_counted')
+            (
+                *('values', 'choices', 'events', 'begun', 'asked', 'described', 'answers', 'found', 'most_counted'),
+                'removed',
+            )
         ),
         Facts: frozenset(('_needed', 'measured', 'names')),
         ModelAction: frozenset(('needs', '_path', 'place')),
@@ -171,11 +175,9 @@ TREE_LAYOUT: Final = Layout(
     },
     views={
         PortType: {'': lambda type: type.name},
-        TreeNode: {
-            # The number of writes seen only matters in relation to the current number.
-            '_seen': lambda node: node._seen == node._entry.sequence,
-            '_count': lambda node: _counted(node),
-        },
+        TreeNode: {'_count': lambda node: _counted(node)},
+        UpdateDecorator: {'_seen': lambda node: _writes_seen(node)},
+        WasEntryUpdated: {'_seen': lambda node: _writes_seen(node)},
         # What an IDLE node remembers of a time, it does not read again.
         Sleep: {'_deadline': lambda node: node._deadline if node.stored_status is RUNNING else None},
         RateController: {'_start': lambda node: None if node.stored_status is IDLE else node._start},
@@ -208,6 +210,22 @@ def _counted(node: Any) -> int:
     if not _is_unlimited(node):
         return count
     return 0 if node.port_values[node.limit].key is None else min(count, getattr(node.services, 'most_counted', 0))
+
+
+def removed_by(nodes: Iterable[TreeNode]) -> frozenset[str] | None:
+    """Return the keys that nodes may remove, each from its scope; None: any."""
+    keys = [node.port_values['key'] for node in nodes if node.id == 'UnsetBlackboard']
+    return None if any(one.key is not None for one in keys) else frozenset(one.text for one in keys)
+
+
+def _writes_seen(node: UpdateDecorator | WasEntryUpdated) -> Any:
+    """Return the number of writes that a node has seen in relation to the current one. If the entry may be removed,
+    return also by how many writes a new one has that number again."""
+    removed: frozenset[str] | None = node.services.removed
+    if removed is not None and node.blackboard.outermost(node._key)[1] not in removed:
+        return node._seen == node._entry.sequence
+    entry = node._entry if node._entry.present else node.blackboard.entry(node._key)
+    return node._seen, 0 if entry is None else min(entry.sequence, node._seen + 1)
 
 
 def _goes_on_for_ever(node: TreeNode) -> bool:
@@ -298,6 +316,7 @@ class TreeSystem(System):
             substitute=lambda definition, path: monitor.watched(substitute(definition, models(definition)), path),
             max_rounds=_ROUNDS,
         )
+        self._environment.removed = removed_by(self.tree.nodes)
         self._places = _places(self.tree.nodes)
         for node in self.tree.nodes:
             if isinstance(node, _MODELS):
@@ -373,15 +392,8 @@ class TreeSystem(System):
     @property
     def removed(self) -> frozenset[str] | None:
         """Keys of the outermost blackboard that the tree may remove; None: any."""
-        found: set[str] = set()
-        for node, definition in zip(self.tree.nodes, self.tree.definitions, strict=True):
-            # One in a sub-tree removes a key of that scope only.
-            if node.id == 'UnsetBlackboard' and node.blackboard is self._board:
-                given = definition.values['key']
-                if given.key is not None:
-                    return None
-                found.add(given.text)
-        return frozenset(found)
+        # One in a sub-tree removes a key of that scope only.
+        return removed_by(node for node in self.tree.nodes if node.blackboard is self._board)
 
     def _give(self, declared: Mapping[str, Entry], uses: Iterable[_PortUse]) -> tuple[str, ...]:
         """Write the initial entries; return their keys, each by its name nearest to the root."""

@@ -33,7 +33,7 @@ from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.xml.parser import Element, parse
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_formal.exploration.configuration import Configuration, StateSnapshotter
-from flexbt_formal.exploration.tree_system import TREE_LAYOUT, remove_entries
+from flexbt_formal.exploration.tree_system import TREE_LAYOUT, remove_entries, removed_by
 from flexbt_formal.exploration.virtual_time import VirtualClock
 
 from .ascxml import Instance, is_pointer
@@ -74,10 +74,14 @@ class _Suspended(BaseException):
 
 
 class Conversation:
-    """The requests to the plugins in a tick, with their answers. It serves as the services of the tree's nodes."""
+    """The requests to the plugins in a tick, with their answers. It serves as the services of the tree's nodes.
+
+    ``removed`` are the keys that nodes may remove; None: any.
+    """
 
     def __init__(self) -> None:
         self.nodes: dict[int, TreeNode] = {}
+        self.removed: frozenset[str] | None = frozenset()
         self.answers: Iterator[PluginAnswer] = iter(())
         self.pending: tuple[int, str, tuple[Any, ...]] | None = None
         self.seen: list[tuple[int, tuple[Any, ...]]] = []
@@ -206,6 +210,7 @@ class TreePlayer:
         self._tree.observe(lambda node, before, after: None)
         self.nodes = self._tree.nodes
         self._conversation.nodes = {node.uid: node for node in self.nodes}
+        self._conversation.removed = removed_by(self.nodes)
         self._plugins = [node for node in self.nodes if isinstance(node, _Plugin)]
         self.instances = [
             Instance(

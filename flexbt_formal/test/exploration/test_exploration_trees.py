@@ -193,25 +193,25 @@ class Laps:
 
 
 class ThreeTimes(Decorator):
-    """Does it three times, whatever comes of it."""
+    """Does it three times, whatever comes of it, and keeps them by a name that nodes of the engine use, too."""
 
     def __init__(self, config: NodeConfig) -> None:
         super().__init__(config)
-        self._laps = Laps()
+        self._seen = Laps()
 
     def tick(self) -> NodeStatus:
         status = self.tick_child()
         if status is NodeStatus.RUNNING:
             return status
         self.halt_child()
-        self._laps = Laps((self._laps.number + 1) % 3)
-        if self._laps.number:
+        self._seen = Laps((self._seen.number + 1) % 3)
+        if self._seen.number:
             self.wake()
             return NodeStatus.RUNNING
         return status
 
     def on_halt(self) -> None:
-        self._laps = Laps()
+        self._seen = Laps()
 
 
 class Stalled(Control):
@@ -841,6 +841,18 @@ def test_what_one_way_writes_is_not_there_on_another() -> None:
         f'<Sequence><UnsetBlackboard key="place"/>{place}<Follow path="{{place}}"/></Sequence>', 'place'
     ).counterexamples
     assert absent.violation.property is Property.DATA
+
+
+def test_writes_before_an_entry_was_removed_are_counted() -> None:
+    """A new entry that was written as often as its node has seen before is missed, as in BehaviorTree.CPP."""
+    again = '<Sequence><IsSafe/><Script code="level := 1"/></Sequence>'
+    updated = '<Sequence><WasEntryUpdated entry="level"/><ForceSuccess><Turn/></ForceSuccess></Sequence>'
+    body = f'<Fallback>{updated}<Plan/></Fallback><UnsetBlackboard key="level"/><Script code="level := 1"/>'
+    report = proved(
+        f'<Sequence><Script code="level := 1"/><Fallback>{again}<AlwaysSuccess/></Fallback>'
+        f'<Repeat num_cycles="2"><Sequence>{body}</Sequence></Repeat></Sequence>'
+    )
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
 
 
 def test_an_entry_has_the_type_of_its_way() -> None:
