@@ -294,11 +294,11 @@ class TreeGoals:
             running.run.stop(newer, newer.stop_reason, newer.stop_within)
 
     def _on_end(self, running: RunningTree, outcome: RunOutcome) -> None:
-        self.running.remove(running)
         self._forget_pauses(running)
         if running.feedback is not None:
             running.feedback.cancel()
-        self.end(running.goal, outcome)
+        self.end(running.goal, outcome)  # a goal that begins by that is offered to this run
+        self.running.remove(running)
         offered = running.run.accept_offer()
         if offered is not None and offered.found is not None and offered.served.active:
             # The goal arrived while the tree was ending. It gets a new run at once, before later goals.

@@ -35,11 +35,13 @@ from flexbt_msgs.msg import TreeStatus
 from flexbt_server.errors import ServerParameterError
 from flexbt_server.nav2 import motion_actions
 from flexbt_server.nav2.branches import FAILED, pending
-from flexbt_server.navigators import activation
+from flexbt_server.navigators import activation, bt_navigator
 from flexbt_server.navigators.bt_navigator import NavigatorGoal
 from flexbt_server.runs.run_events import RunOutcome
+from flexbt_testing.behavior_trees.faulty_leaves import Held
+from flexbt_testing.nodes import server_nodes
 from flexbt_testing.nodes.clients import LifecycleClient, SentGoal
-from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world, pose_stamped
+from flexbt_testing.nodes.server_world import ServerWorld, document, install_nodes, open_server_world, pose_stamped
 from flexbt_testing.waiting import DEADLINE, wait_until
 
 NAVIGATORS = [names.NAVIGATE_TO_POSE, names.NAVIGATE_THROUGH_POSES, names.FOLLOW_WAYPOINTS]
@@ -266,6 +268,34 @@ def test_two_clients_that_preempt_each_other_five_times_a_second(driving: Front)
     for goal in goals[:-1]:
         assert goal.wait().status is GoalStatus.ABORTED
     assert 'canceled' not in driving.follow.statuses.values()
+
+
+def test_a_goal_that_begins_as_a_run_ends_replaces_the_one_offered_to_that_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install_nodes(tmp_path, server_nodes.__name__)
+    monkeypatch.setattr(bt_navigator, 'LOOK_SECONDS', 10 * DEADLINE)  # goals that wait begin only as others end
+    transformed: list[Any] = []
+    monkeypatch.setattr(
+        TransformListener, 'transform_pose', lambda _self, pose, _frame, known, *_: transformed.append((known, pose))
+    )
+    Held.reset()
+    with open_front() as front:
+        front.world.client.load_tree('<HeldInTick/>', 'Hold')
+        goals = front.world.server.goals
+        first = front.to(1.0, tree='Hold')
+        assert Held.entered.wait(DEADLINE)
+        second = front.to(2.0, tree='Hold')
+        wait_until(lambda: sum(goal.running is not None for goal in goals._goals.values()) == 2, 'the offer')
+        third = front.to(3.0, tree='Hold', frame='odom')
+        wait_until(lambda: transformed, 'the third goal')
+        ((known, pose),) = transformed
+        front.world.server_runtime.call(lambda: known(pose))
+        Held.release.set()  # the first run ends in this tick
+        ended(first)
+        ended(second, GoalStatus.ABORTED, 'newer goal')
+        ended(third)
+        wait_until(lambda: not goals.running.all(), 'the end of the runs')
 
 
 def test_another_tree_cannot_take_over(driving: Front) -> None:
