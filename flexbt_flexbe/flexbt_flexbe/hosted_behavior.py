@@ -55,7 +55,7 @@ class HostedBehavior(Behavior):
             key = f'/{name.strip(_SLASH)}' if _SLASH in name.strip(_SLASH) else name.strip(_SLASH)
             if key in given:
                 raise ParameterError(f'parameter {key!r} is given twice')
-            given[key] = from_yaml_file(key, text) if is_file else self._value(key, text)
+            given[key] = self._value_in_file(key, text) if is_file else self._value(key, text)
         self._given = given
 
     def create(self) -> OperatableStateMachine:
@@ -80,8 +80,17 @@ class HostedBehavior(Behavior):
             without_harmless_faults(machine, partial(run.log, Severity.WARN, ''))
         return machine
 
+    def _declared(self, name: str) -> BehaviorParameter | None:
+        return next((one for one in self.manifest.parameters if one.name == name), None)
+
+    def _value_in_file(self, name: str, text: str) -> Any:
+        value, parameter = from_yaml_file(name, text), self._declared(name)
+        if parameter is None or (isinstance(parameter.default, str) and not parameter.choices):
+            return value  # the code has the type; for the manifest everything else is text
+        return parameter.checked(converted(name, value, parameter.default))
+
     def _value(self, name: str, text: str) -> Any:
-        parameter = next((one for one in self.manifest.parameters if one.name == name), None)
+        parameter = self._declared(name)
         if parameter is None:
             if name in self._of_code:
                 converted(name, text, self._of_code[name].default)

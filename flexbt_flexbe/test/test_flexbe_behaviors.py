@@ -207,6 +207,32 @@ def test_a_number_that_is_no_int_is_refused(text: str) -> None:
         converted('rounds', text, 1)
 
 
+@pytest.mark.parametrize('value', ['nan', math.nan])
+def test_what_is_no_number_is_refused_where_the_code_declares_one(value: str | float) -> None:
+    with pytest.raises(ParameterError, match='write a number'):
+        converted('/Inner/speed', value, 0.5)
+
+
+@pytest.mark.parametrize(
+    ('name', 'key', 'words'),
+    [
+        ('rounds', 'often', 'outside of its limits 1 to 5'),
+        ('rounds', 'none', 'write a number'),
+        ('mode', 'often', 'none of its choices'),
+        ('is_loud', 'often', 'write true or false'),
+    ],
+)
+def test_a_value_in_a_file_is_within_the_limits_of_the_manifest(
+    package: Installed, name: str, key: str, words: str
+) -> None:
+    (package.prefix / 'share' / package.name / 'config' / 'site.yaml').write_text('often: 6\nnone: .nan\nonce: 1\n')
+    behavior = package.entries()['Patrol'].instantiate()
+    file = f'{package.name}/config/site.yaml'
+    behavior.set_arguments([('/YAML:rounds', f'{file}:once')])
+    with pytest.raises(ParameterError, match=words):
+        behavior.set_arguments([(f'/YAML:{name}', f'{file}:{key}')])
+
+
 def test_nothing_is_set_twice(package: Installed) -> None:
     behavior = package.entries()['Patrol'].instantiate()
     with pytest.raises(ParameterError, match='given twice'):

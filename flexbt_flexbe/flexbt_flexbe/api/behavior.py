@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 import re
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
@@ -140,15 +141,15 @@ def converted(name: str, value: Any, like: Any) -> Any:
     Raises:
         ParameterError: it cannot be converted without loss.
     """
-    if type(value) is type(like):
-        return value
     try:
+        if isinstance(like, float):
+            return _float(value)
+        if type(value) is type(like):
+            return value
         if isinstance(like, bool):
             return to_bool(str(value))
         if isinstance(like, int):
             return _int(value)
-        if isinstance(like, float):
-            return float(value)
         if isinstance(like, dict | list):
             return _structure(value, type(like))
         return str(value) if isinstance(like, str) else value
@@ -183,6 +184,13 @@ def from_yaml_file(name: str, text: str) -> Any:
 def is_yaml_file(text: str) -> bool:
     """Return whether a text names a YAML file of a package."""
     return _FILE.fullmatch(text.strip()) is not None
+
+
+def _float(value: Any) -> float:
+    number = float(value)
+    if math.isnan(number):  # no limit would hold it
+        raise ValueError('write a number')
+    return number
 
 
 def _int(value: Any) -> int:

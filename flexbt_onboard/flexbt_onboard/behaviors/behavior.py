@@ -130,7 +130,8 @@ class BehaviorParameter:
             )
         if isinstance(value, int | float):
             low, high = self.minimum, self.maximum
-            if (low is not None and value < low) or (high is not None and value > high):
+            is_within = (low is None or value >= low) and (high is None or value <= high)
+            if not is_within:  # nor is NaN
                 limits = f'{-math.inf if low is None else low:g} to {math.inf if high is None else high:g}'
                 raise ParameterError(f'parameter {self.name!r}: {short_repr(value)} is outside of its limits {limits}')
         return value

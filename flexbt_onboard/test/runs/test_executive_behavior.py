@@ -105,6 +105,12 @@ def test_a_number_larger_than_any_float_is_outside_of_limits() -> None:
         BehaviorParameter('rounds', 1, minimum=1, maximum=5).from_text('9' * 400)
 
 
+def test_what_is_no_number_is_outside_of_limits() -> None:
+    """As a program, or YAML that embeds the behavior, may give it."""
+    with pytest.raises(ParameterError, match='nan is outside of its limits -inf to 1'):
+        BehaviorParameter('speed', 0.5, maximum=1.0).checked(float('nan'))
+
+
 def test_set_parameter_takes_an_int_for_a_float_and_nothing_else() -> None:
     patrol = Patrol()
     patrol.set_parameter('speed', 2)
