@@ -210,10 +210,11 @@ class _Reader(StrictYamlParts):
         self.owner = path
         what = f'{path} ({kind})'
         entries = self.mapping(node, what)
-        known = [*_KEYS, 'userdata', 'autonomy', 'states', *(['conditions'] if kind == 'concurrency' else [])]
+        is_concurrent = kind == 'concurrency'
+        known = [*_KEYS, 'userdata', 'autonomy', 'states', *(['conditions'] if is_concurrent else [])]
         self.refuse_others(entries, known, what)
         options: dict[str, Any] = {key: self.names(entries[key], f'{key} of {what}') for key in _KEYS if key in entries}
-        if 'conditions' in entries:
+        if is_concurrent and 'conditions' in entries:
             options['conditions'] = self._conditions(entries['conditions'], what)
         if 'userdata' in entries:
             options['userdata'] = self.values(entries['userdata'], f'userdata of {what}')

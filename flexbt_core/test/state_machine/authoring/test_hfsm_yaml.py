@@ -477,6 +477,8 @@ state: Do, machine: {}
     A | /A has to have one of state, machine, concurrency, priority, behavior
 machine: {states: {}, outcomes: []}
     states | /A: the machine has no states
+machine: {outcomes: [done], conditions: [], states: {B: {state: Do, transitions: {done: done, failed: done}}}}
+    conditions | /A (machine) cannot have 'conditions'
 machine: {autonomy: max, outcomes: [x]}
     max | autonomy of /A (machine): 'max' is none of the levels
 machine: {outcomes: [done], output_keys: [k], states: {B: {state: Do, transitions: {done: done, failed: done}}}}
