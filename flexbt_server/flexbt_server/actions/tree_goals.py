@@ -90,7 +90,7 @@ class TreeGoals:
         self._pose = services.topics.cache(SubscribedTopic(PoseStamped, parameters.pose_topic))  # like the leaves
         self.running = RunningTrees()
         self.owners = GoalOwners(runtime, parameters.peer_timeout)
-        self._goals: dict[bytes, TreeGoal] = {}
+        self._goals: dict[ServedGoal, TreeGoal] = {}  # goals of different actions may have the same ID
         self._no_goals = threading.Event()
         self._no_goals.set()
         self._returned = ''
@@ -194,7 +194,7 @@ class TreeGoals:
 
     def serve(self, goal: TreeGoal) -> None:
         """Work on a goal until it has its result. Goals start in the order of these calls."""
-        self._goals[goal.served.id] = goal
+        self._goals[goal.served] = goal
         self._no_goals.clear()
         self.guard(goal, lambda: self._look_for_tree(goal))
 
@@ -309,7 +309,7 @@ class TreeGoals:
 
     def cancel(self, served: ServedGoal) -> None:
         """Stop a goal that its client has canceled."""
-        self.stop(self._goals[served.id], _BY_CLIENT)
+        self.stop(self._goals[served], _BY_CLIENT)
 
     def stop(self, goal: TreeGoal, reason: str, within: float | None = None) -> None:
         """Stop the work for a goal within this many seconds of wall time, by default the cancel timeout."""
@@ -343,7 +343,7 @@ class TreeGoals:
             goal.served.abort(result)
         goal.leave_queue()
         self.owners.release(goal.owner, goal)
-        del self._goals[goal.served.id]
+        del self._goals[goal.served]
         if not self._goals:
             self._no_goals.set()
         goal.on_ended()

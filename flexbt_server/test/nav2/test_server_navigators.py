@@ -8,6 +8,7 @@ import gc
 import math
 import random
 import threading
+import uuid
 import weakref
 from collections.abc import Iterator
 from functools import partial
@@ -268,6 +269,24 @@ def test_two_clients_that_preempt_each_other_five_times_a_second(driving: Front)
     for goal in goals[:-1]:
         assert goal.wait().status is GoalStatus.ABORTED
     assert 'canceled' not in driving.follow.statuses.values()
+
+
+def test_goals_of_two_actions_that_have_the_same_id_are_canceled_apart(
+    driving: Front, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driving.navigation.hold.add(names.WAIT)
+    driving.world.client.load_tree('<Wait/>', 'Waits')
+    same = uuid.uuid4()
+    with monkeypatch.context() as patch:
+        patch.setattr(uuid, 'uuid4', lambda: same)
+        drive, wait = driving.to(1.0), driving.world.client.execute('Waits')
+    driving.drives_to(1.0)
+    wait_until(lambda: driving.navigation.count(names.WAIT), 'the other goal')
+    drive.cancel()
+    assert drive.wait().status is GoalStatus.CANCELED
+    assert not wait.ended
+    wait.cancel()
+    assert wait.wait().status is GoalStatus.CANCELED
 
 
 def test_a_goal_that_begins_as_a_run_ends_replaces_the_one_offered_to_that_run(
