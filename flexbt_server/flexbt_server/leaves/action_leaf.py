@@ -173,6 +173,10 @@ class ActionLeaf(ServerNode, StatefulAction):
     def make_goal(self) -> Any:
         """Return the goal, from the input ports. PortError and ValueError become the reason of a FAILURE."""
 
+    def on_feedback(self, feedback: Any) -> None:
+        """Write the output ports from the latest feedback. Called at each tick after the first feedback, also before
+        the end is handled. PortError and ValueError become the reason of a FAILURE."""
+
     def newer_goal(self, feedback: Any) -> Any | None:
         """Return a goal to replace the present one, or None. Called at each tick, with the latest feedback."""
         return None
@@ -219,6 +223,12 @@ class ActionLeaf(ServerNode, StatefulAction):
         goal = self._goal
         assert goal is not None  # sent when the waiting ended
         outcome = goal.outcome
+        if goal.feedback is not None:
+            try:
+                self.on_feedback(goal.feedback)
+            except (PortError, ValueError) as error:
+                self._cancel_all()
+                return self._unmade(error)
         if goal.canceled and (outcome is None or outcome.status is GoalStatus.CANCELED):  # for a pause
             if self._is_held:
                 return NodeStatus.RUNNING

@@ -128,8 +128,8 @@ class CallAction(MessageLeaf, ActionLeaf):
         self._heard = None
         return self.message('goal')
 
-    def newer_goal(self, feedback: Any) -> None:
-        if feedback is not None and feedback is not self._heard:  # a goal that is sent again has none at first
+    def on_feedback(self, feedback: Any) -> None:
+        if feedback is not self._heard:
             self._heard = feedback
             self.take('feedback', feedback)
 

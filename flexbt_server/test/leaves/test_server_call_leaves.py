@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from nav2_msgs.action import FollowWaypoints, Wait
+from nav2_msgs.action import FollowWaypoints, Spin, Wait
+from rclpy.action.server import ServerGoalHandle
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Float64MultiArray, String
@@ -16,6 +17,7 @@ from std_srvs.srv import SetBool
 from flexbt_common import names
 from flexbt_common.values.entries import from_entry
 from flexbt_msgs.action import BtExecute, BtLoad
+from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
 from flexbt_testing.nodes.server_world import ServerWorld, document, open_server_world, pose_stamped
 from flexbt_testing.waiting import wait_until
 
@@ -100,6 +102,24 @@ def test_results_and_feedback_go_to_the_blackboard(world: ServerWorld) -> None:
     wait.end(0, result=result)
     assert goal.result.code == Result.SUCCESS, goal.result.message
     assert value(world, 'passed', 'results') == 7
+
+
+def test_feedback_right_before_the_end_counts(world: ServerWorld) -> None:
+    async def script(handle: ServerGoalHandle) -> Any:
+        for turned in (1.0, 2.0):
+            handle.publish_feedback(Spin.Feedback(angular_distance_traveled=turned))
+        getattr(handle, 'abort' if handle.request.target_yaw else 'succeed')()
+        return Spin.Result()
+
+    ScriptedActionServer(world.navigation_runtime, Spin, 'turn', script)
+    body = (
+        '<CallAction type="nav2_msgs/action/Spin" server_name="turn" goal.target_yaw="{}" '
+        'feedback.angular_distance_traveled="{{turned}}" success="feedback.angular_distance_traveled == 2"/>'
+    )
+    for yaw, code in ((0.0, Result.SUCCESS), (1.0, Result.FAILURE)):
+        result = run(world, body.format(yaw), f'turn{code}')
+        assert result.code == code, result.message
+        assert value(world, 'turned', f'turn{code}') == 2.0
 
 
 def test_a_goal_that_is_sent_again_after_a_pause_has_no_feedback_at_first(world: ServerWorld) -> None:
