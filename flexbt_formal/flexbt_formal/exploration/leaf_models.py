@@ -445,14 +445,16 @@ def substitute(definition: NodeDefinition, model: LeafModel) -> NodeDefinition:
 
 
 def fitting(kind: PortType | None, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the distinct values of a type: numbers for booleans if there are no others of it. If it is unknown, prefer
-    numbers and strings to booleans."""
+    """Return the distinct values of a type: numbers for booleans if there are no others of it. If it may be any,
+    prefer numbers and strings to booleans."""
     values = [*values]
-    of_type = [one for one in values if kind is None or type(one) is kind.python_type]
-    if kind is not None and not of_type and kind.python_type in (int, float, str):
-        of_type = [kind.python_type(one) for one in values if not isinstance(one, str)]
-    plain = of_type if kind is not None else [one for one in of_type if type(one) is not bool]
-    return tuple(dict.fromkeys(plain or of_type))
+    if kind is None or kind.python_type is object:
+        fit = [one for one in values if type(one) is not bool] or values
+    else:
+        fit = [one for one in values if type(one) is kind.python_type]
+        if not fit and kind.python_type in (int, float, str):
+            fit = [kind.python_type(one) for one in values if not isinstance(one, str)]
+    return tuple(dict.fromkeys(fit))
 
 
 def some_value(kind: PortType | None) -> Any:

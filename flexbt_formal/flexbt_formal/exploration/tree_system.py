@@ -420,8 +420,9 @@ class TreeSystem(System):
                 read.setdefault(entry, key)
                 needed.add(entry)
         found = []
+        outermost = frozenset(self._board.entries().values())  # from outside nobody writes into a sub-tree
         for entry, key in read.items():
-            if entry.value is EMPTY and (entry not in written or key in declared):
+            if entry in outermost and entry.value is EMPTY and (entry not in written or key in declared):
                 options = fitting(entry.type, tested.get(entry, ()))
                 entry.write(options[0] if options else some_value(entry.type))
                 if len(options) > 1:

@@ -666,6 +666,17 @@ def test_what_a_sub_tree_writes_by_a_name_is_not_given(writer: str, ports: str, 
     assert system.given == (('path',) if is_given else ())
 
 
+@pytest.mark.parametrize(('ports', 'is_given'), [('', False), ('path="{path}"', True), ('_autoremap="true"', True)])
+def test_nobody_outside_writes_what_only_a_sub_tree_has(ports: str, is_given: bool) -> None:
+    text = (
+        '<root BTCPP_format="4"><BehaviorTree ID="Inner"><Follow path="{path}"/></BehaviorTree>'
+        f'<BehaviorTree ID="Main"><SubTree ID="Inner" {ports}/></BehaviorTree></root>'
+    )
+    library = TreeLibrary([load_xml(text, 'main.xml', registry())])
+    report = explore(lambda: TreeSystem(library, TreeKey('main.xml', 'Main')), 'Main')
+    assert [one.violation.property for one in report.counterexamples] == ([] if is_given else [Property.DATA])
+
+
 def test_what_is_written_on_one_way_only_is_not_always_written() -> None:
     """Nothing reads it, so that the situations after both ways are one."""
     either = '<IfThenElse><IsSafe/><Plan path="{path}"/><Repeat num_cycles="2"><Turn/></Repeat></IfThenElse>'
@@ -673,11 +684,12 @@ def test_what_is_written_on_one_way_only_is_not_always_written() -> None:
 
 
 def test_what_is_given_has_every_value_that_is_asked_for() -> None:
-    """By a port or by scripts alone, of a type or of none: no branch is called dead that some value leads to."""
+    """By a port or scripts, of a type, of any or of none: no branch is called dead that some value leads to."""
     cases = '<Switch2 variable="{mode}" case_1="fast" case_2="slow"><Plan/><Turn/><AlwaysSuccess/></Switch2>'
     level = """<ScriptCondition code="level > 3 &amp;&amp; kind == 'van'"/>"""
-    report = proved(f'<Sequence>{cases}<Fallback>{level}<Plan/></Fallback></Sequence>', 'level', 'kind')
-    assert report.is_complete and report.holds, report.counterexamples
+    for first in ('', '<WasEntryUpdated entry="{mode}"/>'):
+        report = proved(f'<Sequence>{first}{cases}<Fallback>{level}<Plan/></Fallback></Sequence>', 'level', 'kind')
+        assert report.is_complete and report.holds, report.counterexamples
     (absent,) = proved(level).counterexamples
     assert absent.violation.property is Property.DATA
 
