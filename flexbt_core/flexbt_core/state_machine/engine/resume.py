@@ -373,7 +373,8 @@ def _changes(new: MachineDefinition, old: MachineDefinition, position: RunPositi
 
 
 def _changes_of_state(old: StateDefinition, new: StateDefinition) -> Iterator[str]:
-    one, other = (f'{type(node.state).__module__}.{type(node.state).__qualname__}' for node in (old, new))
+    kinds = (type(node.state.unwrapped) for node in (old, new))
+    one, other = (f'{kind.__module__}.{kind.__qualname__}' for kind in kinds)
     if one != other:
         yield f'{old.path} is active, and would be of class {other} instead of {one}'
         return

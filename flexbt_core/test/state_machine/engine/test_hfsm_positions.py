@@ -12,6 +12,7 @@ import pytest
 
 from flexbt_core.state_machine.authoring.checked_definition import define
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
+from flexbt_core.state_machine.authoring.wrappers import with_retry, with_timeout
 from flexbt_core.state_machine.engine.controls import STEPS
 from flexbt_core.state_machine.engine.events import (
     DecisionAsked,
@@ -456,6 +457,16 @@ def test_a_switch_that_cannot_be_is_refused_and_changes_nothing(made: Operatable
     state.end('done')
     bench.settle()
     assert bench.outcome == 'ended'
+
+
+def test_a_switch_looks_at_the_states_in_their_time_outs_and_attempts() -> None:
+    def made(state: EventState) -> OperatableStateMachine:
+        return machine(Child('A', state, dict.fromkeys(state.outcomes, 'ended')))
+
+    bench = Bench(made(with_timeout(Scripted(), 9.0)))
+    assert 'Other instead of' in (bench.switch(made(with_timeout(Other(), 9.0))) or '')
+    bench = Bench(made(Scripted()))
+    assert bench.switch(made(with_retry(Scripted(), 2, on=['done']))) is None
 
 
 def test_a_switch_is_refused_while_something_is_left_and_when_a_new_state_cannot_start() -> None:
