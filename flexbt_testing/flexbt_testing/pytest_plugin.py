@@ -71,13 +71,15 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop() -> None:
-    """Exclude the imported objects from garbage collection: they stay until the end.
+    """Exclude the imported objects from garbage collection, which stay until the end, and collect less often: many
+    tests make large objects that soon end without it.
 
     The end of the test collection would be too late: the process that distributes the tests to others does not collect
     tests.
     """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
     gc.enable()
 
 

@@ -19,9 +19,9 @@ from workspace.terminal import finish_logged, run_logged, start_logged, step, st
 from workspace.underlay import clean_environment, detect
 from workspace.virtual_environment import VirtualEnvironment
 
-# ament's and colcon's scripts quote neither of these everywhere; a colon separates the entries of path lists; CMake
-# reads the lists of files that rosidl writes as ASCII.
-_UNUSABLE_IN_A_PATH = re.compile(r'[\s:;\'"$`\\*?\[\](){}<>|&!#]|[^\x00-\x7f]')
+# ament's and colcon's scripts quote neither of these everywhere; a colon separates the entries of path lists, a comma
+# the options of the linker; CMake reads the lists of files that rosidl writes as ASCII.
+_UNUSABLE_IN_A_PATH = re.compile(r'[\s:;,\'"$`\\*?\[\](){}<>|&!#]|[^\x00-\x7f]')
 
 # The packages whose loops numba compiles, and what they import.
 _OF_LOOPS = ('flexbt_core', 'flexbt_sim', 'flexbt_navigation')
@@ -38,7 +38,7 @@ class Workspace:
         if bad:
             raise WorkspaceError(
                 f'the path of the clone, {layout.root}, contains {bad[0]!r}, which the ROS build tools do not support',
-                'move the clone to a path of letters (a to z), digits, and the characters . _ - + @ = ,',
+                'move the clone to a path of letters (a to z), digits, and the characters . _ - + @ =',
             )
         self.layout = layout
         self.underlay = detect(environment, layout)

@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Callable, Sequence
 from itertools import pairwise, product
+from pathlib import Path
 
 import numpy
 import pytest
@@ -205,3 +207,31 @@ def test_a_beam_may_be_all_but_parallel_to_a_side(path: str) -> None:
     """So that it would meet the side farther away than a number can say."""
     sensor = Beams(Pose(-3.0, 0.2, 5e-324), 0.0, 0.0, 1, 5.0, -1)
     assert cast_one(path, box(2.0, 1.0), Pose(0.0, 0.0, 0.0), sensor) == [2.0]
+
+
+# -- the files that numba keeps ----------------------------------------------------------------------------------------
+
+
+def test_what_numba_keeps_may_be_damaged_or_not_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    numba = pytest.importorskip('numba')
+    monkeypatch.setenv('FLEXBT_ACCELERATION', '1')
+    monkeypatch.setattr(numba.config, 'CACHE_DIR', str(tmp_path))
+
+    def half(number: float) -> float:
+        return number / 2.0
+
+    assert loops.Loop(half)(3.0) == 1.5
+    kept = [file for file in tmp_path.rglob('*') if file.is_file()]
+    assert len(kept) == 2
+    for file in kept:
+        file.write_bytes(b'')
+        assert loops.Loop(half)(3.0) == 1.5
+        assert file.stat().st_size
+    loop = loops.Loop(half)
+    assert loop.compiled is not None
+    shutil.rmtree(kept[0].parent)
+    kept[0].parent.touch()  # no directory
+    assert loop(3.0) == 1.5
+    assert 'numba compiles half anew in each process, as it cannot keep it' in caplog.text

@@ -318,7 +318,8 @@ class PythonDocument(MachineDocument):
         if len(values) != 1 or self._container_of(expression, scope) is not None:
             return expression, ''
         value, statement, lock = values[0]
-        if scope.uses[_code(expression)] > 1:
+        near = scope.methods.values() if isinstance(expression, ast.Attribute) else [scope]  # that of an object in all
+        if sum(one.uses[_code(expression)] for one in near) > 1 or len(getattr(statement, 'targets', ())) > 1:
             lock = lock or f'{_code(expression)} is used in several places'
         made += [] if lock else [statement]
         return value, lock

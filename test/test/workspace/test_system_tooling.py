@@ -129,7 +129,7 @@ def test_an_installation_of_ros_without_colcon_and_cmake(machine: Machine, distr
     assert {'cmake', 'python3-colcon-common-extensions'} <= set(packages.split())
 
 
-@pytest.mark.parametrize('name', ['a space', 'a:colon', "it's", 'büro'])
+@pytest.mark.parametrize('name', ['a space', 'a:colon', 'a,comma', "it's", 'büro'])
 def test_a_path_that_ros_cannot_build_in(tmp_path: Path, name: str) -> None:
     text = Machine(tmp_path, name).refusal()
     assert f'the path of the clone, {tmp_path / name}, contains' in text

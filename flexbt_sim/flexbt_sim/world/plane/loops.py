@@ -49,16 +49,14 @@ class Loop:
         if numba is None:
             return None
         function = self._with_compiled()
-        made: Callable[..., Any]
+        made: Any
         try:
             made = numba.njit(nogil=True, cache=True)(function)
+            made._cache = _Cache(made._cache, function.__name__)  # noqa: SLF001 - there is no other way to it
         except RuntimeError as error:  # no cache directory is writable
-            logging.getLogger(__name__).warning(
-                'numba compiles %s anew in each process, as it cannot keep it: %s; NUMBA_CACHE_DIR names a directory '
-                'where it can', function.__name__, error,
-            )  # fmt: skip
+            _tell_not_kept(function.__name__, error)
             made = numba.njit(nogil=True)(function)
-        return made
+        return made  # type: ignore[no-any-return]
 
     def _with_compiled(self) -> FunctionType:
         """Return the function with the loops that it calls replaced by compiled ones."""
@@ -72,6 +70,40 @@ class Loop:
         made = FunctionType(function.__code__, there | compiled, function.__name__)
         made.__qualname__ = function.__qualname__
         return made
+
+
+class _Cache:
+    """The files in which numba keeps a compiled function. Without them, it compiles the function anew."""
+
+    def __init__(self, cache: Any, function: str) -> None:
+        self._cache = cache
+        self._function = function
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+    def load_overload(self, *arguments: Any) -> Any:
+        """Return what is kept, or None. Remove damaged files, such as those of a power failure."""
+        try:
+            return self._cache.load_overload(*arguments)
+        except Exception:  # a damaged pickle raises anything
+            with suppress(OSError):
+                self._cache.flush()
+            return None
+
+    def save_overload(self, *arguments: Any) -> None:
+        """Keep a compiled function, unless the disk is full."""
+        try:
+            self._cache.save_overload(*arguments)
+        except OSError as error:
+            _tell_not_kept(self._function, error)
+
+
+def _tell_not_kept(function: str, error: Exception) -> None:
+    logging.getLogger(__name__).warning(
+        'numba compiles %s anew in each process, as it cannot keep it: %s; NUMBA_CACHE_DIR names a directory '
+        'where it can', function, error,
+    )  # fmt: skip
 
 
 @Loop
