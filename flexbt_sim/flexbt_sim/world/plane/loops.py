@@ -56,7 +56,7 @@ class Loop:
         except RuntimeError as error:  # no cache directory is writable
             _tell_not_kept(function.__name__, error)
             made = numba.njit(nogil=True)(function)
-        return made  # type: ignore[no-any-return]
+        return made
 
     def _with_compiled(self) -> FunctionType:
         """Return the function with the loops that it calls replaced by compiled ones."""
