@@ -450,7 +450,8 @@ class TreeFiles:
         with open(path, 'rb', opener=open_regular) as file:
             # Read one byte more than allowed, so that the parser refuses a longer file as too long.
             content = file.read(self._max_size + 1)
-        return content, SourceFile(hashlib.sha256(content).digest(), path, stamp)
+        named = Path(name) if name.startswith('/') else path  # its links may lead to another file later
+        return content, SourceFile(hashlib.sha256(content).digest(), named, stamp)
 
     def are_current(self, sources: Mapping[str, SourceFile]) -> bool:
         """Return whether all these files are unchanged, by their stamps: one stat for each."""

@@ -207,6 +207,18 @@ def test_an_edit_that_hides_is_seen(files: Files) -> None:
     assert files.leaves('main.xml') == ['new']
 
 
+@pytest.mark.parametrize('link', ['current', 'current.xml'])
+def test_a_link_that_leads_to_another_file_is_taken_over(files: Files, link: str) -> None:
+    """A deployment that replaces the link to a version replaces no file."""
+    within = '' if link.endswith('.xml') else '/main.xml'
+    for version in (1, 2):
+        file = Path(files.write(f'{version}/main.xml', leaf(version)))
+        new = files.directory / 'new'
+        new.symlink_to(file if not within else file.parent)
+        new.replace(files.directory / link)
+        assert files.leaves(f'{link}{within}') == [str(version)]
+
+
 def test_an_include_that_is_left_out_is_not_looked_at_any_more(files: Files) -> None:
     files.write('main.xml', including('inner.xml', body='<AlwaysSuccess name="main"/>'))
     files.write('inner.xml', leaf('x', 'Inner'))
