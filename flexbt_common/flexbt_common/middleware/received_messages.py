@@ -373,12 +373,13 @@ class LatestMessage:
         """Newest message, the same object until a newer one arrives; None before the first. From any thread."""
         if self._takes:
             self._take_all(self._subscription)
-        newest, made = self._newest, self._made
-        if newest is None:
-            return None
-        if made is None or made[0] is not newest:
-            made = self._made = (newest, self._deserialized(newest, None if made is None else made[1]))
-        return made[1]
+        with self._lock:  # two threads must not make two objects of one message
+            newest, made = self._newest, self._made
+            if newest is None:
+                return None
+            if made is None or made[0] is not newest:
+                made = self._made = (newest, self._deserialized(newest, None if made is None else made[1]))
+            return made[1]
 
     def _deserialized(self, data: bytes, before: Any | None) -> Any | None:
         """Return the message of these bytes, or the one before if they are none."""

@@ -6,8 +6,11 @@ from __future__ import annotations
 import itertools
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -286,4 +289,26 @@ def test_the_newest_message_is_the_one_before_a_message_that_is_none() -> None:
         assert latest.message == String(data='good')
         sender.publisher.publish(String(data='better'))
         wait_until(lambda: latest.message == String(data='better'), 'the next good one')
+        sender.runtime.close()
+
+
+def test_a_message_is_one_object_for_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves of several trees tell by that whether a newer one has come."""
+    with NodeRuntime.open('receiver') as runtime, ThreadPoolExecutor(2) as readers:
+        arrived = threading.Event()
+        latest = runtime.call(lambda: LatestMessage(runtime.node, String, TOPIC, QOS, arrived.set, lambda: True))
+        together = threading.Barrier(2)
+        made = received_messages.deserialize
+
+        def slow(data: bytes, message_type: type[Any]) -> Any:
+            with suppress(threading.BrokenBarrierError):
+                together.wait(0.1)  # for another thread that makes it too
+            return made(data, message_type)
+
+        sender = Sender('sender')
+        sender.publisher.publish(String(data='first'))
+        wait_until(arrived.is_set, 'the message')
+        monkeypatch.setattr(received_messages, 'deserialize', slow)
+        one, other = readers.map(lambda _: latest.message, range(2))
+        assert one is other
         sender.runtime.close()
