@@ -271,8 +271,8 @@ class TreeSystem(System):
 
     ``models`` returns the model of a node. ``given`` are keys that are on the blackboard from the start, as are those
     that the tree reads and never writes. ``requirements`` are checked after each tick. ``observed`` are keys that
-    others read after the end of the tree. With ``reduces``, keys that nothing reads do not distinguish
-    configurations.
+    others read after the end of the tree. The constants of the library ``beside``, of another version, are also tried.
+    With ``reduces``, keys that nothing reads do not distinguish configurations.
     """
 
     def __init__(
@@ -284,6 +284,7 @@ class TreeSystem(System):
         given: Iterable[str] = (),
         requirements: Iterable[Requirement] = (),
         observed: Iterable[str] = (),
+        beside: TreeLibrary | None = None,
         reduces: bool = True,
     ) -> None:
         """Raise TreeLoadError or LookupError, as Tree does."""
@@ -291,11 +292,10 @@ class TreeSystem(System):
         monitor = self._monitor = TreeMonitor(self._note, requirements)
         self.requirements = monitor.requirements
         board = self._board = Blackboard()
-        nodes = [
-            node for document in library.documents.values() for tree in document.trees.values() for node in tree.nodes()
-        ]
+        documents = [*library.documents.values(), *(() if beside is None else beside.documents.values())]
+        nodes = [node for document in documents for tree in document.trees.values() for node in tree.nodes()]
         scripts = [*_scripts(nodes)]
-        enums = {name: one for document in library.documents.values() for name, one in document.scripts.enums.items()}
+        enums = {name: one for document in documents for name, one in document.scripts.enums.items()}
         copied = [*_copies(nodes)]
         compared = [*_switches(nodes), *_ports(node for node in nodes if models(node).kind is LeafKind.REAL)]
         compared += (part for script in scripts for part in compared_in(script, enums))

@@ -111,10 +111,10 @@ def compare_trees(
         keys.update(_given(library, key, given))
         keys.update(TreeSystem(library, key, given=keys).given)  # external inputs of one version exist for both
 
-    def make(library: TreeLibrary, key: TreeKey) -> TreeSystem:
-        return TreeSystem(library, key, given=keys)
+    def make(version: tuple[TreeLibrary, TreeKey], other: tuple[TreeLibrary, TreeKey]) -> TreeSystem:
+        return TreeSystem(*version, given=keys, beside=other[0])  # both get the same values
 
-    found = compare(lambda: make(*before), lambda: make(*now), limits, on_progress)
+    found = compare(lambda: make(before, now), lambda: make(now, before), limits, on_progress)
     return Compared(name or f'tree {now[1].id}', found)
 
 

@@ -660,6 +660,25 @@ def test_inputs_of_conditions_and_decorators_are_compared(tmp_path: Path, before
 
 
 @pytest.mark.parametrize(
+    ('before', 'now', 'is_same'),
+    [
+        ('level &lt; 0', 'level &lt; 0 || level &gt; 20', False),
+        ('level &gt; 20', 'level &gt; 30', False),
+        ('level &gt; 20', '!(level &lt;= 20)', True),
+        ('error &gt; 20', 'error &gt;= 21', True),
+    ],
+    ids=['constant of one', 'other constant', 'same constant', 'whole number'],
+)
+def test_the_constants_of_one_version_are_tried_in_both(tmp_path: Path, before: str, now: str, is_same: bool) -> None:
+    old, new = tmp_path / 'old.xml', tmp_path / 'new.xml'
+    for file, skipped in ((old, before), (new, now)):
+        spin = f'<ForceSuccess><Spin error_code_id="{{error}}"/></ForceSuccess><Wait _skipIf="{skipped}"/>'
+        file.write_text(document(f'Main: <Sequence>{spin}</Sequence>'))
+    done = tool('prove', str(new), '--against', str(old), '--given', 'level')
+    assert ('does the same (' in done.out) is is_same, done.out
+
+
+@pytest.mark.parametrize(
     ('tree', 'code', 'told'),
     [
         ('<ForceFailure><Wait/></ForceFailure>', 6, 'WRONG: =SUCCESS is never reached'),
