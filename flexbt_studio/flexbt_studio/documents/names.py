@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -363,6 +364,7 @@ class Names:
             return made
         carry_out: Callable[[Named, str, Renaming], None] = getattr(self, f'_rename_{named.kind}')
         carry_out(named, new, made)
+        self._leave_others(named, made)
         for file, edits in made.edits.items():
             made.edits[file] = self._checked(file, edits)
         made.edits = {file: edits for file, edits in sorted(made.edits.items()) if edits}
@@ -379,6 +381,25 @@ class Names:
                 raise StudioError(f'{file}: {error}') from error
         text = self._project.text(file)
         return [one for one in edits if text[one.start : one.end] != one.text]
+
+    def _leave_others(self, named: Named, made: Renaming) -> None:
+        """Let other machines stay, and note their places, if they may mean a tree or behavior of another file."""
+        what = 'tree' if named.kind == 'tree' else 'behavior'
+        own = {name for names, file, _ in self._behaviors() if file == named.file for name in names}
+        defined = sorted({file for names, file, _ in self._behaviors() if own & {*names}})
+        if named.kind == 'tree':
+            defined = [file for file, other in self._project.tree_files() if other.definition(named.name) is not None]
+        others = (file for file, _ in self._machines() if file != named.file and len(defined) > 1)
+        for file, edits in [(file, made.edits.pop(file, ())) for file in others]:
+            text = f'several files define this {what}: {", ".join(defined)}'
+            made.notes += [Mention(file, Span(one.start, one.end), text) for one in edits]
+
+    def _owners(self) -> Counter[str]:
+        """Return how many files define a tree or a behavior of each name."""
+        files = (one.trees.values() for _, one in self._project.tree_files())
+        names = [{tree.attributes.get('ID', '') for tree in trees} for trees in files]
+        names += [{*own} for own, _, _ in self._behaviors()]
+        return Counter(name for own in names for name in own)
 
     def _rename_elsewhere(self, named: Named, new: str, made: Renaming) -> None:
         """Add the edits of machines, and of other files with trees, that use a name."""
@@ -397,7 +418,6 @@ class Names:
         document = self._project.trees(named.file)
         made.add(named.file, document.gesture('rename_tree', {'id': named.owner, 'new': new}))
         self._rename_elsewhere(named, new, made)
-        is_behavior = named.name in self._inside().behaviors  # then the requirements may be those of the behavior
         calls = {
             (file, tree.paths[one])
             for file, tree in [(named.file, document), *self._callers(named, named.name)]
@@ -405,11 +425,7 @@ class Names:
             if one.attributes.get('ID') == named.name and 'name' not in one.attributes  # it has the ID as its name
         }
         renamed = self._in_runs(named.file, calls, named.name, new)
-        self._in_requirements(made, renamed, sections={} if is_behavior else {named.name: new})
-        defined = [one for one, other in self._project.tree_files() if other.definition(named.name) is not None]
-        for file, _ in self._machines() if len(defined) > 1 else ():
-            spans = [Span(one.start, one.end) for one in made.edits.pop(file, ())]
-            made.notes += [Mention(file, span, f'several files define this tree: {defined}') for span in spans]
+        self._in_requirements(made, renamed, sections={named.name: new})
 
     def _rename_key(self, named: Named, new: str, made: Renaming) -> None:
         document, old = self._project.trees(named.file), named.name
@@ -529,7 +545,7 @@ class Names:
                     if (one, state.path) == (file, path):
                         found.setdefault(names[0], []).append(run)
                     inner = [(f, r) for own, f, r in behaviors if state.kind == 'behavior' and state.type in own]
-                    pending += [(f, r, run, depth + 1) for f, r in inner[:1] if depth < 8]
+                    pending += [(f, r, run, depth + 1) for f, r in inner if len(inner) == 1 and depth < 8]
         return found
 
     def _rename_outcome(self, named: Named, new: str, made: Renaming) -> None:
@@ -615,8 +631,7 @@ class Names:
         is_written = any(one['name'] == named.name and one.get('name_span') for one in document.behaviors)
         need(is_written, f'{named.file} does not write the name of its behavior; rename the file, or add name:')
         self._rename_elsewhere(named, new, made)
-        is_tree = named.name in tree_places(self._project)
-        self._in_requirements(made, {}, sections={} if is_tree else {named.name: new})
+        self._in_requirements(made, {}, sections={named.name: new})
 
     def _rename_parameter(self, named: Named, new: str, made: Renaming) -> None:
         document = self._machine(named.file)
@@ -648,17 +663,20 @@ class Names:
     ) -> None:
         """Add the edits of files of requirements: names by the section, that of a behavior or tree, and sections.
 
-        A path also stands for what is below it, unless it is ``exact``.
+        A path also stands for what is below it, unless it is ``exact``. Where several files define what a section is
+        about, it stays.
         """
+        owners = self._owners()
         for file, text in self._requirement_files():
             for section, lines in _sections(text):
                 new = (sections or {}).get(section.value)
-                if new is not None:
+                is_unsure = owners[section.value] > 1
+                if new is not None and not is_unsure:
                     made.add(file, [_replaced(text, section, new)])
                 for line in lines if renamed.get(section.value) else ():
                     names = renamed[section.value]
                     after = _renamed_requirement(line.value, names, exact)
-                    if after is None:
+                    if after is None or (after != line.value and is_unsure):
                         made.notes.append(Mention(file, Span(line.start, line.end), 'this requirement may mean it'))
                     elif after != line.value:
                         made.add(file, [_replaced(text, line, after, is_line=True)])

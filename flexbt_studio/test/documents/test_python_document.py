@@ -414,6 +414,54 @@ def test_what_is_computed_is_shown_with_the_reason_and_stays() -> None:
             PythonDocument(PYTHON['forms']).gesture(name, arguments)
 
 
+def test_what_other_code_uses_too_is_neither_edited_nor_removed_with_a_state() -> None:
+    text = """\
+class Patrol(Behavior):
+    def create(self):
+        first = spare = WaitState(1.0)
+        self.second = WaitState(2.0)
+        ways = others = {'done': 'B'}
+        with OperatableStateMachine(['end']) as machine:
+            machine.add('A', first, ways)
+            machine.add('B', self.second, {'done': 'end'})
+            machine.add('C', spare, others)
+        return machine
+
+    def tell(self):
+        return self.second.log
+"""
+    for name, arguments in (
+        ('set_target', {'state': '/A', 'outcome': 'done', 'target': 'C'}),
+        ('set_parameter', {'state': '/A', 'name': '0', 'text': '3.0'}),
+        ('set_parameter', {'state': '/B', 'name': '0', 'text': '3.0'}),
+    ):
+        with pytest.raises(GestureError, match='is used in several places'):
+            done(text, name, **arguments)
+    removed = text.replace("            machine.add('A', first, ways)\n", '')
+    assert done(text, 'remove_state', state='/A', instead='end') == removed
+    text = text.replace("{'done': 'B'}", '{}')
+    assert done(text, 'remove_state', state='/B', instead='end') == text.replace(
+        "            machine.add('B', self.second, {'done': 'end'})\n", ''
+    )
+
+
+def test_a_parameter_in_nested_f_strings_is_renamed_or_refused() -> None:
+    text = '''\
+class Patrol(Behavior):
+    manifest = BehaviorManifest('Patrol', parameters=[BehaviorParameter('speed', 1.0)])
+
+    def create(self):
+        text = (f"""ü{rf\'\'\'{ self.speed :.2f}{
+ self.x(self.speed)!r}\'\'\'!r}{{self.speed}}""")
+        with OperatableStateMachine(['end']) as machine:
+            machine.add('A', LogState(text), {'done': 'end'})
+        return machine
+'''
+    with contextlib.suppress(GestureError):  # Python before 3.12 errs about the places
+        after = done(text, 'rename_behavior_parameter', name='speed', new='limit')
+        assert after == text.replace('speed', 'limit').replace('{{self.limit}}', '{{self.speed}}')
+
+
 def test_what_names_a_state_of_flexbe_is_renamed_with_it() -> None:
     text = done(PYTHON['flexbe'], 'rename_state', state='/Watch', label='Guard')
     expected = (

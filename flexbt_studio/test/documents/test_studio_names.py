@@ -694,6 +694,28 @@ def test_only_requirements_of_one_thing_are_renamed_and_a_name_by_references(
         assert 'site.yaml' not in made.edits and 'site.yaml' in {one.file for one in made.notes}
 
 
+@pytest.mark.parametrize(
+    ('file', 'before', 'name', 'others'),
+    [
+        ('round.yaml', 'name: ', 'Round', {'day.yaml', 'site.yaml'}),
+        ('round.yaml', '    ', 'Drive:', {'site.yaml'}),
+        ('round.yaml', '[', 'finished', {'day.yaml', 'site.yaml'}),
+        ('round.yaml', 'input_keys: [', 'place', {'day.yaml'}),
+        ('deliver.xml', 'BehaviorTree ID="', 'Deliver', {'site.yaml', 'trip.py'}),
+        ('deliver.xml', 'name="', 'drive', {'site.yaml'}),
+    ],
+)
+def test_what_two_files_define_is_renamed_in_one_and_noted_elsewhere(
+    tmp_path: Path, registry: NodeRegistry, file: str, before: str, name: str, others: set[str]
+) -> None:
+    copied = f'a_copy_of_{file}'  # the first one by its name
+    for number, one in enumerate((copied, f'z_copy_of_{file}')):
+        (tmp_path / str(number)).mkdir()
+        site = Site(tmp_path / str(number), registry, {**FILES, one: FILES[file]})
+        made = site.names.rename(site.at(one, before, name), 'other')
+        assert set(made.edits) == {one} and (number or others <= {note.file for note in made.notes})
+
+
 def test_a_file_that_cannot_be_read_wholly_is_told(site: Site) -> None:
     site.project.adopt('more/give.xml', GIVE.replace('</Sequence>', '<'))
     made = site.names.rename(site.at('deliver.xml', 'SubTree ID="', 'Give'), 'Hand')
