@@ -262,6 +262,7 @@ class HttpInterface:
         self._recorded = Recordings(home_path(USER_DIRECTORY))
         self._open: dict[tuple[str, str], asyncio.TimerHandle] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._is_over = False
 
     def application(self) -> web.Application:
         """Return the application to be mounted at ``/api/``."""
@@ -271,8 +272,12 @@ class HttpInterface:
         for path, (operation, _, content) in READS.items():
             file_path = f'{path[:-1]}:.+}}' if content == _BYTES else path  # its last part may have slashes
             application.router.add_get(file_path, getattr(self, f'_{operation}'))
+        application.on_shutdown.append(self._end_streams)
         application.on_cleanup.append(self._end)
         return application
+
+    async def _end_streams(self, _application: web.Application) -> None:
+        self._is_over = True
 
     async def _end(self, _application: web.Application) -> None:
         for threads in (self._threads, self._aside_threads):
@@ -391,7 +396,7 @@ class HttpInterface:
             follower = Follower(self._robots.robot(robot)[0])
             await answer.prepare(request)
             silent_since, loop = time.monotonic(), asyncio.get_running_loop()
-            while (transport := request.transport) and self._access.admits(request['user']):
+            while (transport := request.transport) and not self._is_over and self._access.admits(request['user']):
                 await self._keep_open(robot, operator)
                 told = ''
                 for event in follower.events(self._robots.robot(robot)[0].view()):

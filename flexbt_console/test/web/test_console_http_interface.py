@@ -238,14 +238,18 @@ def test_what_is_read_is_that_of_now_also_with_a_key() -> None:
     assert asyncio.run(asyncio.wait_for(ask(), DEADLINE)) == ['Patrol', 'Drive']
 
 
-def test_an_operator_is_present_while_he_reads_the_events() -> None:
+def test_an_operator_is_present_while_he_reads_the_events_which_end_with_the_server() -> None:
     async def read() -> list[tuple[str, str]]:
         robots = WebRobots({'/robot': WebRobot().station()})
         interface = HttpInterface(robots, robots.station, Access(), lambda user: 'ann')
-        served = TestClient(TestServer(interface.application()))
+        application = interface.application()
+        served = TestClient(TestServer(application))
         async with served as client, client.get('/robots/robot/events') as events:
             assert await events.content.readline()
-            return list(robots.present)
+            present = list(robots.present)
+            await application.shutdown()
+            assert (await events.content.read()).endswith(b'\n')
+            return present
 
     assert asyncio.run(asyncio.wait_for(read(), DEADLINE)) == [('/robot', 'ann')]
 
