@@ -54,7 +54,10 @@ class _PathPlanner(_Planner):
         goal = super().make_goal()
         goal.use_start = self.get_input_or('start', None) is not None
         if 'use_start' in self.ports:
-            goal.use_start = bool(self.get_input_or('use_start', goal.use_start))
+            is_wanted = bool(self.get_input_or('use_start', goal.use_start))
+            if is_wanted and not goal.use_start:
+                self.host.warn_once(f'[{self.path}] is to use a start that is not given; it plans from the robot')
+            goal.use_start &= is_wanted
         return goal
 
 
@@ -68,7 +71,7 @@ class ComputePathToPose(_PathPlanner):
     ports = ACTION_PORTS | {
         'goal': input_port(POSE_STAMPED, description='where the path ends'),
         'start': _START,
-        'use_start': input_port(BOOL, optional=True, description='whether start counts; true when it is given'),
+        'use_start': input_port(BOOL, optional=True, description='whether a given start counts; true by default'),
         'planner_id': input_port(STRING, default='', description='planner to use'),
         'viapoints': input_port(
             POSES, optional=True, description='poses that the path is to come by', nav2_branch='main'

@@ -125,6 +125,17 @@ def aborts_with(world: ServerWorld, name: str, result: Any) -> None:
     world.navigation.actions[name].answer = lambda number, sent: ('abort', result)
 
 
+@pytest.mark.parametrize(('ports', 'is_used'), [
+    ('', False), ('start="{here}"', True), ('start="{here}" use_start="true"', True),
+    ('start="{here}" use_start="false"', False), ('use_start="true"', False),
+    ('start="{nowhere}" use_start="true"', False),
+])  # fmt: skip
+def test_a_path_begins_at_a_start_that_is_given_and_wanted(world: ServerWorld, ports: str, is_used: bool) -> None:
+    """As in Nav2. A start that is only wanted would be the origin of no frame."""
+    run(world, f'<ComputePathToPose goal="{{there}}" {ports}/>', there=pose_stamped(4), here=pose_stamped(1))
+    assert goal(world, names.COMPUTE_PATH_TO_POSE).use_start is is_used
+
+
 def test_smooth_path(world: ServerWorld) -> None:
     rough, smooth = path_of((0, 0), (1, 1)), path_of((0, 0), (0.5, 0.6), (1, 1))
     succeeds_with(world, names.SMOOTH_PATH, SmoothPath.Result(
