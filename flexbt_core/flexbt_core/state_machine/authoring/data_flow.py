@@ -182,12 +182,7 @@ def _effects_of_children(machine: MachineDefinition) -> _Effects:
 def _on_entry(machine: MachineDefinition, effects: _Effects) -> dict[str, WrittenKeys]:
     """Return, for each child, the keys that are written when the child is entered, since the machine was entered."""
     if machine.kind is StateKind.CONCURRENCY:
-        may = {
-            label: frozenset(key for written in of_child.values() for key in written.may)
-            for label, of_child in effects.items()
-        }
-        everything = frozenset(key for keys in may.values() for key in keys)
-        return dict.fromkeys(machine.children, WrittenKeys(everything))
+        return dict.fromkeys(machine.children, WrittenKeys(_ever_written(machine)))
     found = {machine.initial: WrittenKeys()}
     ahead = [machine.initial]
     while ahead:
@@ -220,7 +215,7 @@ def _at_end(machine: MachineDefinition) -> dict[str, WrittenKeys]:
     effects = _effects_of_children(machine)
     ends: dict[str, WrittenKeys] = {}
     if machine.kind is StateKind.CONCURRENCY:
-        may = frozenset(key for of_child in effects.values() for written in of_child.values() for key in written.may)
+        may = _ever_written(machine)
         for condition in machine.conditions:
             ended = [effects[label].get(outcome, WrittenKeys()) for label, outcome in condition.children]
             here = WrittenKeys(may, frozenset(key for written in ended for key in written.must))
@@ -234,6 +229,16 @@ def _at_end(machine: MachineDefinition) -> dict[str, WrittenKeys]:
                 at_end = written.then(effect)
                 ends[end] = ends[end].beside(at_end) if end in ends else at_end
     return ends
+
+
+def _ever_written(machine: MachineDefinition) -> Keys:
+    """Return the keys that the children of a machine may write, also those that never end."""
+    inside = {
+        label: {*child.defaults, *_ever_written(child)}
+        for label, child in machine.children.items()
+        if isinstance(child, MachineDefinition)
+    }
+    return frozenset(name for label, child in machine.children.items() for name in _names(child, inside.get(label)))
 
 
 def _renamed(written: WrittenKeys, names: Mapping[str, str]) -> WrittenKeys:

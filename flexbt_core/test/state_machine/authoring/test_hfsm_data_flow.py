@@ -109,6 +109,25 @@ def test_children_of_a_concurrency_container_may_read_what_others_write_meanwhil
     assert [read.path for read in unsure_reads(define(made))] == ['/Both/A', '/Other']
 
 
+def test_what_a_child_that_never_ends_writes_may_be_read_beside_it_and_behind_its_container() -> None:
+    watch = machine(
+        Child('Look', keyed(writes='seen'), {'done': 'Wait'}),
+        Child('Wait', keyed(), {'done': 'Look'}),
+        output_keys=['seen'],
+    )
+    both = machine(
+        Child('Watch', watch),
+        Child('Drive', keyed(reads='seen')),
+        output_keys=['seen'],
+        conditions=[('ended', [('Drive', 'done')])],
+    )
+    made = machine(
+        Child('Both', both, {'ended': 'Report'}),
+        Child('Report', keyed(reads='seen'), {'done': 'ended'}),
+    )
+    assert [read.path for read in unsure_reads(define(made))] == ['/Both/Drive', '/Report']
+
+
 def test_several_writers_of_what_is_read_inside_a_container() -> None:
     both = machine(
         Child('A', keyed(reads='x', writes='x')),
