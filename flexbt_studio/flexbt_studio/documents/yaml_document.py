@@ -451,11 +451,16 @@ class YamlDocument(MachineDocument):
             text = self._json(fields)
             entry = f'{self.name(key)}: {text}'
             return self._insert_entry(owner, key, f' {text}', order) if key in order else self.insert_item(owner, entry)
-        old = self._table(item.node).items if item.node.kind == 'mapping' else []
-        if {one.key for one in old} != set(fields):
+        table = self._table(item.node)
+        old = {one.key: one for one in table.items} if item.node.kind == 'mapping' else {}
+        gone = [number for number, name in enumerate(old) if name not in fields]
+        new = [f'{self.name(name)}: {self._json(value)}' for name, value in fields.items() if name not in old]
+        if len(gone) == len(old) or (gone and new):
             return [self._replaced(item, self._json(fields))]
-        changed = [one for one in old if self.value(one) != json_value(fields[one.key])]
-        return [self._replaced(one, self._json(fields[one.key])) for one in changed]
+        kept = [(one, fields[name]) for name, one in old.items() if name in fields]
+        edits = [self._replaced(one, self._json(now)) for one, now in kept if self.value(one) != json_value(now)]
+        edits += [edit for entry in new for edit in self.insert_item(table, entry)]
+        return [*edits, *(self.remove_items(table, gone) if gone else [])]
 
     # -- gestures of states ------------------------------------------------------------------------------------------
 

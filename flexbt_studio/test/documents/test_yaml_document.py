@@ -154,7 +154,10 @@ class Gestures:
             state = state_of(data, path)
             if kind in state:
                 old = state[kind]
-                state[kind] = {key: written[key] for key in (old if set(old) == set(written) else written)}
+                is_kept = set(old) <= set(written) or set(old) > set(written)  # its entries stay, with their comments
+                state[kind] = {
+                    key: written[key] for key in ({**old, **written} if is_kept else written) if key in written
+                }
             else:
                 insert(state, kind, written, ORDER)
             yield 'set_wrapper', {'state': path, 'kind': kind, 'fields': fields}, data
@@ -392,6 +395,23 @@ def test_a_field_of_a_wrapper_is_changed_beside_a_reference() -> None:
     del fields['kind'], fields['span']
     text = done(LEVELS, 'set_wrapper', state='/First', kind='timeout', fields={**fields, 'outcome': 'done'})
     assert text == LEVELS.replace('outcome: late', 'outcome: done')
+
+
+def test_a_field_is_added_and_removed_beside_the_others_and_their_comments() -> None:
+    text = PLAIN.replace(
+        'machine:\n', 'behavior:\n  parameters:\n    limit:\n      default: 3.0   # measured\nmachine:\n', 1
+    )
+    state = next(one['path'] for one in YamlDocument(text).view()['states'] if one['kind'] == 'state')
+    text = done(text, 'set_wrapper', state=state, kind='retry', fields={'attempts': 3})
+    blank = text[: text.index('retry:')].rpartition('\n')[2]
+    text = text.replace('retry: {attempts: 3}', f"retry:\n{blank}  attempts: 3   # it slips\n{blank}  'on': [failed]")
+    for fields in ({'attempts': 3, 'on': ['failed'], 'delay': 0.5}, {'attempts': 3, 'on': ['failed']}):
+        before = text
+        text = done(text, 'set_wrapper', state=state, kind='retry', fields=fields)
+        row = f'{blank}  delay: 0.5\n'
+        assert text.replace(row, '') == before.replace(row, '') and (row in text) == ('delay' in fields)
+    after = done(text, 'set_behavior_parameter', name='limit', fields={'default': 3.0, 'unit': 's'})
+    assert after == text.replace('  # measured\n', '  # measured\n      unit: s\n')
 
 
 def test_outcomes_are_removed_with_what_leads_to_them() -> None:
