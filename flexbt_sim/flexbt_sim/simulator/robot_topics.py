@@ -128,7 +128,7 @@ class RobotTopics:
         self._in_process = in_process
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []
         self._late: dict[str, deque[tuple[float, Message]]] = {topic: deque() for topic in TOPICS}
-        self._loss = generator(parameters.seed, robot.name, 'messages')
+        self._loss = generator(robot.seed, robot.name, 'messages')
         self._told_at: Pose | None = None
         self._told_faults: tuple[ServerFault, ...] | None = None
         self.is_busy = False
@@ -370,7 +370,7 @@ class RobotTopics:
     def restart(self, robot: Robot) -> None:
         """Switch to the robot of a new world, which has the same model."""
         self.robot = robot
-        self._loss = generator(self._parameters.seed, robot.name, 'messages')
+        self._loss = generator(robot.seed, robot.name, 'messages')
         self._told_at = self._told_faults = None
         for one in self._devices:
             one.device, one.sent = robot.devices[one.device.name], None

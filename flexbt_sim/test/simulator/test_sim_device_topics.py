@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from geometry_msgs.msg import PoseStamped
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, Imu, LaserScan, Range
 from std_msgs.msg import Bool
@@ -15,6 +16,7 @@ from tf2_msgs.msg import TFMessage
 
 from flexbt_common import names
 from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.values.message_fields import seconds_of
 from flexbt_sim.simulator.node import Simulator
 from flexbt_sim.world import BatteryModel
 from flexbt_testing.waiting import wait_until
@@ -94,3 +96,33 @@ def test_a_silent_sensor_is_not_heard_and_the_messages_of_others_go_on(heard: di
     wait_until(lambda: heard['range'].header.stamp.sec > begins + 2.0, 'ranges after the fault')
     stamp = heard['imu'].header.stamp
     assert stamp.sec + stamp.nanosec * 1e-9 <= begins + 0.1
+
+
+def test_which_messages_are_lost_depends_on_the_seed_of_the_file(tmp_path: Path) -> None:
+    lossy = '{entity: alpha, fault: messages_dropped, duration: 5, parameters: {topic: pose, probability: 0.5}}'
+
+    def heard(seed: int) -> list[float]:
+        file = tmp_path / f'{seed}.yaml'
+        file.write_text(f'seed: {seed}\nrobots: {{alpha: {{pose: [0, 0, 0], lidar: null}}}}\nfaults: [{lossy}]\n')
+        stamps: list[float] = []
+        with (
+            NodeRuntime.open('simulator', parameters={'world': str(file)}) as runtime,
+            NodeRuntime.open('observer') as other,
+        ):
+            simulator = Simulator(runtime)
+            other.call(
+                lambda: other.node.create_subscription(
+                    PoseStamped, 'alpha/pose', lambda pose: stamps.append(seconds_of(pose.header.stamp)), 1000
+                )
+            )
+            wait_until(lambda: stamps, 'a pose')
+            simulator.pacer.pause()
+            runtime.call(simulator.restart)
+            stamps.clear()
+            assert simulator.pacer.step(300, lambda left, is_over: None, 300)
+            wait_until(lambda: stamps and stamps[-1] > 5.5, 'a pose after the fault')
+        return [stamp for stamp in stamps if stamp < 5.0]
+
+    one, other = heard(1), heard(2)
+    assert min(len(one), len(other)) > 10
+    assert one != other
