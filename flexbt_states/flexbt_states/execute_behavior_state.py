@@ -54,12 +54,13 @@ class ExecuteBehaviorState(GoalState):
     ) -> None:
         self._inputs = checked_types(self, 'inputs', inputs)
         self._outputs = checked_types(self, 'outputs', outputs)
+        self._ends = checked_outcomes(self, 'outcomes', outcomes)
         super().__init__(
             ExecuteBehavior,
             topic,
             timeout,
             not_paused=lambda: ('pause it at its own executive',),
-            outcomes=list(dict.fromkeys([*checked_outcomes(self, 'outcomes', outcomes), 'canceled', 'failed'])),
+            outcomes=list(dict.fromkeys([*self._ends, 'canceled', 'failed'])),
             input_keys=list(self._inputs),
             output_keys=list(self._outputs),
         )
@@ -100,8 +101,8 @@ class ExecuteBehaviorState(GoalState):
             reason = result.message if result is not None else ''
             self.log_error(f'{what}: {reason or ended.reason}')
             return 'failed'
-        if result.code != ExecuteBehavior.Result.SUCCESS or result.outcome not in self.outcomes:
-            self.log_error(f'{what} ended with {result.outcome!r}, which is none of the outcomes of this state')
+        if result.code != ExecuteBehavior.Result.SUCCESS or result.outcome not in self._ends:
+            self.log_error(f'{what} ended with {result.outcome!r}, which is none of {", ".join(self._ends)}')
             return 'failed'
         try:
             values = read_values(result.outputs, self._outputs)

@@ -17,6 +17,7 @@ from flexbt_testing.waiting import wait_until
 
 RESULT = ExecuteBehavior.Result
 ACTION = 'inspector/execute_behavior'
+REPORT = [to_entry('report', 'all is well')]
 
 
 def state(**options: Any) -> ExecuteBehaviorState:
@@ -24,7 +25,7 @@ def state(**options: Any) -> ExecuteBehaviorState:
 
 
 def test_inputs_go_in_and_outcome_and_outputs_come_out(bench: StateBench) -> None:
-    answer = RESULT(code=RESULT.SUCCESS, outcome='done', outputs=[to_entry('report', 'all is well')])
+    answer = RESULT(code=RESULT.SUCCESS, outcome='done', outputs=REPORT)
     server = bench.serve(ExecuteBehavior, ACTION, ends(answer))
     read: dict[str, Any] = {}
     run = bench.run_state(
@@ -44,8 +45,10 @@ def test_inputs_go_in_and_outcome_and_outputs_come_out(bench: StateBench) -> Non
 @pytest.mark.parametrize(
     ('result', 'how', 'outcome', 'words'),
     [
-        (RESULT(), 'succeed', 'failed', 'none of the outcomes'),
+        (RESULT(), 'succeed', 'failed', "ended with '', which is none of done, finished"),
         (RESULT(code=RESULT.SUCCESS, outcome='else'), 'succeed', 'failed', "'else'"),
+        (RESULT(code=RESULT.SUCCESS, outcome='failed', outputs=REPORT), 'succeed', 'failed', "ended with 'failed'"),
+        (RESULT(code=RESULT.SUCCESS, outcome='canceled', outputs=REPORT), 'succeed', 'failed', "with 'canceled'"),
         (RESULT(code=RESULT.SUCCESS, outcome='finished'), 'succeed', 'failed', "'report'"),
         (RESULT(code=RESULT.SUCCESS, outcome='finished'), 'abort', 'failed', 'Inspect'),
         (RESULT(code=RESULT.FAILURE, message='no such behavior'), 'abort', 'failed', 'no such behavior'),
