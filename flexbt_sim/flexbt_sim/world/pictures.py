@@ -160,7 +160,8 @@ class _Drawing:
             self._shape(pen, Circle(max(0.1, station.model.reach)), station.pose, (200, 232, 200), (40, 140, 60))
             self._heading(pen, station.pose, 0.25, (40, 140, 60))
         for place in world.places.values():
-            self._shape(pen, Circle(4.0 / self._scale), place, (90, 90, 90), (90, 90, 90))
+            x, y = self._at((place.x, place.y))
+            pen.ellipse((x - 4, y - 4, x + 4, y + 4), fill=(90, 90, 90))
         return picture
 
     def _paste_map(self, picture: Image.Image, grid: OccupancyMap) -> None:

@@ -111,6 +111,11 @@ def test_without_a_map_all_that_is_and_was_there_is_in_the_picture(tmp_path: Pat
             assert size[0] / size[1] == pytest.approx(wide / high, rel=0.01)
 
 
+def test_places_are_drawn_however_far_apart_they_are() -> None:
+    picture = draw_world(World(places={'near': Pose(0.0, 0.0, 0.0), 'far': Pose(0.0, 60_000.0, 0.0)}), pixels=100)
+    assert picture.height == 100
+
+
 @pytest.mark.parametrize('suffix', ['gif', 'png'])
 def test_a_run_moves(tmp_path: Path, suffix: str) -> None:
     file = tmp_path / 'world.yaml'
