@@ -173,7 +173,8 @@ class RobotFrames:
         self._timeout = TRANSFORM_TOLERANCE
         if isinstance(answer, TransformError):
             if timeout:
-                self._in_vain = {frames: end for frames, end in self._in_vain.items() if end > since}
+                kept = self._in_vain.copy()  # other trees may add theirs meanwhile
+                self._in_vain = {frames: end for frames, end in kept.items() if end > since}
                 self._in_vain[source, frame] = self._runtime.steady.now()
             raise answer
         answer.header.stamp = pose.header.stamp
