@@ -393,6 +393,7 @@ _PARAMETER_PORTS: Final = {
     'parameter': input_port(STRING, description='name of the parameter'),
     'server_timeout': SERVICE_PORTS['server_timeout'],
 }
+_INTEGERS_END: Final = 2**63
 _VALUE: Final = 'value'
 """Name of the parameter's value in a condition."""
 
@@ -443,12 +444,15 @@ class SetParameter(ServiceLeaf):
 
 
 def _forms(value: Any) -> list[Any]:
-    """Return the forms that a value has as parameters of different types: an integer is also a double."""
-    if isinstance(value, int) and not isinstance(value, bool):
-        return [value, float(value)]
-    if isinstance(value, list) and value and all(type(item) is int for item in value):
-        return [value, [float(item) for item in value]]
-    return [value]
+    """Return the forms that a value has as parameters of different types: a whole number is an integer and a double."""
+    items = value if isinstance(value, list) else [value]
+    if not items or any(type(one) not in (int, float) or abs(one) >= _INTEGERS_END for one in items):
+        return [value]
+    is_integer = all(type(one) is int for one in items)
+    is_whole = all(float(one).is_integer() for one in items)
+    kinds: tuple[type, ...] = (int, float) if is_integer else (float, int) if is_whole else (float,)
+    forms = [[kind(one) for one in items] for kind in kinds]
+    return forms if isinstance(value, list) else [form[0] for form in forms]
 
 
 class CheckParameter(ServiceCondition):

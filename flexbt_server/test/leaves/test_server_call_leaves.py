@@ -292,6 +292,9 @@ def test_a_condition_on_a_topic(world: ServerWorld) -> None:
     ('a', '5', '5'),
     (True, 'false', False),
     ([1.0], '[2, 3]', [2.0, 3.0]),
+    (1, '4.0', 4),
+    ([1.0], '[2, 3.5]', [2.0, 3.5]),
+    ([1], '[2, 3.0]', [2, 3]),
 ])  # fmt: skip
 def test_a_parameter_is_set_as_the_type_that_it_has(world: ServerWorld, default: Any, text: str, wanted: Any) -> None:
     node = world.navigation_runtime.node
@@ -303,7 +306,7 @@ def test_a_parameter_is_set_as_the_type_that_it_has(world: ServerWorld, default:
     assert (list(found) if isinstance(wanted, list) else found) == wanted
 
 
-@pytest.mark.parametrize('text', ['9223372036854775808', '[1, -9223372036854775809]'])
+@pytest.mark.parametrize('text', ['9223372036854775808', '[1, -9223372036854775809]', '1' + '0' * 400])
 def test_what_no_parameter_can_have_is_told(world: ServerWorld, text: str) -> None:
     result = run(world, f'<SetParameter node_name="/navigation" parameter="any" value="{text}"/>', 'set')
     assert result.code == Result.FAILURE
