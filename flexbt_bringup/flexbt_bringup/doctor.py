@@ -184,7 +184,7 @@ def _reach(environment: Mapping[str, str]) -> Iterator[Finding]:
 
 
 def _disks(environment: Mapping[str, str]) -> Iterator[Finding]:
-    logs = Path(environment.get('ROS_LOG_DIR') or Path(environment.get('ROS_HOME') or home_path('~/.ros')) / 'log')
+    logs = home_path(environment.get('ROS_LOG_DIR') or f'{environment.get("ROS_HOME") or "~/.ros"}/log')
     places = [('event log and recordings', home_path(USER_DIRECTORY), 'HOME'), ('logs of ROS', logs, 'ROS_LOG_DIR')]
     for use, place, variable in places:
         existing = next(one for one in (place, *place.parents) if os.access(one, os.F_OK))

@@ -253,6 +253,10 @@ def test_a_directory_of_the_user_that_cannot_be_written(tmp_path: Path, monkeypa
     (told,) = [one for one in machine_findings(logs) if one.check == 'disk' and one.level is Level.ERROR]
     assert told.what == f'{tmp_path}/file (logs of ROS) is not a directory'
     assert told.remedy == 'set ROS_LOG_DIR to a directory that this user may write'
+    monkeypatch.setenv('HOME', str(tmp_path))
+    for variable, directory in (('ROS_LOG_DIR', '~/log'), ('ROS_HOME', '~')):  # which rcl takes for the home, too
+        kept = of(list(machine_findings({variable: directory})), 'disk', Level.OK)
+        assert kept[1].startswith(f'{tmp_path}/log (logs of ROS)')
 
     def no_account(number: int) -> NoReturn:
         raise KeyError(number)  # as for the number of a user that /etc/passwd does not have
