@@ -24,7 +24,7 @@ from flexbt_onboard.behaviors.run_context import state_services
 
 from .errors import StateParameterError
 from .goal_call import GoalState
-from .parameter_checks import checked_message_type, checked_timeout, checked_topic
+from .parameter_checks import checked_message_type, checked_text, checked_timeout, checked_topic
 from .topic_states import MessagePublisher, WaitForMessage
 
 ALWAYS: Final = ''
@@ -122,7 +122,7 @@ def _template(state: EventState, parameter: str, message: type[Any], values: Map
     for path, value in values.items():
         place = f'{parameter}[{path!r}]'
         try:
-            field = Field(message, path)
+            field = Field(message, checked_text(state, parameter, path))
             if field.is_length:
                 raise FieldError(path, 'the length of a list cannot be set; write its elements')
             fields[path] = field, _source(field, value)
@@ -153,20 +153,21 @@ def _kept(state: EventState, parameter: str, message: type[Any], fields: Mapping
         if not isinstance(key, str) or not key:
             raise StateParameterError(state, f'{parameter}[{path!r}]', f'{short_repr(key)} is not a userdata key')
         try:
-            kept.append((Field(message, path), key))
+            kept.append((Field(message, checked_text(state, parameter, path)), key))
         except FieldError as error:
             raise StateParameterError(state, f'{parameter}[{path!r}]', str(error)) from None
     return kept
 
 
 def _condition(state: EventState, outcome: str, text: str, roots: Mapping[str, type[Any]]) -> Expression | None:
-    if text == ALWAYS:
+    parameter = f'outcomes[{outcome!r}]'
+    if checked_text(state, parameter, text) == ALWAYS:
         return None
     try:
         return Expression(text, roots)
     except (FieldError, ScriptError) as error:
         reason = error.reason if isinstance(error, ScriptError) else str(error)
-        raise StateParameterError(state, f'outcomes[{outcome!r}]', reason) from None
+        raise StateParameterError(state, parameter, reason) from None
 
 
 def _interface(state: EventState, parameter: str, name: str | type[Any], kind: str) -> type[Any]:

@@ -303,6 +303,12 @@ def test_messages_of_which_a_condition_cannot_be_evaluated_are_told_once(
     (lambda: CallActionState(SPIN, 'spin', outcomes={'a': 'result.cod == 1'}), "has no field 'cod'"),
     (lambda: CallServiceState('std_srvs/SetBool', 'x', outcomes={'a': 'response.success =='}), "outcomes['a']"),
     (lambda: PublishState('x', 'std_msgs/msg/String', {'data': 5}), 'expected a string, got 5'),
+    (lambda: PublishState('x', 'std_msgs/msg/String', {5: 'x'}), 'message: 5 is not text'),  # type: ignore[dict-item]
+    (lambda: ReadTopicState('x', 'std_msgs/msg/String', {5: 'x'}), 'message: 5 is not text'),  # type: ignore[dict-item]
+    (
+        lambda: ReadTopicState('x', 'std_msgs/msg/String', outcomes={'any': True}),  # type: ignore[dict-item]
+        "outcomes['any']: True is not text; in YAML, quote it",
+    ),
 ])  # fmt: skip
 def test_mistakes_are_found_when_the_state_is_made(make: Any, reason: str) -> None:
     with pytest.raises(StateParameterError) as raised:
