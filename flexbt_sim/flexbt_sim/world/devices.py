@@ -19,7 +19,7 @@ from flexbt_sim.world.specification import ModelSpecification, key
 
 @dataclass(frozen=True)
 class BatteryModel(ModelSpecification):
-    """A battery. When it is empty, the robot stops and its lidar publishes nothing."""
+    """A battery. When it is empty, the robot stops and its other sensors publish nothing."""
 
     title: ClassVar[str] = 'battery'
 
