@@ -148,12 +148,13 @@ def write_all(board: Blackboard, values: Sequence[Value]) -> None:
         BlackboardError: an entry has another type.
     """
     with board.lock:
-        # Write to a copy with the same types first: if that succeeds, so does the write to the board.
+        # Write to copies of the entries first: if that succeeds, so does the write to the board.
         rehearsal = Blackboard()
-        for key, value, kind in values:
+        for key, *_ in values:
             entry = board.entry(key)
-            if entry is not None and entry.type is not None:
-                rehearsal.declare(key.removeprefix('@'), entry.type)
+            if entry is not None:
+                rehearsal.declare(key.removeprefix('@'), entry.type).value = entry.value
+        for key, value, kind in values:
             rehearsal.set(key.removeprefix('@'), value, kind)
         for key, value, kind in values:
             board.set(key, value, kind)

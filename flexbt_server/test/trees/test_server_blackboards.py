@@ -9,6 +9,8 @@ import pytest
 
 from flexbt_common.errors import LimitExceededError
 from flexbt_common.values.entries import Encoding, to_entry
+from flexbt_core.behavior_tree.model.blackboard import Blackboard
+from flexbt_core.behavior_tree.model.errors import BlackboardError
 from flexbt_msgs.msg import BlackboardEntry
 from flexbt_server.trees.blackboards import MOST_BLACKBOARDS, MOST_KEYS, Blackboards, entries_of, write_all
 
@@ -73,3 +75,14 @@ def test_what_is_more_than_a_message_is_not_sent(monkeypatch: pytest.MonkeyPatch
     assert [entry.key for entry in entries] == ['a', 'b']
     assert not missing
     assert problems == ["the values from 'c' on are more than 10000 bytes; ask for fewer keys at a time"]
+
+
+def test_all_values_are_written_or_none() -> None:
+    board = Blackboard()
+    board.set('count', 1)
+    subtree = Blackboard(board)
+    subtree.remap('out', 'count')
+    subtree.set('out', 'many')  # text in an entry of numbers
+    with pytest.raises(BlackboardError, match="holds 'many'"):
+        write_all(board, [('speed', 0.5, None), ('count', 2, None)])
+    assert 'speed' not in board
