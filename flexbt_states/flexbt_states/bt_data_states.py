@@ -16,7 +16,7 @@ from flexbt_msgs.msg import BtLoadReport
 
 from .errors import StateParameterError
 from .goal_call import BtUse, GoalState, read_values, state_outcome
-from .parameter_checks import checked_file, checked_text, checked_types
+from .parameter_checks import checked_file, checked_list, checked_text, checked_types
 
 
 class BtLoaderState(GoalState):
@@ -40,11 +40,10 @@ class BtLoaderState(GoalState):
         xml: str = '',
     ) -> None:
         super().__init__(BtLoad, bt_topic, timeout, parameter='bt_topic', outcomes=['done', 'failed'])
-        if isinstance(filepaths, str):
-            raise StateParameterError(self, 'filepaths', f'{filepaths!r} is a string, not a list of files')
-        if not filepaths and not xml:
+        files = checked_list(self, 'filepaths', filepaths, 'files')
+        if not files and not xml:
             raise StateParameterError(self, 'filepaths', 'the list is empty; name at least one XML file')
-        self._files = [checked_file(self, 'filepaths', name) for name in filepaths]
+        self._files = [checked_file(self, 'filepaths', name) for name in files]
         self._xml = checked_text(self, 'xml', xml)
 
     @property

@@ -24,7 +24,7 @@ from flexbt_onboard.behaviors.run_context import state_services
 
 from .errors import StateParameterError
 from .goal_call import GoalState
-from .parameter_checks import checked_message_type, checked_text, checked_timeout, checked_topic
+from .parameter_checks import checked_mapping, checked_message_type, checked_text, checked_timeout, checked_topic
 from .topic_states import MessagePublisher, WaitForMessage
 
 ALWAYS: Final = ''
@@ -52,13 +52,13 @@ class _Exchange:
         keys: list[str] = []
         if sent is not None:
             parameter, message, values = sent
-            self._template = _template(state, parameter, message, values or {})
+            self._template = _template(state, parameter, message, checked_mapping(state, parameter, values))
             for _, source in self._template.fields.values():
                 keys += [source.name] if source.name else sorted(_names_of(source.value))
         if received is not None:
             self._root, message, fields = received
-            self._kept = _kept(state, self._root, message, fields or {})
-            for outcome, text in (outcomes or {}).items():
+            self._kept = _kept(state, self._root, message, checked_mapping(state, self._root, fields))
+            for outcome, text in checked_mapping(state, 'outcomes', outcomes).items():
                 condition = _condition(state, outcome, text, {self._root: message})
                 self.conditions[outcome] = condition
                 keys += sorted(_names_of(condition) - {self._root})
@@ -171,10 +171,10 @@ def _condition(state: EventState, outcome: str, text: str, roots: Mapping[str, t
 
 
 def _interface(state: EventState, parameter: str, name: str | type[Any], kind: str) -> type[Any]:
-    if not isinstance(name, str):
+    if isinstance(name, type):
         return name
     try:
-        return interface_class(name, kind)
+        return interface_class(checked_text(state, parameter, name), kind)
     except UnknownTypeError as error:
         raise StateParameterError(state, parameter, str(error)) from None
 

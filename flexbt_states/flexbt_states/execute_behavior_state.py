@@ -17,7 +17,7 @@ from flexbt_msgs.msg import BehaviorArgument
 
 from .errors import StateParameterError
 from .goal_call import GoalState, read_values
-from .parameter_checks import checked_outcomes, checked_text, checked_types
+from .parameter_checks import checked_mapping, checked_outcomes, checked_text, checked_types
 
 
 class ExecuteBehaviorState(GoalState):
@@ -69,9 +69,9 @@ class ExecuteBehaviorState(GoalState):
             BehaviorArgument(
                 name=checked_text(self, 'arguments', name), value=checked_text(self, f'arguments[{name!r}]', value)
             )
-            for name, value in (arguments or {}).items()
+            for name, value in checked_mapping(self, 'arguments', arguments).items()
         ]
-        if autonomy not in AUTONOMY_NAMES:
+        if not isinstance(autonomy, int) or autonomy not in AUTONOMY_NAMES:
             raise StateParameterError(self, 'autonomy', no_level(autonomy))
         self._autonomy = int(autonomy)
         self._activity: Sequence[str] = ()

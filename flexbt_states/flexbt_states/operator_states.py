@@ -18,7 +18,7 @@ from flexbt_msgs.action import OperatorInput
 
 from .errors import StateParameterError
 from .goal_call import GoalState
-from .parameter_checks import checked_keys, checked_outcomes, checked_text, checked_type
+from .parameter_checks import checked_keys, checked_list, checked_outcomes, checked_text, checked_type
 
 
 class OperatorDecisionState(EventState):
@@ -98,9 +98,7 @@ class OperatorInputState(GoalState):
         )
         self._prompt = checked_text(self, 'prompt', prompt)
         self._type = checked_type(self, 'type', type)
-        if isinstance(choices, str):
-            raise StateParameterError(self, 'choices', f'{choices!r} is a string, not a list of texts')
-        self._choices = list(choices)
+        self._choices = checked_list(self, 'choices', choices, 'texts')
         for text in self._choices:
             try:
                 text_to_value(checked_text(self, 'choices', text), self._type)

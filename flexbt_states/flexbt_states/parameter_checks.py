@@ -26,6 +26,20 @@ def checked_text(state: object, parameter: str, text: str) -> str:
     return text
 
 
+def checked_list(state: object, parameter: str, given: Iterable[Any], of: str) -> list[Any]:
+    """Return a list; ``of`` is what its entries are. A text is none, nor is a mapping."""
+    if isinstance(given, str | Mapping) or not isinstance(given, Iterable):
+        raise StateParameterError(state, parameter, f'{short_repr(given)} is not a list of {of}')
+    return list(given)
+
+
+def checked_mapping(state: object, parameter: str, given: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    """Return a mapping; an empty one for None."""
+    if given is not None and not isinstance(given, Mapping):
+        raise StateParameterError(state, parameter, f'{short_repr(given)} is not a mapping, as in {{name: value}}')
+    return given or {}
+
+
 def checked_topic(state: object, parameter: str, name: str) -> str:
     """Return the name of a topic or an action, relative or absolute."""
     try:
@@ -72,7 +86,7 @@ def checked_action_type(state: object, parameter: str, action: str | type[Any]) 
 def checked_types(state: object, parameter: str, types: Mapping[str, str] | None) -> dict[str, str]:
     """Return the types by blackboard key."""
     checked = {}
-    for key, name in (types or {}).items():
+    for key, name in checked_mapping(state, parameter, types).items():
         if not checked_text(state, parameter, key):
             raise StateParameterError(state, parameter, 'a key is empty')
         checked[key] = checked_type(state, f'{parameter}[{key!r}]', name)
@@ -96,7 +110,7 @@ def is_number(value: object) -> bool:
 def checked_file(state: object, parameter: str, name: str) -> str:
     """Return the name of an existing tree file. The BT server decides whether its directory is allowed."""
     try:
-        resolve_file(name, allowed=[Path('/')])
+        resolve_file(checked_text(state, parameter, name), allowed=[Path('/')])
     except ResourceError as error:
         raise StateParameterError(state, parameter, str(error)) from None
     return name
@@ -110,9 +124,7 @@ def checked_tree(state: object, parameter: str, name: str) -> str:
 
 def checked_outcomes(state: object, parameter: str, outcomes: Iterable[str]) -> list[str]:
     """Return the outcomes to choose from: at least one, without duplicates."""
-    if isinstance(outcomes, str):
-        raise StateParameterError(state, parameter, f'{outcomes!r} is a string, not a list of outcomes')
-    names = list(outcomes)
+    names = checked_list(state, parameter, outcomes, 'outcomes')
     if not names:
         raise StateParameterError(state, parameter, 'the list is empty')
     for name in names:
@@ -125,9 +137,7 @@ def checked_outcomes(state: object, parameter: str, outcomes: Iterable[str]) -> 
 
 def checked_keys(state: object, parameter: str, keys: Iterable[str]) -> list[str]:
     """Return userdata keys without duplicates."""
-    if isinstance(keys, str):
-        raise StateParameterError(state, parameter, f'{keys!r} is a string, not a list of userdata keys')
-    names = list(keys)
+    names = checked_list(state, parameter, keys, 'userdata keys')
     for name in names:
         if not isinstance(name, str) or not name:
             raise StateParameterError(state, parameter, f'{name!r} is not a userdata key')

@@ -17,7 +17,14 @@ from flexbt_core.values.text import short_repr
 from flexbt_onboard.behaviors.run_context import state_services
 
 from .errors import StateParameterError
-from .parameter_checks import checked_action_type, checked_timeout, checked_topic, is_number
+from .parameter_checks import (
+    checked_action_type,
+    checked_list,
+    checked_mapping,
+    checked_timeout,
+    checked_topic,
+    is_number,
+)
 
 
 class WaitState(EventState):
@@ -73,12 +80,10 @@ class WaitForServersState(EventState):
         timeout: float | None = None,
     ) -> None:
         super().__init__(outcomes=['ready', 'timeout'], desired_rate=None)
-        if isinstance(nodes, str):
-            raise StateParameterError(self, 'nodes', f'{nodes!r} is a string, not a list of names')
-        self._nodes = [checked_topic(self, 'nodes', name) for name in nodes]
+        self._nodes = [checked_topic(self, 'nodes', name) for name in checked_list(self, 'nodes', nodes, 'names')]
         self._actions = {
             checked_topic(self, 'actions', name): checked_action_type(self, f'actions[{name!r}]', type)
-            for name, type in (actions or {}).items()
+            for name, type in checked_mapping(self, 'actions', actions).items()
         }
         if not self._nodes and not self._actions:
             raise StateParameterError(self, 'nodes', 'there is nothing to wait for; give nodes or actions')

@@ -3,14 +3,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import inspect
 import threading
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
 
+import flexbt_states
 from flexbt_core.state_machine.authoring.machine import OperatableStateMachine
 from flexbt_core.state_machine.model.autonomy import Autonomy, DecisionKind
+from flexbt_core.state_machine.model.event_state import EventState
 from flexbt_core.state_machine.model.state_host import Severity
+from flexbt_core.state_machine.model.userdata import StateError
 from flexbt_states import CalculationState, CheckConditionState, LogKeyState, LogState, OperatorDecisionState, WaitState
 from flexbt_states.errors import StateParameterError
 from flexbt_testing.nodes.state_bench import StateBench
@@ -147,3 +153,51 @@ def test_the_suggestion_can_be_confirmed(bench: StateBench) -> None:
     assert run.confirm('other') is not None
     assert run.confirm(asked.id) is None
     assert run.wait() == 'left'
+
+
+MADE: dict[str, dict[str, Any]] = {
+    'BtExecuteGoalState': {},
+    'BtExecuteState': {},
+    'BtGetDataState': {'request_id': 'k', 'request_msg_type': 'string'},
+    'BtLoaderState': {'xml': '<root/>'},
+    'BtSetDataState': {'goal_id': 'k', 'goal_msg_type': 'string'},
+    'CallActionState': {'action_type': 'nav2_msgs/action/Spin', 'topic': 'spin'},
+    'CallServiceState': {'service_type': 'std_srvs/srv/SetBool', 'topic': 'light'},
+    'CheckTopicState': {'topic': 'x', 'msg_type': 'std_msgs/msg/Bool', 'outcomes': {'on': 'message.data'}},
+    'ExecuteBehaviorState': {'behavior': 'Inspect'},
+    'OperatorDecisionState': {'outcomes': ['on']},
+    'OperatorInputState': {'prompt': '?', 'type': 'string'},
+    'PublishState': {'topic': 'x', 'msg_type': 'std_msgs/msg/Bool'},
+    'ReadTopicState': {'topic': 'x', 'msg_type': 'std_msgs/msg/Bool'},
+    'SubscribeOnceState': {'topic': 'x', 'msg_type': 'std_msgs/msg/Bool'},
+    'WaitForServersState': {},
+    'WaitState': {'wait_time': 1.0},
+}
+OF_YAML: tuple[Any, ...] = (
+    None,
+    True,
+    5,
+    -1.5,
+    '',
+    'x',
+    [],
+    [1],
+    [None],
+    [['a']],
+    {},
+    {'a': 1},
+    {1: 'a'},
+    {'a': ['b']},
+)
+
+
+@pytest.mark.parametrize(('name', 'parameters'), MADE.items(), ids=MADE)
+def test_whatever_yaml_gives_as_a_parameter_is_accepted_or_refused_with_a_reason(
+    name: str, parameters: Mapping[str, Any]
+) -> None:
+    make: type[EventState] = getattr(flexbt_states, name)
+    make(**parameters)
+    for parameter in inspect.signature(make).parameters:
+        for value in OF_YAML:
+            with contextlib.suppress(StateParameterError, StateError):
+                make(**{**parameters, parameter: value})
