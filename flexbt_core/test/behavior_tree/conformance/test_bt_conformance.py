@@ -49,8 +49,8 @@ def test_random_trees_are_reproducible_and_cover_the_nodes() -> None:
         ('<Timeout msec="40" name="t"><Act name="a" _script="RS"/></Timeout>', [['tick'], ['tick'], ['sleep']]),
         # The limit passes while the child is skipped: then there is none any more.
         (
-            '<Timeout msec="40" name="t"><Act name="a" _script="KRR"/></Timeout>',
-            [['tick'], ['sleep'], ['tick'], ['tick']],
+            '<Timeout msec="40" name="t"><Act name="a" _script="KRRR"/></Timeout>',
+            [['tick'], ['sleep'], ['tick'], ['tick'], ['sleep'], ['tick']],
         ),
         (
             '<Delay delay_msec="40" name="d"><Act name="a" _script="RS"/></Delay>',

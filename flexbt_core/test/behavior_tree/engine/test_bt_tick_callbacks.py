@@ -84,7 +84,7 @@ def test_callbacks_that_return_none_change_nothing(observed: bool) -> None:
         def before(node: TreeNode) -> NodeStatus:
             nonlocal seen
             seen += 1
-            assert node.status in (I, R)
+            assert node.status in (I, R, K)
             return K
 
         def after(node: TreeNode, status: NodeStatus) -> NodeStatus:
@@ -268,6 +268,15 @@ def test_the_tick_that_a_callback_abandons_begins_nothing_more() -> None:
     tree.halt()
     assert ['halt', 'a'] in events
     assert {node.status for node in tree.nodes} == {I}
+
+
+def test_a_node_that_was_skipped_and_is_ticked_again_calls_its_callback_again() -> None:
+    tree = build('<Parallel><Sync name="a" _script="K"/><Act name="b" _script="R"/></Parallel>')
+    seen: list[str] = []
+    tree.callbacks.set_pre_tick(named(tree, 'a'), lambda node: seen.append(node.name) or R)
+    for _ in range(2):
+        assert tree.tick_once() is R
+    assert seen == ['a', 'a']
 
 
 def test_what_a_callback_raises_is_an_error_of_its_node() -> None:

@@ -146,7 +146,15 @@ class Stubborn(Decorator):
         raise ValueError('no')
 
 
-NODES = (HaltedControl, HaltedDecorator, Stubborn, Work, Patient, Instant, Returns, Check, Pass, All)
+class Faulty(HaltedDecorator):
+    """Halts its child, then raises."""
+
+    def halt(self) -> None:
+        super().halt()
+        raise ValueError('no')
+
+
+NODES = (HaltedControl, HaltedDecorator, Stubborn, Faulty, Work, Patient, Instant, Returns, Check, Pass, All)
 
 
 def library(*bodies: str, **trees: str) -> TreeLibrary:
@@ -317,7 +325,7 @@ def test_a_leaf_that_cannot_be_halted_does_not_keep_the_others_from_it() -> None
     with pytest.raises(NodeExecutionError, match=r'\[a\] \(Work\): RuntimeError: a cannot stop'):
         running.halt()
     assert [node.halts for node in running.nodes if isinstance(node, Work)] == [1, 1]
-    assert running.active_nodes() == []
+    assert running.active_nodes() == [] and running.status is IDLE
     running.halt()
 
 
@@ -328,6 +336,19 @@ def test_a_decorator_that_raises_while_halting_does_not_keep_its_child_from_it()
         running.halt()
     assert [node.halts for node in running.nodes if isinstance(node, Work)] == [1]
     assert running.active_nodes() == []
+
+
+def test_a_node_whose_own_halt_raises_does_not_keep_the_others_from_theirs() -> None:
+    services: dict[str, Any] = {'b': [RUNNING, FAILURE]}
+    running = tree('<Parallel><Faulty name="f"><Work name="a"/></Faulty><Work name="b"/></Parallel>', services=services)
+    for _ in range(2):
+        running.tick_once()
+        with pytest.raises(NodeExecutionError, match=r'\[f\] \(Faulty\): ValueError: no'):
+            running.tick_once() if len(services['b']) == 1 else running.halt()
+        with pytest.raises(NodeExecutionError):
+            running.halt()
+        assert all(node.status is IDLE for node in running.nodes)
+    assert [node.halts for node in running.nodes if isinstance(node, Work)] == [2, 1]
 
 
 def test_an_error_while_halting_within_a_tick_is_raised_by_the_tick() -> None:
@@ -501,10 +522,12 @@ def test_nonsense_from_a_leaf_is_an_error_of_the_leaf(value: Any, reason: str) -
     assert str(caught.value) == f'exception in node [r] (Returns): {reason}'
 
 
-def test_ports_that_fail_within_a_node_of_the_engine_name_it() -> None:
-    running = tree('<Sequence><Repeat name="r" num_cycles="{n}"><AlwaysSuccess/></Repeat></Sequence>')
-    with pytest.raises(NodeExecutionError, match=r'\[r\] \(Repeat\).*\[num_cycles\].*never written'):
+@pytest.mark.parametrize('parent', ['Sequence', 'All', 'Pass'])
+def test_ports_that_fail_within_a_node_of_the_engine_name_it(parent: str) -> None:
+    running = tree(f'<{parent}><Repeat name="r" num_cycles="{{n}}"><AlwaysSuccess/></Repeat></{parent}>')
+    with pytest.raises(NodeExecutionError, match=r'\[r\] \(Repeat\).*\[num_cycles\].*never written') as caught:
         running.tick_once()
+    assert caught.value.trace.chain == (f'{parent}::1', 'r')
     running.blackboard.set('n', 2)
     assert running.tick_once() is SUCCESS
     running = tree('<SetBlackboard name="s" value="{n}" output_key="m"/>')

@@ -199,13 +199,13 @@ def test_goal_ports_come_before_the_entries_of_the_same_name() -> None:
 
 def test_global_updated_goal_fires_first_and_at_each_change_over_all_runs() -> None:
     tree, _ = make('<Fallback><GlobalUpdatedGoal/></Fallback>')
-    results = []
+    results = [NAMES[tree.tick_once()]]  # there is no goal yet
     for goal in [(1,), (1,), (2,), (2,)]:
         tree.blackboard.set('goal', goal)
         results.append(NAMES[tree.tick_once()])
     tree.halt()
     results.append(NAMES[tree.tick_once()])
-    assert results == ['S', 'F', 'S', 'F', 'F']
+    assert results == ['S', 'S', 'F', 'S', 'F', 'F']
 
 
 def test_goal_updated_controller_ticks_its_child_at_changes() -> None:
