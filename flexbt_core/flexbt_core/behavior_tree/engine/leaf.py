@@ -8,7 +8,7 @@ from typing import ClassVar, NamedTuple
 
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError, PortError, TickAbandoned
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TickAbandoned
 from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeKind, NodeStatus
 from flexbt_core.clock.clock import Clock
 from flexbt_core.clock.waiting import WakeEvent
@@ -266,10 +266,7 @@ class ExpandingAction(StatefulAction):
             raise self._error
         if self._tick is None or self in self.context.expansions:
             return RUNNING
-        try:
-            status = self._tick()
-        except PortError as error:
-            raise NodeExecutionError(error.node_path, error.node_id, error, error.uid) from error
+        status = self._tick()
         root = self._root
         if root is not None and (root.stored_status is SUCCESS or root.stored_status is FAILURE):
             root.status = IDLE

@@ -165,8 +165,13 @@ class TreeNode(ABC):
 
     def halt_node(self) -> None:
         """Halt the node from outside: :meth:`halt`, then the script that follows it, as haltNode() in
-        BehaviorTree.CPP."""
-        self.halt()
+        BehaviorTree.CPP. Raises NodeExecutionError."""
+        try:
+            self.halt()
+        except NodeExecutionError:
+            raise
+        except BaseException as error:
+            raise self.fault(error) from error
         if self.conditions is not None:
             self.conditions.halted()
 
@@ -340,13 +345,16 @@ class TreeNode(ABC):
     # -- errors ------------------------------------------------------------------------------------------------------
 
     def fault(self, cause: BaseException | str) -> NodeExecutionError:
-        """Return an error of this node with ``cause``, any exception of its code.
+        """Return an error of this node with ``cause``, any exception of its code. A PortError is an error of the node
+        with the port, which may be below this one.
 
         Raises ``cause`` if it is a KeyboardInterrupt on the main thread: it comes from the user then, not from the
         node.
         """
         if isinstance(cause, KeyboardInterrupt) and threading.current_thread() is threading.main_thread():
             raise cause
+        if isinstance(cause, PortError):
+            return NodeExecutionError(cause.node_path, cause.node_id, cause, cause.uid)
         return NodeExecutionError(self.path, self.id, cause, self.uid)
 
     def stop_by(self, callback: Callable[[], None]) -> None:

@@ -20,7 +20,7 @@ from operator import attrgetter
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError
-from flexbt_core.behavior_tree.model.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeStatus
+from flexbt_core.behavior_tree.model.status import FAILURE, RUNNING, SUCCESS, NodeStatus
 
 from .context import Tick, TreeContext
 from .node import WATCHED_STATUS, TreeNode, kept_by_class
@@ -112,7 +112,7 @@ class TickCallbacks:
 
         def call_and_tick() -> NodeStatus:
             placed = callbacks.get(node)
-            if placed is not None and (node.stored_status is IDLE or node.stored_status is RUNNING):
+            if placed is not None and node.stored_status is not SUCCESS and node.stored_status is not FAILURE:
                 for callback in placed.values():
                     given = _replacement(node, functools.partial(callback, node))
                     if given is not None:

@@ -134,6 +134,7 @@ class Tree:
             self.take_wake()
 
     def _tick(self) -> NodeStatus:
+        self._status = RUNNING  # it has not completed
         deadlines = self.context.deadlines
         if deadlines:
             # This tick serves the due requests. A node that needs another tick requests it again.
@@ -151,7 +152,7 @@ class Tree:
         try:
             status = self._entry()
         except PortError as error:
-            raise self._traced(NodeExecutionError(error.node_path, error.node_id, error, error.uid)) from error
+            raise self._traced(self.root.fault(error)) from error
         except NodeExecutionError as error:
             self._traced(error)
             raise
@@ -304,7 +305,6 @@ class Tree:
             raise self._traced(first)
 
     def _traced(self, error: NodeExecutionError) -> NodeExecutionError:
-        self._status = RUNNING  # it has not completed
         if error.uid:
             error.trace = trace_error(self.nodes, error.uid, error.reason)
         return error

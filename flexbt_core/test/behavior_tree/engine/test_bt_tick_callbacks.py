@@ -273,7 +273,12 @@ def test_the_tick_that_a_callback_abandons_begins_nothing_more() -> None:
 def test_a_node_that_was_skipped_and_is_ticked_again_calls_its_callback_again() -> None:
     tree = build('<Parallel><Sync name="a" _script="K"/><Act name="b" _script="R"/></Parallel>')
     seen: list[str] = []
-    tree.callbacks.set_pre_tick(named(tree, 'a'), lambda node: seen.append(node.name) or R)
+
+    def note(node: TreeNode) -> NodeStatus:
+        seen.append(node.name)
+        return R
+
+    tree.callbacks.set_pre_tick(named(tree, 'a'), note)
     for _ in range(2):
         assert tree.tick_once() is R
     assert seen == ['a', 'a']
