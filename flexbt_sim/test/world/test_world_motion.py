@@ -481,6 +481,16 @@ def test_an_obstacle_that_stands_in_a_wall_stops_at_a_robot_all_the_same() -> No
     assert robot.pose.distance(obstacle.pose) == pytest.approx(0.47, abs=0.003)
 
 
+def test_an_obstacle_that_stands_in_another_one_stops_at_a_robot_all_the_same() -> None:
+    world = World()
+    world.add('shelf', ObstacleModel(pose=Pose(0.0, 0.0, 0.0), shape=box(1.0, 1.0)))
+    route = RouteModel(waypoints=((5.0, 0.0),), order='once')
+    cart = world.add('cart', ObstacleModel(pose=Pose(0.4, 0.0, 0.0), shape=Circle(0.5), route=route))
+    world.add('alpha', RobotModel(footprint=Circle(0.22), lidar=None), Pose(1.3, 0.0, 0.0))
+    world.step(10.0)
+    assert cart.pose.x == pytest.approx(1.3 - 0.72, abs=0.003)
+
+
 @pytest.mark.parametrize('step', [0.02, 1.0])
 def test_an_obstacle_with_several_points_within_a_step_stops_at_what_is_in_its_way(step: float) -> None:
     world, way = World(step=step), 30.0 * step

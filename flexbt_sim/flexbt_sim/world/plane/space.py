@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Final, Protocol
 
 import numpy
@@ -238,21 +238,24 @@ class Space:
 
     # -- distances ---------------------------------------------------------------------------------------------------
 
-    def gaps(self, body: Body, pose: Pose) -> tuple[float, float]:
-        """Return the distances, m, from a body at a pose to the map and to other bodies: exact if they are small,
-        otherwise lower bounds.
+    def gaps(self, body: Body, pose: Pose, overlapped: Collection[Body] = ()) -> list[float]:
+        """Return the distances, m, from a body at a pose to the map, to the nearest other body, and to each of the
+        ``overlapped`` ones: exact if they are small, otherwise lower bounds.
 
         Negative where it overlaps something.
         """
-        return self._gap_to_map(body, pose), self.gap_to_bodies(body, pose)
+        each = [gap(body.shape, pose, other.shape, other.pose) for other in overlapped]
+        return [self._gap_to_map(body, pose), self.gap_to_bodies(body, pose, overlapped), *each]
 
-    def gap_to_bodies(self, body: Body, pose: Pose) -> float:
+    def gap_to_bodies(self, body: Body, pose: Pose, ignored: Collection[Body] = ()) -> float:
         """Return the distance, m, from a body at a pose to the nearest other one; a lower bound if it is large."""
         if self.time >= self._near_until:
             self._find_near()
         moved = 2.0 * self._fastest * (self.time - self._near_since) if self._fastest else 0.0
         nearest = self._reach - moved
         for other in body.near:
+            if other in ignored:
+                continue
             there = other.pose
             apart = math.hypot(there.x - pose.x, there.y - pose.y) - body.radius - other.radius
             if apart < nearest:
@@ -332,7 +335,11 @@ class Space:
             body.pose = at(duration)
             return duration
         gone = 0.0
+        overlapped: Collection[Body] = ()
         before = self.gaps(body, body.pose)
+        if before[1] < 0.0:
+            overlapped = [one for one in body.near if gap(body.shape, body.pose, one.shape, one.pose) < 0.0]
+            before = self.gaps(body, body.pose, overlapped)
         while True:
             room = min(before)
             if room > reach * (duration - gone):
@@ -341,7 +348,7 @@ class Space:
                 return duration
             step = min(duration - gone, max(room, COLLISION_CHECK_DISTANCE) / reach)
             ahead = at(gone + step)
-            after = self.gaps(body, ahead)
+            after = self.gaps(body, ahead, overlapped)
             if any(new < min(-ROUNDING, old) for new, old in zip(after, before, strict=True)):
                 return gone
             body.pose = ahead
