@@ -8,6 +8,7 @@ parent machine finds out whether they were written.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
@@ -184,9 +185,9 @@ def _on_entry(machine: MachineDefinition, effects: _Effects) -> dict[str, Writte
     if machine.kind is StateKind.CONCURRENCY:
         return dict.fromkeys(machine.children, WrittenKeys(_ever_written(machine)))
     found = {machine.initial: WrittenKeys()}
-    ahead = [machine.initial]
+    ahead = OrderedDict.fromkeys([machine.initial])  # first in, first out: where ways meet, all have come by then
     while ahead:
-        label = ahead.pop()
+        label, _ = ahead.popitem(last=False)
         for outcome, effect in effects[label].items():
             target = machine.children[label].transitions[outcome].state
             if target is not None:
@@ -195,7 +196,7 @@ def _on_entry(machine: MachineDefinition, effects: _Effects) -> dict[str, Writte
                 now = after if before is None else before.beside(after)
                 if now != before:
                     found[target] = now
-                    ahead.append(target)
+                    ahead[target] = None
     return found
 
 

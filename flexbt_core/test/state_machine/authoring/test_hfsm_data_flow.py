@@ -61,6 +61,28 @@ def test_a_state_in_many_machines_is_looked_at_once_for_each_of_them(monkeypatch
     assert max(Counter(looks).values()) == 10
 
 
+def test_where_many_ways_part_and_meet_each_is_followed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps = 0
+    then = data_flow.WrittenKeys.then
+
+    def counted(self: data_flow.WrittenKeys, other: data_flow.WrittenKeys) -> data_flow.WrittenKeys:
+        nonlocal steps
+        steps += 1
+        return then(self, other)
+
+    children = []
+    for number in range(50):
+        following = f'Ask{number + 1}' if number < 49 else 'ended'
+        children += [
+            Child(f'Ask{number}', keyed('left', 'right'), {'left': f'L{number}', 'right': f'R{number}'}),
+            Child(f'L{number}', keyed(writes=f'l{number}'), {'done': following}),
+            Child(f'R{number}', keyed(writes=f'r{number}'), {'done': following}),
+        ]
+    made = define(machine(*children))
+    monkeypatch.setattr(data_flow.WrittenKeys, 'then', counted)
+    assert unsure_reads(made) == [] and steps <= 2 * 2 * len(children)
+
+
 def test_what_both_ways_write_is_sure() -> None:
     def made(second: str) -> OperatableStateMachine:
         return machine(
