@@ -14,6 +14,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
+from rclpy.action.server import RCLError
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
@@ -224,7 +225,11 @@ class ServerLinks(Generic[LinkT]):
         self._links: WeakLruCache[tuple[Any, str], LinkT] = WeakLruCache(MOST_LINKS)
 
     def link(self, server_type: Any, name: str) -> LinkT:
-        """Return the link to the server ``name``, created on first use."""
+        """Return the link to the server ``name``, created on first use.
+
+        Raises:
+            ValueError: no server can have that name, or this process uses the name with another type.
+        """
         key = server_type, name
         known = self._links.used(key)
         return known if known is not None else self._runtime.call(lambda: self._links.get(key, lambda: self._new(*key)))
@@ -232,7 +237,11 @@ class ServerLinks(Generic[LinkT]):
     def _new(self, server_type: Any, name: str) -> LinkT:
         timeout = self._peer_timeout
         nodes = self._runtime.shared((ServerNodes, timeout), lambda: ServerNodes(self._runtime, timeout))
-        link: LinkT = self.link_class(self._runtime, server_type, name, nodes)
+        try:
+            link: LinkT = self.link_class(self._runtime, server_type, name, nodes)
+        except RCLError as error:
+            what = f'{self.link_class.kind} {name!r} ({message_type_name(server_type)})'
+            raise ValueError(f'{what} cannot be called: {error}') from error
         destroy = partial(_destroy, self._runtime.node, link.entities)
         weakref.finalize(link, self._runtime.post, destroy).atexit = False
         return link

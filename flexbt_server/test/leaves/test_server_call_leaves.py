@@ -283,6 +283,16 @@ def test_a_condition_on_a_topic(world: ServerWorld) -> None:
     assert 'not true: message.percentage > least (message.percentage = 0.5)' in result.message
 
 
+@pytest.mark.parametrize(('leaf', 'what'), [
+    ('<CallAction type="nav2_msgs/action/Spin" server_name="{name}"/>', 'action server'),
+    ('<CallService type="std_srvs/srv/SetBool" service_name="{name}"/>', 'service'),
+])  # fmt: skip
+def test_a_name_that_no_server_can_have_is_told(world: ServerWorld, leaf: str, what: str) -> None:
+    result = run(world, leaf, 'names', inputs={'name': 'two words'})
+    assert result.code == Result.ERROR
+    assert f"{what} 'two words' (" in result.message
+
+
 # -- parameters ------------------------------------------------------------------------------------------------------
 
 
