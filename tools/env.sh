@@ -28,6 +28,13 @@ if [ ! -f "$FLEXBT_ROOT/tools/env.sh" ]; then
 elif [ ! -f "$_flexbt_spaces/install/local_setup.sh" ] || [ ! -f "$_flexbt_spaces/install/flexbt_underlay.sh" ]; then
   echo "error: the workspace is not built yet: run 'make setup${ROS_WHEELS:+ ROS_WHEELS=$ROS_WHEELS}' in $FLEXBT_ROOT" >&2
   false
+# A build refers to its place: a copy of the workspace would run what is in the original.
+elif _flexbt_place=$(sed -n '1s/^# built in //p' "$_flexbt_spaces/install/flexbt_underlay.sh") &&
+  [ -n "$_flexbt_place" ] && [ "$_flexbt_place" != "$(CDPATH='' cd -- "$FLEXBT_ROOT" && pwd -P)" ]; then
+  echo "error: this is a copy of $_flexbt_place, or was moved from there:" \
+    "run 'make setup${ROS_WHEELS:+ ROS_WHEELS=$ROS_WHEELS}' in $FLEXBT_ROOT" >&2
+  unset _flexbt_place
+  false
 elif [ -n "${ROS_WHEELS:-}" ] && [ "${ROS_DISTRO:-$ROS_WHEELS}" != "$ROS_WHEELS" ]; then
   echo "error: ROS 2 $ROS_DISTRO is sourced in this shell: use a new one for ROS_WHEELS=$ROS_WHEELS" >&2
   false
@@ -86,5 +93,5 @@ else
   elif [ ! -w "${HOME:-/nowhere}" ] && [ -z "${ROS_HOME:-}" ]; then
     export ROS_LOG_DIR="${ROS_LOG_DIR:-${TMPDIR:-/tmp}/flexbt-$(id -u)/log}"
   fi
-  unset _flexbt_spaces _flexbt_fastdds _flexbt_variable _flexbt_config _flexbt_profile
+  unset _flexbt_spaces _flexbt_place _flexbt_fastdds _flexbt_variable _flexbt_config _flexbt_profile
 fi

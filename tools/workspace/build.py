@@ -189,10 +189,10 @@ class Build:
         return {'names': hash_of([], root, names_only=files), 'contents': hash_of(decisive, root)}
 
     def _write_underlay_setup(self) -> None:
-        """Write the file by which tools/env.sh finds the underlay that the workspace was built on."""
+        """Write the file by which tools/env.sh finds the place and the underlay of the build."""
         prefix = self._underlay.prefix or self._venv.path
         setup = self._venv.local_setup if self._underlay.is_wheels else prefix / 'setup.sh'
-        text = f'. {shlex.quote(str(setup))}\n'
+        text = f'# built in {self._layout.root}\n. {shlex.quote(str(setup))}\n'
         if (prefix / 'lib' / 'libfastdds.so').exists():  # as in flexbt_common/discovery.py
             text += '_flexbt_fastdds=3\n'
         if self._underlay.is_wheels:

@@ -177,6 +177,27 @@ def test_the_environment_in_a_strict_shell(shell: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not IS_BUILT, reason='built by colcon alone')
+@pytest.mark.parametrize('shell', ['bash', 'dash', 'zsh'])
+def test_a_copy_of_a_built_workspace_has_to_be_built(shell: str, machine: Machine) -> None:
+    program = shutil.which(shell)
+    if program is None:
+        pytest.skip(f'{shell} is not installed')
+    install = machine.clone / LAYOUT.install.relative_to(ROOT)
+    install.mkdir(parents=True)
+    for name in ('local_setup.sh', 'flexbt_underlay.sh'):
+        shutil.copy(LAYOUT.install / name, install)
+    ended = subprocess.run(
+        [program, '-c', '. tools/env.sh'],
+        cwd=machine.clone,
+        env={'PATH': os.defpath, **CHOICE},
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.startswith(f"error: this is a copy of {ROOT.resolve()}, or was moved from there: run 'make setup")
+
+
+@pytest.mark.skipif(not IS_BUILT, reason='built by colcon alone')
 @pytest.mark.skipif(os.geteuid() != 0, reason='only root can mount')
 def test_logs_of_ros_have_a_place_where_neither_workspace_nor_home_can_be_written(tmp_path: Path) -> None:
     script = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && . "$0/tools/env.sh" && echo "$ROS_LOG_DIR"'
