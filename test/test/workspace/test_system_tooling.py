@@ -194,7 +194,9 @@ def test_a_copy_of_a_built_workspace_has_to_be_built(shell: str, machine: Machin
         text=True,
     )
     assert ended.returncode == 1
-    assert ended.stderr.startswith(f"error: this is a copy of {ROOT.resolve()}, or was moved from there: run 'make setup")
+    assert ended.stderr.startswith(
+        f"error: this is a copy of {ROOT.resolve()}, or was moved from there: run 'make setup"
+    )
 
 
 @pytest.mark.skipif(not IS_BUILT, reason='built by colcon alone')
