@@ -83,10 +83,9 @@ class SimulatorCore:
         of /clock. /clock itself must be faster than the activities that depend on it, such as ticking a tree every 0.1
         s."""
 
-        def steps(rate: float) -> int:
-            return max(1, round(1.0 / (rate * self.world.step_size)))
-
-        self._steps_per_odom, at_rest = steps(self.parameters.odom_rate), steps(self.parameters.clock_rate)
+        step = self.world.step_size
+        self._steps_per_odom = max(1, round(1.0 / (self.parameters.odom_rate * step)))
+        at_rest = max(1, int(1.0 / (self.parameters.clock_rate * step) + 1e-9))  # no slower than clock_rate
         self._steps_per_clock = {True: min(self._steps_per_odom, at_rest), False: at_rest}
         self._steps_per_rest = max(self._steps_per_odom, 2 * at_rest)
 

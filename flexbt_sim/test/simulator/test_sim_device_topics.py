@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 from geometry_msgs.msg import PoseStamped
 from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import BatteryState, Imu, LaserScan, Range
 from std_msgs.msg import Bool
 from tf2_msgs.msg import TFMessage
@@ -126,3 +128,21 @@ def test_which_messages_are_lost_depends_on_the_seed_of_the_file(tmp_path: Path)
     one, other = heard(1), heard(2)
     assert min(len(one), len(other)) > 10
     assert one != other
+
+
+def test_the_clock_is_no_slower_than_its_rate(tmp_path: Path) -> None:
+    file = tmp_path / 'world.yaml'
+    file.write_text('robots: {alpha: {pose: [0, 0, 0], lidar: null}}\n')
+    ticks: list[float] = []
+    with (
+        NodeRuntime.open('observer') as other,
+        NodeRuntime.open('simulator', parameters={'world': str(file), 'clock_rate': 30.0}) as runtime,
+    ):
+        other.call(
+            lambda: other.node.create_subscription(
+                Clock, names.CLOCK, lambda clock: ticks.append(seconds_of(clock.clock)), 1000
+            )
+        )
+        Simulator(runtime)
+        wait_until(lambda: len(ticks) > 10, 'messages of the clock')
+    assert max(later - earlier for earlier, later in pairwise(ticks)) <= 1.0 / 30.0
