@@ -1058,7 +1058,7 @@ class BadOutcome(Returns):
 def test_a_skill_with_an_unknown_outcome_is_refused_and_an_id_in_use_keeps_its_type_if_the_host_says_so() -> None:
     scripts = ScriptLibrary()
     registry = NodeRegistry(scripts)
-    assert registry.scripts is scripts
+    assert registry.scripts is builtin_registry(scripts).scripts is scripts
     problem = "'DONE' is not an outcome of a leaf; it ends by SUCCESS or FAILURE"
     with pytest.raises(RegistrationError, match=f'^node ID \\[X\\], skill: {problem}$'):
         registry.register('X', BadOutcome)

@@ -264,3 +264,10 @@ def test_a_key_that_is_on_the_blackboard_is_looked_up_for_each_write(value: str,
         assert tree.tick_once() is NodeStatus.SUCCESS
         written = board_key if key == '{k}' else 'a'
         assert (board.get('a'), board.get('b')) == ((5, 0) if written == 'a' else (0, 5))
+
+
+def test_text_that_an_entry_cannot_take_names_the_entry() -> None:
+    tree, _ = make('<SetBlackboard value="far" output_key="a"/>')
+    tree.blackboard.declare('a', INT)
+    with pytest.raises(NodeExecutionError, match=r"entry \[a\]: .*'far'"):
+        tree.tick_once()

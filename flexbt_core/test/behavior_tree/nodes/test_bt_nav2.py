@@ -195,6 +195,8 @@ def test_goal_ports_come_before_the_entries_of_the_same_name() -> None:
     assert NAMES[condition.execute()] == 'F'
     tree.blackboard.set('other', (2,))
     assert NAMES[condition.execute()] == 'S'
+    tree.blackboard.unset('other')
+    assert NAMES[condition.execute()] == 'F', 'the goal before counts while there is none'
 
 
 def test_global_updated_goal_fires_first_and_at_each_change_over_all_runs() -> None:
