@@ -165,7 +165,8 @@ class TreeDocument(NamedTuple):
 # Libraries: documents loaded together, with their references to sub-trees resolved.
 
 MAX_NODES: Final = 65_535
-"""Maximum number of nodes of a running tree, sub-trees included: the tools' formats store a uid in 16 bits."""
+"""Maximum number of nodes of a running tree, sub-trees included: the tools' formats store a uid in 16 bits. Its
+sub-trees may have as many ports, which take memory in each instance."""
 
 
 class TreeKey(NamedTuple):
@@ -250,7 +251,7 @@ class _Checker:
     def __init__(self, library: TreeLibrary) -> None:
         self._library = library
         self._references: dict[TreeKey, list[tuple[NodeDefinition, TreeKey]]] = {}
-        self._own_nodes: dict[TreeKey, int] = {}
+        self._own_sizes: dict[TreeKey, tuple[int, int]] = {}
 
     def errors(self) -> Iterator[LoadError]:
         for key in self._library.tree_keys():
@@ -261,9 +262,9 @@ class _Checker:
         library = self._library
         tree = library.definition(key)
         references = self._references[key] = []
-        count = 0
+        nodes = ports = 0
         for node in tree.nodes():
-            count += 1
+            nodes += 1
             if node.tree_id is None:
                 continue
             target = library.find(node.tree_id, key.file)
@@ -273,17 +274,20 @@ class _Checker:
                 yield tree.error(node, message, 'ID')
                 continue
             references.append((node, target))
-            if not node.autoremap:
-                for name, port in library.model(target).items():
+            model = {} if node.autoremap else library.model(target)
+            ports += max(len(model), len(node.values))
+            if ports <= library.max_nodes:
+                for name, port in model.items():
                     if port.default is None and name not in node.values:
                         yield tree.error(
                             node, f'the model of [{node.tree_id}] declares the port [{name}]; add {name}="{{key}}"'
                         )
-        self._own_nodes[key] = count
+        self._own_sizes[key] = nodes, ports
 
     def _check_order(self) -> Iterator[LoadError]:
-        """Visit trees after the trees they refer to; find recursion, and count the nodes of each expanded tree."""
-        sizes: dict[TreeKey, int] = {}
+        """Visit trees after the trees they refer to; find recursion, and count the nodes and ports of each expanded
+        tree."""
+        sizes: dict[TreeKey, tuple[int, ...]] = {}
         for start in self._references:
             path: dict[TreeKey, Iterator[tuple[NodeDefinition, TreeKey]]] = {}
             if start not in sizes:
@@ -301,18 +305,16 @@ class _Checker:
                         break
                 else:
                     del path[key]
-                    size = self._own_nodes[key]
-                    size += sum(sizes.get(target, 0) for _, target in self._references[key])
-                    sizes[key] = size
-                    # Do not report a tree as too large if a reported tree makes it so.
-                    largest = max((sizes.get(target, 0) for _, target in self._references[key]), default=0)
-                    if size > self._library.max_nodes >= largest:
-                        yield self._too_large(key, size)
+                    parts = [sizes.get(target, (0, 0)) for _, target in self._references[key]]
+                    sizes[key] = tuple(map(sum, zip(self._own_sizes[key], *parts, strict=True)))
+                    for what, size, *others in zip(('nodes with', 'ports of'), sizes[key], *parts, strict=True):
+                        # Do not report a tree as too large if a reported tree makes it so.
+                        if size > self._library.max_nodes >= max(others, default=0):
+                            yield self._too_large(key, f'{size} {what} its sub-trees')
 
-    def _too_large(self, key: TreeKey, size: int) -> LoadError:
+    def _too_large(self, key: TreeKey, size: str) -> LoadError:
         tree = self._library.definition(key)
-        message = f'tree [{key.id}] has {size} nodes with its sub-trees; the limit is {self._library.max_nodes}'
-        return tree.error(tree.root, message)
+        return tree.error(tree.root, f'tree [{key.id}] has {size}; the limit is {self._library.max_nodes}')
 
 
 # Valid names of nodes, trees and ports.

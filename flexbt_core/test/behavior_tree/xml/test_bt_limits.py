@@ -98,3 +98,22 @@ def test_a_tree_may_have_as_many_nodes_as_the_limit_and_no_more() -> None:
         TreeLibrary([document], max_nodes=2)
     place = f'f:1:{text.index("<Sequence>") + 1}'
     assert str(caught.value) == f'{place}: <Sequence>: tree [Main] has 3 nodes with its sub-trees; the limit is 2'
+
+
+@pytest.mark.parametrize('port', ['<input_port name="p{}"/>', '<input_port name="p{}" default="1"/>', ''])
+def test_ports_of_sub_trees_are_bounded_too(port: str) -> None:
+    """Few elements with many ports each, or many with few declared ones, are made for every instance."""
+    ports = ''.join(port.format(number) for number in range(400))
+    given = '' if port else ' '.join(f'p{number}=""' for number in range(400))
+    many = '<Sequence>' + '<SubTree ID="Inner"/>' * 400 + '</Sequence>'
+    text = (
+        f'<root BTCPP_format="4"><TreeNodesModel><SubTree ID="Leaf">{ports}</SubTree></TreeNodesModel>'
+        f'<BehaviorTree ID="Main">{many if given else many.replace("Inner", "Leaf")}</BehaviorTree>'
+        f'<BehaviorTree ID="Inner"><SubTree ID="Leaf" {given}/></BehaviorTree>'
+        '<BehaviorTree ID="Leaf"><AlwaysSuccess/></BehaviorTree></root>'
+    )
+    with pytest.raises(TreeLoadError) as caught:
+        TreeLibrary([load_xml(text, 'f', builtin_registry())])
+    errors = [error.message for error in caught.value.errors]
+    assert errors[-1] == 'tree [Main] has 160000 ports of its sub-trees; the limit is 65535'
+    assert len(errors) < 70_000
