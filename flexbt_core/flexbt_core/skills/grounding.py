@@ -130,6 +130,7 @@ class Grounding:
         }
         for binding in self.bindings(skill) if outcomes else ():
             shown = f'{skill.name}({", ".join(binding[name] for name in skill.parameters)})'
+            ports = {*skill.reads, *skill.writes}
             pre = self.conditions(skill, binding)
             if any(~one in pre for one in pre):
                 continue
@@ -140,7 +141,7 @@ class Grounding:
                     skill.name,
                     name,
                     binding,
-                    argument_texts(skill, binding, {*skill.reads, *skill.writes}),
+                    argument_texts(skill, binding, ports if ports or skill.knows_ports else None),
                     frozenset(map(str, pre)),
                     self._atoms_of(effects, added=True),
                     self._atoms_of(effects, added=False),
@@ -230,13 +231,13 @@ def _too_many(skill: Skill) -> str:
     )
 
 
-def argument_texts(skill: Skill, binding: Mapping[str, str], declared: Collection[str] = ()) -> dict[str, str]:
+def argument_texts(skill: Skill, binding: Mapping[str, str], declared: Collection[str] | None = None) -> dict[str, str]:
     """Return the values of ports or parameters for these objects.
 
-    ``declared`` are the known ports; empty if unknown. A parameter of the skill that is not a port is used only in
+    ``declared`` are the known ports; None if unknown. A parameter of the skill that is not a port is used only in
     literals, unless ``arguments`` use it.
     """
     given = {port: Template(text).safe_substitute(binding) for port, text in skill.arguments.items()}
     used = {name for text in skill.arguments.values() for name in Template(text).get_identifiers()}
-    plain = {name: one for name, one in binding.items() if name not in used and (not declared or name in declared)}
+    plain = {name: one for name, one in binding.items() if name not in used and (declared is None or name in declared)}
     return {**plain, **given}

@@ -111,6 +111,7 @@ class Skill(Immutable):
     ``arguments``       values of the leaf's ports or the state's parameters; ``$name`` is replaced by a parameter of
                         the skill. By default a parameter of the skill sets the port or parameter of the same name
     ``predicates``      predicates that it declares
+    ``knows_ports``     whether ``reads`` and ``writes`` are all ports of the leaf, which may have none
     ==================  ============================================================================================
 
     Declarations of the class (ports, keys, outcomes) need not be repeated: see ``node_skill`` and ``state_skill`` of
@@ -131,6 +132,7 @@ class Skill(Immutable):
     duration: tuple[float, float | None] = (0.0, None)
     arguments: Mapping[str, str] = field(default_factory=dict)
     predicates: tuple[Predicate, ...] = ()
+    knows_ports: bool = field(default=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ('parameters', 'arguments'):

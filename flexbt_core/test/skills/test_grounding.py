@@ -5,11 +5,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from flexbt_core.behavior_tree.engine.registry import node_skill
+from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.skills.grounding import ground
 from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.skills.literals import Literal, Predicate, SkillError, parse_literal
@@ -193,3 +196,12 @@ def test_only_ports_that_there_are_are_given() -> None:
         skill = drive.completed_by('', {}, reads=ports)
         library = SkillLibrary.of([skill], known, objects={'p': 'place'})
         assert ground(library, [], []).actions[0].arguments == passed
+
+
+def test_a_leaf_without_ports_is_given_none() -> None:
+    (manifest,) = (one for one in builtin_registry() if one.id == 'AlwaysSuccess')
+    known = node_skill(manifest)
+    assert known is not None
+    skill = replace(known, parameters={'from': 'place'}, outcomes={'SUCCESS': Outcome.of('completed', 'left(from)')})
+    library = SkillLibrary.of([skill], [Predicate('left', {'where': 'place'})], objects={'p': 'place'})
+    assert ground(library, [], []).actions[0].arguments == {}

@@ -240,7 +240,7 @@ def node_skill(manifest: NodeManifest) -> Skill | None:
         writes=[name for name, port in manifest.ports.items() if port.writable],
     )
     is_at_once = issubclass(node_class, SyncAction | Condition) or RUNNING not in possible
-    return skill.lasting(0.0, 0.0) if is_at_once else skill
+    return replace(skill.lasting(0.0, 0.0) if is_at_once else skill, knows_ports=True)
 
 
 def node_skills(registry: NodeRegistry, broken: Callable[[str], None]) -> SkillLibrary:
