@@ -29,6 +29,7 @@ from flexbt_common.middleware.received_messages import (
 )
 from flexbt_common.runtime.node_runtime import NodeRuntime
 from flexbt_common.runtime.pace import Pace
+from flexbt_common.values.limits import deserialize
 from flexbt_testing.waiting import wait_until
 
 TOPIC = 'what_comes'
@@ -298,12 +299,11 @@ def test_a_message_is_one_object_for_all_threads(monkeypatch: pytest.MonkeyPatch
         arrived = threading.Event()
         latest = runtime.call(lambda: LatestMessage(runtime.node, String, TOPIC, QOS, arrived.set, lambda: True))
         together = threading.Barrier(2)
-        made = received_messages.deserialize
 
         def slow(data: bytes, message_type: type[Any]) -> Any:
             with suppress(threading.BrokenBarrierError):
                 together.wait(0.1)  # for another thread that makes it too
-            return made(data, message_type)
+            return deserialize(data, message_type)
 
         sender = Sender('sender')
         sender.publisher.publish(String(data='first'))
