@@ -98,7 +98,7 @@ def behavior_copy(project: Project, file: str) -> tuple[str, dict[str, str], dic
 def check_copy(project: Project, file: str) -> tuple[str, ToolCopy]:
     """Return the name of a behavior in Python among the copies, and the copy for its check. Raises StudioError."""
     name, texts, _ = behavior_copy(project, file)
-    return name, ToolCopy(new_folder(texts), 'behavior_tool', ['check', '--json', name])
+    return name, ToolCopy(new_folder(texts), 'behavior_tool', ['check', '--json', '--', name])
 
 
 async def checked(copy: ToolCopy) -> list[dict[str, Any]]:

@@ -17,6 +17,8 @@ from lsprotocol import types as lsp
 from test_studio_language_server import Editor, with_editor
 from test_studio_server import TOKEN, Page, Refused, with_pages
 
+from flexbt_studio.documents.project import Project
+from flexbt_studio.tool_process import check_copy, checked
 from flexbt_testing.waiting import wait_until
 
 BEHAVIOR = """\
@@ -92,6 +94,14 @@ def test_nothing_runs_without_the_word_and_then_there_is_what_machines_get(folde
         assert (missing['line'], missing['severity']) == (1, 'error') and 'no_such_module' in missing['message']
 
     with_pages(folder, story, 2)
+
+
+def test_a_file_of_any_name_is_checked(tmp_path: Path) -> None:
+    name = '-waits 2.py'
+    (tmp_path / name).write_text(BEHAVIOR.replace('import helper\n', '').replace('helper.SECONDS', '1.0'))
+    known, copy = check_copy(Project(tmp_path), name)
+    (dead,) = asyncio.run(checked(copy))
+    assert (known, dead['rule']) == (name, 'dead-outcome')
 
 
 def test_a_proof_and_a_comparison_are_of_the_text_in_the_page(folder: Path) -> None:

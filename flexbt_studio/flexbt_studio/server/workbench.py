@@ -144,11 +144,11 @@ class Workbench:
         files = [os.path.relpath(top / one, self.project.root) for one in texts]
         behavior = document.view()['behavior']
         name += f':{behavior["class"]}' if behavior else ''
-        words = ['prove', name, '--json', *(f'--require={one}' for one in require)]
+        words = ['prove', '--json', *(f'--require={one}' for one in require)]
         if job == 'compare':
             texts = texts | {f'before/{one}': text for one, text in saved.items()}
-            words += ['--against', f'before/{name}']
-        return ToolCopy(new_folder(texts), 'behavior_tool', words, files=files)
+            words.append(f'--against=before/{name}')
+        return ToolCopy(new_folder(texts), 'behavior_tool', [*words, '--', name], files=files)
 
     def check_copy(self, file: str) -> tuple[int, str, ToolCopy]:
         """Return version, name and copy of a behavior in Python for its check. Raises StudioError."""

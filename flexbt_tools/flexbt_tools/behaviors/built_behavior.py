@@ -49,7 +49,7 @@ from .findings import BROKEN_TREE, NO_TREE, Finding
 HOSTS_GROUP: Final = 'flexbt.behavior_hosts'
 """Entry point group of functions that make another interface of behaviors importable. They return a function that takes
 a class and its file, and returns the entry of a behavior with that interface, or None."""
-_PYTHON_FILE: Final = re.compile(r'(.+\.py)(?::(\w+))?')
+_PYTHON_FILE: Final = re.compile(r'(.+\.py)(?::(\w+))?', re.DOTALL)
 _MAX_BYTES: Final = 4_000_000
 """Maximum size of the file of a machine, bytes."""
 
@@ -130,9 +130,11 @@ def _python_entries(file: Path, wanted: str) -> list[BehaviorEntry]:
 
 def _imported(file: Path) -> ModuleType:
     """Import a file as a module of the packages around it, anew. Its package is before one that is installed."""
-    root, name = file.parent, file.stem
+    root, above = file.parent, ''
     while (root / '__init__.py').is_file():
-        root, name = root.parent, f'{root.name}.{name}'
+        root, above = root.parent, f'{root.name}.{above}'
+    word = re.sub(r'\W', '_', file.stem)  # of a file such as round-2.py, which nothing imports by its name
+    name = above + word
     package = name.partition('.')[0]
     others = set() if package != name else {one.name for one in root.glob('*.py')}
     for known, module in list(sys.modules.items()):
@@ -141,9 +143,12 @@ def _imported(file: Path) -> ModuleType:
             del sys.modules[known]
     sys.path.insert(0, str(root))
     importlib.invalidate_caches()
-    if package != name:
+    if above and word == file.stem:
         return importlib.import_module(name)
-    spec = spec_from_file_location(f'{name}_behavior' if name in sys.stdlib_module_names else name, file)
+    if above:
+        importlib.import_module(above.rstrip('.'))
+    is_another = word != file.stem or name in sys.stdlib_module_names
+    spec = spec_from_file_location(f'{name}_behavior' if is_another else name, file)
     assert spec is not None and spec.loader is not None
     sys.modules[spec.name] = module = module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -88,6 +88,16 @@ def test_two_versions_of_a_file_are_compared_each_with_its_own_modules(tmp_path:
     assert not compared['differences']
 
 
+@pytest.mark.parametrize(('name', 'is_package'), [('round-2.py', True), ('a round\n.old.py', False)])
+def test_a_file_may_have_a_name_that_no_import_could_have(tmp_path: Path, name: str, is_package: bool) -> None:
+    file = write(tmp_path / 'now', '.json' if is_package else 'helper', target='lost').rename(tmp_path / 'now' / name)
+    (file.parent / 'helper.py').write_text('SECONDS = 1.0\n')
+    if is_package:
+        (file.parent / '__init__.py').touch()
+    (finding,) = report('check', file)['findings']
+    assert "leads to 'lost'" in finding['message']
+
+
 def test_several_behaviors_in_one_file_are_checked_and_named(tmp_path: Path) -> None:
     file = write(tmp_path, 'helper')
     (tmp_path / 'helper.py').write_text('SECONDS = 1.0\n')
