@@ -13,6 +13,7 @@ from typing import Any, Final
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -434,9 +435,16 @@ class Computations:
                     f'{namespace}{action}/_action/status',
                     partial(self._tell, f'{namespace}{action}'),
                     qos,
+                    event_callbacks=SubscriptionEventCallbacks(
+                        matched=partial(self._tell_matched, f'{namespace}{action}')
+                    ),
                 )
                 for action in COMPUTING
             ]
+
+    def _tell_matched(self, action: str, event: Any) -> None:
+        if not event.current_count:  # the server is gone, with its goals
+            self._pacer.set_computing(action, False)
 
     def _tell(self, action: str, message: Any) -> None:
         self._pacer.set_computing(action, any(one.status in _WORKING for one in message.status_list))

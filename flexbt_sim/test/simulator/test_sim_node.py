@@ -10,6 +10,8 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
+from action_msgs.msg import GoalStatus as GoalStatusMessage
+from action_msgs.msg import GoalStatusArray
 from nav2_msgs.action import ComputePathToPose
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.srv import SetParameters
@@ -315,3 +317,19 @@ def test_as_fast_as_possible_the_world_waits_for_whoever_computes_and_for_nobody
     finally:
         simulator.set_speed_factor(5.0)
         runtime.call(server.close)
+
+
+def test_as_fast_as_possible_the_world_does_not_wait_for_a_server_that_has_died(simulator: RobotProbe) -> None:
+    node = simulator.runtime.node
+    status = f'{names.COMPUTE_PATH_TO_POSE}/_action/status'
+    publisher = simulator.runtime.call(
+        lambda: node.create_publisher(GoalStatusArray, status, names.transient_local_qos())
+    )
+    try:
+        simulator.set_speed_factor(0.0)
+        publisher.publish(GoalStatusArray(status_list=[GoalStatusMessage(status=GoalStatusMessage.STATUS_EXECUTING)]))
+        wait_until(lambda: rate(simulator) < 2.0, 'a world that waits')
+        simulator.runtime.call(lambda: node.destroy_publisher(publisher))
+        wait_until(lambda: rate(simulator) > 10.0, 'a world that waits for nobody')
+    finally:
+        simulator.set_speed_factor(5.0)
