@@ -113,6 +113,8 @@ def _poses(pieces: list[str]) -> list[PoseStamped]:
 
 
 def _path(pieces: list[str]) -> Path:
+    if len(pieces) < _PATH_HEADER_FIELDS:
+        raise ValueError(f'{len(pieces)} fields; expected stamp;frame and nine for each pose')
     path = Path(poses=_poses(pieces[_PATH_HEADER_FIELDS:]))
     path.header.stamp = time_of_nanoseconds(int(pieces[0]))
     path.header.frame_id = pieces[1]

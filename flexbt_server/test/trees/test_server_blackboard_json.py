@@ -17,7 +17,7 @@ from std_msgs.msg import ByteMultiArray, String
 
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.blackboard_json import export_blackboard, import_blackboard
-from flexbt_core.behavior_tree.model.errors import BlackboardError
+from flexbt_core.behavior_tree.model.errors import BlackboardError, ConversionError
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_server.trees.ros_ports import PATH, POSES, RosJsonTypes
 
@@ -141,3 +141,9 @@ def test_a_message_that_no_ros_type_fits_is_told() -> None:
     document, problems = export_blackboard(board, TYPES)
     assert list(document) == ['nan']
     assert 'NUL' in problems[0]
+
+
+@pytest.mark.parametrize('text', ['', '5', '5;map;1', f'5;map;{"1;" * 9}'])
+def test_a_text_that_is_no_path_is_refused_with_what_is_expected(text: str) -> None:
+    with pytest.raises(ConversionError, match=r'is not a nav_msgs/msg/Path: \d+ fields; expected '):
+        PATH.parse(text)
