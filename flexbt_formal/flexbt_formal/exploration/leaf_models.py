@@ -35,6 +35,18 @@ _ENGINE: Final = 'flexbt_core.behavior_tree.nodes.'
 _NAV2: Final = f'{_ENGINE}nav2.'
 _RESULTS: Final = (SUCCESS, FAILURE)
 
+_ERROR_CODE: Final = 'error_code'
+_FAILS_WITHOUT: Final = {
+    'InitialPoseReceived': 'initial_pose_received',
+    'IsGoalNearby': 'path',
+    'IsPathValid': 'path',
+    'WouldAControllerRecoveryHelp': _ERROR_CODE,
+    'WouldAPlannerRecoveryHelp': _ERROR_CODE,
+    'WouldARouteRecoveryHelp': _ERROR_CODE,
+    'WouldASmootherRecoveryHelp': _ERROR_CODE,
+}
+"""Conditions of Nav2 that fail while an optional input is missing. Of others it is not known what they return then."""
+
 
 class LeafKind(Enum):
     """The model of a node. REAL: the node itself."""
@@ -248,13 +260,13 @@ class _Model(LeafNode):
         for name in self.needed:
             self.get_input(name)
 
-    def lacks_an_input(self) -> bool:
-        """Return whether an input refers to a blackboard entry that was never written."""
-        keys = (
-            value.key for name, value in self.port_values.items() if name in self.ports and self.ports[name].readable
-        )
-        entries = [self.blackboard.entry(key) for key in keys if key is not None]
-        return any(entry is None or entry.value is EMPTY for entry in entries)
+    def fails(self) -> bool:
+        """Return whether the real node certainly fails, because an entry of the blackboard was never written."""
+        value = self.port_values.get(_FAILS_WITHOUT.get(self.id, ''))
+        if value is None or value.key is None:
+            return False
+        entry = self.blackboard.entry(value.key)
+        return entry is None or entry.value is EMPTY
 
     def write(self, status: NodeStatus) -> None:
         """Write the outputs for this result, and apply the effects of the skill."""
@@ -281,9 +293,8 @@ class ModelInstant(_Model):
         try:
             self.read()
             self.environment.facts.begins(self.place, self.needs, self.environment.found)
-            # A condition whose input is missing fails.
             described = self.environment.described(self)  # before `write`, which may change its inputs
-            status = FAILURE if self.kind is NodeKind.CONDITION and self.lacks_an_input() else self.answer()
+            status = FAILURE if self.fails() else self.answer()
             self.write(status)
         except Exception as error:
             raise self.fault(error) from error

@@ -58,6 +58,14 @@ class IsSafe(Condition):
 OPEN = Predicate('open', {'door': 'door'})
 
 
+class IsKnown(IsSafe):
+    ports = {'path': input_port(STRING, optional=True)}
+
+
+class IsPathValid(IsKnown):
+    pass
+
+
 class IsOpen(IsSafe):
     skill = Skill.measuring(OPEN)
     ports = {'door': input_port(STRING)}
@@ -225,9 +233,8 @@ def registry() -> NodeRegistry:
     found = builtin_registry()
     register_nav2(found)
     leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Dock, Choose, Lift, IsAt, Go, Serve, Leave, Look)
-    found.register_classes(
-        [*leaves, AskSoon, Measure, Take, PauseResumeController, Forgetful, Stalled, Alternating, ThreeTimes]
-    )
+    own = (AskSoon, Take, PauseResumeController, Forgetful, Stalled, Alternating, ThreeTimes)
+    found.register_classes([*leaves, *own, IsKnown, IsPathValid, Measure])
     return found
 
 
@@ -675,6 +682,14 @@ def test_nobody_outside_writes_what_only_a_sub_tree_has(ports: str, is_given: bo
     library = TreeLibrary([load_xml(text, 'main.xml', registry())])
     report = explore(lambda: TreeSystem(library, TreeKey('main.xml', 'Main')), 'Main')
     assert [one.violation.property for one in report.counterexamples] == ([] if is_given else [Property.DATA])
+
+
+@pytest.mark.parametrize(('condition', 'may_succeed'), [('IsKnown', True), ('IsPathValid', False)])
+def test_a_condition_may_give_anything_without_an_optional_input(condition: str, may_succeed: bool) -> None:
+    """One of Nav2 of which that is known fails."""
+    either = f'<Fallback><Sequence><{condition} path="{{path}}"/><Turn/></Sequence><Drive/></Fallback>'
+    report = proved(f'<Sequence>{either}<Plan path="{{path}}"/></Sequence>')
+    assert report.is_complete and report.holds is may_succeed
 
 
 def test_what_is_written_on_one_way_only_is_not_always_written() -> None:
