@@ -167,7 +167,8 @@ def _reached(machine: OperatableStateMachine) -> set[str]:
         label = ahead.pop()
         if label in children and label not in reached:
             reached.add(label)
-            ahead += children[label].transitions.values()
+            child = children[label]
+            ahead += [target for outcome, target in child.transitions.items() if outcome in child.state.outcomes]
     return reached
 
 

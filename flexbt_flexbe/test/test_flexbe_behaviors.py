@@ -14,8 +14,10 @@ from pathlib import Path
 import pytest
 from flexbe_packages import GREET, HOLD, PARAMS, PATROL, TREES, manifest, write_package
 
-from flexbt_flexbe import discovery, shim
+from flexbt_core.state_machine.authoring.checked_definition import define
+from flexbt_flexbe import EventState, OperatableStateMachine, discovery, shim
 from flexbt_flexbe.api.behavior import converted
+from flexbt_flexbe.hosted_behavior import without_harmless_faults
 from flexbt_onboard.behaviors.behavior_library import BehaviorEntry, BehaviorLibrary
 from flexbt_onboard.behaviors.run_building import RunRequest, check_given, definition_of
 from flexbt_onboard.behaviors.run_context import building
@@ -128,6 +130,20 @@ def test_a_behavior_runs_with_embedded_ones_and_a_container(package: Installed, 
 def test_what_does_no_harm_is_told_and_left_out(package: Installed, bench: StateBench) -> None:
     lines = run(bench, package.entries()['Patrol'])
     assert lines[0].startswith('/Forgotten: left out')
+
+
+def test_a_state_that_only_an_outcome_of_no_state_leads_to_is_left_out_too() -> None:
+    made = OperatableStateMachine(outcomes=['ended'])
+    with made:
+        OperatableStateMachine.add('A', EventState(['done']), {'done': 'ended', 'renamed': 'B'})
+        OperatableStateMachine.add('B', EventState(['done']), {'done': 'ended'})
+    told: list[str] = []
+    without_harmless_faults(made, told.append)
+    assert list(define(made).children) == ['A']
+    assert [line.partition(',')[0] for line in told] == [
+        '/B: left out',
+        "/A: its transition of 'renamed' has no effect",
+    ]
 
 
 def test_arguments_are_values_of_the_types_that_the_code_declares(package: Installed, bench: StateBench) -> None:
