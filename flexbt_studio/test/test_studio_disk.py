@@ -11,6 +11,7 @@ import pytest
 from test_studio_server import TREE, Page, Refused, with_pages
 
 from flexbt_studio.documents.project import Project
+from flexbt_studio.errors import StudioError
 
 FAR = '<root BTCPP_format="4"><BehaviorTree ID="Far"><AlwaysSuccess/></BehaviorTree></root>\n'
 USER = '<root BTCPP_format="4"><BehaviorTree ID="Main"><SubTree ID="Far"/></BehaviorTree></root>\n'
@@ -156,3 +157,11 @@ def test_a_file_is_read_anew_after_one_of_the_same_time_and_size_takes_its_place
     os.utime(fresh, ns=(file.stat().st_atime_ns, file.stat().st_mtime_ns))  # as rsync, tar and cp -p do
     fresh.replace(file)
     assert project.document('main.xml').text == changed
+
+
+def test_a_name_that_the_disk_refuses_is_told_at_the_save(tmp_path: Path) -> None:
+    project, name = Project(tmp_path), f'{"x" * 300}.xml'
+    version = project.create(name, TREE).version
+    with pytest.raises(StudioError, match='could not be written: File name too long'):
+        project.save(name, version)
+    assert project.text(name) == TREE

@@ -252,7 +252,7 @@ class Project:
 
     def create(self, file: str, text: str) -> OpenFile:
         """Open a new file with this text. It is written when it is saved. Raises StudioError if it exists."""
-        if file in self._open or self.path(file).exists():
+        if file in self._open or version_of(self.path(file)):
             raise StudioError(f'{file} exists already; open it, or choose another name')
         self._open[file] = OpenFile(document_for(file, text), self._version_of(file, ''), '', '')
         return self._open[file]
@@ -332,7 +332,7 @@ class Project:
         opened = self._current(file, version)
         path = self.path(file)
         on_disk = self._disk(file)
-        if (not on_disk or on_disk not in (opened.disk, over)) and path.exists():
+        if (not on_disk or on_disk not in (opened.disk, over)) and version_of(path):
             raise ConflictError(f'{file} was changed on disk by another program; compare the two, then save again')
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
