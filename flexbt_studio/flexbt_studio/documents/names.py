@@ -23,6 +23,7 @@ from flexbt_core.monitors.requirements import Has
 from flexbt_core.values.text import short_repr
 from flexbt_studio.errors import GestureError, StudioError
 from flexbt_tools.tree_checks.check import HOST_KEYS
+from flexbt_tools.trees.stand_ins import is_stand_in
 
 from .diagnostics import Checker
 from .document import Document, need
@@ -500,8 +501,11 @@ class Names:
         return renamed
 
     def _rename_port(self, named: Named, new: str, made: Renaming) -> None:
-        is_declared = named.owner not in self._registry
-        need(is_declared, f'[{named.name}] is a port of the class of {named.owner}; rename it in its code')
+        known = self._registry.get(named.owner)
+        text = f'[{named.name}] is a port of the class of {named.owner}; rename it in its code'
+        if known is not None and is_stand_in(known):
+            text = f'the model of {named.owner} was read at the start; rename [{named.name}] in the texts, and start anew'
+        need(known is None, text)
         need(not port_name_problem(new), port_name_problem(new))
         for file, document in self._project.tree_files():
             for element in document.nodes:

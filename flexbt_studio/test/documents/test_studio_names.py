@@ -20,6 +20,7 @@ from flexbt_studio.documents.palette import states
 from flexbt_studio.documents.project import Project
 from flexbt_studio.documents.text import applied
 from flexbt_studio.errors import StudioError
+from flexbt_tools.trees.stand_ins import add_models
 
 TREE = """\
 <root BTCPP_format="4" main_tree_to_execute="Deliver">
@@ -479,6 +480,15 @@ def test_a_port_of_a_declared_node_type_is_renamed_in_all_files(site: Site) -> N
     )
     with pytest.raises(StudioError, match='in its code'):
         site.names.rename(site.at('deliver.xml', 'name="plan" ', 'goal'), 'aim')
+
+
+def test_a_port_of_a_palette_is_no_port_of_a_class(tmp_path: Path) -> None:
+    palette = '<root><TreeNodesModel><Action ID="Lift"><input_port name="mass"/></Action></TreeNodesModel></root>'
+    registry = node_registry(lambda nodes, error: None)
+    add_models(registry, 'palette.xml', palette)
+    site = Site(tmp_path, registry, {'palette.xml': palette})
+    with pytest.raises(StudioError, match='the model of Lift was read at the start'):
+        site.names.rename(site.at('palette.xml', 'name="', 'mass'), 'weight')
 
 
 def test_python_keeps_its_quotes(site: Site) -> None:
