@@ -504,7 +504,7 @@ class Names:
         known = self._registry.get(named.owner)
         text = f'[{named.name}] is a port of the class of {named.owner}; rename it in its code'
         if known is not None and is_stand_in(known):
-            text = f'the model of {named.owner} was read at the start; rename [{named.name}] in the texts, and start anew'
+            text = f'the model of {named.owner} was read at the start; rename [{named.name}] in the texts, and restart'
         need(known is None, text)
         need(not port_name_problem(new), port_name_problem(new))
         for file, document in self._project.tree_files():
