@@ -270,8 +270,8 @@ class Tree:
         for leaf in self._running_leaves():
             try:
                 why = leaf.on_pause()
-            except Exception as error:
-                why = f'on_pause raised {error!r}'
+            except BaseException as error:
+                why = f'on_pause raised {leaf.fault(error).reason}'
             if why:
                 goes_on.append(f'{leaf.path}: {why}')
         return tuple(goes_on)
@@ -282,7 +282,7 @@ class Tree:
         for leaf in self._running_leaves():
             try:
                 leaf.on_resume()
-            except Exception as error:
+            except BaseException as error:
                 raise self._traced(leaf.fault(error)) from error
 
     def abandon(self) -> None:
@@ -290,7 +290,7 @@ class Tree:
         cannot halt the tree. From another thread; the tree must not be used afterwards.
         """
         for leaf in self._running_leaves():
-            leaf.abandon()
+            leaf.stop_by(leaf.abandon)
 
     def _running_leaves(self) -> list[LeafNode]:
         return [node for node in self.nodes if node.stored_status is RUNNING and isinstance(node, LeafNode)]

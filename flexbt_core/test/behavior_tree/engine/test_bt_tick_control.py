@@ -168,7 +168,7 @@ def test_the_hold_of_a_host_and_the_pause_of_a_command_are_apart() -> None:
     ('services', 'why'),
     [
         ({'goes_on': 'it has no brake'}, 'it has no brake'),
-        ({'raises': True}, "on_pause raised RuntimeError('no brake')"),
+        ({'raises': True}, 'on_pause raised RuntimeError: no brake'),
     ],
 )
 def test_what_goes_on_in_a_pause_is_told(services: dict[str, Any], why: str) -> None:

@@ -8,6 +8,7 @@ import inspect
 import re
 import threading
 import weakref
+from asyncio import CancelledError
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -1070,14 +1071,20 @@ def test_a_skill_with_an_unknown_outcome_is_refused_and_an_id_in_use_keeps_its_t
 
 
 class Hangs(Work):
+    def on_pause(self) -> str:
+        if 'no pause' in self.services:
+            raise self.services['no pause']
+        return super().on_pause()
+
     def on_resume(self) -> None:
         raise OSError('no current')
 
     def abandon(self) -> None:
         self.services['abandoned'] = self.services.get('abandoned', '') + self.name
+        raise OSError('no current')
 
 
-def test_leaves_that_run_are_resumed_and_abandoned_and_one_that_raises_is_named() -> None:
+def test_each_leaf_that_runs_is_paused_and_abandoned_and_one_that_raises_is_named() -> None:
     registry = builtin_registry()
     registry.register('Hangs', Hangs)
     text = (
@@ -1089,6 +1096,8 @@ def test_leaves_that_run_are_resumed_and_abandoned_and_one_that_raises_is_named(
     running.abandon()
     assert running.context.services == {'abandoned': 'ab'}
     assert running.pause() == (f'a: {LeafNode.goes_on}', f'b: {LeafNode.goes_on}')
+    running.context.services['no pause'] = CancelledError()
+    assert running.pause() == tuple(f'{name}: on_pause raised CancelledError' for name in 'ab')
     assert running.context.paused
     with pytest.raises(NodeExecutionError, match=r'in node \[a\] \(Hangs\): OSError: no current$') as caught:
         running.resume()
