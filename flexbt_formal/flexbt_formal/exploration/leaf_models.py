@@ -64,9 +64,10 @@ class LeafModel:
     """The behavior that a node may show.
 
     ``results`` are its possible results. ``resources`` are the actuators that it uses while it works. A GATE that does
-    not start its child returns ``otherwise``; with ``begins_first``, its first tick always starts the child. After a
-    halt, the tree does not wait for a node that ``ignores_cancel``. An ACTION that ``answers_soon`` may return its
-    previous result at once: the server is ready, and its answer has not changed.
+    not tick its child returns ``otherwise``; with ``begins_first``, it always ticks the child first, and while it is
+    RUNNING. One that ``may_fail`` may also halt it and fail. After a halt, the tree does not wait for a node that
+    ``ignores_cancel``. An ACTION that ``answers_soon`` may return its previous result at once: the server is ready,
+    and its answer has not changed.
     """
 
     kind: LeafKind
@@ -74,6 +75,7 @@ class LeafModel:
     resources: frozenset[str] = frozenset()
     otherwise: NodeStatus = RUNNING
     begins_first: bool = True
+    may_fail: bool = False
     ignores_cancel: bool = False
     answers_soon: bool = False
 
@@ -86,7 +88,7 @@ REAL: Final = LeafModel(LeafKind.REAL)
 _GATES: Final = {
     'PathLongerOnApproach': LeafModel(LeafKind.GATE, otherwise=SUCCESS, begins_first=False),
     'GoalUpdatedController': LeafModel(LeafKind.GATE),
-    'DistanceController': LeafModel(LeafKind.GATE),
+    'DistanceController': LeafModel(LeafKind.GATE, may_fail=True),
     'SpeedController': LeafModel(LeafKind.GATE),
     'GoalUpdater': LeafModel(LeafKind.PASS),
     'PauseResumeController': LeafModel(LeafKind.PAUSE),
@@ -375,7 +377,7 @@ def mark_asked_anew(nodes: Iterable[TreeNode]) -> None:
 
 
 class ModelGate(Decorator):
-    """A decorator that may start its child or not; it always ticks a running child."""
+    """A decorator that may tick its child or not."""
 
     __slots__ = ('place',)
 
@@ -388,14 +390,18 @@ class ModelGate(Decorator):
     def tick(self) -> NodeStatus:
         environment: Environment = self.services
         model = self.model
-        begins = (not self.active and model.begins_first) or self.child.status is RUNNING or model.kind is LeafKind.PASS
-        self.status = RUNNING
+        is_working = model.begins_first and (not self.active or self.child.status is RUNNING)
+        begins = is_working or model.kind is LeafKind.PASS
+        ways = ('yes', *(() if begins else ('no',)), *(('it fails',) if model.may_fail else ()))
         environment.asked[self.place] = environment.described(self)
+        taken = ways[environment.choices.choose(f'{self.place} begins its child', ways)]
+        if taken == 'it fails':
+            self.halt_child()
+            return FAILURE
+        self.status = RUNNING
         if model.kind is LeafKind.PASS:
             write_outputs(self, environment, SUCCESS)
-        if begins or environment.choices.choose(f'{self.place} begins its child', ('yes', 'no')) == 0:
-            return self.tick_child()
-        return self.model.otherwise
+        return self.tick_child() if taken == 'yes' else model.otherwise
 
 
 class ModelPause(PauseResumeController):

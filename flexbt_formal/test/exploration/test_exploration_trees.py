@@ -20,7 +20,7 @@ from flexbt_core.behavior_tree.model.definition import TreeKey, TreeLibrary
 from flexbt_core.behavior_tree.model.ports import DOUBLE, STRING, UINT16, input_port, output_port
 from flexbt_core.behavior_tree.model.status import NodeKind, NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
-from flexbt_core.behavior_tree.nodes.nav2 import controls
+from flexbt_core.behavior_tree.nodes.nav2 import controls, decorators
 from flexbt_core.behavior_tree.nodes.nav2.registration import register_nav2
 from flexbt_core.behavior_tree.xml.reader import load_xml
 from flexbt_core.monitors.properties import Property
@@ -56,6 +56,11 @@ class IsSafe(Condition):
 
 
 OPEN = Predicate('open', {'door': 'door'})
+
+
+class DistanceController(decorators.DistanceController):
+    def position(self) -> None:
+        raise AssertionError('a proof runs no real decorator')
 
 
 class IsKnown(IsSafe):
@@ -234,7 +239,7 @@ def registry() -> NodeRegistry:
     register_nav2(found)
     leaves = (Drive, Ask, Turn, Plan, Follow, IsSafe, IsOpen, Enter, Dock, Choose, Lift, IsAt, Go, Serve, Leave, Look)
     own = (AskSoon, Take, PauseResumeController, Forgetful, Stalled, Alternating, ThreeTimes)
-    found.register_classes([*leaves, *own, IsKnown, IsPathValid, Measure])
+    found.register_classes([*leaves, *own, DistanceController, IsKnown, IsPathValid, Measure])
     return found
 
 
@@ -690,6 +695,20 @@ def test_a_condition_may_give_anything_without_an_optional_input(condition: str,
     either = f'<Fallback><Sequence><{condition} path="{{path}}"/><Turn/></Sequence><Drive/></Fallback>'
     report = proved(f'<Sequence>{either}<Plan path="{{path}}"/></Sequence>')
     assert report.is_complete and report.holds is may_succeed
+
+
+def test_a_distance_controller_fails_when_the_robot_is_lost() -> None:
+    driving = '<DistanceController><ForceSuccess><Drive/></ForceSuccess></DistanceController>'
+    asking = '<ForceSuccess><Ask/></ForceSuccess>'
+    report = proved(f'<Fallback><PipelineSequence>{driving}{asking}</PipelineSequence><Turn/></Fallback>')
+    assert report.is_complete and report.holds and not report.uncovered, report.counterexamples
+
+
+def test_what_a_path_that_is_short_again_leaves_as_it_is_is_found() -> None:
+    """As in Nav2: the decorator succeeds, and its child still works."""
+    longer = '<PathLongerOnApproach path="{path}"><Drive/></PathLongerOnApproach>'
+    found = proved(f'<Sequence>{longer}<Turn/></Sequence>', 'path').counterexamples
+    assert {Property.HALTED, Property.ONE_OWNER} & {one.violation.property for one in found}
 
 
 def test_what_is_written_on_one_way_only_is_not_always_written() -> None:

@@ -215,6 +215,16 @@ def test_distance_controller_begins_its_child_whenever_the_robot_has_moved_on() 
     assert seen == ['0S', '', '0S', '', '0R', '0S', '', '', '0S']
 
 
+def test_distance_controller_halts_its_child_when_the_robot_is_lost() -> None:
+    body = f'<Fallback><ByDistance distance="2">{step("R")}</ByDistance>{step("R", 1)}</Fallback>'
+    tree, calls = make(body, extra=(ByDistance,))
+    tree.tick_once()
+    Robot.place = None
+    calls.clear()
+    assert tree.tick_once() is NodeStatus.RUNNING
+    assert calls == ['0!', '1R']
+
+
 def test_distance_controller_counts_from_where_it_begins_and_fails_when_lost() -> None:
     tree, calls = make(f'<ByDistance name="by">{step("F")}</ByDistance>', extra=(ByDistance,))
     assert tree.tick_once() is NodeStatus.FAILURE

@@ -109,7 +109,8 @@ class DistanceController(Decorator):
     """Starts the child whenever the robot has moved by ``distance``; RUNNING in between.
 
     The distance is the straight line from the robot's position at the last success of the child, or at the start of the
-    node. Ticks a RUNNING child at every tick. FAILURE while the position of the robot is unknown.
+    node. Ticks a RUNNING child at every tick. While the position of the robot is unknown, halts the child and returns
+    FAILURE.
     """
 
     __slots__ = ('_lost', '_start')
@@ -133,6 +134,7 @@ class DistanceController(Decorator):
         here = self.position()
         self._lost = here is None
         if here is None:
+            self.halt_child()
             return FAILURE
         distance: float = self.get_input('distance')
         begins = not self.active or not self._start  # it may have failed before it knew a position
