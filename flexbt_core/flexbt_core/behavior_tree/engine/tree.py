@@ -53,8 +53,9 @@ class Tree:
         max_rounds: int = 10_000,
         substitute: Substitute | None = None,
     ) -> None:
-        """Make the nodes. Raises TreeLoadError if nodes use one blackboard entry with several types, LookupError if the
-        tree is unknown. ``max_rounds`` limits the ticks of a tree that wakes itself in one ``tick_once``."""
+        """Make the nodes. Raises TreeLoadError if nodes use one blackboard entry with several types or one cannot be
+        made, LookupError if the tree is unknown. ``max_rounds`` limits the ticks of a tree that wakes itself in one
+        ``tick_once``."""
         key = library.find(tree_id, file)
         if key is None:
             known = ', '.join(sorted(library.tree_ids())) or 'none'

@@ -8,7 +8,14 @@ from typing import NamedTuple
 
 from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import NodeDefinition, TreeDefinition, TreeKey, TreeLibrary
-from flexbt_core.behavior_tree.model.errors import BlackboardError, LoadError, PortError, ScriptError, TreeLoadError
+from flexbt_core.behavior_tree.model.errors import (
+    BlackboardError,
+    LoadError,
+    PortError,
+    ScriptError,
+    TreeLoadError,
+    text_of_cause,
+)
 from flexbt_core.behavior_tree.model.ports import STRING, PortDirection, PortValue, is_fixed, pointer_key
 
 from .context import TreeContext
@@ -58,8 +65,8 @@ def instantiate(
     """Make the tree ``key`` on ``blackboard``, from the definitions that ``substitute`` returns. ``path`` is the prefix
     of the paths of its nodes.
 
-    Raises TreeLoadError, with all errors, if nodes use one blackboard entry with different types, or if the blackboard
-    lacks a value that a node is made from, such as a script.
+    Raises TreeLoadError, with all errors, if nodes use one blackboard entry with different types, if the blackboard
+    lacks a value that a node is made from, such as a script, or if the constructor of a node raises.
     """
     return _Builder(library, context, substitute, first_uid).build(key, blackboard, path)
 
@@ -123,6 +130,10 @@ class _Builder:
             return
         except ScriptError as error:
             self._errors.append(scope.tree.error(definition, str(error)))
+            return
+        except Exception as error:
+            name = manifest.node_class.__name__
+            self._errors.append(scope.tree.error(definition, f'{name} cannot be made: {text_of_cause(error)}'))
             return
         self._nodes.append(node)
         self._definitions.append(definition)

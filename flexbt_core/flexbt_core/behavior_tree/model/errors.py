@@ -146,7 +146,7 @@ class NodeExecutionError(BehaviorTreeError):
         self.node_id = node_id
         self.uid = uid
         self.cause: BaseException | None = cause if isinstance(cause, BaseException) else None
-        self.reason = _text_of(cause)
+        self.reason = text_of_cause(cause)
         self.trace = FailureTrace((FailureStep(node_path, self.reason),))
         super().__init__(f'exception in node [{node_path}] ({node_id}): {self.reason}')
 
@@ -155,7 +155,8 @@ class TickAbandoned(NodeExecutionError):
     """A callback ended a tick to stop the tree; the rest of the tick must not start any work."""
 
 
-def _text_of(cause: BaseException | str) -> str:
+def text_of_cause(cause: BaseException | str) -> str:
+    """Return an exception of a node's code as text, with its class; a text unchanged."""
     if isinstance(cause, str):
         return cause
     name = type(cause).__name__

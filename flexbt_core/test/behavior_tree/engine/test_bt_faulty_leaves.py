@@ -8,10 +8,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from flexbt_core.behavior_tree.engine.leaf import Condition
+from flexbt_core.behavior_tree.engine.node import NodeConfig
 from flexbt_core.behavior_tree.engine.registry import NodeRegistry
 from flexbt_core.behavior_tree.engine.tree import Tree
 from flexbt_core.behavior_tree.model.definition import TreeLibrary
-from flexbt_core.behavior_tree.model.errors import NodeExecutionError
+from flexbt_core.behavior_tree.model.errors import NodeExecutionError, TreeLoadError
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.builtin import builtin_registry
 from flexbt_core.behavior_tree.xml.reader import load_xml
@@ -91,6 +93,28 @@ def test_whatever_a_node_raises_is_an_error_that_names_it(body: str, kind: str) 
 def test_what_the_user_presses_on_the_main_thread_is_not_taken_for_a_fault_of_a_node(body: str) -> None:
     with pytest.raises(KeyboardInterrupt):
         run(make_tree(body.replace('{kind}', 'KeyboardInterrupt')))
+
+
+def test_nodes_whose_constructors_raise_are_told_with_their_places() -> None:
+    class Unready(Condition):
+        def __init__(self, config: NodeConfig) -> None:
+            super().__init__(config)
+            raise KeyError('arm')
+
+        def tick(self) -> NodeStatus:
+            return NodeStatus.SUCCESS
+
+    registry = builtin_registry()
+    registry.register_class(Unready)
+    body = '<Fallback><Unready name="u"/>\n<Unready/></Fallback>'
+    text = f'<root BTCPP_format="4"><BehaviorTree>\n{body}</BehaviorTree></root>'
+    library = TreeLibrary([load_xml(text, 'file.xml', registry)])
+    with pytest.raises(TreeLoadError) as caught:
+        Tree(library, 'BehaviorTree_0', clock=ManualClock())
+    assert str(caught.value).split('\n') == [
+        "file.xml:2:11: <Unready 'u'>: Unready cannot be made: KeyError: 'arm'",
+        "file.xml:3:1: <Unready>: Unready cannot be made: KeyError: 'arm'",
+    ]
 
 
 @pytest.mark.parametrize('leaf', ['Returns', 'ReturnsFromStart'])
