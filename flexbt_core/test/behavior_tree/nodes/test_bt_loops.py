@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from flexbt_core.behavior_tree.model.errors import NodeExecutionError, PortError, TreeLoadError
-from flexbt_core.behavior_tree.model.ports import INT, PortType
+from flexbt_core.behavior_tree.model.ports import BOOL, INT, PortType
 from flexbt_core.behavior_tree.model.status import NodeStatus
 from flexbt_core.behavior_tree.nodes.loops import Loop
 from flexbt_testing.behavior_trees.steps import NAMES, check, first_failure, make, step
@@ -266,8 +266,11 @@ def test_a_key_that_is_on_the_blackboard_is_looked_up_for_each_write(value: str,
         assert (board.get('a'), board.get('b')) == ((5, 0) if written == 'a' else (0, 5))
 
 
-def test_text_that_an_entry_cannot_take_names_the_entry() -> None:
-    tree, _ = make('<SetBlackboard value="far" output_key="a"/>')
+@pytest.mark.parametrize(('value', 'problem'), [('far', r"entry \[a\]: .*'far'"), ('{b}', r'\[a\].*int.*bool')])
+def test_what_an_entry_cannot_take_is_refused_with_its_name(value: str, problem: str) -> None:
+    tree, _ = make(f'<SetBlackboard value="{value}" output_key="a"/>')
     tree.blackboard.declare('a', INT)
-    with pytest.raises(NodeExecutionError, match=r"entry \[a\]: .*'far'"):
+    tree.blackboard.declare('b', BOOL)
+    tree.blackboard.set('b', True)
+    with pytest.raises(NodeExecutionError, match=problem):
         tree.tick_once()

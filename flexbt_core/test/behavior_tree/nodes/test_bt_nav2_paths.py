@@ -251,10 +251,11 @@ def test_distance_controller_that_was_lost_from_the_beginning_goes_on_when_the_r
     assert (seen, calls) == (['F', 'R', 'S'], ['0R', '0S', '1S'])
 
 
-@pytest.mark.parametrize(('velocity', 'period'), [(0.0, 2.0), (0.5, 0.8), (1.0, 0.5), (9.0, 0.5), (-1.0, 2.0)])
+@pytest.mark.parametrize(('velocity', 'period'), [(0.5, 2.0), (1.5, 0.8), (2.5, 0.5), (9.0, 0.5), (-1.0, 2.0)])
 def test_speed_controller_follows_the_speed(velocity: float, period: float) -> None:
     clock = ManualClock()
-    tree, calls = beside(f'<BySpeed min_rate="0.5" max_rate="2" max_speed="1">{step("S")}</BySpeed>', clock)
+    limits = 'min_rate="0.5" max_rate="2" min_speed="0.5" max_speed="2.5"'
+    tree, calls = beside(f'<BySpeed {limits}>{step("S")}</BySpeed>', clock)
     Robot.velocity = velocity
     tree.tick_once()
     assert calls == ['0S', '9R']
