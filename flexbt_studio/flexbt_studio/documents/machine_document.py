@@ -462,7 +462,10 @@ class MachineDocument(Document):
         taken = any(one == new for one, _, _ in self.parameter_uses(behavior))
         need(not taken, f'the behavior has a parameter {short_repr(new)} already')
         for span, _ in uses:  # Python before 3.12 errs about places in nested f-strings
-            need(name in self.source(span), f'{self.where(span.start)}: the place of {name} in the text is not certain; edit the text')
+            need(
+                name in self.source(span),
+                f'{self.where(span.start)}: the place of {name} in the text is not certain; edit the text',
+            )
         return [self.renamed(span, new) for span, _ in uses]
 
     def _uses_of_parameter(self, name: str, behavior: int = 0) -> list[tuple[Span, bool]]:
