@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, ClassVar, Final, Generic, NamedTuple, TypeVar
 
 from rclpy.action.server import RCLError
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
@@ -25,6 +26,7 @@ from flexbt_common.runtime.node_runtime import Runtime
 from flexbt_common.runtime.weak_lru_cache import WeakLruCache
 from flexbt_common.values.value_types import message_type_name
 from flexbt_core.clock.clock import Timer
+from flexbt_core.values.text import short_repr
 
 SETTLE_SECONDS: Final = 0.1
 """Delay from the discovery of a server to the first message to it, s, if the server may not have discovered this node
@@ -239,8 +241,8 @@ class ServerLinks(Generic[LinkT]):
         nodes = self._runtime.shared((ServerNodes, timeout), lambda: ServerNodes(self._runtime, timeout))
         try:
             link: LinkT = self.link_class(self._runtime, server_type, name, nodes)
-        except RCLError as error:
-            what = f'{self.link_class.kind} {name!r} ({message_type_name(server_type)})'
+        except (RCLError, NameValidationException) as error:
+            what = f'{self.link_class.kind} {short_repr(name)} ({message_type_name(server_type)})'
             raise ValueError(f'{what} cannot be called: {error}') from error
         destroy = partial(_destroy, self._runtime.node, link.entities)
         weakref.finalize(link, self._runtime.post, destroy).atexit = False

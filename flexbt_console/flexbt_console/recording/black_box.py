@@ -509,7 +509,7 @@ class BlackBox:
                 if outcome.response is not None:
                     take(outcome.response)
 
-            with contextlib.suppress(RCLError):  # a security policy may not let this node ask
+            with contextlib.suppress(ValueError):  # a security policy may not let this node ask
                 ServiceCall(self._links.link(type, service), request, on_done=answered)
 
         def listed(name: str, response: Any) -> None:

@@ -23,8 +23,6 @@ from nav2_msgs.msg import RouteEdge, RouteNode, SpeedLimit
 from nav2_msgs.srv import DynamicEdges as DynamicEdgesService
 from nav2_msgs.srv import SetRouteGraph
 from nav_msgs.msg import Path
-from rclpy.action.server import RCLError
-from rclpy.exceptions import NameValidationException
 from rclpy.task import Future
 from std_msgs.msg import ColorRGBA
 from std_srvs.srv import Trigger
@@ -339,10 +337,8 @@ class RouteOperations:
             )
         try:
             link = self._services.link(Trigger, service)
-        except (RCLError, NameValidationException) as error:
-            raise NavigationError(
-                'OPERATION_FAILED', f'{short_repr(service)} is no name of a service: {error}'
-            ) from None
+        except ValueError as error:
+            raise NavigationError('OPERATION_FAILED', str(error)) from None
         ServiceCall(link, Trigger.Request(), on_done=partial(self._on_triggered, self._run, service))
 
     def _on_triggered(self, run: int, service: str, outcome: ServiceOutcome) -> None:
