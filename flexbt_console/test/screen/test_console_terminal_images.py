@@ -14,8 +14,17 @@ from flexbt_console.ui.screen import textual_app
 
 pytest.importorskip('textual_image', reason='pip install textual-image')
 
-# The file alone: the screen around it takes a second to be imported.
-PROGRAM = 'import runpy, sys; print(runpy.run_path(sys.argv[1])["image_widget"](), flush=True)'
+# The file alone: the screen around it takes a second to be imported. The library waits 0.1 s for an answer; here
+# it waits as long as a busy machine takes for that to DA1, which every terminal gives.
+PROGRAM = """
+import runpy, sys
+from textual_image import _terminal
+asked = _terminal.capture_terminal_response
+def patient(start_marker, end_marker, timeout):
+    return asked(start_marker, end_marker, 60.0 if end_marker == 'c' else timeout)
+_terminal.capture_terminal_response = patient
+print(runpy.run_path(sys.argv[1])['image_widget'](), flush=True)
+"""
 KNOWN = ('KITTY_WINDOW_ID', 'WEZTERM_PANE', 'KONSOLE_VERSION', 'ITERM_SESSION_ID', 'WT_SESSION', 'FLEXBT_IMAGES')
 
 

@@ -50,7 +50,7 @@ def test_a_robot_stops_when_its_executive_dies_and_drives_on_when_the_run_goes_o
         assert [one.path for one in probe.status.active_states] == [one.path for one in before.active_states]
         assert probe.moved_stamp == rested  # nothing moves before an operator says so
         probe.wait_ready()
-        probe.send(ExecutiveCommand.RESUME_RUN)
+        probe.applied(ExecutiveCommand.RESUME_RUN)
         probe.wait_state(ExecutiveStatus.RUNNING)
         probe.wait(lambda: near(probe, *PLACE), 'robot at its goal')  # which is in the userdata
 
