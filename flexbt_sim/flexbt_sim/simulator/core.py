@@ -432,14 +432,12 @@ class Computations:
             self._subscriptions[namespace] = [
                 self._node.create_subscription(
                     GoalStatusArray,
-                    f'{namespace}{action}/_action/status',
-                    partial(self._tell, f'{namespace}{action}'),
+                    f'{action}/_action/status',
+                    partial(self._tell, action),
                     qos,
-                    event_callbacks=SubscriptionEventCallbacks(
-                        matched=partial(self._tell_matched, f'{namespace}{action}')
-                    ),
+                    event_callbacks=SubscriptionEventCallbacks(matched=partial(self._tell_matched, action)),
                 )
-                for action in COMPUTING
+                for action in (f'{namespace}{name}' for name in COMPUTING)
             ]
 
     def _tell_matched(self, action: str, event: Any) -> None:

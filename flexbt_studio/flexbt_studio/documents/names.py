@@ -385,15 +385,19 @@ class Names:
 
     def _leave_others(self, named: Named, made: Renaming) -> None:
         """Let other machines stay, and note their places, if they may mean a tree or behavior of another file."""
-        what = 'tree' if named.kind == 'tree' else 'behavior'
-        own = {name for names, file, _ in self._behaviors() if file == named.file for name in names}
-        defined = sorted({file for names, file, _ in self._behaviors() if own & {*names}})
         if named.kind == 'tree':
+            what = 'tree'
             defined = [file for file, other in self._project.tree_files() if other.definition(named.name) is not None]
-        others = (file for file, _ in self._machines() if file != named.file and len(defined) > 1)
-        for file, edits in [(file, made.edits.pop(file, ())) for file in others]:
-            text = f'several files define this {what}: {", ".join(defined)}'
-            made.notes += [Mention(file, Span(one.start, one.end), text) for one in edits]
+        else:
+            what, behaviors = 'behavior', [*self._behaviors()]
+            own = {name for names, file, _ in behaviors if file == named.file for name in names}
+            defined = sorted({file for names, file, _ in behaviors if own & {*names}})
+        if len(defined) < 2:
+            return
+        text = f'several files define this {what}: {", ".join(defined)}'
+        for file, _ in self._machines():
+            if file != named.file:
+                made.notes += [Mention(file, Span(one.start, one.end), text) for one in made.edits.pop(file, ())]
 
     def _owners(self) -> Counter[str]:
         """Return how many files define a tree or a behavior of each name."""
