@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Final, NamedTuple
@@ -236,21 +236,30 @@ class Escalation:
         for call in unsaid:  # an attempt that has begun may fail, and be repeated hours later
             call.title = f'{call.title} (over since {at})'
         waiting = [call for call in unsaid if not call.is_begun]
-        for call in waiting:  # nobody has been told yet
+        for call in waiting:  # this address has not been told yet
             if len(self.calls) > MOST_UNSAID:
                 del self.calls[call.id]
         rule = rules.rule_of(thing.robot, _condition(thing))
         if rule is not None and rule.over and not _is_incident(thing):
-            told = [contact for contact in thing.told if contact not in {call.contact for call in waiting}]
-            self._queue(thing, told, rules, rule, f'{_title(thing)}: over since {at}', [thing.text])
+            untold = {(call.contact, call.address) for call in waiting}
+            title = f'{_title(thing)}: over since {at}'
+            self._queue(thing, thing.told, rules, rule, title, [thing.text], untold)
 
     def _queue(
-        self, thing: Thing, contacts: Iterable[str], rules: AlertRules, rule: Rule, title: str, lines: list[str]
+        self,
+        thing: Thing,
+        contacts: Iterable[str],
+        rules: AlertRules,
+        rule: Rule,
+        title: str,
+        lines: list[str],
+        untold: Container[tuple[str, int]] = (),
     ) -> None:
         for contact in contacts:
             for address in range(len(rules.addresses.get(contact, ()))):
-                number, is_over = self._new_id(), thing.id not in self.things
-                self.calls[number] = Call(number, contact, address, thing.id, rule.severity, title, lines, is_over)
+                if (contact, address) not in untold:
+                    number, is_over = self._new_id(), thing.id not in self.things
+                    self.calls[number] = Call(number, contact, address, thing.id, rule.severity, title, lines, is_over)
 
     def _new_id(self) -> int:
         self.last_id += 1

@@ -212,6 +212,21 @@ def test_a_call_whose_attempt_fails_after_the_end_says_that_it_is_over() -> None
     assert memory.calls[call.id].title == '/a waits for a decision (over since 00:17)'
 
 
+def test_each_address_that_has_the_call_is_told_the_end_whatever_another_one_of_its_contact_has() -> None:
+    both = {'anna': ('json://reached', 'json://not-reached')}
+    memory = Escalation()
+    rules = dataclasses.replace(rules_of(rule(Step(0.0, ('anna',)), over=True)), addresses=both)
+    need = SeenNeed(Urgency.DECISION, 'k', 0.0, 'asks')
+    memory.step(1000.0, datetime.fromtimestamp(1000.0, UTC), [SeenRobot('/a', True, (need,))], rules)
+    delivered = next(call for call in memory.calls.values() if call.address == 0)
+    del memory.calls[delivered.id]
+    memory.step(1060.0, datetime.fromtimestamp(1060.0, UTC), [SeenRobot('/a', True, ())], rules)
+    assert {call.address: call.title for call in memory.calls.values()} == {
+        0: '/a waits for a decision: over since 00:17',
+        1: '/a waits for a decision (over since 00:17)',
+    }
+
+
 def test_a_robot_that_was_heard_before_a_restart_and_is_not_found_is_silent(tmp_path: Path) -> None:
     known = rules_of(rule(Step(0.0, ('anna',)), conditions=(Urgency.UNREACHABLE,)))
     local, there = datetime(2026, 1, 1, tzinfo=UTC), [SeenRobot(name, True, ()) for name in ROBOTS]
