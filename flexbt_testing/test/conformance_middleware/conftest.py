@@ -8,15 +8,19 @@ awaited for :data:`SECONDS`, which a busy computer may need; what must not arriv
 from __future__ import annotations
 
 import itertools
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+
+from flexbt_common import discovery
 
 SECONDS = 60.0
 
@@ -79,9 +83,26 @@ class Ros:
         for thread in self._threads:
             thread.join(SECONDS)
         for node in self._nodes:  # before their context, whose end may hang otherwise
+            for waitable in list(node.waitables):  # actions, which destroy_node() leaves
+                waitable.destroy()
             node.destroy_node()
         for context in self._contexts:
             context.try_shutdown()
+
+
+@pytest.fixture(scope='session', autouse=True)
+def datagrams_only(ros_domain: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Let the contexts of this process hear each other as if they were processes.
+
+    Two participants of Fast DDS can wait for each other for ever when one ends while the other, in the same process,
+    announces a node (https://github.com/eProsima/Fast-DDS/issues/6193).
+    """
+    before = Path(os.environ[discovery.PROFILE])
+    text = before.read_text(encoding='utf-8')
+    off = '<library_settings><intraprocess_delivery>OFF</intraprocess_delivery></library_settings>'
+    profile = tmp_path_factory.mktemp('profile') / before.name
+    profile.write_text(text.replace('<profiles>', f'{off}<profiles>', 1), encoding='utf-8')
+    os.environ[discovery.PROFILE] = str(profile)
 
 
 @pytest.fixture

@@ -52,6 +52,7 @@ def test_a_stopped_process_does_nothing_until_it_continues(stack: Stack, operato
 def test_a_command_that_waits_while_its_process_is_stopped_for_long_has_no_effect(
     stack: Stack, operator: Operator
 ) -> None:
+    operator.applied(ExecutiveCommand.AUTONOMY, autonomy=3)  # so each has found the other
     stack.send_signal(NAME, signal.SIGSTOP)
     stopped = time.monotonic()
     waiting = operator.send(ExecutiveCommand.AUTONOMY, autonomy=1)
