@@ -40,6 +40,9 @@ SPREAD = LONGEST[:3]  # take far longer than all others, and mostly wait: a work
 MOST_UNSTEADY = 8
 """Maximum number of failed tests that get a second try, one package at a time: on a busy machine even a generous
 deadline may pass, but not those of many tests. One that passes then is told as UNSTEADY, with its first failure."""
+LONGEST_SILENCE = 600.0
+"""Seconds without a test that ends, after which the tests of a package begin anew, once: one hangs, perhaps in the
+middleware. That is told as UNSTEADY, and the log has the stack of each thread."""
 SKIPPED_IN_CI = {
     'clone of ros-navigation/navigation2': 'the sources of Nav2 are not a dependency',
     'empty parameter set for (branch)': 'the same, for each branch of Nav2',
@@ -200,6 +203,8 @@ def _finish(runs: list[_Run], deadline: float, lint: Callable[[], list[str]]) ->
         failed_checks = lint()
         while waiting or running:
             running = [one for one in running if not one.ended()]
+            for one in running:
+                one.begin_anew_if_silent()
             if (waiting or running) and time.monotonic() > deadline:
                 print(f'the tests did not end within {DEADLINE:.0f} s: stopping them', flush=True)
                 break
@@ -243,6 +248,7 @@ class _Run:
         self._process: subprocess.Popen[bytes] | None = None
         self._start = 0.0  # monotonic
         self._was_stopped = False
+        self._hung = ''
 
     def __str__(self) -> str:
         return f'{self._package.name} once more with {self._variant}' if self._variant else self._package.name
@@ -270,6 +276,7 @@ class _Run:
         results = self._second_file if again else self._result_file
         command: list[str | Path] = ['python3', '-m', 'pytest', '--tb=short', f'--junit-xml={results}']
         command += [f'--junit-prefix={self._package.name}', '-o', f'cache_dir={results.with_name(".pytest_cache")}']
+        command += ['-o', f'faulthandler_timeout={LONGEST_SILENCE / 2}']
         if again:
             command += ['--last-failed', '--last-failed-no-failures', 'none']
         elif self.is_spread:
@@ -281,7 +288,7 @@ class _Run:
         environment.pop('PYTHONDONTWRITEBYTECODE', None)  # or each pytest would rewrite the plug-ins that it loads anew
         self._log.parent.mkdir(parents=True, exist_ok=True)
         self._start = time.monotonic()
-        with self._log.open('ab' if again else 'wb') as output:
+        with self._log.open('ab' if again or self._hung else 'wb') as output:
             self._process = subprocess.Popen(
                 [str(word) for word in workspace.inside(command)],
                 stdin=subprocess.DEVNULL,
@@ -308,6 +315,18 @@ class _Run:
         print(f'tests of {self}: ended after {time.monotonic() - self._start:.0f} s', flush=True)
         return True
 
+    def begin_anew_if_silent(self) -> None:
+        """Begin anew, once, when no test has ended for `LONGEST_SILENCE`."""
+        if self._process is None or self._hung or time.time() < self._log.stat().st_mtime + LONGEST_SILENCE:
+            return
+        self._hung = (
+            f'UNSTEADY {self}: no test ended within {LONGEST_SILENCE:.0f} s, and it began anew; see {self._log}'
+        )
+        print(f'tests of {self}: no test ended within {LONGEST_SILENCE:.0f} s', flush=True)
+        stop_group(self._process)
+        self.forget()
+        self.start()
+
     def stop(self) -> None:
         """End what still runs of it."""
         if self._process is not None and not self.ended():
@@ -324,7 +343,7 @@ class _Run:
         tally.passed += own.passed
         tally.skipped += own.skipped
         tally.failures += own.failures
-        tally.unsteady += own.unsteady
+        tally.unsteady += [*own.unsteady, *([self._hung] if self._hung else [])]
 
     def _bad_ending(self, results: Tally) -> str:
         """Return how pytest ended, unless the results say so, too: 1 is that of failures, 5 that of nothing but

@@ -354,6 +354,30 @@ def test_few_tests_that_fail_get_a_second_try_and_what_failed_is_told(
     assert (tmp_path / 'a' / 'passes').read_text() == 'x', 'what passed is not run again'
 
 
+def test_tests_that_hang_begin_anew_once_and_leave_their_stacks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'a' / 'test').mkdir(parents=True)
+    (tmp_path / 'a' / 'test' / 'test_a.py').write_text(
+        'import threading\n'
+        'from pathlib import Path\n'
+        'def run(name): Path(name).open("a").write("x"); return Path(name).read_text()\n'
+        'def test_passes(): run("passes")\n'
+        'def test_hangs_once(): run("hangs") == "xx" or threading.Event().wait()\n'
+    )
+    environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
+    workspace = cast(Workspace, SimpleNamespace(layout=Layout(tmp_path), inside=list, environment=environment))
+    monkeypatch.setattr(test_run, 'LONGEST_SILENCE', 20.0)
+    runs = [test_run._Run(workspace, Package('a', tmp_path / 'a', 'ament_python'))]
+    test_run._finish(runs, time.monotonic() + TIMEOUT_S, list)
+    tally = test_run.Tally()
+    runs[0].count(tally)
+    assert [line.split(':')[0] for line in tally.unsteady] == ['UNSTEADY a']
+    assert (tally.passed, tally.failures) == (2, [])
+    assert 'in test_hangs_once' in runs[0]._log.read_text()
+    assert (tmp_path / 'a' / 'passes').read_text() == 'xx'
+
+
 @pytest.mark.parametrize('is_ci', [False, True])
 def test_in_continuous_integration_only_known_reasons_skip_a_test(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_ci: bool
