@@ -398,9 +398,7 @@ class HttpInterface:
             silent_since, loop = time.monotonic(), asyncio.get_running_loop()
             while (transport := request.transport) and not self._is_over and self._access.admits(request['user']):
                 await self._keep_open(robot, operator)
-                told = ''
-                for event in follower.events(self._robots.robot(robot)[0].view()):
-                    told += f'event: {event.name}\ndata: {encode_json({"time": time.time(), **event.value})}\n\n'
+                told = await self._aside(partial(_events_text, follower, self._robots.robot(robot)[0]))
                 if told or time.monotonic() > silent_since + IDLE_SECONDS:
                     unread = loop.call_later(IDLE_SECONDS, transport.abort)
                     await answer.write((told or ': still here\n\n').encode())
@@ -495,6 +493,12 @@ def _performed(*arguments: Any) -> tuple[ExitCode, str]:
     """Return the result of :func:`perform` as text, which takes long if it is large."""
     code, value = perform(*arguments)
     return code, encode_json(value)
+
+
+def _events_text(follower: Follower, mirror: Mirror) -> str:
+    """Return the new events of a robot as server-sent events."""
+    told = ((one.name, encode_json({'time': time.time(), **one.value})) for one in follower.events(mirror.view()))
+    return ''.join(f'event: {name}\ndata: {data}\n\n' for name, data in told)
 
 
 def _json(value: Any, status: HTTPStatus = HTTPStatus.OK) -> web.Response:

@@ -270,6 +270,7 @@ def test_a_stop_waits_for_no_answer_that_is_written(monkeypatch: pytest.MonkeyPa
             path = '/robots/robot'
             reads = client.get('/robots'), client.get(path), client.post(f'{path}/commands/log')
             long = [asyncio.create_task(one) for one in reads]
+            events = await client.get(f'{path}/events')
             try:
                 for _ in long:
                     assert await asyncio.to_thread(begun.acquire, timeout=DEADLINE)
@@ -277,6 +278,8 @@ def test_a_stop_waits_for_no_answer_that_is_written(monkeypatch: pytest.MonkeyPa
             finally:
                 go_on.set()
             assert [(await one).status for one in long] == [200] * 3
+            assert await events.content.readline()
+            events.close()
 
     monkeypatch.setattr(http_interface, 'encode_json', slow)
     asyncio.run(asyncio.wait_for(ask(), DEADLINE))
