@@ -210,8 +210,9 @@ def _is_of_another(target: Path, request: Request) -> bool:
 
 
 def _fill(request: Request, target: Path, folder: Path) -> None:
+    for left in target.glob(f'{_PART}*'):  # nobody else makes one now
+        shutil.rmtree(left, ignore_errors=True)
     part = target / f'{_PART}{request.name}'
-    shutil.rmtree(part, ignore_errors=True)
     part.mkdir(mode=0o700)
     try:
         lost = merge([Path(one) for one in request.segments], part / RECORDING)
