@@ -195,6 +195,9 @@ class AbstractRobot:
         if request.fault != 'server_fails' or name not in self._servers:
             response.message = f'an abstract robot has only the fault server_fails, of {", ".join(self._servers)}'
             return response
+        if not all(0.0 <= seconds < math.inf for seconds in (request.after, request.duration)):
+            response.message = f'after {request.after:g} s for {request.duration:g} s; give times that are not negative'
+            return response
         kind, server = self._servers[name]
         result = kind.Result()
         for field in ('error_code', 'error_msg'):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import math
 import os
 import re
 import shlex
@@ -134,6 +135,9 @@ def test_a_fault_of_an_abstract_robot_lasts_until_it_is_over_or_ended(world: Wor
         return world.robot.length == driven
 
     assert not has_failed()
+    for seconds in (-1.0, math.nan):
+        with pytest.raises(AssertionError, match='give times that are not negative'):
+            world.fail_goal('follow_path', seconds)
     world.fail_goal('follow_path', 1.0)
     world.run(0.9)
     world.fail_goal('follow_path', 5.0)
