@@ -257,8 +257,9 @@ class RobotCheck:
         if not self._graph.nodes:
             return
         asked = [name for name in dict.fromkeys(self._graph.nodes) if f'{name}/get_parameters' in self._graph.services]
-        simulated = parameters(self._runtime, asked, 'use_sim_time', PATIENCE)
-        yield from _of('nodes', self._nodes([node for node in asked if node not in simulated]))
+        answers = parameters(self._runtime, asked, 'use_sim_time', PATIENCE)
+        simulated = {node: value for node, value in answers.items() if value is not None}  # nodes of micro-ROS lack it
+        yield from _of('nodes', self._nodes([node for node in asked if node not in answers]))
         yield from _of('clock', self._clocks(simulated))
         self._read_settings()
         transforms = list(self._transforms(listener, any(simulated.values())))
@@ -276,7 +277,8 @@ class RobotCheck:
             return
 
         def setting(name: str, default: str) -> str:
-            return str(parameters(self._runtime, [executive], name, PATIENCE).get(executive, default))
+            value = parameters(self._runtime, [executive], name, PATIENCE).get(executive)
+            return default if value is None else str(value)
 
         self._frames = setting('global_frame', self._frames[0]), setting('robot_base_frame', self._frames[1])
         self._pose_topic = setting('pose_topic', self._pose_topic)

@@ -110,7 +110,7 @@ def _graph(runtime: NodeRuntime) -> Graph:
 
 
 def parameters(runtime: NodeRuntime, nodes: Iterable[str], name: str, timeout: float) -> dict[str, Any]:
-    """Return the values of a parameter by node; nodes that do not answer in time, or do not have it, are missing."""
+    """Return the values of a parameter by node, None if it does not have it; nodes that do not answer are missing."""
     links = runtime.call(lambda: ServiceLinks(runtime))
     answers: dict[str, Future[ServiceOutcome]] = {}
     for node in nodes:
@@ -126,7 +126,6 @@ def parameters(runtime: NodeRuntime, nodes: Iterable[str], name: str, timeout: f
     found = {}
     for node, answer in answers.items():
         response = answer.result(2.0 * timeout + 1.0).response
-        values = [] if response is None else [parameter_value_to_python(value) for value in response.values]
-        if values and values[0] is not None:
-            found[node] = values[0]
+        if response is not None:
+            found[node] = next(map(parameter_value_to_python, response.values), None)
     return found

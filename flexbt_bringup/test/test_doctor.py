@@ -20,6 +20,8 @@ import pytest
 import rclpy.qos
 from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath, Spin, Wait
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import GetParameters
 from rclpy.action import ActionClient
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Int32, String
@@ -31,7 +33,7 @@ from flexbt_bringup.doctor import Finding, Level, RobotCheck, machine_findings, 
 from flexbt_bringup.graph import Graph, observe
 from flexbt_bringup.manifest import manifest_text, proposed_nodes
 from flexbt_common import names
-from flexbt_common.runtime.node_runtime import NodeRuntime
+from flexbt_common.runtime.node_runtime import LargeQueueNode, NodeRuntime
 from flexbt_msgs.msg import ExecutiveStatus
 from flexbt_server.node_manifests import read_manifest
 from flexbt_testing.nodes.scripted_action_server import ScriptedActionServer
@@ -95,6 +97,24 @@ def test_time_that_stands_still_and_clocks_that_are_mixed(other: NodeRuntime) ->
             clock.call(lambda: clock.node.create_timer(0.05, lambda: publisher.publish(Clock())))
             (told,) = of(findings(), 'clock')
             assert told == 'use_sim_time is true for /planner and false for /localization: stamps do not fit each other'
+
+
+def test_a_node_without_simulated_time_is_not_called_hanging(other: NodeRuntime) -> None:
+    """The nodes of micro-ROS answer requests for parameters, and have no use_sim_time."""
+
+    class Bare(LargeQueueNode):
+        def __init__(self, name: str, **options: Any) -> None:
+            super().__init__(name, start_parameter_services=False, **options)
+
+    def answer(request: GetParameters.Request, response: GetParameters.Response) -> GetParameters.Response:
+        response.values = [ParameterValue() for _ in request.names]
+        return response
+
+    with NodeRuntime.open('base', node_class=Bare) as base:
+        base.call(lambda: base.node.create_service(GetParameters, '~/get_parameters', answer))
+        found = findings()
+    assert of(found, 'nodes') == []
+    assert of(found, 'clock', Level.OK) == ["all nodes use the computers' clocks"]
 
 
 def test_transforms_that_are_missing_or_old(other: NodeRuntime) -> None:
