@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-import yaml
-
 from flexbt_common.pictures.machine_picture import DrawnState, DrawnTree, MachineBox, machine_graph
 from flexbt_core.state_machine.model.autonomy import AUTONOMY_NAMES
 from flexbt_core.state_machine.model.definition import MachineDefinition, StructureEntry, Transition
@@ -18,7 +16,7 @@ from flexbt_tools.trees.outline import drawn_nodes, items_of
 from .built_behavior import BuiltBehavior, UsedTrees
 
 _INDENT = '  '
-_REASON: Final = re.compile(r'    (?! )(.+?):  # (.+)')
+_REASON: Final = re.compile(r"""    ["']?([^ "'].*?)["']?:  # (.+)""")
 
 
 def machine_lines(behavior: BuiltBehavior) -> Iterator[str]:
@@ -66,7 +64,7 @@ def reasons(text: str) -> dict[str, str]:
     :func:`machine_as_yaml` writes the reason as a comment after the name.
     """
     found = (_REASON.fullmatch(line) for line in text.splitlines())
-    return {str(yaml.safe_load(match[1])): match[2] for match in found if match is not None}
+    return {match[1]: match[2] for match in found if match is not None}
 
 
 # The parts of a behavior in a picture: its state machine, and the trees that its states run.

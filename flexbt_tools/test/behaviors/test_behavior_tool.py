@@ -88,6 +88,18 @@ def test_svg_nests_the_trees_and_keeps_the_order_of_their_nodes() -> None:
     assert places['ComputePathToPose'] < places['ClearGlobalCostmap']
 
 
+def test_a_comment_behind_a_state_is_its_reason_in_the_picture_and_other_text_is_not(tmp_path: Path) -> None:
+    file = tmp_path / 'round.yaml'
+    wait = '{state: WaitState, parameters: {wait_time: 1.0}, transitions: {done: %s}}'
+    file.write_text(
+        'behavior:\n  description: |\n    "Ready:  # asked at every\n    @home:  # and elsewhere\n'
+        'machine:\n  outcomes: [finished]\n  states:\n'
+        f"    A:  # the first one\n      {wait % 'on'}\n    'on':  # a name in quotes\n      {wait % 'finished'}\n"
+    )
+    picture = tool('draw', str(file), '--format', 'mermaid')
+    assert 'the first one' in picture.out and 'a name in quotes' in picture.out, picture.err
+
+
 def test_a_transition_into_a_container_ends_at_its_title_and_crosses_none() -> None:
     dot = tool('draw', 'Night Watch', '--format', 'dot', '--no-trees').out
     titles = dict(re.findall(r'(\w+) \[shape=plaintext, id=\1, class=entry, .*label="● ([^"]+)"', dot))
