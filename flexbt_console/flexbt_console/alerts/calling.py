@@ -110,20 +110,29 @@ class _Address:
 
 
 class Calling:
-    """The rules of a file at work on robots, which ``look`` returns; ``log`` gets what happens."""
+    """The rules of a file at work on robots, which ``look`` returns; ``log`` gets what happens. ``unwatched`` returns
+    how many other robots were found."""
 
-    def __init__(self, file: Path, store: Store, look: Callable[[], Sequence[SeenRobot]], log: Log) -> None:
+    def __init__(
+        self,
+        file: Path,
+        store: Store,
+        look: Callable[[], Sequence[SeenRobot]],
+        log: Log,
+        unwatched: Callable[[], int] = lambda: 0,
+    ) -> None:
         """Read the file. Raises UsageError as :func:`load_rules`."""
         self._file = file
         self._store = store
         self._look = look
         self._log = log
+        self._unwatched = unwatched
         self.rules = load_rules(file)
         self._seen = self._versions()
         self.rules = load_rules(file)  # again: it may have changed in between
         self._addresses: dict[tuple[str, int], _Address] = {}
         self._problem = self._mistakes = ''
-        self._left_out = 0
+        self._left_out = self._unwatched_before = 0
         self._looked_at = self._steady()
         self._listened = 0.0
         self._heard: dict[str, float] = {}
@@ -157,6 +166,11 @@ class Calling:
         if memory.left_out and not self._left_out:
             self._log.error(f'{memory.left_out} needs of robots are too many to call about: acknowledge some')
         self._left_out = memory.left_out
+        unwatched = self._unwatched()
+        if unwatched > self._unwatched_before:
+            told = f'{pluralize(unwatched, "more robot was", "more robots were")} found'
+            self._log.error(f'{told}, and nobody is called about them: list all robots in "robots"')
+        self._unwatched_before = unwatched
         for call in list(memory.calls.values()):
             if call.address >= len(self.rules.addresses.get(call.contact, ())):
                 self._log.warning(f'{call.contact} has no such address any more; not sent: {call.title}')

@@ -310,6 +310,7 @@ def _run_alerts(line: CommandLine) -> ExitCode:
     from flexbt_console.alerts.escalation import SeenRobot, seen
     from flexbt_console.alerts.rules import load_rules
     from flexbt_console.alerts.store import Store
+    from flexbt_console.present.rendering import left_out_text
     from flexbt_console.ui.line.line_mode import found_robots, report_wait
     from flexbt_core.clock.clock import SteadyClock
 
@@ -332,9 +333,9 @@ def _run_alerts(line: CommandLine) -> ExitCode:
 
         if store is None:
             found_robots(fleet, runtime.steady, _timeout(line))
-            print('\n'.join(check_lines(rules, look())))
+            print('\n'.join([*check_lines(rules, look()), *left_out_text(fleet.left_out, '"robots" of the file')]))
             return ExitCode.OK
-        calling = Calling(file, store, look, runtime.node.get_logger())
+        calling = Calling(file, store, look, runtime.node.get_logger(), lambda: fleet.left_out * (not fleet.is_growing))
         print(f'alerts: {len(rules.rules)} rules of {file}  (Ctrl-C ends it; the robots continue)', flush=True)
         calling.run()
     return ExitCode.OK

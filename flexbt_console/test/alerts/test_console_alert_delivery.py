@@ -121,10 +121,11 @@ class Program:
 
     def __init__(self, file: Path, state: Path) -> None:
         self.robots: Sequence[SeenRobot] = []
+        self.unwatched = 0
         self.log = Lines()
         self._is_closed = False
         self.store = Store(state)
-        self.calling = Calling(file, self.store, lambda: self.robots, self.log)
+        self.calling = Calling(file, self.store, lambda: self.robots, self.log, lambda: self.unwatched)
 
     def run(self, condition: Callable[[], Any]) -> None:
         """Run until the condition is true."""
@@ -419,6 +420,17 @@ def test_changed_rules_count_and_wrong_ones_do_not(
     write(tmp_path, RULE, anna=service.address)
     program.run(lambda: service.got and program.is_idle())
     assert 'was read again: 1 rule' in str(program.log)
+
+
+def test_that_nobody_is_called_about_further_robots_is_told_once(
+    tmp_path: Path, programs: Callable[[Path], Program]
+) -> None:
+    program = programs(write(tmp_path, RULE, anna='json://127.0.0.1'))
+    told = '6 more robots were found, and nobody is called about them: list all robots in "robots"'
+    for program.unwatched in (0, 6, 6, 0, 6):
+        looks = iter(range(2))
+        program.calling.run(lambda looks=looks: next(looks))  # type: ignore[misc]
+    assert str(program.log).count(told) == 2
 
 
 def test_rules_with_a_file_of_contacts_that_comes_later_count_then(
