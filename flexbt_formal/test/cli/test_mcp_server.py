@@ -112,6 +112,7 @@ def test_each_tool(tmp_path: Path) -> None:
             await call('write_file', file='a/deliver.xml', text=DELIVER)
             for name, text in (('cup_skills.yaml', SKILLS), ('cup.yaml', MISSION), ('fetch.yaml', CAPABILITIES)):
                 await call('write_file', file=name, text=text)
+            (tmp_path / 'no text \udcff.xml').touch()  # as a file of a computer that does not write UTF-8
             assert await call('list_files') == ['cup.yaml', 'cup_skills.yaml', 'fetch.yaml', 'a/deliver.xml']
             assert await call('read_file', file='a/deliver.xml') == DELIVER
             assert {'FollowPath', 'Sequence'} <= {one['name'] for one in await call('list_node_types')}
@@ -126,7 +127,7 @@ def test_each_tool(tmp_path: Path) -> None:
             assert (checked['verdict'], checked['findings']) == ('ok', [])
             ran = await call('run_tree', files=['a/deliver.xml'], blackboard={'goal': 'g'})
             assert (ran['result'], ran['time'], ran['blackboard']['']['goal']) == ('SUCCESS', 0.0, 'g')
-            given = {'goal': '\U0001f916', 'least': 1e-07, 'all': [1e22, {'a': 'no'}, None]}
+            given = {'goal': '\U0001f916\x85', 'least': 1e-07, 'all': [1e22, {'a': 'no'}, None]}
             board = (await call('run_tree', files=['a/deliver.xml'], blackboard=given))['blackboard']['']
             assert {key: board[key] for key in given} == given
             ran = await call(

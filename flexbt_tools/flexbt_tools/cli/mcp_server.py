@@ -53,6 +53,8 @@ _MAX_WORD: Final = 100_000
 """Length of a value, characters: below the limit of Linux for an argument of a process."""
 _AT_ONCE: Final = 2
 _SUFFIXES: Final = ('.xml', '.yaml', '.yml')
+_NO_TEXT: Final = re.compile('[\0\ud800-\udfff]')
+"""Characters that no text for a client or a command may have. Names of files that are not UTF-8 have them."""
 _WRITING: Final = ('write_file', 'plan_tree', 'synthesize_machine')
 
 File = Annotated[
@@ -134,7 +136,8 @@ class MissionTools:
         for directory, below, names in os.walk(self.folder):
             below[:] = sorted(name for name in below if not name.startswith('.'))
             here = Path(directory).relative_to(self.folder)
-            found += [str(here / name) for name in sorted(names) if name.endswith(_SUFFIXES)]
+            files = (str(here / name) for name in sorted(names) if name.endswith(_SUFFIXES))
+            found += [file for file in files if not _NO_TEXT.search(file)]
             if len(found) > 1000:
                 break
         return found[:1000]
@@ -390,7 +393,7 @@ class MissionTools:
     async def _run(self, tool: str, words: Sequence[str]) -> tuple[int, str, str]:
         """Run a command; return its exit code and what it printed. Raises RefusedCall at the time limit."""
         for word in words:
-            if re.search('[\0\ud800-\udfff]', word):
+            if _NO_TEXT.search(word):
                 raise RefusedCall(f'{truncate_middle(word)!r} has a character that no text may have')
         if sum(map(len, words)) > _MAX_WORD:
             raise RefusedCall(f'the values are longer than {_MAX_WORD} characters; write them shorter')
@@ -427,7 +430,7 @@ def _options(flag: str, values: Any) -> list[str]:
 
 def _yaml(value: Any) -> str:
     """Return a value on one line. JSON is not YAML of the same value for numbers such as 1e-07, and for emoji."""
-    text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9, allow_unicode=True)
+    text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9)
     return text.removesuffix('\n').removesuffix('\n...')
 
 
