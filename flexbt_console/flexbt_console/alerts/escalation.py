@@ -22,7 +22,7 @@ MOST_THINGS: Final = 1000
 """Maximum number of things that are remembered."""
 
 MOST_UNSAID: Final = 1000
-"""Number of calls from which on those that nobody has got are dropped when their thing is over."""
+"""Number of undelivered calls from which on the oldest of those whose thing is over are dropped."""
 
 MOST_OF_ROBOT: Final = 100
 """Maximum number of needs of one robot that are looked at."""
@@ -235,15 +235,14 @@ class Escalation:
         unsaid = [call for call in self.calls.values() if call.thing == thing.id]
         for call in unsaid:  # an attempt that has begun may fail, and be repeated hours later
             call.title = f'{call.title} (over since {at})'
-        waiting = [call for call in unsaid if not call.is_begun]
-        for call in waiting:  # this address has not been told yet
-            if len(self.calls) > MOST_UNSAID:
-                del self.calls[call.id]
         rule = rules.rule_of(thing.robot, _condition(thing))
         if rule is not None and rule.over and not _is_incident(thing):
-            untold = {(call.contact, call.address) for call in waiting}
+            untold = {(call.contact, call.address) for call in unsaid if not call.is_begun}
             title = f'{_title(thing)}: over since {at}'
             self._queue(thing, thing.told, rules, rule, title, [thing.text], untold)
+        over = sorted(number for number, call in self.calls.items() if call.thing not in self.things)
+        for number in over[: max(0, len(self.calls) - MOST_UNSAID)]:
+            del self.calls[number]
 
     def _queue(
         self,

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from flexbt_console.alerts import escalation
 from flexbt_console.alerts.escalation import (
     FIND_SECONDS,
     MOST_THINGS,
@@ -225,6 +226,25 @@ def test_each_address_that_has_the_call_is_told_the_end_whatever_another_one_of_
         0: '/a waits for a decision: over since 00:17',
         1: '/a waits for a decision (over since 00:17)',
     }
+
+
+@pytest.mark.parametrize('is_begun', [False, True])
+def test_calls_to_an_address_that_is_never_reached_do_not_pile_up(
+    is_begun: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether or not the service, which does not answer, may have them."""
+    monkeypatch.setattr(escalation, 'MOST_UNSAID', 20)
+    memory, rules = Escalation(), rules_of(rule(Step(0.0, ('anna',)), over=True))
+    local = datetime(2026, 1, 1, tzinfo=UTC)
+    lasts = SeenNeed(Urgency.FAILED, 'k', 0.0, 'has failed')
+    for number in range(50):
+        for needs in ((lasts, SeenNeed(Urgency.DECISION, f'{number}', 0.0, f'asks {number}')), (lasts,)):
+            memory.step(1000.0 + number, local, [SeenRobot('/a', True, needs)], rules)
+            for call in memory.calls.values():
+                call.is_begun = is_begun
+    assert len(memory.calls) == 20
+    first, *_, last = memory.calls.values()
+    assert first.title == '/a has failed' and 'asks 49' in last.lines, 'what is there, and the latest'
 
 
 def test_a_robot_that_was_heard_before_a_restart_and_is_not_found_is_silent(tmp_path: Path) -> None:
