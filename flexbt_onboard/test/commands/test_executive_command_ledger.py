@@ -186,6 +186,9 @@ def test_a_command_that_cannot_be_answered_is_ignored_and_told_every_few_seconds
     assert books.events == [
         ('command', {'operator': 'eva', 'kind': START, 'effect': 'ignored', 'why': why}) for why in reasons
     ]
+    books.time += COMPLAINT_SECONDS
+    books.ledger.receive(ExecutiveCommand(kind=START, operator_id='x' * 10_000))
+    assert len(books.told[-1]) < len(books.told[0]) + COMMAND_LENGTHS['operator_id']
     books.send('x' * longest)
     assert books.results() == [('x' * longest, A)]
 
