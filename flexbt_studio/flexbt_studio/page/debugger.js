@@ -212,6 +212,14 @@ export class Debugger {
 
   // The selected item.
 
+  // What the user answers about the robot that is watched; null, after telling why, if another one is by then.
+  async asked(answer) {
+    const {robot} = this, given = await answer;
+    if (given === null || robot === this.robot) return given;
+    this.told(`${robot} is not watched any more; nothing was sent`, 'warning');
+    return null;
+  }
+
   // What the robot calls the selected item: {state}, or {tree, path, run} with an empty run if no such tree runs; null after telling why.
   async target() {
     const {studio, live, event} = this, {file} = studio, part = studio.part(file?.selected);
@@ -233,7 +241,7 @@ export class Debugger {
     if (!found.length) for (const tree of Object.keys(studio.treeFiles)) found.push(...isHere(await this.nodes({tree})).map((path) => ({tree, path, run: ''})));
     const running_ones = found.filter((one) => one.run), all = running_ones.length ? running_ones : found;
     if (!all.length) return refuse(`${part.title} is in no tree of this project that can be built`);
-    return all.length === 1 ? all[0] : choose(`Which ${part.title}?`, all.map((one) => ({...one, label: one.path, detail: `tree ${one.tree}`})));
+    return all.length === 1 ? all[0] : this.asked(choose(`Which ${part.title}?`, all.map((one) => ({...one, label: one.path, detail: `tree ${one.tree}`}))));
   }
 
   // Do something with the selected node. Tells why if it is none.
@@ -250,14 +258,14 @@ export class Debugger {
     if (!at) return;
     const before = this.event.points.find((one) => one.tree === at.tree && one.path === at.path && one.mark === 'breakpoint');
     if (before && !withCondition) { this.clear(at); return; }
-    const condition = withCondition ? await ask(`Hold before ${lastOf(at.path)} while`, before?.condition ?? '', 'A script on the blackboard of the node, such as attempt > 2. It may not write.') : '';
+    const condition = withCondition ? await this.asked(ask(`Hold before ${lastOf(at.path)} while`, before?.condition ?? '', 'A script on the blackboard of the node, such as attempt > 2. It may not write.')) : '';
     if (condition !== null) this.do(`break ${word(at.path)} --tree ${word(at.tree)}${condition ? ` --if ${word(condition)}` : ''}`);
   }
 
   give(verb) {
     return this.node(async (at, set) => {
       if (verb === 'dummy' && set('dummy')) { this.clear(at); return; }
-      const result = await choose(verb === 'force' ? `Result of ${lastOf(at.path)} at its next tick` : `Result of the dummy in the place of ${lastOf(at.path)}`, RESULTS);
+      const result = await this.asked(choose(verb === 'force' ? `Result of ${lastOf(at.path)} at its next tick` : `Result of the dummy in the place of ${lastOf(at.path)}`, RESULTS));
       if (result) this.do(`tree ${verb} ${word(at.path)} ${result.label} --tree ${word(at.tree)}`);
     });
   }
@@ -346,9 +354,8 @@ export class Debugger {
 
   // A change of the blackboard of the held tree.
   async change() {
-    const script = await ask('Change the blackboard of the held tree', '', 'A script that assigns, such as speed := 0.5; tries := 0');
-    const held = script ? await this.tree(true) : null;
-    if (held) this.do(`tree set ${word(script)} --run ${word(held.run)}`);
+    const held = await this.tree(true), script = held && await ask(`Change the blackboard of ${held.tree}`, '', 'A script that assigns, such as speed := 0.5; tries := 0');
+    if (script) this.do(`tree set ${word(script)} --run ${word(held.run)}`);
   }
 
   showRows(rows, title, more = []) {
@@ -372,22 +379,22 @@ export class Debugger {
     for (const run of event.trees.filter((one) => one.running)) if (Object.values(await this.nodes(run)).some(([name]) => name === file.name)) runs.push(run);
     if (!runs.length) { this.told(`No tree of ${file.name} runs; its next run reads the file as it is saved`, 'warning'); return; }
     const faults = this.faults(file), states = faults.length ? [] : [...new Set(runs.map((run) => event.runners?.[run.run]).filter(Boolean))];
-    const chosen = await sheet(`${file.name}: let the robot use this version`, [
+    const chosen = await this.asked(sheet(`${file.name}: let the robot use this version`, [
       html('p', {}, `The run of ${runs.map((run) => run.tree).join(', ')} goes on with the version that it has begun with. The next run reads the file as it is saved on the robot. If it has an error, the robot keeps the last good version and says so.`),
       ...faults, ...(faults.length ? [] : [html('p', {}, states.length ? 'To use it now, the robot leaves the state and enters it again: the tree is halted, and begins anew.' : 'No state of a machine runs this tree, so it cannot be begun anew from here.')])],
-    [['Save', {}, states.length ? '' : 'primary'], ...states.map((state) => [`Save and Repeat ${state}`, {state}, 'primary']), ['Cancel', null, '']]);
+    [['Save', {}, states.length ? '' : 'primary'], ...states.map((state) => [`Save and Repeat ${state}`, {state}, 'primary']), ['Cancel', null, '']]));
     if (chosen && await this.saved(file) && chosen.state) this.do(`repeat ${word(chosen.state)}`);
   }
 
   async offerMachine(file, states) {
-    const {against, does} = machineChanges(states, file.view.states, this.event.active), faults = this.faults(file), {name, parameters} = file.view.behavior ?? {name: this.event.behavior, parameters: []};
-    const chosen = await sheet(`${file.name}: switch the robot to this version`, [
+    const {against, does} = machineChanges(states, file.view.states, this.known.active.paths), faults = this.faults(file), {name, parameters} = file.view.behavior ?? {name: this.event.behavior, parameters: []};
+    const chosen = await this.asked(sheet(`${file.name}: switch the robot to this version`, [
       ...(against.length ? [html('p', {class: 'error'}, 'The robot would refuse it:'), list(against)] : []), ...faults,
       html('p', {}, does.length ? 'A switch keeps the active states, and changes:' : 'States and transitions are as on the robot; values of parameters are not compared.'), list(does),
       html('p', {class: 'hint'}, 'The robot reads the file as it is installed there. A file that this robot has not installed from here stays as it was.')],
-    [...(against.length || faults.length ? [] : [['Save and Switch', true, 'primary']]), [against.length || faults.length ? 'Close' : 'Cancel', null, '']]);
+    [...(against.length || faults.length ? [] : [['Save and Switch', true, 'primary']]), [against.length || faults.length ? 'Close' : 'Cancel', null, '']]));
     if (!chosen || !await this.saved(file)) return;
-    const values = parameters.length ? await ask('Parameters, NAME=VALUE …', parameters.map((one) => `${one.name}=${one.default ?? ''}`).join(' '), 'As for "switch" at the prompt. What is left out gets its default.') : '';
+    const values = parameters.length ? await this.asked(ask('Parameters, NAME=VALUE …', parameters.map((one) => `${one.name}=${one.default ?? ''}`).join(' '), 'As for "switch" at the prompt. What is left out gets its default.')) : '';
     if (values !== null) this.do(`switch ${word(name || this.event.behavior)} ${values}`.trim());
   }
 

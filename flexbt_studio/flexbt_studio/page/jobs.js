@@ -240,13 +240,13 @@ export class Jobs {
     if (file?.language !== 'xml') { this.studio.told('A dry run is of a tree', 'warning'); return; }
     this.open('run-job');
     const tree = byId('run-tree').value || file.view.main || file.view.trees[0]?.id;
-    if (this.rowsOf !== this.rowsKey(file, tree)) await this.loadRows(file, tree);
+    const board = byId('board').value, plan = planText(await this.loadRows(file, tree), board);
     const read = (entry) => {
       entry.events = entry.event.result.filter((one) => one.event === 'transition');
       entry.end = entry.event.result.find((one) => one.event === 'result');
       entry.lines = [...entry.events.map(lineOf), `${entry.end.result} after ${entry.end.time.toFixed(3)} s and ${counted(entry.end.ticks, 'tick')}`, ...(entry.end.reason ? [`  reason: ${entry.end.reason}`] : []), ...entry.end.reasons.slice(1).map((one) => `  so ${one}`)];
     };
-    const entry = await this.start(this.runs, 'run', file, {tree, plan: this.plan()}, read);
+    const entry = await this.start(this.runs, 'run', file, {tree, plan}, read);
     if (entry) {
       this.cover(entry.event.nodes, entry.events.filter((one) => !['IDLE', 'SKIPPED'].includes(one.after)).map((one) => one.path));
       this.player.play(`Dry run of ${tree}`, this.momentsOf(entry), {owner: entry});
@@ -291,11 +291,19 @@ export class Jobs {
 
   rowsKey(file, tree) { return `${file.name} ${file.viewVersion} ${tree}`; }
 
-  async loadRows(file, tree) {
-    const key = this.rowsOf = this.rowsKey(file, tree), kept = remembered(`mocks-${this.studio.pathOf(file)}`, {});
+  // The rows of a tree, which are asked for once, and shown unless others are wanted by then.
+  loadRows(file, tree) {
+    const key = this.rowsKey(file, tree);
+    if (this.rowsOf !== key) Object.assign(this, {rowsOf: key, asked: this.askRows(file, tree, key)});
+    return this.asked;
+  }
+
+  async askRows(file, tree, key) {
+    const kept = remembered(`mocks-${this.studio.pathOf(file)}`, {});
     const needs = await this.studio.link.request('mocks', {file: file.name, tree}).catch(() => []);
-    if (this.rowsOf !== key) return;
-    this.rows = needs.map((one) => ({...one, does: one.passes ? 'passes' : 'succeeds', n: 2, after: 0, ...(DOES[kept[one.run]?.does] ? kept[one.run] : {})})).map((one) => (one.instant || one.passes ? {...one, after: 0} : one));
+    const rows = needs.map((one) => ({...one, does: one.passes ? 'passes' : 'succeeds', n: 2, after: 0, ...(DOES[kept[one.run]?.does] ? kept[one.run] : {})})).map((one) => (one.instant || one.passes ? {...one, after: 0} : one));
+    if (this.rowsOf !== key) return rows;
+    this.rows = rows;
     const set = (row, part, value) => { row[part] = value; remember(`mocks-${this.studio.pathOf(file)}`, Object.fromEntries(this.rows.map(({run, does, n, after}) => [run, {does, n, after}]))); };
     byId('mocks').replaceChildren(...this.rows.map((row) => {
       const number = html('input', {type: 'number', min: '1', max: '99', value: row.n, 'aria-label': `${row.run}: N`, hidden: !['recovers', 'nth'].includes(row.does), onchange: (event) => set(row, 'n', Math.max(1, Math.min(99, Math.round(Number(event.target.value)) || 1)))});
@@ -305,6 +313,7 @@ export class Jobs {
       return html('div', {class: 'mock'}, html('button', {type: 'button', title: row.run, onclick: () => this.studio.go(row.file, () => row.path)}, row.name || row.type), does, number, html('span', {}, seconds, row.instant || row.passes ? '' : ' s'));
     }));
     if (!needs.length) byId('mocks').replaceChildren(html('p', {class: 'hint'}, file.problem ? 'The text cannot be read; mend it first.' : 'No leaf of this tree needs a robot; what it does is real.'));
+    return rows;
   }
 
   showRun(file, entry) {
@@ -314,7 +323,7 @@ export class Jobs {
     this.treesOf = file?.name;
     list.hidden = ids.length < 2;
     byId('run').disabled = !ids.length;
-    if (byId('run-job').open && ids.length && this.rowsOf !== this.rowsKey(file, list.value)) this.loadRows(file, list.value);
+    if (byId('run-job').open && ids.length) this.loadRows(file, list.value);
     if (!ids.length) { this.rowsOf = null; byId('mocks').replaceChildren(html('p', {class: 'hint'}, 'Open a file with a tree.')); }
     const known = this.covered(file);
     byId('run-told').textContent = [entry?.state === 'running' ? 'running…' : entry?.state === 'failed' ? entry.message : entry?.state === 'old' ? 'The text has changed since the last run.' : '', known ? `${counted(known.runs, 'run')} reached ${known.reached.size} of ${known.all.size} nodes` : ''].filter(Boolean).join(' ');

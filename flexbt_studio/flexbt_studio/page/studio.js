@@ -501,11 +501,12 @@ class Studio {
   }
 
   async showDifference() {
-    if (!this.file) return;
-    await this.file.settled();
-    const lines = await this.link.request('difference', {file: this.file.name});
-    const isSaving = await sheet(`${this.file.name}: what Save writes`, lines.length ? [unifiedDifference(lines), this.jobs.sheetPart(this.file, () => byId('sheet-buttons').lastElementChild.click())] : [html('p', {}, 'The text is as it is on disk.')], lines.length ? [['Save', true, 'primary'], ['Close', null, '']] : [['Close', null, 'primary']]);
-    if (isSaving) await this.save();
+    const {file} = this;
+    if (!file) return;
+    await file.settled();
+    const lines = await this.link.request('difference', {file: file.name});
+    const isSaving = await sheet(`${file.name}: what Save writes`, lines.length ? [unifiedDifference(lines), this.jobs.sheetPart(file, () => byId('sheet-buttons').lastElementChild.click())] : [html('p', {}, 'The text is as it is on disk.')], lines.length ? [['Save', true, 'primary'], ['Close', null, '']] : [['Close', null, 'primary']]);
+    if (isSaving) await this.save('', file);
   }
 
   async save(over = '', file = this.file) {
@@ -539,7 +540,7 @@ class Studio {
   // Commands.
 
   makeCommands() {
-    const at = this.actions, inGraph = (id, title, keys, run) => ({id, title, keys, run, where: 'graph'}), page = (id, title, keys, run) => ({id, title, keys, run, where: 'page'});
+    const at = this.actions, ofFile = (run) => () => (this.file ? run() : this.told('Open a file first', 'warning')), inGraph = (id, title, keys, run) => ({id, title, keys, run, where: 'graph'}), page = (id, title, keys, run) => ({id, title, keys, run, where: 'page'});
     return [
       inGraph('add_after', 'Add after', ['a'], () => at.add('after')), inGraph('add_child', 'Add child', ['A'], () => at.add('into')),
       inGraph('properties', 'Properties, or target of an outcome', ['Enter'], () => this.enter(this.file.selected)), inGraph('rename', 'Rename', ['F2'], () => at.rename()),
@@ -552,10 +553,10 @@ class Studio {
       inGraph('remove_outcome', 'Remove an outcome of a container', null, () => at.removeOutcome()), inGraph('include', 'Include a file of trees', null, () => at.include()),
       inGraph('remove_include', 'No longer include a file', null, () => at.removeListed('remove_include', 'File that is not included any more', 'path', 'includes')), inGraph('remove_model', 'Remove the model of a node type', null, () => at.removeListed('remove_model', 'Model to remove', 'id', 'models')),
       inGraph('fold_all', 'Fold or unfold all', null, () => this.foldAll()), inGraph('flow', 'Data flow: who writes and reads the keys', ['k'], () => this.flow.toggle()),
-      page('rename_name', 'Rename what is at the cursor, in all files', ['F2'], () => this.names.rename()), page('uses', 'All uses of a name, in all files', ['Shift+F12'], () => this.names.uses()),
+      page('rename_name', 'Rename what is at the cursor, in all files', ['F2'], ofFile(() => this.names.rename())), page('uses', 'All uses of a name, in all files', ['Shift+F12'], ofFile(() => this.names.uses())),
       page('save', 'Save', ['Ctrl+s'], () => this.save()), page('difference', 'Show what Save writes', ['Ctrl+Shift+S'], () => this.showDifference()), page('undo', 'Undo', ['Ctrl+z'], () => this.undo()), page('redo', 'Redo', ['Ctrl+y', 'Ctrl+Shift+Z'], () => this.redo()),
       page('commands', 'All commands', ['Ctrl+k'], () => this.chooseCommand()), page('open', 'Open a file', ['Ctrl+p'], () => this.chooseFile()), page('new', 'New file', ['Alt+n'], () => at.create()), page('back', 'Back to where F12 was pressed', ['Ctrl+Alt+ArrowLeft'], () => this.goBack()),
-      page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], () => this.fixNow()),
+      page('next_problem', 'Next problem', ['F8'], () => this.nextProblem(1)), page('previous_problem', 'Previous problem', ['Shift+F8'], () => this.nextProblem(-1)), page('fix', 'Fix the problem here', ['Alt+Enter'], ofFile(() => this.fixNow())),
       page('next_pane', 'Next pane', ['F6'], () => this.nextPane(1)), page('previous_pane', 'Previous pane', ['Shift+F6'], () => this.nextPane(-1)), page('keys', 'Keys of this place', ['?'], () => this.showKeys()),
       ...this.jobs.commands(page), ...this.live.commands(page), ...this.simulator.commands(page), ...this.recordings.commands(page), ...this.debugger.commands(),
       page('letters', 'Single letters as keys in the graph: on or off', null, () => { this.letters = !this.letters; remember('letters', this.letters); this.told(`Single letters ${this.letters ? 'are keys' : 'only find names'} in the graph`); }),

@@ -505,6 +505,29 @@ def test_a_requirement_that_is_typed_while_another_file_is_shown_is_of_its_own_f
         assert page.run(requirements) == 'never A'
 
 
+def test_what_save_writes_is_shown_of_the_file_that_it_was_asked_for_and_saved_there(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'more/recover.xml')
+        page.go('main.xml')
+        page.until_selected('Main')
+        for file in ('more/recover.xml', 'main.xml'):
+            page.tab(file)
+            page.write()
+            page.press('<!-- here -->')
+            page.until(page.has_changes)
+        with held(monkeypatch, 'difference') as asked:
+            page.chord(Keys.CONTROL, Keys.SHIFT, 's')
+            assert asked.wait(DEADLINE)
+            page.tab('more/recover.xml')
+        page.until_sheet('main.xml: what Save writes')
+        page.press(Keys.ENTER)
+        page.until_told('main.xml saved')
+    assert '<!-- here -->' in (folder / 'main.xml').read_text()
+    assert (folder / 'more' / 'recover.xml').read_text() == RECOVER
+
+
 @pytest.mark.parametrize(('field', 'text'), [('wait_duration', 'wait_duration="1.07"'), ('name', 'name="Nap7"')])
 def test_what_was_typed_while_another_file_is_opened_is_for_its_own_file(
     page: StudioPage, folder: Path, field: str, text: str
@@ -615,6 +638,9 @@ def test_without_a_file_or_a_machine_nothing_is_written_or_added(page: StudioPag
         page.write()
         page.press('abc')
         assert page.shown_text == ''
+        page.chord(Keys.CONTROL, 'k')
+        page.press('All uses', Keys.ENTER)
+        page.until_told('Open a file first')
         page.go('main.xml')
         page.until_selected('Main')
         page.run('document.querySelector("#files-filter").focus()')

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
-from studio_page import StudioPage, served
+from studio_page import StudioPage, held, served
 
 from flexbt_console.mirror.fleet import Fleet
 from flexbt_console.mirror.mirror import Mirror
@@ -29,6 +29,7 @@ from flexbt_console.mirror.trees import MirroredNode, MirroredStatus, StatusChan
 from flexbt_core.clock.clock import SteadyClock
 from flexbt_studio.server.web_server import StudioServer
 from flexbt_testing.browser import NEEDS_BROWSER
+from flexbt_testing.waiting import DEADLINE
 
 pytest.importorskip('selenium', reason='selenium drives the browser: pip install selenium')
 
@@ -373,6 +374,22 @@ def test_a_dry_run_is_that_of_the_tool_and_its_time_is_a_line(page: StudioPage, 
         page.until_text('run-told', 'mocks.yaml')
 
 
+def test_a_dry_run_waits_for_what_its_tree_needs(
+    page: StudioPage, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        page.run('document.getElementById("run-job").open = true')
+        page.until(lambda: page.run('return document.querySelectorAll(".mock").length') == 4)
+        with held(monkeypatch, 'mocks') as asked:
+            page.go('never.xml')
+            assert asked.wait(DEADLINE)
+            page.until_selected('A')
+            page.press(F10)
+        page.until(lambda: page.focused == 'player-line')
+        page.until_text('run-told', '1 run reached')
+
+
 def test_statuses_and_the_use_of_a_key_are_spoken_together(page: StudioPage, folder: Path) -> None:
     with served(folder, None) as port:
         page.open(port, 'inspect.xml')
@@ -624,3 +641,34 @@ def test_a_pause_that_comes_just_after_one_does_not_let_the_robot_go_on(page: St
             return [sent, told];
         """)
         assert sent == ['pause'] and 'just come to mean "resume"' in told[0]
+
+
+def test_what_is_answered_about_one_robot_or_tree_is_sent_to_no_other(page: StudioPage, folder: Path) -> None:
+    with served(folder, None) as port:
+        page.open(port, 'inspect.xml')
+        sent, told = page.run("""
+            const {Debugger} = await import('./debugger.js'), sent = [], told = [];
+            const on = {draw() {}, do: (line) => sent.push(line), told: (text) => told.push(text)};
+            const event = {points: [], holds: [{run: 'r1', tree: 'A'}]}, live = {places: () => ({nodes: {}})};
+            const one = Object.assign(Object.create(Debugger.prototype), {studio: {}, live, event, ...on});
+            one.target = async () => ({tree: 'A', path: 'Go', run: 'r1'});
+            const field = document.getElementById('choice-field'), turn = () => new Promise((done) => setTimeout(done));
+            const answered = async (text, ask, meanwhile) => {
+              const done = ask();
+              while (!field.onkeydown) await turn();
+              meanwhile();
+              field.value = text;
+              field.oninput();
+              field.onkeydown(new KeyboardEvent('keydown', {key: 'Enter'}));
+              await done;
+            };
+            for (const ask of [() => one.toggle(true), () => one.give('force')]) {
+              one.robot = 'base';
+              await answered('SUCCESS', ask, () => { one.robot = 'simulation'; });
+            }
+            const other = {...event, holds: [{run: 'r2', tree: 'B'}]};
+            await answered('x:=1', () => one.change(), () => { one.event = other; });
+            return [sent, told];
+        """)
+        assert sent == ['tree set x:=1 --run r1']
+        assert told == ['base is not watched any more; nothing was sent'] * 2
