@@ -211,15 +211,17 @@ export class Actions {
     } else await this.renameTo(part, null);
   }
 
-  // Give a tree, a node or a state another name in all files, and select it again.
+  // Give a tree, a node or a state another name in all files, and select it again. Resolves as Names.rename().
   async renameTo(asked, name) {
     const part = this.studio.now(asked);
-    if (!part) { this.studio.told(`${asked.title} has gone since; nothing was renamed`, 'warning'); return; }
+    if (!part) { this.studio.told(`${asked.title} has gone since; nothing was renamed`, 'warning'); return false; }
     const {file} = part, at = part.span[0], {picks} = this.studio;
-    if (name === '' || !await this.studio.names.rename({file, offset: this.studio.names.placeOf(part), name})) return;
+    const isDone = name !== '' && await this.studio.names.rename({file, offset: this.studio.names.placeOf(part), name});
+    if (!isDone) return isDone;
     await file.settled();
     const same = [...file.parts.values()].find((one) => one.span[0] === at && one.kind === part.kind);
     if (same && file === this.file && picks === this.studio.picks) this.studio.select(same.path, {isMoved: true});
+    return true;
   }
 
   async extract() {

@@ -27,12 +27,14 @@ export class Form {
     this.root.addEventListener('change', (event) => { const field = event.target.closest('[data-field]'); if (field) this.commit(field); });
   }
 
-  // What is refused can be entered again.
+  // What is refused can be entered again; what the user has left (null) is as it was.
   async commit(field) {
     const {was} = field.dataset;
     if (field.value === was) return;
     field.dataset.was = field.value;
-    if (await this.setters.get(field.dataset.field)?.(field.value) === false) field.dataset.was = was;
+    let done = false;
+    try { done = await this.setters.get(field.dataset.field)?.(field.value); } finally { if (done === false) field.dataset.was = was; }
+    if (done === null) field.value = field.dataset.was = was;
   }
 
   async complete(field) {

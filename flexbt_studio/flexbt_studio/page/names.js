@@ -29,19 +29,19 @@ export class Names {
     return file.now(head ?? named?.span ?? open)[0];
   }
 
-  // Rename what stands at an offset of an open file. Whether it was done; null if it was left to the user, who did not.
+  // Rename what stands at an offset of an open file. Whether it was done; null if the user has left it.
   async rename({file = this.studio.file, offset = this.place(), name = null} = {}) {
     const {studio} = this, {link} = studio;
     return file.watching(async (watch) => {
       await this.settled();
       const here = () => mapOffset(watch.change, offset), meant = await link.request('name', {file: file.name, offset: here()});
       const wanted = name ?? await ask(`Rename the ${KINDS[meant.kind] ?? meant.kind} ${meant.name}`, meant.name, 'It is renamed in all files of the project.');
-      if (wanted === null || wanted === meant.name) return false;
+      if (wanted === null || wanted === meant.name) return null;
       for (;;) {
         const plan = await link.request('rename', {file: file.name, offset: here(), new: wanted});
         if (!plan.files.length) throw new Refusal({kind: 'refused', message: `nothing names ${meant.name}`});
         const isPlain = plan.files.length === 1 && plan.files[0].file === file.name && !plan.notes.length;
-        if (!isPlain && !await this.agreed(plan, wanted)) return false;
+        if (!isPlain && !await this.agreed(plan, wanted)) return null;
         const files = await Promise.all(plan.files.map(async (one) => studio.open.get(one.file) ?? studio.added(await link.request('open', {file: one.file}))));
         if (files.every((one, index) => one.version === plan.files[index].version && !one.sent && !one.pending)) { this.apply(plan, files, wanted); return true; }
         studio.told('A file was edited meanwhile: here are the edits again', 'warning');

@@ -157,6 +157,30 @@ def test_what_is_taken_back_after_a_renaming_was_taken_back_is_of_one_file(
         assert changed_tabs(page) == ['main.xml', 'mission.yaml']
 
 
+def test_a_name_that_was_refused_is_entered_again_and_one_that_was_left_is_as_before(
+    page: StudioPage, folder: Path
+) -> None:
+    field = 'document.getElementById("field-its:label")'
+    (folder / 'mission.yaml').write_text(MISSION.replace('outcomes: [done,', 'outcomes: [done, Taken,'))
+    with served(folder, None) as port:
+        page.open(port, 'mission.yaml')
+        page.click('/Count')
+        page.run(f'{field}.focus(); {field}.select()')
+        page.press('Taken', Keys.ENTER)
+        page.until_told("'Taken' already")
+        page.run('document.getElementById("told").textContent = ""')
+        page.press(Keys.ENTER)
+        page.until_told("'Taken' already")
+        # A tree of several files, whose edits are shown before.
+        page.go('more/count.xml')
+        page.until_selected('Count')
+        page.run('document.getElementById("field-ID").focus(); document.getElementById("field-ID").select()')
+        page.press('Total', Keys.ENTER)
+        page.until_sheet('3 edits in 3 files')
+        page.press(Keys.ESCAPE)
+        page.until(lambda: page.run('return document.getElementById("field-ID").value') == 'Count')
+
+
 def test_histories_are_as_long_as_they_are_told_to_be(page: StudioPage, folder: Path, editor: Path | None) -> None:
     """What was renamed in all files is found by its place in the history of each."""
     with served(folder, editor) as port:
