@@ -84,7 +84,7 @@ export class Player {
 
   key(event) {
     if (!this.isOpen || document.querySelector('dialog[open]') || event.ctrlKey || event.altKey || event.metaKey) return;
-    const inBar = this.bar.contains(event.target), isField = event.target.closest?.('input, textarea, select, .cm-editor, #text');
+    const inBar = this.bar.contains(event.target), isField = event.target.closest?.('input, textarea, select, .cm-editor, #text, [role="application"], [role="listbox"]');
     const act = (inBar ? {ArrowLeft: () => this.step(-1), ArrowRight: () => this.step(1), ArrowDown: () => this.step(-1), ArrowUp: () => this.step(1), Home: () => this.first(), End: () => this.last(), ' ': event.target === this.line ? () => this.toggle() : null}[event.key] : null)
       ?? (inBar || !isField ? {',': () => this.step(-1), '.': () => this.step(1), Escape: () => { if (this.past) this.timeline.go(null); else this.end(); }}[event.key] : null);
     if (!act) return;

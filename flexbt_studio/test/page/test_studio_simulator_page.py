@@ -99,6 +99,9 @@ def test_a_tree_drives_a_simulated_robot_until_a_door_is_shut(
         for count in range(7):
             ActionChains(page.driver).move_to_element_with_offset(part('map'), 20 * count - 60, 40).click().perform()
             page.until_told(f'dropped{f"_{count}" if count else ""} dropped')
+        part('map').send_keys('\ue00c')  # Escape: of the map, which is no longer aimed at
+        page.until(lambda: page.run('return arguments[0].ariaPressed', part('drop')) == 'false')
+        assert page.run('return document.getElementById("live").ariaPressed') == 'true'
         page.until(lambda: not page.run('return arguments[0].disabled', part('take')))
         press('take')
         page.until(lambda: re.search('dropped_[4-6] removed', page.told))  # one after the other, however many there are
