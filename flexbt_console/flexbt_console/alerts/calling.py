@@ -206,7 +206,7 @@ class Calling:
         waiting: dict[tuple[str, int], list[Call]] = {}
         local = self._local()
         for call in self._store.memory.calls.values():
-            if not (call.is_over and self.rules.is_held(Severity(call.severity), local)):
+            if not self.rules.is_held(Severity(call.severity), local):
                 waiting.setdefault((call.contact, call.address), []).append(call)
         for key, batch in waiting.items():
             at = self._addresses.setdefault(key, _Address(TokenBucket(1.0 / BUNDLE_SECONDS, BURST, self._steady)))

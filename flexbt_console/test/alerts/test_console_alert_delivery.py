@@ -17,6 +17,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from datetime import UTC, datetime, timedelta
 from email import message_from_bytes
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -355,6 +356,27 @@ def test_a_call_that_waits_for_its_service_is_not_made_when_all_is_over_unsaid(
     program.run(program.is_idle)
     (title,) = service.titles()
     assert title.startswith('/a waits for a decision (over since')
+
+
+def test_a_call_whose_service_failed_before_the_quiet_hours_waits_for_their_end(
+    tmp_path: Path, programs: Callable[[Path], Program], service: Service
+) -> None:
+    rules = 'rules: [{when: decision, call: anna}, {when: moved, severity: critical, call: anna}]\n'
+    service.act = refuse(500)
+    program = programs(write(tmp_path, rules, anna=service.address))
+    program.robots = asks('x')
+    program.run(lambda: 'was not reached' in str(program.log))
+    begin, end = (f'{datetime.now(UTC) + timedelta(hours=hours):%H:%M}' for hours in (-1, 1))
+    write(tmp_path, f'quiet_hours: {{from: "{begin}", to: "{end}"}}\n{rules}', anna=service.address)
+    program.run(lambda: 'was read again' in str(program.log))
+    service.act = lambda handler: True
+    needs = (*program.robots[0].needs, SeenNeed(Urgency.ALARM, 'r', 0.0, 'moves'))
+    program.robots = [SeenRobot('/a', True, needs)]
+    program.run(lambda: service.got)
+    assert service.titles() == ['/a moves though it should stand']
+    write(tmp_path, rules, anna=service.address)
+    program.run(lambda: len(service.got) == 2)
+    assert service.titles()[1] == '/a waits for a decision'
 
 
 def test_an_acknowledgment_by_another_process_ends_the_escalation(
