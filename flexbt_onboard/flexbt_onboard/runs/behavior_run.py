@@ -293,10 +293,10 @@ class BehaviorRun(RunReader):
         is_choice = event.path in self._choices  # the operator was asked for one of its outcomes
         self._choices.discard(event.path)
         self._is_forced = self._is_forced or (is_forced and not is_choice)
-        error = self._errors.pop(event.path, '') if not is_forced else ''
+        error = self._errors.pop(event.path, '')
         if event.target.startswith('/'):
             self._why_ended = ''  # the run continues, so the error is not its end
-        elif error:
+        elif error and not is_forced:
             self._why_ended = f'{event.path}: {error}'
         if is_forced:
             # Log it for the machine around the state. The state itself may be entered again at once, and this

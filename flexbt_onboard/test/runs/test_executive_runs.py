@@ -659,3 +659,35 @@ def test_a_run_that_a_failing_state_ends_says_why(make_bench: Callable[..., Exec
     run_id = bench.start('Recovering', autonomy=3)
     assert bench.wait_idle() == 'failed'
     assert (bench.run_id, bench.status.message) == (run_id, '')
+
+
+class FailingOnce(EventState):
+    """Says why it fails when it is entered first, and waits for the operator."""
+
+    visits = 0
+
+    def __init__(self) -> None:
+        super().__init__(outcomes=['again', 'done'], desired_rate=None)
+
+    def on_enter(self, userdata: Any) -> None:
+        self.visits += 1
+        if self.visits == 1:
+            self.log_error('action server /bt_executor is gone')
+
+    def execute(self, userdata: Any) -> str | None:
+        return 'done' if self.visits > 1 else None
+
+
+def test_an_error_of_an_earlier_visit_is_not_the_reason_of_the_end(make_bench: Make) -> None:
+    def make() -> OperatableStateMachine:
+        machine = OperatableStateMachine(outcomes=['finished'])
+        with machine:
+            OperatableStateMachine.add('Drive', FailingOnce(), {'again': 'Drive', 'done': 'finished'})
+        return machine
+
+    bench = make_bench(make)
+    bench.start(autonomy=3)
+    bench.wait_active('/Drive')
+    bench.applied(ExecutiveCommand.FORCE, path='/Drive', outcome='again')
+    assert bench.wait_idle() == 'finished'
+    assert bench.status.message == ''
