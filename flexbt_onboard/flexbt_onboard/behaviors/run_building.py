@@ -75,8 +75,8 @@ def check_given(request: RunRequest) -> None:
     """Check arguments and inputs of a later run, as far as that needs no machine.
 
     Raises:
-        CommandRefusedError: a parameter is unknown, given twice or does not accept its text, or an input cannot be
-            converted.
+        CommandRefusedError: a parameter is unknown, given twice or does not accept its text, or an input is given
+            twice or cannot be converted.
     """
     known = {one.name: one for one in request.entry.parameters}
     given = [name for name, _ in request.arguments]
@@ -90,8 +90,7 @@ def check_given(request: RunRequest) -> None:
                 near = did_you_mean(name, known)
                 raise ParameterError(f'behavior {request.entry.name!r} has no parameter {name!r}{near}')
             known[name].from_text(text)
-        for one in request.inputs:
-            from_entry(one)
+        _values_of(request.inputs)
     except FlexbtError as error:
         raise CommandRefusedError(str(error)) from error
 
@@ -173,15 +172,27 @@ def checked_inputs(definition: MachineDefinition, inputs: Sequence[BlackboardEnt
         FlexbtError: a value cannot be converted.
     """
     accepted = {*definition.input_keys, *definition.defaults}
-    values: dict[str, Any] = {}
     for entry in inputs:
         if entry.key not in accepted:
             known = ', '.join(sorted(accepted)) or 'none'
             raise ParameterError(f'input {entry.key!r} is not a userdata key of the behavior; it takes: {known}')
-        if entry.key in values:
-            raise ParameterError(f'input {entry.key!r} is given twice')
-        values[entry.key] = from_entry(entry)
+    values = _values_of(inputs)
     for key in definition.read_inputs:
         if key not in values and key not in definition.defaults:
             raise ParameterError(f'input {key!r} is needed and has no default; give it with the start')
+    return values
+
+
+def _values_of(inputs: Sequence[BlackboardEntry]) -> dict[str, Any]:
+    """Return the values of inputs by key.
+
+    Raises:
+        ParameterError: an input is given twice.
+        FlexbtError: a value cannot be converted.
+    """
+    values: dict[str, Any] = {}
+    for entry in inputs:
+        if entry.key in values:
+            raise ParameterError(f'input {entry.key!r} is given twice')
+        values[entry.key] = from_entry(entry)
     return values

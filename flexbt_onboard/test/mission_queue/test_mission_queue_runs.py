@@ -523,6 +523,7 @@ def test_a_disk_that_hangs_holds_up_neither_stop_nor_status(bench: QueueBench, m
         ({'inputs': [BlackboardEntry(key='k', type='no_such_msgs/msg/Type', text='{}')]}, 'no_such_msgs'),
         ({'inputs': [BlackboardEntry(key='k', type='int64', text='many')]}, 'many'),
         ({'inputs': [BlackboardEntry(key='k', type='geometry_msgs/msg/PoseStamped', data=b'\xff' * 9)]}, 'PoseStamped'),
+        ({'inputs': [BlackboardEntry(key='k', type='int64', text='1')] * 2}, "input 'k' is given twice"),
         ({'arguments': [BehaviorArgument(name='speed', value='fast')]}, "has no parameter 'speed'"),
         ({'arguments': [BehaviorArgument(name='speed', value='1')] * 2}, "'speed' is given twice"),
         ({'queue_options': [QueueOptions(on_failure=HOLD, distance=math.nan)]}, 'distance of an entry is nan'),
