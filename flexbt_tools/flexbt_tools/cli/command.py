@@ -48,18 +48,18 @@ def run_command(
     Reject a command of flexbt_formal if that package is not installed.
     """
     words = sys.argv[1:] if words is None else list(words)
-    added = {point.name: point for point in entry_points(group=ENTRY_POINTS)}
-    available: list[ToolCommand] = []
-    missing: list[str] = []
-    for command in commands:
-        if command.run is not None:
-            available.append(command)
-        elif point := added.get(f'{program}.{command.name}'):
-            available.append(_loaded(command, point) if words[:1] == [command.name] else command)
-        else:
-            missing.append(command.name)
 
     def run() -> ExitCode:
+        added = {point.name: point for point in entry_points(group=ENTRY_POINTS)}
+        available: list[ToolCommand] = []
+        missing: list[str] = []
+        for command in commands:
+            if command.run is not None:
+                available.append(command)
+            elif point := added.get(f'{program}.{command.name}'):
+                available.append(_loaded(command, point) if words[:1] == [command.name] else command)
+            else:
+                missing.append(command.name)
         try:
             if words and words[0] in missing:
                 raise missing_package(f'{program} {words[0]}')

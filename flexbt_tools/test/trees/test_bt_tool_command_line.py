@@ -7,12 +7,15 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
 from flexbt_testing.behavior_trees.bt_tool import document, tool
 from flexbt_tools.cli.bt_tool import COMMANDS, EXIT_CODES, main
+from flexbt_tools.cli.command import ENTRY_POINTS
 from flexbt_tools.errors import ExitCode
 from flexbt_tools.tree_checks.diagnostics import RULES
 
@@ -76,6 +79,16 @@ def test_commands_of_another_package_are_loaded_only_to_be_run(tmp_path: Path) -
     loaded = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout.splitlines()
     assert 'flexbt_tools.cli.bt_tool' in loaded
     assert not [name for name in loaded if name.startswith('flexbt_formal.cli')]
+
+
+def test_ctrl_c_while_such_a_command_is_loaded_ends_it_quietly(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Interrupted(EntryPoint):
+        def load(self) -> NoReturn:
+            raise KeyboardInterrupt
+
+    added = [Interrupted('bt_tool.prove', 'flexbt_formal.cli.prove_tree', ENTRY_POINTS)]
+    monkeypatch.setattr('flexbt_tools.cli.command.entry_points', lambda group: added)
+    assert tool('prove', 'any.xml') == (ExitCode.INTERRUPTED, '', '')
 
 
 def test_an_include_from_a_package_needs_ros(tmp_path: Path) -> None:
