@@ -274,7 +274,7 @@ def places(line: CommandLine, view: View, mirror: Mirror) -> Reading:
 
 
 def userdata(line: CommandLine, inquiry: Inquiry) -> Reading:
-    path, *keys = line.words or ('',)
+    path, keys = (line.words[0], line.words[1:]) if line.first_word.startswith('/') else ('', line.words)
     scopes = inquiry.robot.userdata(path, keys, inquiry.timeout)
     return Reading(scopes, userdata_lines(scopes))
 

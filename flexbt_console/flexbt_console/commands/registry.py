@@ -307,8 +307,8 @@ COMMANDS: Final = (
         Ask(effects.userdata),
         (Argument('PATH', required=False, values=spec.userdata_paths), Argument('KEY', required=False, repeated=True)),
         details=(
-            'Without arguments: all values of every active machine, by key. PATH selects a machine ("/" is the '
-            'outermost), KEY selects keys. The data is read between two steps of the run.',
+            'Without arguments: all values of every active machine, by key. PATH, which begins with "/", selects a '
+            'machine ("/" is the outermost), KEY selects keys. The data is read between two steps of the run.',
         ),
     ),
     CommandSpec(

@@ -12,6 +12,7 @@ import ssl
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -40,6 +41,7 @@ from flexbt_console.mirror.records import (
     ExecutiveState,
     OperatorCommand,
     ResultCode,
+    UserdataScope,
 )
 from flexbt_console.mirror.view import View
 from flexbt_console.present.json_form import encode_json
@@ -429,6 +431,27 @@ def test_what_the_schema_allows_is_a_line_and_nothing_else_is_in_it(data: st.Dat
         for one in value if isinstance(value, list) else [value]:
             assert str(one) in told, 'no text is an option, or lost'
     assert not line.options and line.spec.name.startswith(spec.name)
+
+
+@pytest.mark.parametrize(
+    ('given_', 'asked'),
+    [
+        ({}, ('', [])),
+        ({'path': '/'}, ('/', [])),
+        ({'key': ['speed', 'goal']}, ('', ['speed', 'goal'])),
+        ({'path': '/Inner', 'key': ['speed']}, ('/Inner', ['speed'])),
+    ],
+)
+def test_userdata_is_selected_by_its_machine_and_by_its_keys(
+    given_: dict[str, Any], asked: tuple[str, list[str]]
+) -> None:
+    class Robot(ProgramRobot):
+        def userdata(self, path: str, keys: Sequence[str], timeout: float) -> tuple[UserdataScope, ...]:
+            assert (path, [*keys]) == asked
+            return ()
+
+    robot, userdata = Robot(), next(spec for spec in offered() if spec.name == 'userdata')
+    assert perform(line_of(userdata, given_), robot.station(), robot)[0] is ExitCode.OK
 
 
 def test_of_users_that_are_added_at_the_same_time_none_is_lost(tmp_path: Path) -> None:
