@@ -118,10 +118,11 @@ def as_text(run: RunMetrics) -> list[str]:
         shown.append(
             f'{one_line(one.path):40} {one.visits:6} {one.total:9.2f} {one.longest:9.2f} {one.waiting:9.2f}  {outcomes}'
         )
-    shown += ['', 'commands: ' + (', '.join(f'{name} {number}' for name, number in run.commands().items()) or 'none')]
+    commands = ', '.join(f'{one_line(name)} {number}' for name, number in run.commands().items())
+    shown += ['', f'commands: {commands or "none"}']
     for given in run.interventions:
-        what = ' '.join(filter(None, [given.command, one_line(given.text)]))
-        shown.append(f'  {given.time - run.begin:9.2f} s  {one_line(given.operator)}: {what} ({given.effect})')
+        what = one_line(f'{given.operator}: {" ".join(filter(None, [given.command, given.text]))} ({given.effect})')
+        shown.append(f'  {given.time - run.begin:9.2f} s  {what}')
     if run.contradictions:
         shown += ['', 'not as the skills of the states say:']
     shown += [

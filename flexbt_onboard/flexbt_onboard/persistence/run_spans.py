@@ -15,6 +15,7 @@ import subprocess
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping
+from http.client import HTTPException, InvalidURL
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -123,17 +124,19 @@ def send_spans(address: str, body: Mapping[str, Any]) -> None:
         SpanError: it cannot be reached, or refuses them.
     """
     headers = {'Content-Type': 'application/json'}
-    request = urllib.request.Request(address, json.dumps(body).encode(), headers)  # noqa: S310 - checked above
     try:
+        request = urllib.request.Request(address, json.dumps(body).encode(), headers)  # noqa: S310 - checked above
         with urllib.request.urlopen(request, timeout=SEND_SECONDS):  # noqa: S310
             pass
     except urllib.error.HTTPError as error:
         refusal = SpanError(f'{address}: {error}')
         refusal.is_final = error.code in _FINAL
         raise refusal from error
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, InvalidURL) as error:
         cause = getattr(error, 'reason', error)  # urllib wraps what the system has told
         raise SpanError(f'{address}: {getattr(cause, "strerror", None) or cause}') from error
+    except HTTPException as error:
+        raise SpanError(f'{address}: the answer is not HTTP; a collector takes OTLP over HTTP at port 4318') from error
 
 
 def _span(

@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import random
+import socket
 import subprocess
 import sys
 import threading
@@ -508,3 +509,55 @@ def test_a_collector_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().err == 'run_report: http://127.0.0.1:9/v1/traces: Connection refused\n'
     assert main([str(file), '--follow']) == 2
     assert 'needs --otlp' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ('answer', 'told'),
+    [
+        (b'\0\0\6\4\0\0\0\0\0', 'the answer is not HTTP; a collector takes OTLP over HTTP at port 4318'),  # gRPC's port
+        (b'HTTP/1.1 404 Not Found\r\n\r\n', 'HTTP Error 404: Not Found'),
+    ],
+)
+def test_what_answers_otherwise_than_a_collector_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], answer: bytes, told: str
+) -> None:
+    file = tmp_path / 'executive.jsonl'
+    file.write_text(''.join(json.dumps(event) + '\n' for event in random_run(3)[0]))
+    with socket.create_server(('127.0.0.1', 0)) as server:
+
+        def reply() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(1_000_000)
+                connection.sendall(answer)
+                connection.shutdown(socket.SHUT_WR)
+                while connection.recv(1_000_000):
+                    pass
+
+        threading.Thread(target=reply, daemon=True).start()
+        url = f'http://127.0.0.1:{server.getsockname()[1]}'
+        assert main([str(file), '--otlp', url]) == 1
+    assert capsys.readouterr().err == f'run_report: {url}/v1/traces: {told}\n'
+
+
+@pytest.mark.parametrize('address', ['http://localhost:port', 'http://[::1'])
+def test_an_address_that_no_computer_can_have_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], address: str
+) -> None:
+    file = tmp_path / 'executive.jsonl'
+    file.write_text(''.join(json.dumps(event) + '\n' for event in random_run(3)[0]))
+    assert main([str(file), '--otlp', address]) == 1
+    assert capsys.readouterr().err.startswith(f'run_report: {address}/v1/traces: ')
+
+
+def test_a_line_of_the_log_cannot_control_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / 'executive.jsonl'
+    started = {'event': 'started', 'run': 'r'}
+    file.write_text(
+        ''.join(
+            json.dumps({'time': 1.0, 'stamp': 1.0, 'run': 'r', **event}) + '\n'
+            for event in (started, {'event': 'command', 'command': '\x1b[2JSTOP', 'effect': '\x1b[2Japplied'})
+        )
+    )
+    assert main([str(file)]) == 0
+    assert '\x1b' not in capsys.readouterr().out
