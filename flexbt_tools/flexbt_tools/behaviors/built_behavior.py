@@ -76,7 +76,7 @@ def build(entry: BehaviorEntry, arguments: Sequence[tuple[str, str]]) -> BuiltBe
         return BuiltBehavior(entry.name, None, error.problems, error.records)
     except OnboardError as error:
         return BuiltBehavior(entry.name, None, [str(error)])
-    except Exception as error:  # code of the behavior
+    except (Exception, SystemExit) as error:  # code of the behavior
         return BuiltBehavior(entry.name, None, [f'create() raised {described(error, entry.file)}'])
 
 

@@ -129,6 +129,15 @@ def test_a_file_that_cannot_be_imported_is_refused_with_the_place_in_it(
     assert finding['file'] == (str(file) if line else '')
 
 
+def test_a_behavior_that_ends_the_process_while_it_is_built_is_refused(tmp_path: Path) -> None:
+    file = write(tmp_path, 'helper')
+    (tmp_path / 'helper.py').write_text('SECONDS = 1.0\n')
+    file.write_text(file.read_text().replace("print('made')", 'raise SystemExit(0)'))
+    (finding,) = report('check', file)['findings']
+    assert finding['rule'] == 'refused' and 'create() raised SystemExit' in finding['message']
+    assert tool('show', file).returncode == 2
+
+
 FLEXBE = """\
 from flexbe_core import Autonomy, Behavior, OperatableStateMachine
 from flexbe_states.wait_state import WaitState
