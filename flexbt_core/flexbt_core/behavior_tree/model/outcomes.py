@@ -296,12 +296,16 @@ class Recovered(Outcomes):
 
 @dataclass(frozen=True, slots=True)
 class TimeLimit(Outcomes):
-    """A decorator that fails when its child is RUNNING for longer than the milliseconds of ``port``, if it has one."""
+    """A decorator that fails when its child is RUNNING for longer than the milliseconds of ``port``, if it has one.
+
+    0: without limit.
+    """
 
     port: str = ''
 
     def possible(self, values: Mapping[str, PortValue], children: Sequence[Results]) -> PossibleTick:
-        return PossibleTick(children[0] | (_FAILURE if RUNNING in children[0] else _NOTHING), (True,))
+        may_expire = RUNNING in children[0] and _milliseconds(values, self.port) != 0.0
+        return PossibleTick(children[0] | (_FAILURE if may_expire else _NOTHING), (True,))
 
     def earliest(self, values: Mapping[str, PortValue], children: Sequence[Times]) -> Earliest:
         limit = self.limit(values, children[0])

@@ -87,6 +87,8 @@ ROWS: list[tuple[Outcomes, int | str | None, str, str, str]] = [
     (LIMIT, 2000, 'S3', 'S x', 'F2 | 0'),
     (LIMIT, 0, 'S1 F2 R', 'SFR x', 'F2 S1 | 0'),
     (LIMIT, 0, 'S3', 'S x', 'S3 | 0'),
+    (LIMIT, 0, 'S3 R', 'SR x', 'S3 | 0'),
+    (LIMIT, '{n}', 'S3 R', 'SFR x', 'F0 S3 | 0'),
     (LIMIT, '{n}', 'S1 F2 R', 'SFR x', 'F0 S1 | 0'),
     (LIMIT, '{n}', 'S3', 'S x', 'F0 S3 | 0'),
     (LIMIT, 2000, 'S3 K1 R', 'SFRK x', 'F0 K1 S3 | 0'),
