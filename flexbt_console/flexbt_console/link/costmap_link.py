@@ -137,14 +137,16 @@ def combined(cells: Any, factor: int) -> Any:
 
 
 class CostmapLinks:
-    """The links of the robots whose costmaps are shown. Call neither method on the executor thread."""
+    """The links of the robots whose costmaps are shown."""
 
     def __init__(self, runtime: NodeRuntime) -> None:
         self._runtime = runtime
         self._links: dict[str, tuple[int, CostmapLink]] = {}
 
     def open(self, robot: str) -> CostmapLink:
-        """Return the link of a robot, until :meth:`close` was called as often. Raises TimeoutError for a busy node."""
+        """Return the link of a robot, until :meth:`close` was called as often. Not on the executor thread.
+
+        Raises TimeoutError for a busy node."""
 
         def open() -> CostmapLink:
             count, link = self._links.get(robot) or (0, CostmapLink(self._runtime, robot))
@@ -163,4 +165,4 @@ class CostmapLinks:
             else:
                 link.close()
 
-        self._runtime.call(close)
+        self._runtime.post(close)

@@ -106,7 +106,7 @@ class FleetLink:
 
         An ``operator`` other than that of the links is present at the robot meanwhile.
 
-        Raises KeyError if the robot is not known. Do not call this or :meth:`close` on the executor thread.
+        Raises KeyError if the robot is not known. Do not call this on the executor thread.
         """
         with self._keeping:
             link = self._joined[name]

@@ -269,8 +269,8 @@ class ExecutiveLink(RobotLink):
     def open_surroundings(self, scan_period: float = 0.0) -> None:
         """Receive trees, map, plan and scan until :meth:`close_surroundings` was called equally often.
 
-        The first caller sets the period of the scan. Call neither on the executor thread; both raise
-        TimeoutError when that thread is busy for too long.
+        The first caller sets the period of the scan. Not on the executor thread. Raises TimeoutError when that thread
+        is busy for too long.
         """
         from .surroundings_link import SurroundingsLink  # what only this needs
 
@@ -282,7 +282,7 @@ class ExecutiveLink(RobotLink):
         self._runtime.call(open)
 
     def close_surroundings(self) -> None:
-        """See :meth:`open_surroundings`."""
+        """See :meth:`open_surroundings`. From any thread; it waits for nothing."""
 
         def close() -> None:
             self._surrounded -= 1
@@ -291,7 +291,7 @@ class ExecutiveLink(RobotLink):
                 link.close()
                 self.mirror.forget_surroundings()
 
-        self._runtime.call(close)
+        self._runtime.post(close)
 
     def _synthesis_query(self) -> SynthesisQuery:
         from .queries import SynthesisQuery  # what only this command needs

@@ -238,8 +238,10 @@ def test_one_node_joins_every_robot_and_commands_the_one_that_is_meant(executive
         robots.robot('/first')[0].receive_plan(((0.0, 0.0), (1.0, 0.0)))
         robots.open('/first')
         robots.close('/first')  # one that has it open is left
+        runtime.call(lambda: None)
         assert robots.robot('/first')[0].view().surroundings.plan
         robots.select('/second')
+        runtime.call(lambda: None)
         assert not robots.robot('/first')[0].view().surroundings.plan  # it may have become another one
     with NodeRuntime.open('console') as runtime:
         robots = FleetLink(runtime, Fleet(), lambda: Mirror(runtime.steady), 'ann', only=['/second', '/nobody'])
@@ -276,6 +278,12 @@ def test_who_asks_for_the_surroundings_holds_nothing_up_and_listens_no_longer_th
         with pytest.raises(NoAnswerError, match='too busy'):
             link.surroundings(lambda view: True, DEADLINE)
         asked.clear()
+        monkeypatch.undo()
+        link.open_surroundings()
+        monkeypatch.setattr(runtime, 'call', lambda fn: call(fn, 0.01))
+        with held(runtime):
+            link.close_surroundings()
+        wait_until(lambda: not runtime.node.get_subscriptions_info_by_topic('/alone/tree_status'), 'no listener')
 
 
 def test_who_has_something_made_for_the_first_time_holds_nothing_up(monkeypatch: pytest.MonkeyPatch) -> None:
