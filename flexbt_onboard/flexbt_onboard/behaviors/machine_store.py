@@ -53,7 +53,7 @@ class MachineStore:
         """
         machines, problems = self._machines()
         entries = []
-        for file, text in sorted(machines[:MOST_MACHINES]):
+        for file, text in sorted(machines):  # maybe more than MOST_MACHINES, since some were in use
             try:
                 entries.append(machine_entry(file.stem, text))
             except MachineError as error:

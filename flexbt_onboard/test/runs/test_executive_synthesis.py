@@ -242,6 +242,7 @@ def test_the_oldest_machines_give_way_and_no_other_files(tmp_path: Path) -> None
     for other in others:
         os.utime(other, (1e8, 1e8))
     assert store.keep('last', MACHINE, {'m0'}) == []  # the oldest is in use
+    assert 'm0' in [entry.name for entry in store.entries()[0]]  # and still known after a restart
     assert store.keep('more', MACHINE, ()) == ['m1', 'm0']
     assert all(other.exists() for other in others)
     with pytest.raises(UnicodeEncodeError):
