@@ -362,6 +362,8 @@ class Rules:
     def do(self, action: str, who: str, other: str = '') -> bool:
         if action == 'come or go':
             self.there ^= {who}
+            if who in self.asking:
+                self.asking[who] = 0
             if not self.holder:
                 self._give(self._next())
         elif action == 'claim':
