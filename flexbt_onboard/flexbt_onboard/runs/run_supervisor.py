@@ -273,10 +273,10 @@ class OperatorAbsenceWatch:
         self._timer = self._runtime.post_in(seconds, lambda: self._time_is_over(run))
 
     def _time_is_over(self, run: BehaviorRun) -> None:
-        if run is not self._run or self._presence.present:
+        shown = run.snapshot
+        if run is not self._run or self._presence.present or shown.is_stopping:
             return
         self._timer = None
-        shown = run.snapshot
         self._is_due = shown.operator_gone is OperatorGone.HOLD and not shown.has_begun
         if self._is_due:
             return

@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import replace
 
 import pytest
@@ -22,7 +23,18 @@ from flexbt_testing.waiting import DEADLINE
 AFTER = 0.6
 
 
-def behavior(policy: object, after: object = AFTER, state: str = 'Wait', name: str = '') -> type[Behavior]:
+def waiting() -> EventState:
+    """Return a state that waits for ever."""
+    return EventState(outcomes=['done'], desired_rate=None)
+
+
+def behavior(
+    policy: object,
+    after: object = AFTER,
+    state: str = 'Wait',
+    name: str = '',
+    make: Callable[[], EventState] = waiting,
+) -> type[Behavior]:
     """Return a behavior that waits for ever in a state, with a policy."""
 
     class Waiting(Behavior):
@@ -31,7 +43,7 @@ def behavior(policy: object, after: object = AFTER, state: str = 'Wait', name: s
         def create(self) -> OperatableStateMachine:
             machine = OperatableStateMachine(outcomes=['done'])
             with machine:
-                OperatableStateMachine.add(state, EventState(outcomes=['done'], desired_rate=None), {'done': 'done'})
+                OperatableStateMachine.add(state, make(), {'done': 'done'})
             return machine
 
     Waiting.operator_gone = policy  # type: ignore[assignment]
@@ -66,10 +78,10 @@ def test_a_run_is_stopped_in_time_after_the_last_console_has_gone(bench: Executi
     until = time.monotonic() + 2 * AFTER
     bench.wait_for(lambda _status: time.monotonic() > until, 'longer than the time')
     assert bench.status.state == ExecutiveStatus.RUNNING  # the other one is there
-    closing = time.monotonic()  # it says that it goes before close() returns
+    left = time.monotonic()  # it says that it goes before close() returns
     second.close()
     assert bench.wait_idle() == 'preempted'
-    assert time.monotonic() - closing >= AFTER
+    assert time.monotonic() - left >= AFTER
     assert f'no operator was there for {AFTER:g} s' in bench.status.message
 
 
@@ -97,6 +109,27 @@ def test_a_run_that_could_not_begin_while_the_time_was_over_is_held_when_it_begi
     bench.runtime.call(runs.nodes_changed)
     bench.wait_for(lambda status: status.state == ExecutiveStatus.PAUSED, 'held')
     assert sum('paused until an operator resumes it' in line.text for line in bench.logs) == 1
+
+
+@pytest.mark.parametrize('policy', [OperatorGone.HOLD, OperatorGone.STOP])
+def test_a_run_that_is_being_stopped_is_told_neither_paused_nor_stopped_again(policy: OperatorGone) -> None:
+    at_rest, later = threading.Event(), threading.Event()
+
+    class Braking(EventState):
+        def __init__(self) -> None:
+            super().__init__(outcomes=['done'], desired_rate=None)
+
+        def halting(self) -> str | None:
+            return None if at_rest.is_set() else 'braking'
+
+    with closing(ExecutiveBench(behavior(policy, name='Test', make=Braking))) as bench:
+        bench.start()
+        bench.applied(ExecutiveCommand.STOP)
+        bench.runtime.call(lambda: bench.runtime.post_in(AFTER, later.set))  # after that of the run, which began before
+        assert later.wait(DEADLINE)
+        at_rest.set()
+        assert bench.wait_idle() == 'preempted'
+        assert not [line.text for line in bench.logs if 'no operator was there' in line.text]
 
 
 def test_who_comes_and_goes_is_no_news_where_the_run_goes_on_anyway(bench: ExecutiveBench) -> None:
