@@ -132,7 +132,7 @@ class BehaviorParameter:
             low, high = self.minimum, self.maximum
             is_within = (low is None or value >= low) and (high is None or value <= high)
             if not is_within:  # nor is NaN
-                limits = f'{-math.inf if low is None else low:g} to {math.inf if high is None else high:g}'
+                limits = f'{-math.inf if low is None else low:.15g} to {math.inf if high is None else high:.15g}'
                 raise ParameterError(f'parameter {self.name!r}: {short_repr(value)} is outside of its limits {limits}')
         return value
 

@@ -105,6 +105,11 @@ def test_a_number_larger_than_any_float_is_outside_of_limits() -> None:
         BehaviorParameter('rounds', 1, minimum=1, maximum=5).from_text('9' * 400)
 
 
+def test_a_limit_is_told_with_all_its_digits() -> None:
+    with pytest.raises(ParameterError, match=r'1234568 is outside of its limits 0\.1234567 to 1234567$'):
+        BehaviorParameter('rounds', 1, minimum=0.1234567, maximum=1234567).from_text('1234568')
+
+
 def test_what_is_no_number_is_outside_of_limits() -> None:
     """As a program, or YAML that embeds the behavior, may give it."""
     with pytest.raises(ParameterError, match='nan is outside of its limits -inf to 1'):
