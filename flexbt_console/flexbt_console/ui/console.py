@@ -253,7 +253,8 @@ def _run_incidents(line: CommandLine) -> ExitCode:
         text = '\n'.join(one.line for one in known) or f'no incidents in {directory}'
     else:
         found = incident_named(directory, '' if line.first_word == 'latest' else line.first_word)
-        value, text = found.facts, f'{found.folder}\n\n{(found.folder / PAGE).read_text(encoding="utf-8")}'.rstrip()
+        page = (found.folder / PAGE).read_text(encoding='utf-8', errors='replace')
+        value, text = found.facts, f'{found.folder}\n\n{page}'.rstrip()
     print(json.dumps(value) if line.has('--json') else text)
     return ExitCode.OK
 

@@ -58,6 +58,7 @@ from flexbt_console.recording.player import RunPlayer
 from flexbt_console.recording.ring import Ring
 from flexbt_console.recording.run_file import RECORDING, read_run
 from flexbt_console.recording.topics import TOPICS, full_definition
+from flexbt_console.ui.console import main as console
 from flexbt_core.clock.clock import ManualClock
 from flexbt_msgs.msg import ExecutiveCommand, ExecutiveEvent, ExecutiveEvents, ExecutiveLog, ExecutiveStatus, PeerStatus
 from flexbt_testing.system.fork_server import ForkedProcess
@@ -757,6 +758,15 @@ def test_an_incident_is_found_by_its_name_though_that_of_another_begins_so(tmp_p
     stop = Occurrence(1e9, 'stop', 'STOP by ann')
     folders = [make(Request(robot, (stop,), (), str(tmp_path / 'incidents'), 0.0)) for robot in ('', 'r1', 'r10')]
     assert [incident_named(tmp_path / 'incidents', one.name).folder for one in folders] == folders
+
+
+def test_a_page_that_is_damaged_is_printed_as_far_as_it_can_be_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = make(Request('', (Occurrence(1e9, 'stop', 'STOP by ann'),), (), str(tmp_path), 0.0))
+    (folder / PAGE).write_bytes(b'# Incident: \xff stop')
+    assert console(['incidents', 'latest', '--directory', str(tmp_path)]) == 0
+    assert capsys.readouterr().out == f'{folder}\n\n# Incident: \ufffd stop\n'
 
 
 def test_files_of_the_same_name_in_two_directories_are_both_in_an_incident(tmp_path: Path) -> None:
