@@ -7,6 +7,7 @@ import dataclasses
 import itertools
 import json
 import math
+import threading
 from typing import Any
 
 import pytest
@@ -23,6 +24,7 @@ from flexbt_console.mirror.records import (
     StateKind,
     StateStructure,
     Structure,
+    UserdataScope,
 )
 from flexbt_console.mirror.trees import MirroredNode, MirroredNodeKind, MirroredStatus, TreeNodes, TreeReport
 from flexbt_console.ui.web.drawings import Drawing, Drawings
@@ -256,9 +258,9 @@ def test_a_diagram_is_zoomed_and_moved_by_keys_wheel_and_drag(browser: Browser) 
         assert browser.run(view) == pytest.approx([x, y, width, height])
 
 
-def press_outcome(browser: Browser, transition: str) -> None:
+def press_outcome(browser: Browser, transition: str, *keys: str) -> None:
     box = browser.driver.find_element(By.CSS_SELECTOR, f'#machine [id="{transition}"] rect')
-    ActionChains(browser.driver).move_to_element(box).click().perform()
+    ActionChains(browser.driver).move_to_element(box).click().send_keys(*keys).perform()
 
 
 def test_all_of_a_diagram_fits_however_large_it_is(browser: Browser) -> None:
@@ -320,8 +322,9 @@ def test_stop_stays_in_a_dialog_that_is_scrolled(browser: Browser) -> None:
         assert browser.run('return document.getElementById("dialog").scrollTop') > 300
 
 
-def test_an_outcome_is_answered_or_forced_on_the_diagram(browser: Browser) -> None:
-    robot = drawn_robot()
+def test_an_outcome_is_answered_or_forced_on_the_diagram(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, answers = drawn_robot(), threading.Event()
+    monkeypatch.setattr(robot, 'userdata', lambda *_: (UserdataScope('/', ()),) if answers.wait(60.0) else ())
     with served({'robot': robot.station()}) as port:
         browser.driver.get(f'http://127.0.0.1:{port}/')
         until_drawn(browser)
@@ -331,11 +334,15 @@ def test_an_outcome_is_answered_or_forced_on_the_diagram(browser: Browser) -> No
         assert (sent.kind, sent.decision_id) == (CommandKind.CONFIRM, PLAN.id)
         browser.until_text('decision-line', 'No pending decision')
         assert browser.run('return document.querySelector("#machine .choice.wanted")') is None
-        press_outcome(browser, 's1o1')  # nothing waits: it is asked about
+        browser.press(':', 'userdata', Keys.ENTER)
+        # Nothing waits: it is asked about; Enter comes sooner than anybody can have read it.
+        press_outcome(browser, 's1o1', Keys.ENTER)
         browser.until_text('dialog-title', 'Leave /Drive by failed')
-        browser.press(Keys.ENTER)  # sooner than anybody can have read it
         browser.until_it_may_be_answered()
         assert len(robot.sent) == 1 and browser.run('return document.querySelector("dialog").open')
+        answers.set()  # the answer to something else takes the place of no question
+        browser.until_text('told', 'userdata:')
+        assert browser.text('dialog-title') == 'Leave /Drive by failed'
         browser.press(Keys.ENTER)
         sent = robot.wait_sent(2)[1]
         assert (sent.kind, sent.path, sent.outcome) == (CommandKind.FORCE, '/Drive', 'failed')
@@ -556,7 +563,11 @@ def test_two_browsers_are_two_operators_and_each_is_asked_once(browser: Browser)
             browser.press('!')  # a stop waits for no name
             assert robot.wait_sent(2 * number + 1)[-1].operator.startswith('guest-')
             browser.until(lambda: browser.driver.find_element(By.ID, 'your-name').is_displayed())
-            browser.driver.find_element(By.ID, 'your-name').send_keys(name, Keys.ENTER)
+            browser.driver.find_element(By.ID, 'your-name').send_keys(name)
+            for kind in ('pagehide', 'pageshow'):  # another connection changes nothing of it
+                browser.run('dispatchEvent(new PageTransitionEvent(arguments[0], {persisted: true}))', kind)
+            browser.until_live()
+            browser.driver.find_element(By.ID, 'your-name').send_keys(Keys.ENTER)
             browser.until_text('holder', f'you: {name}')
             browser.until_live()
             browser.press('!')

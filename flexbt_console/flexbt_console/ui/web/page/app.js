@@ -458,8 +458,8 @@ document.addEventListener('keydown', (event) => {
 setInterval(askLanes, 1000);
 
 function askName(asks) {
+  if (byId('name-form').hidden) byId('your-name').value = remembered('operator', '');  // else it may be typed just now
   byId('name-form').hidden = !asks;
-  byId('your-name').value = remembered('operator', '');
   byId('name-told').textContent = `until then: ${operator()}`;
 }
 byId('rename').addEventListener('click', () => { askName(true); byId('your-name').focus(); });
@@ -493,7 +493,7 @@ function takeMessage(message) {
     known.robots = message.refused.robots;
     drawRobots();
   } else if (message.told) tell(message.told.text, message.told.tone);
-  else if (message.read && byId('dialog').matches('[open]:has(input, select)')) tell(`${message.read.title}:\n${message.read.text}`, 'plain');  // what is filled in stays
+  else if (message.read && byId('dialog').matches('[open]:has(input, select, .primary)')) tell(`${message.read.title}:\n${message.read.text}`, 'plain');  // what is filled in or asked stays
   else if (message.read) commands.read(message.read.title, message.read.text);
   else if (message.past) takeMoment(message.past);
   else if (message.recordings) { if (!byId('dialog').open) chooseRecording(message.recordings); }  // something else is read by now
