@@ -100,7 +100,11 @@ STATUS: Final = {
 
 _BYTES: Final = 'application/octet-stream'
 READS: Final[Mapping[str, tuple[str, str, str]]] = {
-    '/robots': ('list_robots', 'list the robots, the most urgent first', 'application/json'),
+    '/robots': (
+        'list_robots',
+        'list the robots, the most urgent first; left_out: how many more were found',
+        'application/json',
+    ),
     '/robots/{robot}': ('status_of_robot', 'status of a robot', 'application/json'),
     '/robots/{robot}/events': ('events_of_robot', 'events of a robot, as a stream', 'text/event-stream'),
     '/incidents': ('list_incidents', 'list the incidents, newest first', 'application/json'),
@@ -316,8 +320,9 @@ class HttpInterface:
 
     async def _list_robots(self, _request: web.Request) -> web.Response:
         def listed() -> web.Response:
-            robots = robots_json(self._robots.fleet.overview())
-            return _json({'robots': [{**one, 'robot': _segment(one['robot'])} for one in robots]})
+            fleet = self._robots.fleet
+            robots = [{**one, 'robot': _segment(one['robot'])} for one in robots_json(fleet.overview())]
+            return _json({'robots': robots, 'left_out': fleet.left_out})
 
         return await self._aside(listed)
 

@@ -287,6 +287,18 @@ def test_a_stop_waits_for_no_answer_that_is_written(monkeypatch: pytest.MonkeyPa
     asyncio.run(asyncio.wait_for(ask(), DEADLINE))
 
 
+def test_the_list_of_robots_tells_how_many_it_lacks() -> None:
+    async def listed() -> Any:
+        robots = WebRobots({'/robot': ProgramRobot().station()})
+        robots.fleet.note_left_out(3)
+        interface = HttpInterface(robots, robots.station, Access(), lambda user: 'ann')
+        async with TestClient(TestServer(interface.application())) as client:
+            return await (await client.get('/robots')).json()
+
+    known = asyncio.run(asyncio.wait_for(listed(), DEADLINE))
+    assert ([one['robot'] for one in known['robots']], known['left_out']) == (['robot'], 3)
+
+
 def test_a_mission_is_driven_by_programs_and_events_tell_of_it(site: Site, executives: Any) -> None:
     executives(ROBOT, heartbeat=0.2)
     observer, operator = site.client('observer'), site.client('operator')
