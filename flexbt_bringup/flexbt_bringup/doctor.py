@@ -26,6 +26,7 @@ from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import TransformError
 from flexbt_common.files import USER_DIRECTORY, home_path
+from flexbt_common.interfaces import RECORDERS
 from flexbt_common.middleware.fastdds import FAST_DDS
 from flexbt_common.middleware.implementation import ZENOH, implementation, losses
 from flexbt_common.names import node_of
@@ -413,7 +414,7 @@ class RobotCheck:
 
     def _velocities(self) -> Iterator[Finding]:
         topic = self._name(self._cmd_vel_topic)
-        ours = {self._name(name) for name in OURS}
+        ours = {self._name(name) for name in (*OURS, *RECORDERS)}
         bases = [one for one in self._graph.subscriptions.get(topic, ()) if node_of(one) not in ours]
         if not bases:
             yield warning(

@@ -157,6 +157,20 @@ def test_topics_and_frames_are_those_of_the_executive(other: NodeRuntime) -> Non
     assert all(kept)
 
 
+def test_the_black_box_is_no_base(other: NodeRuntime) -> None:
+    """It hears velocity commands as Twist, whatever the base takes."""
+    with NodeRuntime.open('black_box') as box, NodeRuntime.open('onboard_executive') as executive:
+        kept = [
+            box.call(lambda: box.node.create_subscription(Twist, 'cmd_vel', print, 10)),
+            executive.call(lambda: executive.node.create_publisher(Twist, 'cmd_vel', 1)),
+        ]
+        assert 'nobody listens to /cmd_vel' in of(findings(seconds=1.0), 'velocity', Level.WARNING)[0]
+        kept.append(other.call(lambda: other.node.create_subscription(TwistStamped, 'cmd_vel', print, 10)))
+        (told,) = of(findings(seconds=1.0), 'velocity')
+        assert told.startswith('/localization takes geometry_msgs/msg/TwistStamped on /cmd_vel'), told
+    assert all(kept)
+
+
 @pytest.mark.dds('another process takes part')
 def test_a_robot_in_a_namespace(other: NodeRuntime) -> None:
     other.call(lambda: publish_transform(other))  # of another robot, at the root
