@@ -378,6 +378,8 @@ def _run_users(line: CommandLine) -> ExitCode:
     token = secrets.token_urlsafe(24)
     if new and not NAME.fullmatch(new):
         raise UsageError(f'--add {new!r}: a name has letters, digits, and . _ @ -, at most 64')
+    if line.has('--role') and not new:
+        raise UsageError('--role needs --add, which gives a new token to a user who is there')
     with alone_in(file.parent) if new or gone else contextlib.nullcontext():
         users = list(read_users(file).values()) if file.exists() or not new else []
         if gone and gone not in {user.name for user in users}:

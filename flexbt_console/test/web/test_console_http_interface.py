@@ -479,6 +479,8 @@ def test_of_users_that_are_added_at_the_same_time_none_is_lost(tmp_path: Path) -
             write_users(file, [User('ann', Role.OPERATOR, token_hash('t'))])
         assert adding.wait(DEADLINE) == 0
     assert sorted(one.name for one in read_users(file).values()) == ['ann', 'bob']
+    without = subprocess.run([*command[:-2], '--role', 'observer'], capture_output=True, text=True)
+    assert (without.returncode, '--role needs --add' in without.stderr) == (2, True)
 
 
 def test_a_file_of_users_that_is_not_right_is_refused(tmp_path: Path) -> None:
