@@ -26,7 +26,7 @@ from flexbt_common import names
 from flexbt_common.calls.service_call import ServiceLinks, service_outcome
 from flexbt_common.errors import TransformError
 from flexbt_common.files import USER_DIRECTORY, home_path
-from flexbt_common.interfaces import RECORDERS
+from flexbt_common.interfaces import CONSOLES, RECORDERS
 from flexbt_common.middleware.fastdds import FAST_DDS
 from flexbt_common.middleware.implementation import ZENOH, implementation, losses
 from flexbt_common.names import node_of
@@ -296,7 +296,8 @@ class RobotCheck:
             return
         yield ok(f'{pluralize(len(graph.nodes), "node")} found')
         for name in graph.duplicates:
-            yield error(f'several nodes are called {name}', 'stop the ones that were left running')
+            if name.rpartition('/')[2] not in CONSOLES:  # each operator, page and alert service is one
+                yield error(f'several nodes are called {name}', 'stop the ones that were left running')
         in_namespace = [name for name in graph.nodes if name.startswith(f'{self._namespace}/')]
         if self._namespace and not in_namespace:
             spaces = sorted({name.rpartition('/')[0] for name in graph.nodes if name.count('/') > 1})

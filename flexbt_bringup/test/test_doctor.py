@@ -230,7 +230,7 @@ def test_topics_that_do_not_fit(other: NodeRuntime) -> None:
 
 
 def test_two_nodes_of_one_name_and_a_wrong_namespace(other: NodeRuntime) -> None:
-    with NodeRuntime.open('localization'):
+    with NodeRuntime.open('localization'), NodeRuntime.open('console'), NodeRuntime.open('console'):  # two operators
         assert of(findings(), 'discovery') == ['several nodes are called /localization']
     assert 'no node is in the namespace /robot7' in of(findings('/robot7', 1.0), 'discovery')[0]
 
