@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Final
 
 from flexbt_core.state_machine.engine.events import (
@@ -61,8 +62,7 @@ class MachineMonitor(RunReader):
         self._found = found
         self._visits = Visits()
         self._approvals = Approvals()
-        self.requirements = Requirements(requirements, run.clock.now, found)
-        self._has_requirements = bool(self.requirements.requirements)
+        self._require(Requirements(requirements, run.clock.now, found))
         self._holders: set[str] = set()  # entered states with actuators; some may have been left
         self._is_ending = False
         self._outcome: str | None = None
@@ -72,6 +72,25 @@ class MachineMonitor(RunReader):
         """States that were entered and whose on_exit was not called."""
         return self._visits.inside
 
+    @contextmanager
+    def requiring(self, requirements: Iterable[Requirement]) -> Iterator[None]:
+        """Watch other requirements from now on, but the same as before if the run does not switch within the block.
+
+        What came before causes no violation of them.
+        """
+        before, definition = self.requirements, self._run.definition
+        self._require(Requirements(requirements, self._run.clock.now, self._found))
+        self.requirements.resume()
+        try:
+            yield
+        finally:
+            if self._run.definition is definition:
+                self._require(before)
+
+    def _require(self, requirements: Requirements) -> None:
+        self.requirements = requirements
+        self._has_requirements = bool(requirements.requirements)
+
     def next_wake(self) -> float | None:
         return self.requirements.next_due()
 
@@ -79,7 +98,7 @@ class MachineMonitor(RunReader):
         return {
             RunStarted: self._started,
             MachineSwitched: self._switched,
-            **({MachineEntered: self._machine_entered} if self._has_requirements else {}),
+            MachineEntered: self._machine_entered,
             StateEntered: self._entered,
             StateExited: self._exited,
             OutcomeTaken: self._outcome_taken,

@@ -12,6 +12,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any, Final
 
@@ -21,6 +22,7 @@ from flexbt_core.monitors.machine_monitor import MachineMonitor
 from flexbt_core.monitors.monitoring import Findings, Monitoring, violation_text
 from flexbt_core.monitors.properties import Property, Violation
 from flexbt_core.monitors.requirement_text import machine_vocabulary
+from flexbt_core.monitors.requirements import Requirement
 from flexbt_core.skills.observation import claims
 from flexbt_core.state_machine.engine.engine import STOP_TIMEOUT, RunLimits, RunningCallback
 from flexbt_core.state_machine.engine.events import (
@@ -107,6 +109,7 @@ class BehaviorRun(RunReader):
         self._stop_timeout = stop_timeout
         self._monitoring = monitoring or Monitoring()
         self._findings = Findings(self._violated)
+        self._monitor: MachineMonitor | None = None
         self._wake_event = WakeEvent()
         self._lock = threading.Lock()
         self._stop_reason: str | None = None
@@ -410,16 +413,17 @@ class BehaviorRun(RunReader):
             limits=RunLimits(stop_timeout=self._stop_timeout),
             wake_event=self._wake_event,
         )
-        self._monitor(machine)
+        if self._monitoring.is_on:
+            requirements = self._requirements_of(request.entry.name, definition)
+            self._monitor = MachineMonitor(machine, self._findings.add, requirements)
+            machine.add_reader(self._monitor)
         return machine, built
 
-    def _monitor(self, machine: MachineRun) -> None:
-        """Attach a monitor to the machine if monitoring is on."""
-        monitoring, behavior = self._monitoring, self._request.entry.name
-        if monitoring.is_on:
-            for problem in monitoring.problems_of(behavior, machine_vocabulary(machine.definition)):
-                self._log(Severity.WARN, problem)
-            machine.add_reader(MachineMonitor(machine, self._findings.add, monitoring.requirements_of(behavior)))
+    def _requirements_of(self, behavior: str, definition: MachineDefinition) -> Sequence[Requirement]:
+        """Return what a monitor watches for a behavior. Report requirements that name missing parts."""
+        for problem in self._monitoring.problems_of(behavior, machine_vocabulary(definition)):
+            self._log(Severity.WARN, problem)
+        return self._monitoring.requirements_of(behavior)
 
     def _await_nodes(self) -> None:
         """Wait for nodes that are alive but not ready yet, since the first state that needs one would fail."""
@@ -460,7 +464,12 @@ class BehaviorRun(RunReader):
 
     def _switch_to(self, machine: MachineRun, definition: MachineDefinition, built: RunBuilt) -> str | None:
         """Switch the machine to another behavior. A command that the machine applies between two steps."""
-        refusal = switch_machine(machine, definition)
+        behavior = built.request.entry.name
+        requiring: AbstractContextManager[None] = nullcontext()
+        if self._monitor is not None and behavior != self._request.entry.name:  # else what came before counts
+            requiring = self._monitor.requiring(self._requirements_of(behavior, definition))
+        with requiring:
+            refusal = switch_machine(machine, definition)
         if refusal is None:
             self._request, self._switched = built.request, built
             self._tell_skills(definition)

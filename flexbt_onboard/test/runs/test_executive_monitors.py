@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,37 @@ def test_a_run_is_stopped_by_what_a_monitor_finds_if_that_is_wanted() -> None:
         bench.start()
         bench.wait_for(lambda status: status.state == ExecutiveStatus.IDLE and status.outcome, 'the end')
         assert bench.status.outcome == 'preempted' and 'base has two owners' in bench.status.message
+    finally:
+        bench.close()
+
+
+def in_a_row(*labels: str) -> OperatableStateMachine:
+    machine = OperatableStateMachine(outcomes=['done'])
+    with machine:
+        for label, following in zip(labels, [*labels[1:], 'done'], strict=True):
+            OperatableStateMachine.add(label, EventState(['done'], desired_rate=None), {'done': following})
+    return machine
+
+
+def test_a_run_that_is_switched_is_watched_by_the_requirements_of_its_new_behavior() -> None:
+    rules = 'One:\n  - never /B\n  - never /C\nTwo:\n  - never /D\n  - /C only after /Z\n'
+    rows = {'One': 'AB', 'Two': 'ACDZ', 'Other': 'X'}
+    behaviors = [behavior_of(partial(in_a_row, *labels), name) for name, labels in rows.items()]
+    monitoring = Monitoring(True, False, read_requirements(rules, 'site.yaml'))
+    bench = ExecutiveBench(*behaviors, parameters=ExecutiveParameters(peers=(), monitoring=monitoring))
+    try:
+        bench.start('One')
+        bench.refused(ExecutiveCommand.SWITCH, behavior='Other')
+        bench.applied(ExecutiveCommand.FORCE, path='/A', outcome='done')
+        wait_until(lambda: told(bench, 'monitor: /B happens'), 'what is required without a switch')
+        bench.applied(ExecutiveCommand.STOP)
+        bench.wait_idle()
+        bench.start('One')
+        bench.applied(ExecutiveCommand.SWITCH, behavior='Two')
+        for label in 'AC':
+            bench.applied(ExecutiveCommand.FORCE, path=f'/{label}', outcome='done')
+        wait_until(lambda: told(bench, 'monitor: /D happens'), 'what the other behavior must not do')
+        assert not told(bench, 'monitor: /C')
     finally:
         bench.close()
 
