@@ -80,7 +80,9 @@ class Browser:
 
     def until(self, done: Callable[[], object]) -> Any:
         """Wait until the condition is true, and return its value."""
-        return wait_until(done, lambda: self.run('return document.body.innerText'), BROWSER_SECONDS)
+        return wait_until(
+            done, lambda: self.run('return `${location.href}\\n${document.body.innerText}`'), BROWSER_SECONDS
+        )
 
     def text(self, id: str) -> str:
         """Return the text of an element as it is read."""

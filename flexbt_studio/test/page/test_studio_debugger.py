@@ -106,6 +106,8 @@ def robot(page: StudioPage, mission: Mission) -> Iterator[StudioPage]:
 
 
 def open_page(page: StudioPage, mission: Mission, file: str) -> None:
+    # While a tree is held, the page asks who leaves it. The driver answers, and may then lose the next address.
+    page.run('BeforeUnloadEvent.prototype.preventDefault = () => {}')
     page.driver.get('about:blank')
     page.driver.get(f'{mission.studio}&file={file}')
     page.until(lambda: page.selected)
