@@ -394,12 +394,10 @@ class RobotCheck:
         sources = [self._name(topic) for topic in dict.fromkeys((self._pose_topic, names.AMCL_POSE, names.ODOM))]
         found = ['the transforms'] if has_transform else []
         for topic in sources:
-            types = self._graph.topics.get(topic, ())
-            if not self._graph.is_published(topic):
-                continue
-            if set(types) & POSE_TYPES.keys():
+            types = sorted({one.topic_type for one in self._graph.publishers.get(topic, ())})
+            if POSE_TYPES.keys() & types:
                 found.append(topic)
-            else:
+            elif types:
                 yield error(
                     f'{topic} has the type {", ".join(types)}, expected {", ".join(POSE_TYPES)}',
                     'set pose_topic to the topic that has the pose',

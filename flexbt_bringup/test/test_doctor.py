@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 import pytest
 import rclpy.qos
-from geometry_msgs.msg import PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, Twist, TwistStamped
 from nav2_msgs.action import ComputePathToPose, FollowPath, Spin, Wait
 from rcl_interfaces.msg import ParameterValue
 from rcl_interfaces.srv import GetParameters
@@ -157,16 +157,20 @@ def test_topics_and_frames_are_those_of_the_executive(other: NodeRuntime) -> Non
     assert all(kept)
 
 
-def test_the_black_box_is_no_base(other: NodeRuntime) -> None:
-    """It hears velocity commands as Twist, whatever the base takes."""
+def test_the_black_box_is_no_base_and_gives_no_topic_its_type(other: NodeRuntime) -> None:
+    """It hears velocity commands as Twist, whatever the base takes, and poses as PoseStamped, whatever is sent."""
     with NodeRuntime.open('black_box') as box, NodeRuntime.open('onboard_executive') as executive:
         kept = [
             box.call(lambda: box.node.create_subscription(Twist, 'cmd_vel', print, 10)),
             executive.call(lambda: executive.node.create_publisher(Twist, 'cmd_vel', 1)),
+            box.call(lambda: box.node.create_subscription(PoseStamped, 'pose', print, 10)),
+            other.call(lambda: other.node.create_publisher(String, 'pose', 1)),
         ]
         assert 'nobody listens to /cmd_vel' in of(findings(seconds=1.0), 'velocity', Level.WARNING)[0]
         kept.append(other.call(lambda: other.node.create_subscription(TwistStamped, 'cmd_vel', print, 10)))
-        (told,) = of(findings(seconds=1.0), 'velocity')
+        found = findings(seconds=1.0)
+        assert of(found, 'pose')[0].startswith('/pose has the type std_msgs/msg/String, expected ')
+        (told,) = of(found, 'velocity')
         assert told.startswith('/localization takes geometry_msgs/msg/TwistStamped on /cmd_vel'), told
     assert all(kept)
 
