@@ -440,7 +440,7 @@ class RobotCheck:
         for name in served:
             short = 'BackUp' if name == names.BACKUP else name.title().replace('_', '')
             types, wanted = actions[self._name(name)], f'nav2_msgs/action/{short}'
-            if wanted not in types:
+            if types != (wanted,):  # a leaf that calls a server of another type adds its own
                 yield error(
                     f'{self._name(name)} has the type {", ".join(types)}, expected {wanted}',
                     'give trees the name of another server (server_name), or use CallAction with its type',

@@ -203,6 +203,11 @@ def test_servers_of_another_type_or_missing(other: NodeRuntime) -> None:
     ScriptedActionServer(other, FollowPath, 'robot1/follow_path')
     found = findings()
     assert of(found, 'servers') == ['/spin has the type nav2_msgs/action/Wait, expected nav2_msgs/action/Spin']
+    with NodeRuntime.open('bt_server') as server:
+        leaf = server.call(lambda: ActionClient(server.node, Spin, 'spin'))
+        both = 'nav2_msgs/action/Spin, nav2_msgs/action/Wait'
+        assert of(findings(), 'servers') == [f'/spin has the type {both}, expected nav2_msgs/action/Spin']
+        assert leaf
     missing = of(found, 'servers', Level.WARNING)
     assert 'there is no action /follow_path: trees that drive fail; there is /robot1/follow_path' in missing
 
