@@ -125,21 +125,24 @@ class CommandTracker:
     def due(self, now: float, reachable: bool = True) -> list[OperatorCommand]:
         """Return the commands to send now, for the first time or again; end those whose time is over.
 
+        With a command go those before it that wait for an answer: one that was lost is not to be applied after it.
         While the executive is not ``reachable``, only STOPs are handed out, which others may hear, and of other
         commands no time between sends is lost. A STOP that only the stop guard has confirmed is for the executive, too.
         """
-        send = []
         for tracked in self._sent():
-            if now >= tracked.deadline:
-                if tracked.state is CommandState.PENDING:
-                    self._settle(tracked, CommandState.TIMEOUT, _unanswered(tracked), now)
-                else:
-                    self._commands[tracked.command.id] = replace(tracked, next_send=math.inf)
-            elif (reachable or _is_stop(tracked)) and now >= tracked.next_send:
-                wait = min(FIRST_RESEND * 2.0 ** min(tracked.sends, _DOUBLINGS), LONGEST_RESEND)
-                self._commands[tracked.command.id] = replace(tracked, sends=tracked.sends + 1, next_send=now + wait)
-                send.append(tracked.command)
-        return send
+            if now < tracked.deadline:
+                continue
+            if tracked.state is CommandState.PENDING:
+                self._settle(tracked, CommandState.TIMEOUT, _unanswered(tracked), now)
+            else:
+                self._commands[tracked.command.id] = replace(tracked, next_send=math.inf)
+        waiting = [one for one in self._sent() if reachable or _is_stop(one)]
+        while waiting and now < waiting[-1].next_send:
+            waiting.pop()
+        for tracked in waiting:
+            wait = min(FIRST_RESEND * 2.0 ** min(tracked.sends, _DOUBLINGS), LONGEST_RESEND)
+            self._commands[tracked.command.id] = replace(tracked, sends=tracked.sends + 1, next_send=now + wait)
+        return [one.command for one in waiting]
 
     def send_stops_again(self, now: float) -> None:
         """Send again the STOPs that wait for an answer: a new participant may not have received them."""

@@ -62,6 +62,19 @@ def test_it_is_sent_again_with_the_same_id_until_it_is_answered() -> None:
     assert mirror.next_command_time(True) is None
 
 
+def test_one_that_was_lost_is_not_received_after_a_later_one() -> None:
+    clock, mirror = linked()
+    mirror.give(command('resume', CommandKind.RESUME), 60.0)
+    for _ in range(8):
+        clock.advance(0.7)
+        mirror.due_commands(True)
+    mirror.give(command('pause', CommandKind.PAUSE), 60.0)
+    for _ in range(20):
+        sent = [one.id for one in mirror.due_commands(True)]
+        assert 'pause' not in sent or sent == ['resume', 'pause']
+        clock.advance(0.05)
+
+
 def test_the_reason_of_a_refusal_is_kept() -> None:
     _, mirror = linked()
     mirror.give(command('a'), 5.0)
