@@ -759,7 +759,7 @@ NAMES = (
 )
 
 
-@example([('', word) for word in ('canceled', 'yes', 'jump', 'magic', '12', 'timeout', 'x p', '/')])
+@example([('', word) for word in ('canceled', 'yes', 'jump', 'magic', '12', 'timeout', 'x p', '4')])
 @given(
     st.lists(
         st.tuples(

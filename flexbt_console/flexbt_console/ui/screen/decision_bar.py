@@ -141,6 +141,7 @@ class Picking:
         """
         decision = self._decision(view)
         if not 1 <= number <= len(decision.choices):
+            self._pick = decision.id, ''  # so that Enter does not send another one than was meant
             raise RefusedError(f'there is no choice {number}; there are {len(decision.choices)}')
         self._pick = decision.id, decision.choices[number - 1]
 
