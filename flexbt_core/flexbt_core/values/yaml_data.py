@@ -336,18 +336,26 @@ class _StrictDumper(yaml.SafeDumper):
         has_lines = not _LINE_BREAKS.isdisjoint(text)  # in other quotes they would be line breaks of the YAML, too
         return self.represent_scalar(_TEXT, text, '"' if has_lines else "'" if _AMBIGUOUS.fullmatch(text) else None)
 
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
 
 _LINE_BREAKS: Final = frozenset('\n\r\x85\u2028\u2029')
 _TEXT: Final = 'tag:yaml.org,2002:str'
 _StrictDumper.add_representer(str, _StrictDumper.represent_str)
 
 
-def strict_yaml(value: Any) -> str:
-    """Return a value on one line, as :class:`StrictYamlParts` reads it."""
+def yaml_line(value: Any) -> str:
+    """Return plain data on one line, which all versions of YAML read as the same value."""
     text: str = yaml.dump(
-        _doubled(value), None, _StrictDumper, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True
+        value, None, _StrictDumper, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True
     )
     return text.removesuffix('\n').removesuffix('\n...')
+
+
+def strict_yaml(value: Any) -> str:
+    """Return a value on one line, as :class:`StrictYamlParts` reads it."""
+    return yaml_line(_doubled(value))
 
 
 def _doubled(value: Any) -> Any:

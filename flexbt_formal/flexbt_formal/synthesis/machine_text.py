@@ -8,11 +8,9 @@ import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any, Final
 
-import yaml
-
 from flexbt_core.skills.skill import LEVELS
 from flexbt_core.values.text import one_line
-from flexbt_core.values.yaml_data import strict_yaml
+from flexbt_core.values.yaml_data import strict_yaml, yaml_line
 
 from .errors import SynthesisError
 from .from_strategy import MachinePart, MachineState, SynthesizedMachine
@@ -53,12 +51,12 @@ def _yaml_lines(machine: SynthesizedMachine) -> Iterator[str]:
     name = one_line(machine.name)
     yield f'# {name}: synthesized. The comment of each state names what it stands for in the strategy.'
     yield 'machine:'
-    yield f'  outcomes: {_flow(list(machine.outcomes))}'
+    yield f'  outcomes: {yaml_line(list(machine.outcomes))}'
     if machine.keys:
-        yield f'  input_keys: {_flow(list(machine.keys))}'
+        yield f'  input_keys: {yaml_line(list(machine.keys))}'
     yield '  states:'
     for state in machine.states.values():
-        yield f'    {_flow(state.name)}:  # {why(state)}'
+        yield f'    {yaml_line(state.name)}:  # {why(state)}'
         yield from (f'      {line}' for line in _yaml_state(state, machine.attempts))
 
 
@@ -75,36 +73,30 @@ def _yaml_state(state: MachineState, attempts: int) -> Iterator[str]:
         yield from _part(state.parts[0], attempts)
     else:
         yield 'concurrency:'
-        yield f'  outcomes: {_flow(list(state.transitions))}'
+        yield f'  outcomes: {yaml_line(list(state.transitions))}'
         keys = sorted({key for part in state.parts for key in part.reads.values()})
         made = sorted({key for part in state.parts for key in part.writes.values()})
-        yield from ([f'  input_keys: {_flow(keys)}'] if keys else [])
-        yield from ([f'  output_keys: {_flow(made)}'] if made else [])
+        yield from ([f'  input_keys: {yaml_line(keys)}'] if keys else [])
+        yield from ([f'  output_keys: {yaml_line(made)}'] if made else [])
         yield '  conditions:'
         for outcome, pairs in state.combinations.items():
-            yield f'    - {{outcome: {_flow(outcome)}, when: {_flow(dict(pairs))}}}'
+            yield f'    - {{outcome: {yaml_line(outcome)}, when: {yaml_line(dict(pairs))}}}'
         yield '  states:'
         for part in state.parts:
-            yield f'    {_flow(part.capability)}:'
+            yield f'    {yaml_line(part.capability)}:'
             yield from (f'      {line}' for line in _part(part, attempts))
-    yield f'transitions: {_flow(dict(state.transitions))}'
-    yield f'autonomy: {_flow({outcome: LEVELS[level] for outcome, level in state.autonomy.items()})}'
+    yield f'transitions: {yaml_line(dict(state.transitions))}'
+    yield f'autonomy: {yaml_line({outcome: LEVELS[level] for outcome, level in state.autonomy.items()})}'
 
 
 def _part(part: MachinePart, attempts: int) -> Iterator[str]:
-    yield f'state: {_flow(part.state_class)}'
+    yield f'state: {yaml_line(part.state_class)}'
     if part.parameters:
         yield f'parameters: {strict_yaml(dict(part.parameters))}'
     if part.remapping:
-        yield f'remapping: {_flow(part.remapping)}'
+        yield f'remapping: {yaml_line(part.remapping)}'
     if part.retry_on and attempts > 1:
-        yield f'retry: {_flow({"attempts": attempts, "on": list(part.retry_on)})}'
-
-
-def _flow(value: Mapping[str, Any] | list[Any] | str) -> str:
-    """Return a value on one line."""
-    text = yaml.safe_dump(value, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True)
-    return text.removesuffix('\n').removesuffix('\n...')
+        yield f'retry: {yaml_line({"attempts": attempts, "on": list(part.retry_on)})}'
 
 
 # A machine as a behavior in Python, for parameters that are code, and for who goes on from there by hand.

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 import yaml
 
 from flexbt_core.values.text import short_repr
-from flexbt_core.values.yaml_data import load_yaml
+from flexbt_core.values.yaml_data import load_yaml, yaml_line
 from flexbt_onboard.errors import ManifestError, ParameterError
 
 if TYPE_CHECKING:
@@ -298,8 +298,7 @@ class Behavior:
 def parameter_text(value: ParameterValue) -> str:
     """Return a parameter's value as text. :meth:`BehaviorParameter.from_text` converts it back to the same value."""
     if isinstance(value, list | dict):
-        text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9, sort_keys=False, allow_unicode=True)
-        return text.strip()
+        return yaml_line(value)
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

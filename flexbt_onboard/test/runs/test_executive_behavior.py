@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from flexbt_onboard.behaviors.behavior import (
@@ -90,10 +90,13 @@ def test_an_argument_given_twice_is_refused() -> None:
         Patrol().set_arguments([('rounds', '1'), ('rounds', '2')])
 
 
+SHARED = {'x': 1.0}
 SCALARS = st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False), st.text())
 
 
 @given(st.one_of(SCALARS, st.lists(SCALARS | st.lists(SCALARS)), st.dictionaries(st.integers() | st.text(), SCALARS)))
+@example(['two\x85lines'])
+@example([SHARED, SHARED])
 def test_a_value_survives_the_way_through_its_text(value: ParameterValue) -> None:
     back = BehaviorParameter('value', value).from_text(parameter_text(value))
     assert back == value

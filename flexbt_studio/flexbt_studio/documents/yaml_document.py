@@ -802,7 +802,7 @@ def _quoted(text: str, quote: str) -> str:
     """Return a text in quotes; in double quotes where single ones cannot hold it."""
     for style in (quote, '"'):
         dumped = str(yaml.safe_dump(text, default_style=style, width=math.inf, allow_unicode=True)).rstrip('\n')
-        if '\n' not in dumped:
+        if len(dumped.splitlines()) == 1:
             break
     return dumped
 

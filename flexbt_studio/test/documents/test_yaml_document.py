@@ -141,7 +141,8 @@ class Gestures:
         for name in (*known, 'new'):
             for text, value in (('2.5', '2.5'), ('yes', 'yes'), ('[a, yes, {b: 1}]', ['a', 'yes', {'b': '1'}]),
                                 ('Is it ok: yes?', 'Is it ok: yes?'), ('a, b', 'a, b'), ('$tree', '$tree'), ('', ''),
-                                ('two\nlines # x', 'two\nlines # x'), ("'quoted'", 'quoted')):  # fmt: skip
+                                ('two\nlines # x', 'two\nlines # x'), ('two\x85lines', 'two\x85lines'),
+                                ("'quoted'", 'quoted')):  # fmt: skip
                 data = copy.deepcopy(self.data)
                 put(state_of(data, path), 'parameters', name, value)
                 yield 'set_parameter', {'state': path, 'name': name, 'text': text}, data

@@ -22,7 +22,6 @@ from typing import Annotated, Any, BinaryIO, Final, Literal
 from xml.etree import ElementTree
 
 import anyio
-import yaml
 from mcp.server import MCPServer
 from mcp.server.mcpserver.context import Context
 from mcp.server.mcpserver.exceptions import ToolError as RefusedCall
@@ -32,6 +31,7 @@ from pydantic import Field
 
 from flexbt_core.values.text import did_you_mean, escape_lines, truncate_middle
 from flexbt_core.values.text_files import TextFileError, read_text, write_text
+from flexbt_core.values.yaml_data import yaml_line
 from flexbt_tools.errors import ExitCode
 
 from .confined import MAX_FILE
@@ -237,7 +237,7 @@ class MissionTools:
         given = [*(one for one in mocks.items() if one[0] != '*'), ('*', mocks.get('*', ['SUCCESS']))]
         words = ['run', '--json', f'--timeout={timeout}', *self._options('--models', models)]
         words += _options('--mock', (f'{name}={",".join(steps)}' for name, steps in given))
-        words += _options('--set', (f'{name}={_yaml(value)}' for name, value in blackboard.items()))
+        words += _options('--set', (f'{name}={yaml_line(value)}' for name, value in blackboard.items()))
         words += _options('--tree', [tree] if tree else [])
         code, out, err = await self._run('bt_tool', [*words, *self._files(files)])
         lines = [json.loads(line) for line in out.splitlines()]
@@ -426,12 +426,6 @@ def _read(file: BinaryIO) -> str:
 
 def _options(flag: str, values: Any) -> list[str]:
     return [f'{flag}={value}' for value in values]
-
-
-def _yaml(value: Any) -> str:
-    """Return a value on one line. JSON is not YAML of the same value for numbers such as 1e-07, and for emoji."""
-    text: str = yaml.safe_dump(value, default_flow_style=True, width=10**9)
-    return text.removesuffix('\n').removesuffix('\n...')
 
 
 def _verdict(code: int) -> str:
