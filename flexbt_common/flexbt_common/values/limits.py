@@ -113,6 +113,7 @@ LIMITS: Final[Mapping[str, int]] = {
     'nav2_msgs/NavigateThroughPoses_Goal.behavior_tree': 4_096,  # it may be a file
     'nav2_msgs/NavigateToPose_Goal.behavior_tree': 4_096,
     'nav2_msgs/FollowWaypoints_Goal.poses': 10_000,
+    'nav_msgs/Goals.goals': 10_000,  # also the poses of goals in Nav2's branch main
     'nav_msgs/Path.poses': 20_000,  # 1 km of 5 cm
     'sensor_msgs/LaserScan.ranges': 100_000,
     'sensor_msgs/LaserScan.intensities': 100_000,

@@ -13,7 +13,7 @@ import simulation_interfaces.srv
 from geometry_msgs.msg import PoseStamped
 from hypothesis import given
 from hypothesis import strategies as st
-from nav_msgs.msg import Path
+from nav_msgs.msg import Goals, Path
 from rclpy.serialization import serialize_message
 
 import flexbt_msgs.action
@@ -104,6 +104,7 @@ def test_what_fits_fits() -> None:
         BtExecute.Goal(goals=[PoseStamped()] * 10_000, inputs=[to_entry('path', Path(poses=[PoseStamped()] * 1000))])
     )
     check_limits(BtLoad.Goal(files=['x' * 4096] * 200, xml='x' * 8_000_000))
+    check_limits(Goals(goals=[PoseStamped()] * 10_000))
     check_limits(flexbt_msgs.msg.ExecutiveLog())
 
 
