@@ -5,10 +5,12 @@ from __future__ import annotations
 
 import argparse
 import gzip
+import io
 import json
 import math
 import sys
 import textwrap
+import zlib
 from pathlib import Path
 from typing import Any, Final
 
@@ -147,13 +149,13 @@ def _scene(options: argparse.Namespace) -> PlanningProblem:
         with open(actions, 'rb', opener=open_regular) as file, gzip.open(file) as packed:
             data = packed.read(_MOST_BYTES + 1)
         text = data.decode()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise UsageError(f'{actions}: cannot be read: {error}') from error
     if len(data) > _MOST_BYTES:
         raise UsageError(f'{actions}: longer than {_MOST_BYTES} bytes; give a smaller scene')
     if options.goal is None:
         raise UsageError("a scene has no goal; say one: --goal 'IsOn(milk,kitchentable) & IsClean(stove)'")
-    found, initial = read_scene(read_text_file(options.mission, _MOST_BYTES), text.splitlines(), options.mission)
+    found, initial = read_scene(read_text_file(options.mission, _MOST_BYTES), io.StringIO(text), options.mission)
     start = initial if options.start is None else frozenset(options.start)
     return PlanningProblem(found, start, conditions(parse_goal(options.goal)))
 

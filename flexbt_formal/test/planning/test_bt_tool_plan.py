@@ -209,14 +209,17 @@ def test_a_scene_of_btpg(tmp_path: Path) -> None:
     scene.write_text(json.dumps({'initial': ['Near(door)']}))
     lines = [
         {'name': 'Walk(cup)', 'pre': [], 'add': ['Near(cup)'], 'del': ['Near(door)'], 'cost': 15},
-        {'name': 'Grab(cup)', 'pre': ['Near(cup)'], 'add': ['Holding(cup)'], 'del': [], 'cost': 5},
+        {'name': 'Grab(\u2028)', 'pre': ['Near(cup)'], 'add': ['Holding(cup)'], 'del': [], 'cost': 5},
     ]
     actions = tmp_path / 'S.actions.jsonl.gz'
-    actions.write_bytes(gzip.compress('\n'.join(map(json.dumps, lines)).encode()))
+    written = '\n'.join(json.dumps(line, ensure_ascii=False) for line in lines)
+    actions.write_bytes(gzip.compress(written.encode()))
     told = json.loads(tool('plan', str(scene), '--goal', 'Holding(cup)', '--json').out)
-    assert (told['cost'], told['actions']) == (20.0, ['Walk(cup)', 'Grab(cup)'])
+    assert (told['cost'], told['actions']) == (20.0, ['Walk(cup)', 'Grab(\u2028)'])
     assert tool('plan', str(scene)).code == 2
     assert 'no action needs or changes it' in tool('plan', str(scene), '--goal', 'Holding(mug)').err
     for wrong in ({'name': 3}, {**lines[0], 'cost': 10**400}):
         actions.write_bytes(gzip.compress(json.dumps(wrong).encode()))
         assert 'action 1: expected JSON with name' in tool('plan', str(scene), '--goal', 'Holding(cup)').err
+    actions.write_bytes(gzip.compress(b'')[:10] + b'\xff' * 10)
+    assert f'{actions}: cannot be read: ' in tool('plan', str(scene), '--goal', 'Holding(cup)').err
