@@ -302,6 +302,7 @@ def test_messages_of_which_a_condition_cannot_be_evaluated_are_told_once(
     (lambda: CallActionState(SPIN, 'spin', result={'error_code': ''}), "'' is not a userdata key"),
     (lambda: CallActionState(SPIN, 'spin', outcomes={'a': 'result.cod == 1'}), "has no field 'cod'"),
     (lambda: CallServiceState('std_srvs/SetBool', 'x', outcomes={'a': 'response.success =='}), "outcomes['a']"),
+    (lambda: CallServiceState('std_srvs/SetBool', 'x', outcomes={'a': 'response.success = 1'}), 'write == to compare'),
     (lambda: PublishState('x', 'std_msgs/msg/String', {'data': 5}), 'expected a string, got 5'),
     (lambda: PublishState('x', 'std_msgs/msg/String', {5: 'x'}), 'message: 5 is not text'),  # type: ignore[dict-item]
     (lambda: ReadTopicState('x', 'std_msgs/msg/String', {5: 'x'}), 'message: 5 is not text'),  # type: ignore[dict-item]

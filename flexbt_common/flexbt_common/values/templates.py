@@ -13,7 +13,7 @@ from flexbt_core.behavior_tree.model.blackboard import Blackboard
 from flexbt_core.behavior_tree.model.definition import ScriptFactory
 from flexbt_core.behavior_tree.model.errors import ScriptError
 from flexbt_core.behavior_tree.model.ports import ANY
-from flexbt_core.behavior_tree.script.parser import parse_script
+from flexbt_core.behavior_tree.script.parser import is_assigning, parse_script
 from flexbt_core.values.text import short_repr
 
 from .fields import Field, constants_of
@@ -47,6 +47,8 @@ class Expression:
         self.script = _PARTS.sub(self._placeholder, text)
         if len(parse_script(self.script)) != 1:
             raise ScriptError(text, 0, 'expected one expression')
+        if is_assigning(self.script):
+            raise ScriptError(text, 0, 'an expression assigns nothing; write == to compare')
         self.names = frozenset(_NAMES.findall(re.sub(r"'[^']*'", '', text))) - _CONSTANTS
         """Names in the text, also those of roots."""
         self._private = [name for name in _PRIVATE.findall(self.script) if name not in self._placeholders.values()]

@@ -130,6 +130,7 @@ def test_a_port_is_optional_only_if_the_manifest_says_so(facts: str, is_required
     ('use_dock_id: true', 'use_dock_id: 5', 'nodes.yaml:8: node DockAt: [goal.use_dock_id]: field goal.use_dock_id'),
     ("'{retries}'", '5', 'nodes.yaml:11: node DockAt: [result.num_retries]: an output needs a port'),
     ('success: result.success', 'success: result.succes', "nodes.yaml:15: node DockAt: success: can't convert"),
+    ('success: result.success', 'success: result.success = true', 'assigns nothing; write == to compare'),
     ('      station:', '      staton:', 'nodes.yaml:13: node DockAt: no field has the port staton; did you mean'),
     ('patience: {type: float64', 'patience: {type: float65', "nodes.yaml:14: node DockAt, port patience: 'float65'"),
     ('name: dock_robot', 'nam: dock_robot', "nodes.yaml:5: node DockAt cannot have 'nam'; did you mean 'name'?"),
