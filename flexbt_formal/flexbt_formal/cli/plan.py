@@ -16,13 +16,12 @@ from typing import Any, Final
 
 from flexbt_core.behavior_tree.model.definition import tree_name_problem
 from flexbt_core.behavior_tree.model.errors import LoadError
-from flexbt_core.skills.library import clashes
-from flexbt_core.skills.literals import SkillError, parse_literal
+from flexbt_core.skills.literals import SkillError
 from flexbt_core.values.findings import finding_record
 from flexbt_core.values.text import escape_lines, one_line, pluralize, short_repr
 from flexbt_core.values.text_files import open_regular
 from flexbt_formal.planning.goal import conditions, parse_goal
-from flexbt_formal.planning.missions import skill_problem
+from flexbt_formal.planning.missions import check_start, skill_problem
 from flexbt_formal.planning.planner import Plan, plan
 from flexbt_formal.planning.problem import PlanningError, PlanningProblem, read_scene
 from flexbt_formal.planning.search import SearchOutcome, SearchProgress
@@ -130,8 +129,7 @@ def _problem(options: argparse.Namespace) -> PlanningProblem | Team:
         raise UsageError(f"{options.mission} names no goal; add it there (goal: ...), or say --goal 'on(cup, table)'")
     start = mission.start if options.start is None else options.start
     try:
-        for one, other in clashes(library, [parse_literal(one, 'start') for one in start]):
-            raise SkillError([f'start: {one} and {other} cannot hold at once ({one.predicate} is exclusive): name one'])
+        check_start(library, start)
         if mission.robots:
             return team_problem(library, start, goal, mission.robots, mission.disturbances)
         return skill_problem(library, start, goal, mission.disturbances)

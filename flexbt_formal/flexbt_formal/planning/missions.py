@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 import yaml
 
 from flexbt_core.skills.grounding import GroundAction, ground
-from flexbt_core.skills.library import SkillLibrary
+from flexbt_core.skills.library import SkillLibrary, clashes
 from flexbt_core.skills.literals import EQUAL, BlackboardSensor, ConditionSensor, Literal, SkillError, parse_literal
 from flexbt_core.skills.skill import Outcome, OutcomeClass, Skill
 from flexbt_core.values.text import truncate_middle
@@ -88,6 +88,12 @@ def read_mission(text: str, source: str = '<text>') -> Mission:
 _DISTURBANCE: Final = 'disturbance: '
 _DEFAULT_ATTEMPTS: Final = 3
 _NO_BINDING: Final[Mapping[str, str]] = {}
+
+
+def check_start(library: SkillLibrary, start: Iterable[str]) -> None:
+    """Raise SkillError: a text of the start of a mission is not a literal, or two of them cannot hold at once."""
+    for one, other in clashes(library, [parse_literal(text, 'start') for text in start]):
+        raise SkillError([f'start: {one} and {other} cannot hold at once ({one.predicate} is exclusive): name one'])
 
 
 def skill_problem(

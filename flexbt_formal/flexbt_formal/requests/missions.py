@@ -13,7 +13,7 @@ from flexbt_core.behavior_tree.model.errors import LoadError
 from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.skills.literals import SkillError
 from flexbt_core.values.text import short_repr, truncate_middle
-from flexbt_formal.planning.missions import Measurement, Mission, read_mission, skill_problem
+from flexbt_formal.planning.missions import Measurement, Mission, check_start, read_mission, skill_problem
 from flexbt_formal.planning.planner import hopeless
 from flexbt_formal.planning.problem import PlanningError
 from flexbt_tools.errors import RefusedError, ToolError
@@ -110,6 +110,7 @@ def _of_leaf(
             yield found(f'{name} names no goal; add it there (goal: ...), or give the port goal')
         return
     try:
+        check_start(library, mission.start)
         why = _why_hopeless(library, mission, goal, registry)
     except (PlanningError, SkillError) as error:
         located, words = mission_problems(file, mission, error, ['goal'] if given else [])

@@ -27,7 +27,7 @@ from flexbt_core.skills.library import SkillLibrary
 from flexbt_core.skills.literals import SkillError
 from flexbt_core.skills.yaml_files import read_skills
 from flexbt_core.values.text import pluralize, truncate_middle
-from flexbt_formal.planning.missions import Measurement, Mission, read_mission, skill_problem
+from flexbt_formal.planning.missions import Measurement, Mission, check_start, read_mission, skill_problem
 from flexbt_formal.planning.planner import Plan, plan
 from flexbt_formal.planning.problem import PlanningError
 from flexbt_formal.planning.search import SearchOutcome
@@ -270,6 +270,7 @@ def _read(host: LeafServices, file: str, goal: str) -> _Goal:
     for name in mission.skills:
         beside = name if name.startswith('/') else posixpath.normpath(posixpath.join(posixpath.dirname(file), name))
         library = read_skills(store.read_text(beside), beside, library)
+    check_start(library, mission.start)
     goal = goal or mission.goal
     if not goal:
         raise PlanningError(f'{file} names no goal; add it there (goal: ...), or give the port goal')

@@ -68,6 +68,7 @@ def found(directory: Path, ports: str) -> list[str]:
         ('', '', 'held(cup', "tree.xml:2 goal 'held(cup', character 5"),
         ('light(cup), ', '', '', "tree.xml:2 the goal 'held(cup)' of DIR/cup.yaml cannot be reached: held(cup) does"),
         ('held(cup)', 'held(cup) & hold(cup)', '', "cup.yaml:3 goal: hold(cup): there is no predicate 'hold'"),
+        ('light(cup)', 'robot_at(office), robot_at(kitchen)', '', 'cup.yaml:2 start: robot_at(office) and robot_at(k'),
         ('goal: held(cup)', '', '', 'tree.xml:2 DIR/cup.yaml names no goal'),
         ('goal: held(cup)', '', '{asked}', None),
         ('skills.yaml', 'other.yaml', '', "cup.yaml:1 skills: there is no file 'DIR/other.yaml'"),

@@ -325,6 +325,7 @@ def test_it_succeeds_at_once_where_the_goal_holds(bench: Bench, goal: str) -> No
         ('goal="cup_at(office) &amp; cup_at(hall)"', MISSION, 'can never hold at once'),
         ('', MISSION.replace('goal:', 'gaol:'), 'gaol'),
         ('', MISSION.replace('goal: cup_at(office)', ''), 'names no goal; add it there'),
+        ('', MISSION.replace('start:', 'start:\n  - robot_at(hall)'), 'cannot hold at once (robot_at is exclusive)'),
         ('', MISSION.replace('cup_skills', 'other'), 'other.yaml: no such file'),
         ('', MISSION.replace('cup_skills', '../cup_skills'), 'lies outside the allowed directories'),
         ('', 'x' * 1_000_001, 'longer than 1000000 bytes'),
