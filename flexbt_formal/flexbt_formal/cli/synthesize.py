@@ -31,7 +31,7 @@ from flexbt_formal.synthesis.from_strategy import SynthesizedMachine
 from flexbt_formal.synthesis.machine_text import machine_as_python, machine_as_yaml, state_instantiations
 from flexbt_formal.synthesis.request_files import MachineRequest, as_structured_slugs, read_request
 from flexbt_formal.synthesis.synthesis import Synthesis, synthesize, time_limited
-from flexbt_formal.synthesis.translation import Liveness, Options
+from flexbt_formal.synthesis.translation import Liveness, Options, SynthesisProblem
 from flexbt_onboard.behaviors.machine_behavior import state_modules
 from flexbt_tools.cli import arguments
 from flexbt_tools.errors import ExitCode, UnfitError, UsageError
@@ -114,7 +114,7 @@ def _answered(options: argparse.Namespace) -> ExitCode:
     limit = options.time_limit or request.timeout or _DEFAULT_LIMIT
     began = time.monotonic()
     try:
-        answer = synthesize(problem, time_limited(limit, '--time-limit allows more', _show))
+        answer = _solved(problem, limit)
     except SynthesisTimeout as error:
         if options.json:
             finding = finding_record('time-limit', 'error', str(error))
@@ -130,14 +130,21 @@ def _retries(number: int | None) -> int | None:
     return number
 
 
+def _solved(problem: SynthesisProblem, limit: float) -> Synthesis:
+    """Return the answer; on a terminal, show the progress until then."""
+    try:
+        return synthesize(problem, time_limited(limit, '--time-limit allows more', _show))
+    finally:
+        if sys.stderr.isatty():
+            print('\r\x1b[K', end='', file=sys.stderr)
+
+
 def _show(doing: str, seconds: float) -> None:
     if sys.stderr.isatty():
         print(f'\r\x1b[K{seconds:5.1f} s  {doing}', end='', file=sys.stderr, flush=True)
 
 
 def _told(options: argparse.Namespace, answer: Synthesis, interfaces: StateInterfaces, seconds: float) -> ExitCode:
-    if sys.stderr.isatty():
-        print('\r\x1b[K', end='', file=sys.stderr)
     if answer.explanation is not None:
         return _refused(options, answer, answer.explanation, seconds)
     assert answer.machine is not None and answer.strategy is not None

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -120,6 +121,11 @@ def test_why_there_is_none_is_told_in_the_words_of_the_files(
 def test_what_is_wrong_is_told_with_the_exit_code_for_it(coffee: str, words: list[str], code: int, text: str) -> None:
     done = tool('synthesize', coffee, *words)
     assert (done.code, text in done.err) == (code, True), done.err
+
+
+def test_the_progress_on_a_terminal_is_removed_before_the_answer(coffee: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(io, 'StringIO', type('Terminal', (io.StringIO,), {'isatty': lambda self: True}))
+    assert tool('synthesize', coffee, '--goal', 'brew', '--time-limit', '1e-9').err.startswith('\r\x1b[Kno answer')
 
 
 def test_a_parameter_that_a_state_does_not_take_is_told_with_the_line_it_comes_from(coffee: str) -> None:
