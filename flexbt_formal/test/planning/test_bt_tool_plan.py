@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from flexbt_common.pictures import markup
 from flexbt_testing.behavior_trees.bt_tool import tool
 
 PAGE = (Path(__file__).parents[3] / 'docs' / 'how_to' / 'goals.md').read_text(encoding='utf-8')
@@ -79,6 +80,15 @@ def test_the_map_of_a_plan(mission: Path, team: Path, tmp_path: Path) -> None:
     assert tool('plan', str(team), '--disturbed', '0', '--draw', str(drawn)).code == 0
     assert len(re.findall(r' ==>\|', drawn.read_text())) == 2 * 4 * 6 + 4 + 6  # each in any order
     assert tool('plan', str(team), '--draw', str(tmp_path / 'no' / 'map.mmd')).code == 2
+
+
+def test_a_picture_without_graphviz_names_what_the_command_can_do(
+    mission: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('PATH', '')
+    monkeypatch.setattr(markup, 'find_spec', lambda name: None)
+    done = tool('plan', str(mission), '--quiet', '--draw', str(tmp_path / 'map.svg'))
+    assert (done.code, done.err.endswith('files .mmd (Mermaid) and .dot need nothing\n')) == (2, True)
 
 
 @pytest.fixture
