@@ -511,6 +511,7 @@ def test_a_collector_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.Ca
     assert 'needs --otlp' in capsys.readouterr().err
 
 
+@pytest.mark.dds('a thread waits at a socket of the computer')
 @pytest.mark.parametrize(
     ('answer', 'told'),
     [
