@@ -287,8 +287,8 @@ def judge_of(expression: Expression, events: Events, watched: Sequence[int]) -> 
     def judge(seen: Sequence[tuple[Any, ...] | None]) -> bool:
         try:
             return bool(function(seen, _carried, _length))
-        except (ArithmeticError, AttributeError, TypeError, ValueError) as error:
-            raise ModelFault(f'{_text(expression)} has no value: {error}') from error
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            raise ModelFault(f'{_text(expression)} has no value: {error.args[0]}') from error
 
     return judge
 

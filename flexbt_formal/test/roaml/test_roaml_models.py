@@ -506,8 +506,12 @@ def test_data_of_all_types(tmp_path: Path) -> None:
         'record': has(at('out__name', 0), ord('a')),
     }
     declarations = '<data_declarations><input type="xml" src="types.xml"/></data_declarations>'
-    main = write(tmp_path, properties, nodes={'one': node}, declarations=declarations)
+    main = write(
+        tmp_path, properties | {'unknown': has('out__p__y', 1)}, nodes={'one': node}, declarations=declarations
+    )
     assert {name: checked(main, name).value for name in properties} == dict.fromkeys(properties, 1.0)
+    with pytest.raises(ModelFault, match="has no value: there is no member 'y'; there are x, name"):
+        checked(main, 'unknown')
 
 
 def test_a_file_of_a_model_that_never_ends_is_refused() -> None:
