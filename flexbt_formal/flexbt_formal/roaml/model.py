@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable
 from functools import partial
+from itertools import permutations
 from pathlib import Path
 from typing import Final
 
@@ -146,6 +147,11 @@ class RoamlModel:
         between = handlers([one for file in whole for one in file.communications], events)
         for handler in between:
             handler.declare()
+        for event, parameters in zip(events.names, events.parameters, strict=True):
+            for record, member in permutations(parameters, 2):
+                if member.startswith(f'{record}__'):
+                    message = f'{event} is sent with {record} as a whole, and with {member} alone; choose one of them'
+                    raise ModelError([LoadError(self.path, 1, 1, '', message)])
         events.send(_CLOCK, ('ros_fields__sec', 'ros_fields__nanosec'))
         if self.tree is not None:
             for node in self.tree.nodes:

@@ -514,6 +514,22 @@ def test_data_of_all_types(tmp_path: Path) -> None:
         checked(main, 'unknown')
 
 
+def test_a_record_is_sent_as_a_whole_or_by_its_members(tmp_path: Path) -> None:
+    (tmp_path / 'types.xml').write_text('<types><struct id="P"><member id="x" type="int32"/></struct></types>')
+    node = """go|<datamodel><data id="p" type="P" expr="{{'x': 1}}"/></datamodel>
+        <ros_topic_publisher name="out" topic="/out" type="P"/>
+        <state id="go"><transition target="end"><ros_topic_publish name="out">
+            <field name="{}" expr="{}"/></ros_topic_publish></transition></state><state id="end"/>"""
+    declarations = '<data_declarations><input type="xml" src="types.xml"/></data_declarations>'
+    nodes = {'whole': node.format('p', 'p')}
+    properties = {'asked': finally_('topic_out_msg__ros_fields__p__x', 1)}
+    assert checked(write(tmp_path, properties, nodes=nodes, declarations=declarations)).value == 1.0
+    # The receivers could not know which of the two was sent.
+    main = write(tmp_path, properties, nodes=nodes | {'member': node.format('p.x', '1')}, declarations=declarations)
+    with pytest.raises(TreeLoadError, match='topic_out_msg is sent with ros_fields__p as a whole'):
+        RoamlModel(str(main))
+
+
 def test_a_file_of_a_model_that_never_ends_is_refused() -> None:
     with pytest.raises(TreeLoadError, match='it is a pipe or device; give a regular file'):
         RoamlModel('/dev/zero')
