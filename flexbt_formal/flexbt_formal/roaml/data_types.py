@@ -93,9 +93,9 @@ class DataType:
             return self._with_member(value, step, rest, new)
         if self.inner is None:
             raise DataTypeError(f'{self.name} is not an array, so it has no element {step!r}')
-        at = int(step)
-        if not 0 <= at < self.most:
+        if not 0 <= step < self.most or step != int(step):
             raise DataTypeError(f'there is no element {step!r}: {self.name} has {self.most} at most')
+        at = int(step)
         if at >= len(value):
             value = (*value, *(self.inner.zero,) * (at + 1 - len(value)))
         return (*value[:at], self.inner.replaced(value[at], rest, new), *value[at + 1 :])

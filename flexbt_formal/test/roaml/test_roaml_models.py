@@ -742,6 +742,8 @@ def test_a_property_that_means_nothing_is_refused(tmp_path: Path, expression: di
     [
         ('<assign location="a[0]" expr="a[3]"/>', 'there is no element 3'),
         ('<assign location="a[9]" expr="1"/>', 'no element 9: int32[4] has 4 at most'),
+        ('<assign location="a[1 / 2]" expr="1"/>', 'no element 0.5'),
+        ('<assign location="a[1e200 * 1e200]" expr="1"/>', 'no element inf'),
         ('<assign location="n" expr="1 / n"/>', 'division by zero'),
     ],
 )
