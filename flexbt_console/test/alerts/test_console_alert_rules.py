@@ -232,7 +232,7 @@ def test_each_address_that_has_the_call_is_told_the_end_whatever_another_one_of_
 def test_calls_to_an_address_that_is_never_reached_do_not_pile_up(
     is_begun: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whether or not the service, which does not answer, may have them."""
+    """The service, which does not answer, may have them or not."""
     monkeypatch.setattr(escalation, 'MOST_UNSAID', 20)
     memory, rules = Escalation(), rules_of(rule(Step(0.0, ('anna',)), over=True))
     local = datetime(2026, 1, 1, tzinfo=UTC)
