@@ -319,10 +319,9 @@ class _Run:
         """Begin anew, once, when no test has ended for `LONGEST_SILENCE`."""
         if self._process is None or self._hung or time.time() < self._log.stat().st_mtime + LONGEST_SILENCE:
             return
-        self._hung = (
-            f'UNSTEADY {self}: no test ended within {LONGEST_SILENCE:.0f} s, and it began anew; see {self._log}'
-        )
-        print(f'tests of {self}: no test ended within {LONGEST_SILENCE:.0f} s', flush=True)
+        silence = f'{self}: no test ended within {LONGEST_SILENCE:.0f} s'
+        self._hung = f'UNSTEADY {silence}, and it began anew; see {self._log}'
+        print(f'tests of {silence}', flush=True)
         stop_group(self._process)
         self.forget()
         self.start()

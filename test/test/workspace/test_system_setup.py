@@ -282,6 +282,24 @@ def test_runs_of_tests_that_were_not_done_have_not_passed(tmp_path: Path, monkey
         assert f'FAILED {name}: pytest {ending}, see {tmp_path}/log/test-{name}.log' in said
 
 
+def workspace_of(tmp_path: Path, files: dict[str, str]) -> Workspace:
+    """Return a workspace with these files of Python, by their paths without the suffix."""
+    for name, text in files.items():
+        file = tmp_path / f'{name}.py'
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding='utf-8')
+    environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
+    return cast(Workspace, SimpleNamespace(layout=Layout(tmp_path), inside=list, environment=environment))
+
+
+def finished(tmp_path: Path, tests: str) -> test_run._Run:
+    """Return the run of a package with one module of tests, after its end."""
+    workspace = workspace_of(tmp_path, {'a/test/test_a': tests})
+    run = test_run._Run(workspace, Package('a', tmp_path / 'a', 'ament_python'))
+    test_run._finish([run], time.monotonic() + TIMEOUT_S, list)
+    return run
+
+
 def test_a_test_with_the_mark_of_the_middleware_runs_on_it_and_every_other_one_in_one_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,12 +316,7 @@ def test_a_test_with_the_mark_of_the_middleware_runs_on_it_and_every_other_one_i
     }
     other = f'@pytest.mark.{"one_process"}\ndef test_world(): assert not IS_REAL\ndef test_real(): assert IS_REAL\n'
     files = {f'a/test/{name}': text for name, text in texts.items()} | {'b/test/test_b': other}
-    for name, text in files.items():
-        file = tmp_path / f'{name}.py'
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(head + text, encoding='utf-8')
-    environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
-    workspace = cast(Workspace, SimpleNamespace(layout=Layout(tmp_path), inside=list, environment=environment))
+    workspace = workspace_of(tmp_path, {name: head + text for name, text in files.items()})
     monkeypatch.setattr(test_run, 'IS_SIMULATED', True)
     monkeypatch.setattr(test_run, 'IN_ONE_PROCESS', {'a': test_run.ONE_PROCESS})
     runs = test_run._runs_of(workspace, [Package(name, tmp_path / name, 'ament_python') for name in ('a', 'b')])
@@ -329,22 +342,18 @@ def test_the_marks_of_the_middleware_are_where_they_are_looked_for(mark: str) ->
 def test_few_tests_that_fail_get_a_second_try_and_what_failed_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int
 ) -> None:
-    (tmp_path / 'a' / 'test').mkdir(parents=True)
-    (tmp_path / 'a' / 'test' / 'test_a.py').write_text(
+    monkeypatch.setattr(test_run, 'MOST_UNSTEADY', most)
+    run = finished(
+        tmp_path,
         'from pathlib import Path\n'
         'def run(name): Path(name).open("a").write("x"); return Path(name).read_text()\n'
         'def test_passes(): assert run("passes") == "x"\n'
         'def test_busy(): assert run("busy") == "xx"\n'
-        'def test_fails(): assert run("fails") == ""\n'
+        'def test_fails(): assert run("fails") == ""\n',
     )
-    environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
-    workspace = cast(Workspace, SimpleNamespace(layout=Layout(tmp_path), inside=list, environment=environment))
-    monkeypatch.setattr(test_run, 'MOST_UNSTEADY', most)
-    runs = [test_run._Run(workspace, Package('a', tmp_path / 'a', 'ament_python'))]
-    test_run._finish(runs, time.monotonic() + TIMEOUT_S, list)
-    test_run._try_again(runs, time.monotonic() + TIMEOUT_S)
+    test_run._try_again([run], time.monotonic() + TIMEOUT_S)
     tally = test_run.Tally()
-    runs[0].count(tally)
+    run.count(tally)
     told = [line.split(': ')[0].replace('a.test.test_a.test_', '') for line in (*tally.unsteady, *tally.failures)]
     if most == 1:
         assert told == ['FAILED busy', 'FAILED fails']
@@ -357,24 +366,20 @@ def test_few_tests_that_fail_get_a_second_try_and_what_failed_is_told(
 def test_tests_that_hang_begin_anew_once_and_leave_their_stacks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / 'a' / 'test').mkdir(parents=True)
-    (tmp_path / 'a' / 'test' / 'test_a.py').write_text(
+    monkeypatch.setattr(test_run, 'LONGEST_SILENCE', 20.0)
+    run = finished(
+        tmp_path,
         'import threading\n'
         'from pathlib import Path\n'
         'def run(name): Path(name).open("a").write("x"); return Path(name).read_text()\n'
         'def test_passes(): run("passes")\n'
-        'def test_hangs_once(): run("hangs") == "xx" or threading.Event().wait()\n'
+        'def test_hangs_once(): run("hangs") == "xx" or threading.Event().wait()\n',
     )
-    environment = {**os.environ, 'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
-    workspace = cast(Workspace, SimpleNamespace(layout=Layout(tmp_path), inside=list, environment=environment))
-    monkeypatch.setattr(test_run, 'LONGEST_SILENCE', 20.0)
-    runs = [test_run._Run(workspace, Package('a', tmp_path / 'a', 'ament_python'))]
-    test_run._finish(runs, time.monotonic() + TIMEOUT_S, list)
     tally = test_run.Tally()
-    runs[0].count(tally)
+    run.count(tally)
     assert [line.split(':')[0] for line in tally.unsteady] == ['UNSTEADY a']
     assert (tally.passed, tally.failures) == (2, [])
-    assert 'in test_hangs_once' in runs[0]._log.read_text()
+    assert 'in test_hangs_once' in run._log.read_text()
     assert (tmp_path / 'a' / 'passes').read_text() == 'xx'
 
 
