@@ -287,7 +287,7 @@ export class Debugger {
     const inFile = [];
     for (const one of all) if (Object.values(await this.nodes(one)).some(([name]) => name === file?.name)) inFile.push(one);
     const fit = inFile.length ? inFile : all;
-    return fit.length === 1 ? fit[0] : choose('Which tree?', fit.map((one) => ({...one, label: one.tree, detail: one.text ?? one.run})));
+    return fit.length === 1 ? fit[0] : this.asked(choose('Which tree?', fit.map((one) => ({...one, label: one.tree, detail: one.text ?? one.run}))));
   }
 
   get isMachine() { return Boolean(this.studio.file?.view.states); }
@@ -296,7 +296,7 @@ export class Debugger {
   async decision() {
     const all = (this.known.decisions ?? []).filter((one) => one.kind !== 'input'), own = all.filter((one) => one.path === this.studio.file?.selected), fit = own.length ? own : all;
     if (!fit.length) { this.told('No transition is held', 'warning'); return null; }
-    return fit.length === 1 ? fit[0] : choose('Which transition?', fit.map((one) => ({...one, label: one.path, detail: one.line})));
+    return fit.length === 1 ? fit[0] : this.asked(choose('Which transition?', fit.map((one) => ({...one, label: one.path, detail: one.line}))));
   }
 
   answer(line, decision) {
@@ -354,7 +354,7 @@ export class Debugger {
 
   // A change of the blackboard of the held tree.
   async change() {
-    const held = await this.tree(true), script = held && await ask(`Change the blackboard of ${held.tree}`, '', 'A script that assigns, such as speed := 0.5; tries := 0');
+    const held = await this.tree(true), script = held && await this.asked(ask(`Change the blackboard of ${held.tree}`, '', 'A script that assigns, such as speed := 0.5; tries := 0'));
     if (script) this.do(`tree set ${word(script)} --run ${word(held.run)}`);
   }
 

@@ -649,8 +649,10 @@ def test_what_is_answered_about_one_robot_or_tree_is_sent_to_no_other(page: Stud
         sent, told = page.run("""
             const {Debugger} = await import('./debugger.js'), sent = [], told = [];
             const on = {draw() {}, do: (line) => sent.push(line), told: (text) => told.push(text)};
-            const event = {points: [], holds: [{run: 'r1', tree: 'A'}]}, live = {places: () => ({nodes: {}})};
-            const one = Object.assign(Object.create(Debugger.prototype), {studio: {}, live, event, ...on});
+            const trees = [{run: 'r1', tree: 'A', running: true}, {run: 'r2', tree: 'B', running: true}];
+            const event = {points: [], holds: [{run: 'r1', tree: 'A'}], trees}, live = {places: () => ({nodes: {}})};
+            const known = {decisions: [{path: '/A'}, {path: '/B'}]};
+            const one = Object.assign(Object.create(Debugger.prototype), {studio: {}, live, event, known, ...on});
             one.target = async () => ({tree: 'A', path: 'Go', run: 'r1'});
             const field = document.getElementById('choice-field'), turn = () => new Promise((done) => setTimeout(done));
             const answered = async (text, ask, meanwhile) => {
@@ -662,13 +664,15 @@ def test_what_is_answered_about_one_robot_or_tree_is_sent_to_no_other(page: Stud
               field.onkeydown(new KeyboardEvent('keydown', {key: 'Enter'}));
               await done;
             };
-            for (const ask of [() => one.toggle(true), () => one.give('force')]) {
+            const asks = [() => one.toggle(true), () => one.give('force'), () => one.change()];
+            const choices = [() => one.pause(), async () => { if (await one.decision()) sent.push('a decision'); }];
+            for (const ask of [...asks, ...choices]) {
               one.robot = 'base';
-              await answered('SUCCESS', ask, () => { one.robot = 'simulation'; });
+              await answered(choices.includes(ask) ? 'A' : 'SUCCESS', ask, () => { one.robot = 'simulation'; });
             }
             const other = {...event, holds: [{run: 'r2', tree: 'B'}]};
             await answered('x:=1', () => one.change(), () => { one.event = other; });
             return [sent, told];
         """)
         assert sent == ['tree set x:=1 --run r1']
-        assert told == ['base is not watched any more; nothing was sent'] * 2
+        assert told == ['base is not watched any more; nothing was sent'] * 5
